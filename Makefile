@@ -1,0 +1,64 @@
+# make demo    set everything up, run the quick study, say where its report is
+# make test    set everything up, run the tests
+PYTHON ?= python3
+RUN ?= runs/quick
+BIN := .venv/bin
+
+.PHONY: demo test test-slow lint format bench clean
+
+demo: .venv/.ready .venv/.llvm
+	$(BIN)/eres study --preset quick --out $(RUN)
+
+test: .venv/.dev .venv/.llvm
+	$(BIN)/pytest -q
+
+test-slow: .venv/.dev .venv/.llvm
+	$(BIN)/pytest -q -m slow
+
+lint: .venv/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: .venv/.dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: .venv/.ready .venv/.llvm
+	$(BIN)/python benchmarks/bench_sensor.py
+	$(BIN)/python benchmarks/bench_render.py
+	$(BIN)/python benchmarks/bench_formats.py
+
+clean:
+	rm -rf .venv runs
+
+.venv/.ready: pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || { \
+	  echo "eres: could not make .venv with $(PYTHON); it needs Python 3.11 or newer with venv" \
+	    "(Debian: apt-get install python3-venv)"; exit 1; }
+	@echo "eres: installing into .venv (about a minute the first time)"
+	@$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+.venv/.dev: .venv/.ready
+	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+# Mitsuba's fast variant needs an LLVM that it gets on with; some releases would end the process.
+RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.backend import probe_variants; \
+  sys.exit(not any(v.works for v in probe_variants() if v.name != 'scalar_rgb'))"
+AS_ROOT := $(shell test "$$(id -u)" = 0 || echo "sudo -n")
+
+.venv/.llvm: .venv/.ready
+	@$(RENDERS_FAST) || { \
+	  if command -v apt-get >/dev/null && $(AS_ROOT) true 2>/dev/null; then \
+	    echo "eres: installing LLVM for Mitsuba with apt-get"; \
+	    $(AS_ROOT) apt-get -qq update >/dev/null 2>&1; \
+	    for package in libllvm19 libllvm18 libllvm20 libllvm17 libllvm16; do \
+	      $(AS_ROOT) apt-get -qq install --yes $$package >/dev/null 2>&1 && $(RENDERS_FAST) && break; \
+	    done; \
+	  fi; }
+	@$(RENDERS_FAST) || \
+	  echo "eres: no LLVM that works with Mitsuba was found, so renders will be about 20x slower." \
+	    "Install one (Debian, Ubuntu: apt-get install libllvm19), then rm .venv/.llvm"
+	@touch $@

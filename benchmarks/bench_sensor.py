@@ -1,0 +1,126 @@
+"""Sensor speed: M pixel-frames per second, sorted output, beside a plain numpy reading.
+
+    python benchmarks/bench_sensor.py [--size 1280] [--frames 60] [--runs 3]
+
+A texture with a natural spectrum and edges moves by 0.97 px a frame, frames 1 ms apart, C = 0.2.
+"dense" fires about 0.2 events a pixel and frame, "sparse" a tenth of that (frames 0.1 ms apart).
+Minimum of the runs; kinds are measured in turn, so that a busy machine troubles all of them alike.
+The numpy column is what it takes to read the same frames once and take their logarithm,
+`np.log(frame + dark)`. Then nine settings that share the frames, against nine runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+
+import numpy as np
+
+from sensor import SensorModel, simulate, stream, stream_bank
+
+
+def moving_texture(size: int, frames: int, shift_px: float, seed: int = 0) -> np.ndarray:
+    """(frames, size, size) float32 radiance of a texture that moves along a diagonal."""
+    rng = np.random.default_rng(seed)
+    n = 2 * size
+    fy, fx = np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None]
+    radius = np.hypot(fy, fx)
+    radius[0, 0] = 1.0
+    spectrum = np.fft.rfft2(rng.standard_normal((n, n))) / radius**1.25
+    smooth = np.fft.irfft2(spectrum, (n, n))
+    smooth /= smooth.std()
+    edges = np.sign(np.roll(smooth, 500, axis=0))
+    texture = np.exp(0.65 * smooth + 0.25 * edges).astype(np.float32)
+    step = shift_px / math.sqrt(2)
+    views = np.empty((frames, size, size), np.float32)
+    for k in range(frames):
+        whole = math.floor(k * step)
+        part = np.float32(k * step - whole)
+        window = texture[whole : whole + size + 1, whole : whole + size + 1]
+        along = (1 - part) * window[:, :-1] + part * window[:, 1:]
+        views[k] = (1 - part) * along[:-1] + part * along[1:]
+    return views
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--size", type=int, default=1280, help="sensor and frame side in pixels")
+    parser.add_argument("--frames", type=int, default=60, help="frames in the sequence")
+    parser.add_argument("--runs", type=int, default=3, help="runs of each kind; the least counts")
+    args = parser.parse_args()
+    size = args.size
+    scenes = {
+        "dense": (moving_texture(size, args.frames, 0.97), np.arange(args.frames) * 1e-3),
+        "sparse": (moving_texture(size, args.frames, 0.097), np.arange(args.frames) * 1e-4),
+    }
+
+    def model(cutoff_hz: float) -> SensorModel:
+        return SensorModel(width=size, height=size, cutoff_hz=cutoff_hz)
+
+    kinds = {}
+    for name, (frames, t_s) in scenes.items():
+        for cutoff_hz in (math.inf, 200.0, 50.0):
+            for threads in (1, 2):
+                kinds[name, f"{cutoff_hz:g} Hz", threads] = (
+                    lambda f=frames, t=t_s, c=cutoff_hz, n=threads: len(
+                        simulate(f, t, model(c), threads=n)
+                    )
+                )
+        kinds[name, "numpy log", 1] = lambda f=frames: sum(
+            0 * len(np.log(frame + np.float32(1e-3))) for frame in f
+        )
+    for cutoff_hz in (math.inf, 200.0):  # compile first
+        simulate(frames[:2], t_s[:2], model(cutoff_hz))
+    best: dict[tuple[str, str, int], float] = dict.fromkeys(kinds, math.inf)
+    fired = dict.fromkeys(kinds, 0)
+    for _ in range(args.runs):
+        for kind, work in kinds.items():
+            start = time.perf_counter()
+            fired[kind] = work()
+            best[kind] = min(best[kind], time.perf_counter() - start)
+
+    print(f"{size}x{size} px, {args.frames} frames, minimum of {args.runs}")
+    print("scene   setting    threads  Mpx-frames/s  Mev/s  ev/px/frame  of numpy's speed")
+    for (scene, setting, threads), seconds in best.items():
+        work = size * size * (args.frames - 1)
+        numpy_rate = size * size * args.frames / best[scene, "numpy log", 1]
+        print(
+            f"{scene:7} {setting:10} {threads:7} {work / seconds / 1e6:13.1f} "
+            f"{fired[scene, setting, threads] / seconds / 1e6:6.1f} "
+            f"{fired[scene, setting, threads] / work:12.3f} {work / seconds / numpy_rate:17.2f}"
+        )
+    compare_bank(*scenes["dense"], args.runs)
+
+
+def compare_bank(frames: np.ndarray, t_s: np.ndarray, runs: int) -> None:
+    """Nine settings, three cutoffs by three speeds, together and one by one, at each width."""
+    frames, t_s = frames[:17], t_s[:17]
+    speeds = [1.0, 4 / 3, 2.0] * 3
+    print("\nbank of 9 settings, 1 thread: one by one / together, median of the runs' ratios")
+    for width in (128, 240, 346, 640, 1280):
+        if width > frames.shape[1]:
+            continue
+        models = [
+            SensorModel(width=width, height=width, cutoff_hz=cutoff_hz)
+            for cutoff_hz in (math.inf, 200.0, 50.0)
+            for _ in range(3)
+        ]
+        ratios, together_s = [], []
+        for _ in range(runs):
+            start = time.perf_counter()
+            for model, speed in zip(models, speeds, strict=True):
+                for _ in stream(frames, t_s / speed, model, threads=1):
+                    pass
+            middle = time.perf_counter()
+            for _ in stream_bank(frames, t_s, models, speeds=speeds, threads=1):
+                pass
+            together_s.append(time.perf_counter() - middle)
+            ratios.append((middle - start) / together_s[-1])
+        print(f"{width:5} px  {np.median(ratios):5.2f}x  together {min(together_s):6.3f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""Light transport once, into textures, so that a frame costs one ray per sample.
+
+Surfaces are Lambertian and the light stands still, so a surface point sends the same radiance
+`reflectance * irradiance / pi` in every direction, at any time. The irradiance is smooth: a coarse
+lightmap, made once, holds it. Multiplied by the fine reflectance it becomes the emission of
+the surface, and the scene with these emitting surfaces looks the same to every camera.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.cache import cache_dir
+from eres_render.errors import SceneError
+from eres_render.image_file import read_luminance, write_luminance
+from eres_render.irradiance import bakeable_surfaces, irradiance_maps, reflectance
+from eres_render.scene import BAKE_VERSION, Scene
+from eres_render.world import load_world
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+_log = logging.getLogger(__name__)
+
+Float32 = NDArray[np.float32]
+
+_DIGEST_ATTRIBUTE = "eresLightDigest"
+
+
+def bake_scene(scene: Scene, folder: Path | None = None) -> list[Path]:
+    """Find the irradiance of every surface and write one lightmap each.
+
+    Needs a selected variant that is not scalar.
+
+    Parameters
+    ----------
+    scene
+        Its `bake` settings give the size of the lightmaps' cells and the samples in each.
+    folder
+        Where to; the scene's own folder by default.
+
+    Returns
+    -------
+    files
+        The lightmaps, half-float EXR, irradiance in W m^-2.
+
+    Raises
+    ------
+    BackendError
+        If the selected variant is scalar.
+    SceneError
+        If a surface is not Lambertian.
+    """
+    folder = folder or scene.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = scene.settings.bake
+    files = []
+    for shape_id, irradiance in irradiance_maps(scene, settings.cell_m, settings.spp).items():
+        path = folder / _lightmap_name(shape_id)
+        write_luminance(path, irradiance, {_DIGEST_ATTRIBUTE: scene.light_digest})
+        files.append(path)
+    return files
+
+
+def lightmaps(scene: Scene) -> dict[str, Float32]:
+    """Return the lightmaps of a scene by shape id: packaged, cached, or baked and cached now.
+
+    Lightmaps that belong to another state of the scene are passed over.
+
+    Raises
+    ------
+    BackendError
+        If they would have to be baked and the selected variant is scalar.
+    """
+    cached = _cached_lightmaps(scene)
+    for folder in (scene.folder, cached):
+        if maps := _read_lightmaps(folder, scene.light_digest):
+            return maps
+    _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
+    bake_scene(scene, cached)
+    return _read_lightmaps(cached, scene.light_digest)
+
+
+def has_lightmaps(scene: Scene) -> bool:
+    """Whether lightmaps of the scene as it is are packaged or cached."""
+    folders = (scene.folder, _cached_lightmaps(scene))
+    return any(_read_lightmaps(folder, scene.light_digest) for folder in folders)
+
+
+def _cached_lightmaps(scene: Scene) -> Path:
+    name = f"{scene.name}-{scene.light_digest[:16]}-v{BAKE_VERSION}"
+    return cache_dir() / "lightmaps" / name
+
+
+def _lightmap_name(shape_id: str) -> str:
+    return f"lightmap_{shape_id}.exr"
+
+
+def _read_lightmaps(folder: Path, light_digest: str) -> dict[str, Float32]:
+    """Return the lightmaps in a folder, or none if any of them belongs to another scene."""
+    maps = {}
+    for path in sorted(folder.glob(_lightmap_name("*"))):
+        image, attributes = read_luminance(path)
+        if attributes.get(_DIGEST_ATTRIBUTE) != light_digest:
+            return {}
+        maps[path.stem.removeprefix("lightmap_")] = image
+    return maps
+
+
+def baked_scene(scene: Scene) -> mi.Scene:
+    """Load scene.xml with every surface black and glowing as its light would make it look."""
+    import mitsuba as mi
+
+    maps = lightmaps(scene)
+    emitters = {}
+    world = load_world(scene)  # held on to: its shapes must not outlive it
+    for shape in bakeable_surfaces(world, scene):
+        if shape.id() not in maps:
+            raise SceneError(
+                f"{scene.folder}: no lightmap of shape {shape.id()!r} among {list(maps)}"
+            )
+        reflected = reflectance(shape.bsdf(), scene)
+        height, width = reflected.shape
+        # Cell means lie at cell centres, as texels do for Mitsuba's bilinear look-up.
+        irradiance = cv2.resize(maps[shape.id()], (width, height), interpolation=cv2.INTER_LINEAR)
+        radiance = (irradiance * np.float32(1 / np.pi) * reflected).astype(np.float32, copy=False)
+        texture = {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(radiance[..., None]),
+            "raw": True,
+            "format": "fp16",  # as fine as the reflectance on disk, in half the memory
+            "wrap_mode": "clamp",
+        }
+        emitters[shape.id()] = mi.load_dict({"type": "area", "radiance": texture})
+    return load_world(scene, emitters)

@@ -1,0 +1,152 @@
+"""The pinhole camera and the homography that a plane induces between two of its views.
+
+Camera axes as in OpenCV: x right, y down, z forward. Pixel centres lie at integers + 0.5, so (0, 0)
+is the top-left corner of the image and (width, height) its bottom-right corner.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.errors import RenderError
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """A pinhole with square pixels and its principal point in the middle of the image.
+
+    Parameters
+    ----------
+    width, height
+        Image size in pixels.
+    fov_rad
+        Horizontal field of view, between the outer edges of the image.
+    """
+
+    width: int
+    height: int
+    fov_rad: float
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise RenderError(f"Camera: the image must have pixels, got {self.width}x{self.height}")
+        if not 0 < self.fov_rad < math.pi:
+            raise RenderError(f"Camera.fov_rad must lie in (0, pi), got {self.fov_rad}")
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels; 1108.5 for 60 degrees across 1280 pixels."""
+        return 0.5 * self.width / math.tan(0.5 * self.fov_rad)
+
+    @property
+    def K(self) -> Float64:
+        """The (3, 3) matrix from camera coordinates to homogeneous pixels."""
+        f = self.focal_px
+        return np.array([[f, 0.0, 0.5 * self.width], [0.0, f, 0.5 * self.height], [0.0, 0.0, 1.0]])
+
+    def project(self, points_cam: Float64) -> Float64:
+        """Project (..., 3) points in camera coordinates, z > 0, to (..., 2) pixels."""
+        points_cam = np.asarray(points_cam, dtype=np.float64)
+        if not np.all(points_cam[..., 2] > 0):
+            raise RenderError("Camera.project: every point must lie in front of the camera, z > 0")
+        centre_px = (0.5 * self.width, 0.5 * self.height)
+        return self.focal_px * points_cam[..., :2] / points_cam[..., 2:] + centre_px
+
+    def rays(self, points_px: Float64) -> Float64:
+        """Return (..., 3) directions, z = 1, in camera coordinates through (..., 2) pixels."""
+        points_px = np.asarray(points_px, dtype=np.float64)
+        xy = (points_px - (0.5 * self.width, 0.5 * self.height)) / self.focal_px
+        return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+
+    def grid(self, n: int) -> Float64:
+        """Return (n * n, 2) pixels that span the image evenly, its corners included."""
+        x, y = np.meshgrid(np.linspace(0, self.width, n), np.linspace(0, self.height, n))
+        return np.stack([x.ravel(), y.ravel()], axis=-1)
+
+    def centres(self) -> Float64:
+        """Return the (height * width, 2) centres of all pixels, row by row."""
+        x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
+        return np.stack([x.ravel(), y.ravel()], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """The points X with `normal . X = offset_m`, in world coordinates; the normal has length 1."""
+
+    normal: tuple[float, float, float]
+    offset_m: float
+
+    def __post_init__(self) -> None:
+        if not math.isclose(math.hypot(*self.normal), 1.0, abs_tol=1e-9):
+            raise RenderError(f"Plane.normal must have length 1, got {self.normal}")
+
+    def distance(self, origin: Float64, direction: Float64) -> Float64:
+        """Return how far rays run to the plane, (...) in units of (..., 3) `direction`.
+
+        inf for a ray that does not run towards it.
+        """
+        n = np.asarray(self.normal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            distance = np.asarray((self.offset_m - origin @ n) / (direction @ n))
+        return np.where(distance > 0, distance, np.inf)
+
+    def intersect(self, origin: Float64, direction: Float64) -> Float64:
+        """Return where the rays from (..., 3) `origin` along (..., 3) `direction` meet the plane.
+
+        Raises
+        ------
+        RenderError
+            If a ray does not run towards the plane.
+        """
+        distance = self.distance(origin, direction)
+        if not np.all(np.isfinite(distance)):
+            raise RenderError("Plane.intersect: a ray does not run towards the plane")
+        return origin + distance[..., None] * direction
+
+
+def plane_homography(
+    K: Float64,
+    T_world_cam_0: Float64,
+    T_world_cam_1: Float64,
+    plane: Plane,
+) -> Float64:
+    """Return the matrix that takes homogeneous pixels of view 0 to view 1, through a plane.
+
+    `H = K (R + t n^T / d) K^-1`, with (R, t) the motion from camera 0 to camera 1 and (n, d) the
+    plane in camera 0 (Hartley and Zisserman 2004, eq. 13.2).
+
+    Parameters
+    ----------
+    K
+        (3, 3).
+    T_world_cam_0, T_world_cam_1
+        (..., 4, 4), broadcast against each other.
+    plane
+        In world coordinates. Camera 0 must not lie in it.
+
+    Returns
+    -------
+    H
+        (..., 3, 3), defined up to scale; positive third coordinates are in front of camera 1.
+    """
+    R0, p0 = T_world_cam_0[..., :3, :3], T_world_cam_0[..., :3, 3]
+    R1, p1 = T_world_cam_1[..., :3, :3], T_world_cam_1[..., :3, 3]
+    R1_inv = np.swapaxes(R1, -1, -2)
+    R = R1_inv @ R0
+    t = R1_inv @ (p0 - p1)[..., None]
+    n_world = np.asarray(plane.normal)
+    n = np.swapaxes(R0, -1, -2) @ n_world
+    d = plane.offset_m - p0 @ n_world
+    return K @ (R + t * (n / d[..., None])[..., None, :]) @ np.linalg.inv(K)
+
+
+def map_pixels(H: Float64, points_px: Float64) -> Float64:
+    """Map (N, 2) pixels by a (..., 3, 3) homography to (..., N, 2) pixels."""
+    mapped = points_px @ np.swapaxes(H[..., :2], -1, -2) + H[..., None, :, 2]
+    return mapped[..., :2] / mapped[..., 2:]

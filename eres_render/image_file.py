@@ -1,0 +1,56 @@
+"""Single-channel OpenEXR images, written whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from eres_render.errors import RenderError
+from eres_render.whole_file import write_whole
+
+
+def write_luminance(
+    path: Path, image: NDArray[np.floating], attributes: Mapping[str, str] | None = None
+) -> None:
+    """Write an (H, W) image as half-float channel Y, with text attributes in the header.
+
+    The file appears under its name only once it is complete.
+
+    Raises
+    ------
+    RenderError
+        If the folder or the disk does not take it, or a value does not fit half precision.
+    """
+    # ZIP: measured on 1280 x 1280 carpet frames, it is as small as PIZ (2.2 MB), costs 0.03 s of
+    # one core, less than a tenth of the frame's rendering, and every reader knows it.
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with np.errstate(over="ignore"):
+        half = np.ascontiguousarray(image, dtype=np.float16)
+    if not np.isfinite(half).all():
+        raise RenderError(f"{path}: a value of the image is not finite in half precision")
+    file = OpenEXR.File({**header, **(attributes or {})}, {"Y": half})
+    write_whole(path, lambda unfinished: file.write(str(unfinished)))
+
+
+def read_luminance(path: Path) -> tuple[NDArray[np.float32], dict[str, str]]:
+    """Read the (H, W) image of channel Y as float32, and the text attributes of the header.
+
+    Raises
+    ------
+    RenderError
+        If the file is missing, truncated or not an image with a channel Y.
+    """
+    if not path.is_file():
+        raise RenderError(f"{path}: missing")
+    try:
+        with OpenEXR.File(str(path)) as file:
+            pixels = file.channels()["Y"].pixels
+            attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
+            return np.asarray(pixels, dtype=np.float32), attributes
+    except (RuntimeError, ValueError, KeyError, TypeError) as error:
+        found = f"{path.stat().st_size} bytes that OpenEXR cannot read"
+        raise RenderError(f"{path}: found {found}, expected an image with a channel Y") from error

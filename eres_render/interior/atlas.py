@@ -1,0 +1,96 @@
+"""Charts side by side on one texture: the layout, the mesh, the paint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.interior.chart import Chart
+from eres_render.textures.noise import Float32
+
+CELL_M = 0.02
+"""Charts take up whole cells of this size, with an empty one around, so that a lightmap with such
+cells has each chart's light to itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The cells of one chart, without the empty ones around it."""
+
+    column: int
+    row: int
+    columns: int
+    rows: int
+
+
+@dataclass(frozen=True, slots=True)
+class Atlas:
+    """Charts with their places on a rectangle of `columns` x `rows` cells."""
+
+    charts: Sequence[Chart]
+    places: Sequence[Place]
+    columns: int
+    rows: int
+
+    def paint(self, texels_per_cell: int, seed: int) -> Float32:
+        """Return the texture, (rows, columns) x texels_per_cell; around charts it goes on."""
+        k = texels_per_cell
+        texels = np.full((self.rows * k, self.columns * k), 0.5, dtype=np.float32)
+        for i, (chart, at) in enumerate(zip(self.charts, self.places, strict=True)):
+            shape = ((at.rows + 2) * k, (at.columns + 2) * k)
+            painted = chart.paint(shape, CELL_M / k, np.random.default_rng([seed, i]))
+            top, left = (at.row - 1) * k, (at.column - 1) * k
+            texels[top : top + shape[0], left : left + shape[1]] = painted
+        return np.clip(texels, 0.02, 0.9, out=texels)
+
+    def write_ply(self, file: Path) -> None:
+        """Write the charts as one binary PLY mesh with normals and texture coordinates."""
+        vertices, triangles, first = [], [], 0
+        for chart, at in zip(self.charts, self.places, strict=True):
+            rows, columns = chart.points.shape[:2]
+            u = (at.column + chart.s * at.columns) / self.columns
+            v = (at.row + chart.t * at.rows) / self.rows
+            uv = np.stack(np.meshgrid(u, v), axis=-1)
+            parts = (chart.points, chart.normals, uv)
+            vertices.append(np.concatenate(parts, axis=-1).reshape(-1, 8))
+            number = first + np.arange(rows * columns).reshape(rows, columns)
+            a, b = number[:-1, :-1][chart.solid], number[:-1, 1:][chart.solid]
+            c, d = number[1:, :-1][chart.solid], number[1:, 1:][chart.solid]
+            triangles += [np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)]
+            first += rows * columns
+        write_mesh(file, np.concatenate(vertices), np.concatenate(triangles))
+
+
+def write_mesh(
+    file: Path,
+    vertices: NDArray[np.float64],  # (N, 8) x y z nx ny nz u v
+    triangles: NDArray[np.int64],  # (M, 3)
+) -> None:
+    """Write a binary little-endian PLY."""
+    names = ("x", "y", "z", "nx", "ny", "nz", "u", "v")
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property float {name}" for name in names]
+    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+    faces = np.empty(len(triangles), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    faces["count"], faces["index"] = 3, triangles
+    text = "\n".join([*header, "end_header", ""])
+    file.write_bytes(text.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
+
+
+def layout(charts: Sequence[Chart], columns: int) -> Atlas:
+    """Place charts on a rectangle so many cells wide, tallest first, shelf upon shelf."""
+    sides = [tuple(max(1, round(side / CELL_M)) for side in chart.size_m) for chart in charts]
+    columns = max(columns, max(width for width, _ in sides) + 2)
+    places: list[Place | None] = [None] * len(charts)
+    left, top, shelf = 0, 0, 0
+    for i in sorted(range(len(charts)), key=lambda i: (-sides[i][1], -sides[i][0], i)):
+        width, height = sides[i]
+        if left + width + 2 > columns:
+            left, top, shelf = 0, top + shelf, 0
+        places[i] = Place(left + 1, top + 1, width, height)
+        left, shelf = left + width + 2, max(shelf, height + 2)
+    return Atlas(charts, [place for place in places if place is not None], columns, top + shelf)

@@ -1,0 +1,95 @@
+"""Where rays meet a loaded scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Hits:
+    """What N rays met first.
+
+    Parameters
+    ----------
+    distance
+        (N,) in units of the rays' directions; inf where there was nothing.
+    shape
+        (N,) index into `RayCaster.shape_ids`, -1 where there was nothing.
+    blind_side
+        (N,) bool: the back of a surface that has no back side, such as the inside of a solid.
+    """
+
+    distance: Float64
+    shape: NDArray[np.intp]
+    blind_side: NDArray[np.bool_]
+
+
+class RayCaster:
+    """Shoots rays at a Mitsuba scene, in the selected variant, in single precision."""
+
+    def __init__(self, world: Any) -> None:
+        import mitsuba as mi
+
+        self._world = world
+        shapes = world.shapes()
+        # What rays meet in an instance is a shape of its group, which is none of these.
+        self.shape_ids: list[str] = [*(str(shape.id()) for shape in shapes), "of an instance"]
+        has_back = (mi.has_flag(s.bsdf().flags(), mi.BSDFFlags.BackSide) for s in shapes)
+        self._has_back = np.array([*has_back, True, True])  # also of an instance's, and of nothing
+
+    def cast(self, origins: Float64, directions: Float64) -> Hits:
+        """Return the first thing on each ray, from (N, 3) or (3,) origins along (N, 3) ways."""
+        import mitsuba as mi
+
+        origins = np.broadcast_to(origins, directions.shape)
+        scalar = str(mi.variant()).startswith("scalar")
+        cast = self._cast_one_by_one if scalar else self._cast_together
+        distance, normal, shape = cast(origins, directions)
+        blind_side = (np.sum(normal * directions, axis=1) > 0) & ~self._has_back[shape]
+        return Hits(np.where(shape >= 0, distance, np.inf), shape, blind_side)
+
+    def _cast_together(
+        self, origins: Float64, directions: Float64
+    ) -> tuple[Float64, Float64, NDArray[np.intp]]:
+        import drjit as dr
+        import mitsuba as mi
+
+        ray = mi.Ray3f(
+            mi.Point3f(*origins.T.astype(np.float32)),
+            mi.Vector3f(*directions.T.astype(np.float32)),
+        )
+        si = self._world.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+        number = np.asarray(dr.reinterpret_array(mi.UInt32, si.shape))
+        index_of = np.full(int(number.max()) + 1, len(self.shape_ids) - 1, dtype=np.intp)
+        index_of[0] = -1
+        for i, shape in enumerate(self._world.shapes()):
+            own = int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
+            if own < len(index_of):
+                index_of[own] = i
+        return np.asarray(si.t, np.float64), np.asarray(si.n, np.float64).T, index_of[number]
+
+    def _cast_one_by_one(
+        self, origins: Float64, directions: Float64
+    ) -> tuple[Float64, Float64, NDArray[np.intp]]:
+        import mitsuba as mi
+
+        n = len(directions)
+        distance, normal = np.full(n, np.inf), np.zeros((n, 3))
+        shape = np.full(n, -1, dtype=np.intp)
+        index_of = {s: i for i, s in enumerate(self._world.shapes())}
+        for k in range(n):
+            ray = mi.Ray3f(mi.Point3f(origins[k]), mi.Vector3f(directions[k]))
+            si = self._world.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+            if si.is_valid():
+                distance[k], normal[k], shape[k] = (
+                    si.t,
+                    si.n,
+                    index_of.get(si.shape, len(self.shape_ids) - 1),
+                )
+        return distance, normal, shape

@@ -1,0 +1,254 @@
+"""Frames: a scene through a moving pinhole."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import math
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.backend import select_variant
+from eres_render.bake import baked_scene, has_lightmaps
+from eres_render.bakeable import reason_not_to_bake, surfaces
+from eres_render.camera import Camera
+from eres_render.clearance import check_clearance
+from eres_render.errors import RenderError
+from eres_render.frame_times import (
+    ImageMotion,
+    depth_image_motion,
+    plane_image_motion,
+)
+from eres_render.raycast import RayCaster
+from eres_render.scene import Scene
+from eres_render.trajectory import Trajectory
+from eres_render.world import load_world
+
+Float64 = NDArray[np.float64]
+Integrator = Literal["baked", "path"]
+
+_log = logging.getLogger(__name__)
+
+# Mitsuba's camera looks along z with x to the left and y up; ours has x right and y down.
+_CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+class Renderer:
+    """Renders linear radiance of one scene from any pose.
+
+    Every frame uses the same random numbers, so radiance is a continuous function of the pose and
+    what Monte Carlo error remains moves with the camera instead of flickering.
+
+    Parameters
+    ----------
+    scene
+        What to look at.
+    width
+        Side of the square image in pixels.
+    spp
+        Samples per pixel, stratified and spread evenly over the pixel's area (a box filter: any
+        other would blur resolution in). A product the multijittered sampler can lay out, best a
+        square: 4, 9, 16, ...
+    seed
+        Of the sampler.
+    integrator
+        "baked" (one ray per sample, Lambertian surfaces) or "path" (path tracing in every frame,
+        which is noisy: see `measure_noise`). By default baked where that is possible, else path.
+
+    Raises
+    ------
+    RenderError
+        If the sampler cannot lay out `spp` samples.
+    BackendError
+        If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
+    SceneError
+        If Mitsuba refuses the scene or it cannot be baked.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        width: int = 1280,
+        spp: int = 16,
+        seed: int = 0,
+        integrator: Integrator | None = None,
+    ) -> None:
+        self.scene = scene
+        self.seed = seed
+        self.variant = select_variant()
+        self._use_camera(scene.camera(width), spp)  # before anything that takes long
+
+        import mitsuba as mi
+
+        self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
+        baked = self.integrator == "baked"
+        if baked and scene.settings.path is not None and not has_lightmaps(scene):
+            # Baking takes minutes: a path that hits something is refused before.
+            _check_path(scene, RayCaster(load_world(scene)))
+        self._world: Any = baked_scene(scene) if baked else load_world(scene)
+        # In the baked scene every path ends at the first surface it meets.
+        self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
+
+    def at(self, *, spp: int | None = None, crop_px: int | None = None) -> Renderer:
+        """Return a renderer that differs in one thing, without loading the scene again.
+
+        Parameters
+        ----------
+        spp
+            Samples per pixel.
+        crop_px
+            Render only the middle of the image, a square of so many of its pixels, at most all.
+        """
+        other = copy.copy(self)
+        camera = self.camera
+        if crop_px is not None and crop_px < camera.width:
+            other.__dict__.pop("image_motion", None)  # it looks at the whole image
+            half = math.atan(0.5 * crop_px / camera.focal_px)
+            camera = Camera(crop_px, crop_px, 2 * half)
+        other._use_camera(camera, self.spp if spp is None else spp)
+        return other
+
+    def _use_camera(self, camera: Camera, spp: int) -> None:
+        import mitsuba as mi
+
+        self.camera, self.spp = camera, spp
+        self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
+        if (laid_out := self._sensor.sampler().sample_count()) != spp:
+            raise RenderError(
+                f"spp: found {spp}, which the multijittered sampler would turn into {laid_out}; "
+                "use a square such as 4, 9, 16 or 64"
+            )
+        self._camera_parameters = mi.traverse(self._sensor)
+
+    def frame(self, T_world_cam: Float64, seed: int | None = None) -> NDArray[np.float32]:
+        """Return the radiance seen from a (4, 4) pose: (H, W) float32, W m^-2 sr^-1.
+
+        Parameters
+        ----------
+        seed
+            Of the sampler, in place of the renderer's own. Frames of different seeds have noise of
+            their own, which an event camera takes for light that flickers.
+        """
+        return self._render(T_world_cam, self.spp, self.seed if seed is None else seed)
+
+    @cached_property
+    def white_level(self) -> float:
+        """The scene's white: 99.9th percentile of the radiance along its whole path.
+
+        Over five frames of this renderer, evenly spaced in time, at 4 samples per pixel. It does
+        not depend on which clips are rendered.
+        """
+        t_s = np.linspace(0.0, self.scene.duration_s, 5)
+        frames = [self._render(T, min(4, self.spp), self.seed) for T in self.trajectory.pose(t_s)]
+        return float(np.percentile(np.stack(frames), 99.9))
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The scene's camera path, after a check that it keeps clear of all surfaces.
+
+        Raises
+        ------
+        TrajectoryError, SceneError
+            If there is no such path, or it does not; the text names when, and what is in the way.
+        """
+        return _check_path(self.scene, self._caster)
+
+    @cached_property
+    def image_motion(self) -> ImageMotion:
+        """How far the image moves between two times on the path, px."""
+        if self.scene.plane is not None:
+            return plane_image_motion(self.trajectory, self.camera, self.scene.plane)
+        return depth_image_motion(self.trajectory, self.camera, self.inverse_depth)
+
+    def inverse_depth(self, T_world_cam: Float64, points_px: Float64) -> Float64:
+        """Return 1 / z-depth, 1/m, seen from a (4, 4) pose at (N, 2) pixels; 0 for nothing."""
+        rays = self.camera.rays(points_px) @ T_world_cam[:3, :3].T
+        return 1 / self._caster.cast(T_world_cam[:3, 3], rays).distance
+
+    @cached_property
+    def _caster(self) -> RayCaster:
+        return RayCaster(self._world)
+
+    def _render(self, T_world_cam: Float64, spp: int, seed: int) -> NDArray[np.float32]:
+        import mitsuba as mi
+
+        to_world = np.asarray(T_world_cam, dtype=np.float64) @ _CAM_FROM_MITSUBA
+        self._camera_parameters["to_world"] = mi.ScalarTransform4f(to_world.tolist())
+        self._camera_parameters.update()
+        if self.variant.startswith("scalar"):
+            image = self._tracer.render(self._world, self._sensor, seed, spp)
+            return np.asarray(image, dtype=np.float32)[:, :, 0]
+        return self._render_vectorised(spp, seed)
+
+    def _render_vectorised(self, spp: int, seed: int) -> NDArray[np.float32]:
+        """Render by hand what `mi.render` would, each pixel's samples summed in a fixed order.
+
+        Mitsuba's vectorised films add samples to pixels atomically, in an order that changes from
+        run to run unless `spp` is a power of two, so the same pose would not give the same frame.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        width, height = self.camera.width, self.camera.height
+        n_samples = width * height * spp
+        sampler = self._sensor.sampler()
+        sampler.set_sample_count(spp)
+        sampler.set_samples_per_wavefront(spp)
+        sampler.seed(seed, n_samples)
+
+        pixel = dr.arange(mi.UInt32, n_samples) // spp
+        corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
+        position = (corner + sampler.next_2d()) / mi.Point2f(width, height)
+        ray, weight = self._sensor.sample_ray(0.0, 0.0, position, mi.Point2f(0.5))
+        if self.integrator == "baked":
+            # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
+            # camera rays run side by side: together nearly twice as fast.
+            si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
+            radiance = si.emitter(self._world).eval(si)
+        else:
+            radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
+        pixels = dr.block_sum((weight * radiance)[0], spp) / spp
+        return np.asarray(pixels, dtype=np.float32).reshape(height, width)
+
+
+def _check_path(scene: Scene, caster: RayCaster) -> Trajectory:
+    """Return a scene's camera path; refuse one that does not keep clear of surfaces."""
+    trajectory = scene.trajectory()
+    check_clearance(trajectory, scene.duration_s, caster, scene.min_clearance_m, scene.path_name)
+    return trajectory
+
+
+def _best_integrator(scene: Scene, variant: str) -> Integrator:
+    """Return "baked" if the light of every surface is baked or can be, else "path", and say why."""
+    if has_lightmaps(scene):
+        return "baked"
+    world = load_world(scene)  # held on to: a mesh cannot be asked once its scene is gone
+    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(world))
+    reason = next((f"shape {name!r} {reason}" for name, reason in reasons if reason), "")
+    if not reason and variant.startswith("scalar"):
+        reason = f"{variant} cannot bake"
+    if not reason:
+        return "baked"
+    _log.info("path tracing every frame of %s, as %s", scene.name, reason)
+    return "path"
+
+
+def _mitsuba_camera(camera: Camera, spp: int) -> dict[str, object]:
+    return {
+        "type": "perspective",
+        "fov": float(np.rad2deg(camera.fov_rad)),
+        "fov_axis": "x",
+        "near_clip": 1e-3,
+        "film": {
+            "type": "hdrfilm",
+            "width": camera.width,
+            "height": camera.height,
+            "pixel_format": "luminance",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
+        },
+        "sampler": {"type": "multijitter", "sample_count": spp},
+    }

@@ -1,0 +1,152 @@
+"""What a Mitsuba scene file says of its camera and of the files it needs, without Mitsuba."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from eres_render.errors import SceneError
+
+_FILM_PX = (768, 576)  # Mitsuba's own default
+_FULL_FRAME_MM = math.hypot(36.0, 24.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SceneXml:
+    """A scene file with all that it includes.
+
+    Parameters
+    ----------
+    file
+        The scene file.
+    files
+        Meshes, images, included scene files: all that it names and that exists.
+    cameras
+        Its `<sensor>` elements, with parameters filled in.
+    """
+
+    file: Path
+    files: tuple[Path, ...]
+    cameras: tuple[Element, ...]
+
+    def fov_rad(self) -> float:
+        """Return the horizontal field of view of the one camera.
+
+        Raises
+        ------
+        SceneError
+            If there is no camera, more than one, or one that is not a pinhole.
+        """
+        if len(self.cameras) != 1:
+            raise SceneError(
+                f"{self.file}: found {len(self.cameras)} cameras (<sensor>), expected exactly one"
+            )
+        camera = self.cameras[0]
+        if (kind := camera.get("type")) != "perspective":
+            raise SceneError(f"{self.file}: camera: found type {kind!r}, expected 'perspective'")
+        try:
+            return _fov_rad(camera)
+        except ValueError as error:
+            raise SceneError(f"{self.file}: camera: {error}") from error
+
+
+def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
+    """Read a scene file and all that it includes.
+
+    Parameters
+    ----------
+    given
+        Names of parameters that will be set from outside; files named by them are not looked for.
+
+    Raises
+    ------
+    SceneError
+        If a scene file cannot be read, or a file that it names is missing.
+    """
+    reader = _Reader(file, given)
+    elements = list(reader.elements(file))
+    cameras = tuple(element for element in elements if element.tag == "sensor")
+    return SceneXml(file, tuple(reader.files), cameras)
+
+
+@dataclass(slots=True)
+class _Reader:
+    """Walks through scene files as Mitsuba does: in order, parameters and folders kept in mind."""
+
+    top: Path
+    given: Collection[str]
+    files: list[Path] = field(default_factory=list)
+    folders: list[Path] = field(default_factory=list)
+    parameters: dict[str, str] = field(default_factory=dict)
+
+    def elements(self, file: Path) -> Iterator[Element]:
+        try:
+            root = ElementTree.parse(file).getroot()
+        except OSError as error:
+            raise SceneError(f"{file}: cannot be read: {error.strerror}") from error
+        except ElementTree.ParseError as error:
+            raise SceneError(f"{file}: not an XML file: {error}") from error
+        for element in root.iter():
+            for key, value in element.attrib.items():
+                element.set(key, self._filled_in(value))
+            name, value = element.get("name", ""), element.get("value", "")
+            if element.tag == "default":
+                self.parameters.setdefault(name, value)
+            elif element.tag == "path":
+                self.folders.append(self.top.parent / value)
+            elif element.tag == "include":
+                yield from self.elements(self._find(element.get("filename", ""), file))
+            elif element.tag == "string" and name == "filename":
+                self._find(value, file)
+            elif "filename" in element.attrib:
+                self._find(element.attrib["filename"], file)
+            yield element
+
+    def _filled_in(self, value: str) -> str:
+        """Replace `$parameter` by its value; one that is given from outside stays."""
+        return re.sub(r"\$(\w+)", lambda m: self._value(m[1], m[0]), value)
+
+    def _value(self, name: str, unchanged: str) -> str:
+        return unchanged if name in self.given else self.parameters.get(name, unchanged)
+
+    def _find(self, name: str, named_in: Path) -> Path:
+        if "$" in name:
+            return named_in
+        for folder in (self.top.parent, *self.folders):
+            if (found := folder / name).is_file():
+                self.files.append(found)
+                return found
+        raise SceneError(f"{named_in}: names {name!r}, but {self.top.parent / name} is missing")
+
+
+def _fov_rad(camera: Element) -> float:
+    """Return a camera's horizontal field of view, as Mitsuba's `perspective` works it out."""
+    values = {e.get("name", ""): e.get("value", "") for e in camera}
+    sides = {e.get("name", ""): e.get("value", "") for e in camera.iterfind("film/integer")}
+    width, height = (
+        int(sides.get(n, d)) for n, d in zip(("width", "height"), _FILM_PX, strict=True)
+    )
+    aspect = width / height
+    axis = values.get("fov_axis", values.get("fovAxis", "x"))
+    if "fov" in values:
+        half = math.tan(0.5 * math.radians(float(values["fov"])))
+    else:
+        focal_length = values.get("focal_length", values.get("focalLength", "50mm"))
+        half = 0.5 * _FULL_FRAME_MM / float(focal_length.removesuffix("mm"))
+        axis = "diagonal"
+    if axis == "smaller":
+        axis = "y" if aspect > 1 else "x"
+    elif axis == "larger":
+        axis = "x" if aspect > 1 else "y"
+    if axis not in ("x", "y", "diagonal"):
+        raise ValueError(f"fov_axis: found {axis!r}")
+    if axis == "y":
+        half *= aspect
+    elif axis == "diagonal":
+        half /= math.hypot(1.0, 1.0 / aspect)
+    return 2.0 * math.atan(half)

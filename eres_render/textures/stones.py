@@ -1,0 +1,233 @@
+"""A bed of stones seen from above: boulders, pebbles, gravel and sand, down to a texel."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.textures.noise import Float32, fractal_noise
+
+# Radii of stones: from a fist to a grain of two texels. The number of stones tried per area goes
+# with radius^-2 per octave, the scale-free law of a dead-leaves mosaic; what finds no room is
+# dropped, so that large stones lie whole and small ones fill what is left between them.
+_LARGEST_M = 0.16
+_SMALLEST_PX = 1.6
+_TRIES = 2.2  # area of the stones tried in an octave, over the area of the bed
+_OVERLAP = 2  # of 12 points on a stone's rim, how many may lie on a stone placed before it
+
+_FACETS = 7  # half-planes that cut a stone's outline
+_OUTLINES = 1024  # different ones; each stone turns and flattens its own
+_SUN = (-0.45, -0.55, 0.70)  # towards the light that shades the stones: left, above, out of the bed
+_SKY = 0.45  # share of the light that comes from everywhere
+
+# Where the log reflectance is squeezed to, and by how much: a bed in the haze of its own dust.
+# Calibrated, with the rocks' speckle and the dark of the gaps, so that two images 50 ms apart at
+# 0.7 m/s score about 13 dB against each other and ideal event integration comes within 0.7 dB of
+# the paper's scores at each resolution.
+_MIDDLE_FROM, _MIDDLE_TO = -2.09, -1.42
+_CONTRAST = 0.45
+
+# The kinds of rock: log reflectance, how it varies from stone to stone and within a stone.
+_KINDS = np.array(
+    [
+        # mean, spread, grain, speckle, bands, veins
+        [-1.25, 0.22, 0.22, 0.50, 0.00, 0.3],  # limestone
+        [-2.05, 0.25, 0.16, 0.47, 0.05, 0.5],  # basalt
+        [-1.45, 0.25, 0.20, 0.77, 0.00, 0.1],  # granite
+        [-1.55, 0.25, 0.18, 0.50, 0.35, 0.2],  # banded gneiss
+        [-0.65, 0.18, 0.16, 0.43, 0.00, 0.1],  # quartz
+    ],
+    dtype=np.float32,
+)
+_SHARES = np.array([0.30, 0.24, 0.20, 0.16, 0.10])
+
+
+def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
+    """Return the reflectance of a bed of stones.
+
+    Stones of all sizes are laid down from large to small wherever they find room. Each is a rounded
+    polygon with a domed top and a reflectance, grain, bands and veins of its own. The relief is
+    then shaded once, by a fixed light and the sky, and that shading belongs to the texture: the bed
+    is rendered as a flat, Lambertian surface.
+
+    Parameters
+    ----------
+    width_px, height_px
+        Texels along the columns' and the rows' direction.
+    texel_m
+        Size of a texel.
+    seed
+        Of everything.
+
+    Returns
+    -------
+    reflectance
+        (height_px, width_px) float32 in [0.02, 0.85].
+    """
+    rng = np.random.default_rng(seed)
+    shape = (height_px, width_px)
+    radius_px = _radii(shape, _LARGEST_M / texel_m, rng)
+    n = len(radius_px)
+    kind = np.searchsorted(np.cumsum(_SHARES)[:-1], rng.random(n, dtype=np.float32))
+    numbers = rng.random((n, 6), dtype=np.float32)
+    mean = rng.standard_normal(n, dtype=np.float32)
+    mean *= _KINDS[kind, 1]
+    mean += _KINDS[kind, 0]
+    outlines = rng.random((_OUTLINES, _FACETS, 2))
+
+    # Sand below everything.
+    sand = fractal_noise(shape, 64, 1, rng)
+    grain = fractal_noise(shape, 256, 1, rng, fall=0.85)
+    swirl = fractal_noise(shape, 256, 24, rng)
+    speckle = rng.standard_normal(shape, dtype=np.float32)
+    relief = 0.6 * sand
+    log_reflectance = -1.7 + 0.25 * sand + 0.60 * speckle
+    owner = np.full(shape, -1, dtype=np.int32)
+    stones = (radius_px, numbers, mean, kind, outlines)
+    _lay_stones(owner, relief, log_reflectance, stones, (grain, swirl, speckle))
+    log_reflectance += _log_shading(relief + 0.12 * speckle + 0.25 * grain)
+    log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - _MIDDLE_FROM)
+    # Bright rock saturates softly: none reflects more than 0.85.
+    x = np.exp(log_reflectance, out=log_reflectance)
+    x *= 1 / 0.85
+    reflectance = 0.85 * x / np.sqrt(np.sqrt(1 + np.square(np.square(x))))
+    return np.maximum(reflectance, 0.02, dtype=np.float32)
+
+
+def _radii(shape: tuple[int, int], largest_px: float, rng: np.random.Generator) -> Float32:
+    """Return the radii of the stones to try, in texels, from large to small."""
+    area = shape[0] * shape[1]
+    octaves = []
+    top = largest_px
+    while top > _SMALLEST_PX:
+        low = max(top / 2, _SMALLEST_PX)
+        # Density r^-3 within an octave: the same area of stones from every scale.
+        mean_area = math.pi * low * top * math.log(top / low) / (1 - low / top) / (top / low)
+        count = int(_TRIES * math.log2(top / low) * area / mean_area)
+        u = rng.random(count, dtype=np.float32)
+        octaves.append(low * top / (top - u * np.float32(top - low)))
+        top = low
+    return -np.sort(-np.concatenate(octaves))
+
+
+@numba.njit(cache=True)
+def _lay_stones(
+    owner: NDArray[np.int32],
+    relief: Float32,
+    log_reflectance: Float32,
+    stones: tuple[Any, ...],
+    fields: tuple[Float32, Float32, Float32],
+) -> None:
+    """Lay the stones down, the first first: fills in who owns each texel, and what is there."""
+    radius_px, numbers, mean, kind, outlines = stones
+    grain, swirl, speckle = fields
+    height, width = owner.shape
+    nx, ny, reach = np.empty(_FACETS), np.empty(_FACETS), np.empty(_FACETS)
+    for k in range(len(radius_px)):
+        r = radius_px[k]
+        cx, cy = numbers[k, 0] * width, numbers[k, 1] * height
+        ix, iy = int(cx), int(cy)
+        if owner[iy, ix] >= 0:
+            continue
+        turn = 2 * math.pi * numbers[k, 2]
+        flat = 0.68 + 0.30 * numbers[k, 3]  # short axis over long axis
+        ca, sa = math.cos(turn), math.sin(turn)
+        taken = 0
+        for j in range(12):
+            a = 2 * math.pi * j / 12
+            px, py = r * math.cos(a), r * flat * math.sin(a)
+            x, y = int(cx + ca * px - sa * py), int(cy + sa * px + ca * py)
+            if 0 <= x < width and 0 <= y < height and owner[y, x] >= 0:
+                taken += 1
+        if taken > _OVERLAP:
+            continue
+        outline = outlines[k % _OUTLINES]
+        for j in range(_FACETS):
+            a = 2 * math.pi * (j + 0.8 * (outline[j, 0] - 0.5)) / _FACETS
+            nx[j], ny[j] = math.cos(a), math.sin(a)
+            reach[j] = 0.80 + 0.30 * outline[j, 1]
+        steep = 0.45 + 0.35 * numbers[k, 4]  # of the dome: its height over its radius
+        rough, spots, bands, veins = _KINDS[kind[k], 2:]
+        shift_x, shift_y = int(7919 * numbers[k, 2] * width), int(7907 * numbers[k, 3] * height)
+        period = r * (0.12 + 0.25 * numbers[k, 5])
+        vein_at = 1.4 * (numbers[k, 5] - 0.5) if numbers[k, 4] < veins else 9.0
+        vein_width = 0.02 + 0.05 * numbers[k, 2]
+        reach_px = int(1.15 * r) + 2
+        base = 0.25 * r  # larger stones stand higher above the sand
+        for y in range(max(0, iy - reach_px), min(height, iy + reach_px + 1)):
+            for x in range(max(0, ix - reach_px), min(width, ix + reach_px + 1)):
+                if owner[y, x] >= 0:
+                    continue
+                dx, dy = x + 0.5 - cx, y + 0.5 - cy
+                u, v = (ca * dx + sa * dy) / r, (ca * dy - sa * dx) / (r * flat)
+                if u * u + v * v > 1.35:
+                    continue
+                # A soft maximum over the facets: 1 on the outline, rounded at its corners.
+                total = 0.0
+                for j in range(_FACETS):
+                    d = (u * nx[j] + v * ny[j]) / reach[j]
+                    if d > 0:
+                        d *= d
+                        total += d * d * d
+                # Every stone has its own piece of the grain; mirrored, it has no seams.
+                gy, gx = (y + shift_y) % (2 * height), (x + shift_x) % (2 * width)
+                gy, gx = min(gy, 2 * height - 1 - gy), min(gx, 2 * width - 1 - gx)
+                g, w = grain[gy, gx], swirl[gy, gx]
+                s = total ** (1.0 / 6.0) + 0.02 * w
+                if s >= 1.0:
+                    continue
+                dome = math.sqrt(1.0 - s * s * s)
+                owner[y, x] = k
+                relief[y, x] = base + steep * r * dome
+                value = mean[k] + rough * g + spots * speckle[gy, gx]
+                if bands > 0:
+                    value += bands * math.sin(2 * math.pi * r * (v + 0.10 * w) / period)
+                if abs(v + 0.08 * w + 0.02 * g + 0.25 * u - vein_at) < vein_width:
+                    value += 0.5 * (-0.8 - value)
+                log_reflectance[y, x] = value
+
+
+def _log_shading(relief: Float32) -> Float32:
+    """Return the log of the light on a relief, heights in texels: the sun with shadows, the sky."""
+    sun = np.array(_SUN) / np.linalg.norm(_SUN)
+    slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
+    slope_y = cv2.Sobel(relief, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
+    up = 1 / np.sqrt(1 + np.square(slope_x) + np.square(slope_y))
+    facing = (np.float32(sun[2]) - np.float32(sun[0]) * slope_x - np.float32(sun[1]) * slope_y) * up
+    buried = np.zeros_like(relief)
+    for size_px in (2, 8, 32):
+        # Blurred at a quarter of its own size, where that loses nothing: it is 20 times faster.
+        step = max(1, size_px // 4)
+        small = cv2.resize(relief, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
+        small = cv2.GaussianBlur(small, (0, 0), size_px / step, borderType=cv2.BORDER_REFLECT)
+        around = cv2.resize(small, relief.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        buried += np.maximum(around - relief, 0) / np.float32(size_px)
+    sky = np.exp(np.float32(-1.2) * buried) * (np.float32(0.5) + np.float32(0.5) * up)
+    light = (1 - _SKY) * np.maximum(facing, 0) * _sunlit(relief, *sun) + _SKY * sky
+    return np.log(light + np.float32(0.015), dtype=np.float32)
+
+
+@numba.njit(cache=True)
+def _sunlit(relief: Float32, sun_x: float, sun_y: float, sun_z: float) -> Float32:
+    """Return which share of the sun each texel sees, for a sun more from above than from the side.
+
+    Row by row, away from the sun, the height below which all is in shadow is carried along.
+    """
+    height, width = relief.shape
+    lit = np.ones_like(relief)
+    sideways = sun_x / sun_y  # columns crossed per row; the sun is above and to the left
+    drop = sun_z / abs(sun_y)
+    shadow = relief[0].copy()
+    for y in range(1, height):
+        before = shadow.copy()
+        for x in range(width):
+            left = before[max(x - 1, 0)]
+            horizon = (1 - sideways) * before[x] + sideways * left - drop
+            lit[y, x] = min(1.0, max(0.0, 1.0 - (horizon - relief[y, x])))
+            shadow[x] = max(relief[y, x], horizon)
+    return lit

@@ -1,0 +1,248 @@
+"""The camera's path: a cumulative cubic B-spline over poses, by control poses or through poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_banded
+from scipy.spatial.transform import Rotation
+
+from eres_render.errors import TrajectoryError
+
+Float64 = NDArray[np.float64]
+
+_TURN_TOLERANCE_RAD = 1e-12
+_LEAST_DAMPING = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A twice continuously differentiable path of poses.
+
+    Rotation and position are splined apart (SO(3) x R^3): scaling the positions then scales the
+    speed by exactly that factor, and the path of the camera centre does not depend on how it turns.
+
+    Parameters
+    ----------
+    knots_s
+        (N,) strictly increasing times of the control poses, N >= 4. The path starts at the second
+        of them, which must be 0, and ends at the last but one.
+    controls
+        (N, 4, 4) control poses T_world_cam; the path runs near them, not through them. For a path
+        through given poses see `path_through`.
+    """
+
+    knots_s: Float64
+    controls: Float64
+
+    def __post_init__(self) -> None:
+        shape = self.controls.shape
+        if len(shape) != 3 or shape[0] < 4 or shape[1:] != (4, 4):
+            raise TrajectoryError(
+                f"Trajectory.controls must have shape (N >= 4, 4, 4), got {shape}"
+            )
+        knots = self.knots_s
+        if knots.shape != shape[:1] or not np.all(np.diff(knots) > 0) or knots[1] != 0:
+            raise TrajectoryError(
+                f"Trajectory.knots_s must be {shape[0]} increasing times, the second of them 0, "
+                f"got shape {knots.shape}, {knots[:3].tolist()}..."
+            )
+        R = self.controls[:, :3, :3]
+        if not np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-6):
+            raise TrajectoryError("Trajectory.controls: a control pose's rotation is no rotation")
+
+    @property
+    def duration_s(self) -> float:
+        """How long the path lasts."""
+        return float(self.knots_s[-2])
+
+    def pose(self, t_s: ArrayLike) -> Float64:
+        """Return T_world_cam, (..., 4, 4), at the times (...) in seconds.
+
+        Raises
+        ------
+        TrajectoryError
+            If a time lies outside [0, duration_s].
+        """
+        i, weights, _ = self._weights(t_s)
+        position_steps, turn_steps = self._steps
+        T = np.zeros((*i.shape, 4, 4))
+        T[..., 3, 3] = 1.0
+        p, R = self.controls[i, :3, 3], self.controls[i, :3, :3]
+        for j in range(3):
+            w = weights[..., j, None]
+            p = p + w * position_steps[i + j]
+            rotvec = (w * turn_steps[i + j]).reshape(-1, 3)
+            R = R @ Rotation.from_rotvec(rotvec).as_matrix().reshape(*i.shape, 3, 3)
+        T[..., :3, :3], T[..., :3, 3] = R, p
+        return T
+
+    def velocity(self, t_s: ArrayLike) -> Float64:
+        """Return the velocity of the camera centre in the world, (..., 3) m/s."""
+        i, _, rates = self._weights(t_s)
+        steps, _ = self._steps
+        return sum((rates[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3)))
+
+    def length_m(self, t_s: ArrayLike) -> Float64:
+        """Return the length of the path from 0 to each of the times (...), by quadrature."""
+        t = np.asarray(t_s, dtype=np.float64)
+        knots = np.clip(self.knots_s, 0.0, float(t.max()))
+        sixteenths = (np.arange(16) / 16)[:, None]
+        inner = (knots[:-1] + sixteenths * np.diff(knots)).ravel()
+        edges = np.unique(np.concatenate([inner, t.ravel(), [0.0]]))
+        nodes, weights = np.polynomial.legendre.leggauss(8)
+        half = 0.5 * np.diff(edges)
+        speed = np.linalg.norm(
+            self.velocity(edges[:-1, None] + half[:, None] * (nodes + 1)), axis=-1
+        )
+        length = np.concatenate([[0.0], np.cumsum(half * (speed @ weights))])
+        return length[np.searchsorted(edges, t)]
+
+    def mean_speed_mps(self, duration_s: float) -> float:
+        """Return path length over time in [0, duration_s]."""
+        return float(self.length_m(duration_s)) / duration_s
+
+    @cached_property
+    def _steps(self) -> tuple[Float64, Float64]:
+        """From each control pose to the next: (N - 1, 3) metres, (N - 1, 3) rotation vectors."""
+        turn = Rotation.from_matrix(self.controls[:, :3, :3])
+        return np.diff(self.controls[:, :3, 3], axis=0), (turn[:-1].inv() * turn[1:]).as_rotvec()
+
+    def _weights(self, t_s: ArrayLike) -> tuple[NDArray[np.intp], Float64, Float64]:
+        """Return the first of each time's four controls, and the weights of the steps from it.
+
+        Returns
+        -------
+        i
+            (...) indices.
+        weights
+            (..., 3), cumulative basis: the share done of the step from control i + j to the next.
+        rates
+            (..., 3), their time derivatives, 1/s.
+        """
+        t = np.asarray(t_s, dtype=np.float64)
+        tolerance_s = 1e-9
+        if not np.all((t >= -tolerance_s) & (t <= self.duration_s + tolerance_s)):
+            raise TrajectoryError(
+                f"the path lasts from 0 to {self.duration_s:g} s; asked for a time in "
+                f"[{t.min():g}, {t.max():g}] s"
+            )
+        i = np.clip(np.searchsorted(self.knots_s, t, side="right") - 2, 0, len(self.knots_s) - 4)
+        return i, *_cumulative_basis(_evenly_extended(self.knots_s), i, t)
+
+
+def path_through(t_s: ArrayLike, T_world_cam: Float64) -> Trajectory:
+    """Return the spline that passes through given poses at given times.
+
+    It has a knot at each of the times and no acceleration at either end (a natural spline).
+    Between the poses it is as smooth as `Trajectory`: position, rotation and both their first
+    derivatives are continuous.
+
+    Parameters
+    ----------
+    t_s
+        (N,) strictly increasing times, N >= 2. The path starts at the first, its time 0.
+    T_world_cam
+        (N, 4, 4) poses.
+
+    Raises
+    ------
+    TrajectoryError
+        If there are fewer than two poses, times do not increase, or the camera turns so far from
+        one pose to the next that no spline through them is found.
+    """
+    t = np.asarray(t_s, dtype=np.float64)
+    if t.shape != (len(T_world_cam),) or len(t) < 2 or not np.all(np.diff(t) > 0):
+        raise TrajectoryError("path_through: expected two or more poses at increasing times")
+    knots = _evenly_extended(t - t[0])
+    extended = _evenly_extended(knots)
+    n = len(t)
+
+    # Position k is a_k c_(k-1) + b_k c_k + d_k c_(k+1), in control positions c.
+    k0, k1, k2, k3, k4 = (extended[j : j + n] for j in range(5))
+    a = (k3 - k2) ** 2 / ((k3 - k0) * (k3 - k1))
+    d = (k2 - k1) ** 2 / ((k4 - k1) * (k3 - k1))
+    b = 1 - a - d
+    # No acceleration at the ends: the outermost two steps have equal velocity.
+    span = extended[3:] - extended[:-3]  # the time that each step is spread over
+    first_step, last_step = span[0] / span[1], span[-1] / span[-2]
+    banded = np.zeros((3, n))
+    banded[0, 1:], banded[1], banded[2, :-1] = d[:-1], b, a[1:]
+    banded[1, 0] += a[0] * (1 + first_step)
+    banded[0, 1] -= a[0] * first_step
+    banded[1, -1] += d[-1] * (1 + last_step)
+    banded[2, -2] -= d[-1] * last_step
+
+    position = solve_banded((1, 1), banded, T_world_cam[:, :3, 3])
+    position = np.concatenate(
+        [
+            [position[0] - first_step * (position[1] - position[0])],
+            position,
+            [position[-1] + last_step * (position[-1] - position[-2])],
+        ]
+    )
+    # Rotations do not add up, so their controls are found by damped Newton iterations with that
+    # same matrix, the exact derivative where the camera does not turn.
+    wanted = Rotation.from_matrix(T_world_cam[:, :3, :3])
+
+    def path_of(inner: Rotation) -> tuple[Trajectory, Float64]:
+        """Return the path with these inner controls, and the (N, 3) turns it misses poses by."""
+        steps = (inner[:-1].inv() * inner[1:]).as_rotvec()
+        first = inner[0] * Rotation.from_rotvec(-first_step * steps[0])
+        last = inner[-1] * Rotation.from_rotvec(last_step * steps[-1])
+        controls = np.tile(np.eye(4), (n + 2, 1, 1))
+        controls[:, :3, :3] = Rotation.concatenate([first, inner, last]).as_matrix()
+        controls[:, :3, 3] = position
+        path = Trajectory(knots, controls)
+        reached = Rotation.from_matrix(path.pose(knots[1:-1])[:, :3, :3])
+        return path, (reached.inv() * wanted).as_rotvec()
+
+    inner, damping = wanted, 1.0
+    path, missed = path_of(inner)
+    while abs(missed).max() > _TURN_TOLERANCE_RAD:
+        candidate = inner * Rotation.from_rotvec(damping * solve_banded((1, 1), banded, missed))
+        path, missed_now = path_of(candidate)
+        if abs(missed_now).max() < abs(missed).max():
+            inner, missed, damping = candidate, missed_now, min(1.0, 2 * damping)
+        else:
+            damping /= 2
+        if damping < _LEAST_DAMPING:
+            worst = int(np.argmax(np.linalg.norm(missed, axis=1)))
+            raise TrajectoryError(
+                f"path_through: the camera turns too far from pose to pose near t = {t[worst]:g} s;"
+                " give more poses there"
+            )
+    return path
+
+
+def _evenly_extended(knots_s: Float64) -> Float64:
+    """Return (N,) times with one more on each side, at the distance of the outermost two."""
+    return np.concatenate([[2 * knots_s[0] - knots_s[1]], knots_s, [2 * knots_s[-1] - knots_s[-2]]])
+
+
+def _cumulative_basis(
+    extended_s: Float64, i: NDArray[np.intp], t: Float64
+) -> tuple[Float64, Float64]:
+    """Return the cumulative cubic basis and its time derivative at t in the i-th segment.
+
+    De Boor's recursion, written out for the one segment [k2, k3] and the knots about it.
+
+    Parameters
+    ----------
+    extended_s
+        (N + 2,) the control poses' times with one more on each side.
+    """
+    k0, k1, k2, k3, k4, k5 = (extended_s[i + j] for j in range(6))
+    linear = np.stack([k3 - t, t - k2]) / (k3 - k2)
+    q1 = (k3 - t) / (k3 - k1) * linear[0]
+    q2 = (t - k1) / (k3 - k1) * linear[0] + (k4 - t) / (k4 - k2) * linear[1]
+    q3 = (t - k2) / (k4 - k2) * linear[1]
+    first = (k3 - t) / (k3 - k0) * q1
+    third = (t - k1) / (k4 - k1) * q2 + (k5 - t) / (k5 - k2) * q3
+    fourth = (t - k2) / (k5 - k2) * q3
+    weights = np.stack([1 - first, third + fourth, fourth], axis=-1)
+    rates = 3 * np.stack([q1 / (k3 - k0), q2 / (k4 - k1), q3 / (k5 - k2)], axis=-1)
+    return weights, rates

@@ -1,0 +1,134 @@
+"""Ground truth on disk: depth and flow as float EXR, flow also as DSEC's PNG, poses, camera."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+from numpy.typing import ArrayLike, NDArray
+
+from eres_render.errors import RenderError
+from eres_render.sequence import RadianceSequence
+from eres_render.truth import Flow, GroundTruth
+from eres_render.tum import tum_text
+from eres_render.whole_file import write_text, write_whole
+
+_PNG_ZERO, _PNG_PER_PX = 1 << 15, 128
+
+Float64 = NDArray[np.float64]
+
+
+def write_truth(
+    truth: GroundTruth,
+    out_dir: Path,
+    t_s: ArrayLike,
+    width: int,
+    flow_png: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Write the ground truth at some times, and the flow from each to the next.
+
+    Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM), `depth/000000.exr`, ... (float
+    channel Z, metres), `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on
+    request `flow/000000.png`, ... as in the DSEC dataset.
+
+    Parameters
+    ----------
+    t_s
+        (T,) increasing times on the path, seconds.
+    width
+        Of the images, px.
+    on_progress
+        Called after each time, with the number of times done and that of all.
+
+    Returns
+    -------
+    files
+        All that was written.
+
+    Raises
+    ------
+    RenderError
+        If the folder cannot be written, or a flow does not fit a PNG.
+    """
+    if width < 1:
+        raise RenderError(f"width: found {width}, expected at least 1 px")
+    times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width)
+    for folder in (out_dir / "depth", out_dir / "flow"):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
+    files = [out_dir / "camera.json", out_dir / "poses.txt"]
+    sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
+    write_text(files[0], json.dumps(sides, indent=1) + "\n")
+    write_text(files[1], tum_text(times, truth.trajectory.pose(times)))
+    for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
+        files.append(out_dir / "depth" / f"{i:06d}.exr")
+        write_depth(files[-1], truth.depth(t_0, width))
+        if t_1 is not None:
+            flow = truth.flow(t_0, t_1, width)
+            files.append(out_dir / "flow" / f"{i:06d}.exr")
+            write_flow(files[-1], flow)
+            if flow_png:
+                files.append(files[-1].with_suffix(".png"))
+                write_flow_png(files[-1], flow)
+        if on_progress is not None:
+            on_progress(i + 1, len(times))
+    return files
+
+
+def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
+    """Return times from the start of a sequence's window to its end, both included.
+
+    They are `step_s` apart, but for the last, which may come sooner.
+    """
+    if not step_s > 0:
+        raise RenderError(f"step_s: found {step_s}, expected a positive number of seconds")
+    start_s, end_s = sequence.window_s
+    steps = math.ceil((end_s - start_s) / step_s - 1e-6)
+    return np.minimum(start_s + step_s * np.arange(steps + 1), end_s)
+
+
+def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
+    """Write (H, W) z-depth in metres as an EXR image with the float channel Z."""
+    _write_float_exr(path, {"Z": depth})
+
+
+def write_flow(path: Path, flow: Flow) -> None:
+    """Write a flow as an EXR image with the float channels u and v, px, and valid, 0 or 1."""
+    u, v = np.moveaxis(flow.flow_px, 2, 0)
+    _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid})
+
+
+def write_flow_png(path: Path, flow: Flow) -> None:
+    """Write a flow as a 16-bit RGB PNG `(u * 128 + 2^15, v * 128 + 2^15, valid)`, as DSEC does.
+
+    It resolves 1/128 px. Pixels that are not valid are zero in all channels.
+
+    Raises
+    ------
+    RenderError
+        If a valid flow reaches 256 px, or the file cannot be written.
+    """
+    code = np.round(flow.flow_px * _PNG_PER_PX) + _PNG_ZERO
+    code = np.where(flow.valid[..., None], code, 0)
+    if code.min() < 0 or code.max() > np.iinfo(np.uint16).max:
+        raise RenderError(f"{path}: found a flow of 256 px or more, which does not fit such a file")
+    rgb = np.dstack([code, flow.valid]).astype(np.uint16)
+    good, data = cv2.imencode(".png", rgb[..., ::-1])  # OpenCV's order is blue, green, red
+    if not good:
+        raise RenderError(f"{path}: the PNG encoder failed")
+    write_whole(path, lambda unfinished: unfinished.write_bytes(data.tobytes()))
+
+
+def _write_float_exr(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> None:
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    planes = {name: np.ascontiguousarray(c, dtype=np.float32) for name, c in channels.items()}
+    write_whole(path, lambda unfinished: OpenEXR.File(header, planes).write(str(unfinished)))

@@ -1,0 +1,128 @@
+"""`Events`: a sorted event stream that knows its sensor's size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.errors import EventError
+from sensor.model import SensorModel
+
+_DTYPES = {"t_us": np.int64, "x": np.uint16, "y": np.uint16, "p": np.int8}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Events:
+    """Events of one sensor, sorted by time, ties by (y, x).
+
+    Parameters
+    ----------
+    t_us
+        (N,) int64, microseconds, on the frames' clock.
+    x, y
+        (N,) uint16, pixel column and row; (0, 0) is the top-left pixel.
+    p
+        (N,) int8, +1 for brighter, -1 for darker.
+    width, height
+        The sensor's size in pixels.
+    model
+        The model that made them, its dark level resolved to the value used; None for recordings.
+
+    Raises
+    ------
+    EventError
+        A field has the wrong dtype, shape, range or order; the text names it.
+    """
+
+    t_us: NDArray[np.int64]
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    p: NDArray[np.int8]
+    width: int
+    height: int
+    model: SensorModel | None = None
+
+    def __post_init__(self) -> None:
+        for name, dtype in _DTYPES.items():
+            array = getattr(self, name)
+            if not isinstance(array, np.ndarray) or array.dtype != dtype or array.ndim != 1:
+                found = f"{getattr(array, 'dtype', type(array).__name__)}"
+                raise EventError(
+                    f"Events.{name}: found {found} of shape {np.shape(array)}, "
+                    f"expected a 1-D array of {np.dtype(dtype)}"
+                )
+            if len(array) != len(self.t_us):
+                raise EventError(
+                    f"Events.{name}: found {len(array)} entries, expected {len(self.t_us)}"
+                )
+        if len(self.t_us) == 0:
+            return
+        backwards = np.flatnonzero(self.t_us[1:] < self.t_us[:-1])
+        if backwards.size:
+            raise EventError(
+                f"Events.t_us: event {backwards[0] + 1} is earlier than the one before it; "
+                "expected times in ascending order"
+            )
+        for name, size in (("x", self.width), ("y", self.height)):
+            largest = int(getattr(self, name).max())
+            if largest >= size:
+                raise EventError(f"Events.{name}: found {largest}, expected less than {size}")
+        if not np.all(np.abs(self.p) == 1):
+            raise EventError("Events.p: found values other than +1 and -1")
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def __repr__(self) -> str:
+        span = f", {self.t_us[0]}..{self.t_us[-1]} us" if len(self) else ""
+        return f"Events({len(self)} of {self.width}x{self.height} px{span})"
+
+    @classmethod
+    def trusted(
+        cls,
+        t_us: NDArray[np.int64],
+        x: NDArray[np.uint16],
+        y: NDArray[np.uint16],
+        p: NDArray[np.int8],
+        *,
+        like: Events,
+    ) -> Events:
+        """Events of the same sensor as `like`, from columns known to be valid, left unread."""
+        events = object.__new__(cls)
+        columns = {"t_us": t_us, "x": x, "y": y, "p": p}
+        rest = {"width": like.width, "height": like.height, "model": like.model}
+        for name, value in (columns | rest).items():
+            object.__setattr__(events, name, value)
+        return events
+
+    def __getitem__(self, part: slice) -> Events:
+        """A contiguous part of the stream, as views of the same memory."""
+        if not isinstance(part, slice) or part.step not in (None, 1):
+            raise TypeError("Events are indexed by slices of step 1; mask the columns for the rest")
+        return Events.trusted(self.t_us[part], self.x[part], self.y[part], self.p[part], like=self)
+
+    def between(self, t_start_us: int, t_end_us: int) -> Events:
+        """Events in the half-open window [t_start_us, t_end_us), as views of the same memory."""
+        first, last = np.searchsorted(self.t_us, (t_start_us, t_end_us))
+        return self[first:last]
+
+    def copy(self) -> Events:
+        """The same events in memory of their own."""
+        return Events.trusted(
+            self.t_us.copy(), self.x.copy(), self.y.copy(), self.p.copy(), like=self
+        )
+
+    def polarity_sum(self) -> NDArray[np.int64]:
+        """Sum of polarities per pixel, (height, width) int64: Delta L / C of Eq. (8)."""
+        pixel = self.y.astype(np.int64) * self.width + self.x
+        total = np.bincount(pixel, weights=self.p, minlength=self.width * self.height)
+        return total.astype(np.int64).reshape(self.height, self.width)
+
+
+def concatenate(parts: Sequence[Events]) -> Events:
+    """Join consecutive parts of one stream, at least one."""
+    columns = [np.concatenate([getattr(part, name) for part in parts]) for name in _DTYPES]
+    return Events.trusted(*columns, like=parts[0])

@@ -1,0 +1,27 @@
+"""Events in files: DSEC HDF5, Prophesee EVT2 and EVT3, npz and text, streamed in bounded memory.
+
+>>> write_events("carpet.h5", stream(frames, t_s, model, seed=3), origin={"seed": 3})
+>>> for events in read_events("carpet.h5"): ...
+"""
+
+from sensor.formats.header import Header
+from sensor.formats.registry import (
+    FORMATS,
+    Format,
+    find_format,
+    load_events,
+    read_events,
+    read_header,
+    write_events,
+)
+
+__all__ = [
+    "FORMATS",
+    "Format",
+    "Header",
+    "find_format",
+    "load_events",
+    "read_events",
+    "read_header",
+    "write_events",
+]

@@ -1,0 +1,248 @@
+"""DSEC's HDF5 layout, which its `EventSlicer` and everything built on that read.
+
+    events/t    uint32, microseconds since t_offset; int64 where t_offset is not 0, since in
+                NumPy 2 the `t + t_offset` of DSEC's slicer overflows 32 bits
+    events/x    uint16          events/y    uint16          events/p    uint8, 0 or 1
+    t_offset    int64, microseconds
+    ms_to_idx   uint64, t[ms_to_idx[ms]] >= 1000 ms and t[ms_to_idx[ms] - 1] < 1000 ms, for every
+                whole millisecond from 0 to that of the last event
+
+Columns are shuffled, compressed by zstd at level 1, and checksummed. Attributes of the file say
+how it was made: `width`, `height`, and as JSON `sensor_model`, where the events have one, and
+`origin`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sensor.errors import EventError, EventFormatError
+from sensor.events import Events
+from sensor.formats import parts as cut
+from sensor.formats.header import (
+    Header,
+    model_from_json,
+    model_to_json,
+    origin_from_json,
+    origin_to_json,
+)
+
+_CHUNK_EVENTS = 1 << 16
+_COLUMNS: dict[str, type] = {"t": np.uint32, "x": np.uint16, "y": np.uint16, "p": np.uint8}
+_MAX_SPAN_US = 1 << 32
+# Times count from 0 as the frames do, and t_offset is 0, unless they would soon leave uint32.
+_MAX_START_US = 1 << 31
+
+
+def _hdf5() -> Any:
+    """Load h5py, and with hdf5plugin the filters."""
+    try:
+        import h5py
+        import hdf5plugin  # noqa: F401
+    except ImportError as error:
+        raise EventFormatError(
+            f"DSEC's HDF5 needs {error.name}, which is not installed: "
+            "pip install h5py hdf5plugin, or pip install eres"
+        ) from error
+    return h5py
+
+
+def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
+    """Write a DSEC file; returns the number of events.
+
+    Raises
+    ------
+    EventFormatError
+        The events start before 2^31 us and end after 2^32 us (71 minutes), or h5py or hdf5plugin is
+        not installed.
+    """
+    h5py = _hdf5()
+    import hdf5plugin
+
+    # From version 1.10 on HDF5 has checksums on its own structures too.
+    with h5py.File(path, "w", libver=("v110", "v110")) as file:
+        file.attrs["width"] = header.width
+        file.attrs["height"] = header.height
+        # Texts of fixed length: those of variable length lie where HDF5 has no checksum.
+        file.attrs["origin"] = np.bytes_(origin_to_json(header.origin).encode())
+        if header.model is not None:
+            file.attrs["sensor_model"] = np.bytes_(model_to_json(header.model).encode())
+
+        def create(name: str, dtype: type) -> Any:
+            return file.create_dataset(
+                name,
+                (0,),
+                dtype,
+                maxshape=(None,),
+                chunks=(_CHUNK_EVENTS,),
+                shuffle=True,
+                fletcher32=True,
+                **hdf5plugin.Zstd(clevel=1),
+            )
+
+        parts = iter(parts)
+        first = next(parts)
+        offset_us = 0
+        if len(first) and not 0 <= first.t_us[0] < _MAX_START_US:
+            offset_us = int(first.t_us[0]) // 1000 * 1000
+        dtypes = _COLUMNS | ({"t": np.int64} if offset_us else {})
+        columns = {name: create(f"events/{name}", dtype) for name, dtype in dtypes.items()}
+        ms_to_idx = create("ms_to_idx", np.uint64)
+        count = 0
+        for part in itertools.chain([first] if len(first) else [], parts):
+            t = part.t_us - offset_us
+            if t[-1] >= _MAX_SPAN_US and not offset_us:
+                raise EventFormatError(
+                    f"DSEC has 32 bits for times: found {t[-1]} us, expected less than "
+                    f"{_MAX_SPAN_US} us; split the recording"
+                )
+            whole_ms = np.arange(len(ms_to_idx), t[-1] // 1000 + 1)
+            _append(ms_to_idx, count + np.searchsorted(t, 1000 * whole_ms))
+            _append(columns["t"], t)
+            _append(columns["x"], part.x)
+            _append(columns["y"], part.y)
+            _append(columns["p"], part.p > 0)
+            count += len(part)
+        # Kept in the dataset's own header, where HDF5 has a checksum.
+        compact = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        compact.set_layout(h5py.h5d.COMPACT)
+        compact.set_obj_track_times(False)  # the file depends on its events alone
+        scalar = h5py.h5s.create(h5py.h5s.SCALAR)
+        t_offset = h5py.h5d.create(file.id, b"t_offset", h5py.h5t.STD_I64LE, scalar, compact)
+        t_offset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.array(offset_us, np.int64))
+    return count
+
+
+def _append(dataset: Any, values: np.ndarray) -> None:
+    start = len(dataset)
+    dataset.resize((start + len(values),))
+    dataset[start:] = values.astype(dataset.dtype)
+
+
+@contextmanager
+def _said(where: str) -> Iterator[None]:
+    """Say in our words, and where, what h5py says of damage in its own."""
+    try:
+        yield
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        if isinstance(error, EventError):
+            raise
+        raise EventFormatError(f"{where}: {error.args[0] if error.args else error}") from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    h5py = _hdf5()
+    with _said("not a whole HDF5 file"):
+        file = h5py.File(path, "r")
+    with file:
+        yield file
+
+
+def read_header(path: Path) -> Header:
+    """Read a DSEC file's size, model and origin; DSEC's own recordings store none of them.
+
+    Raises
+    ------
+    EventFormatError
+        It is no HDF5 file, or an attribute is damaged or of another kind.
+    """
+    with _opened(path) as file:
+        found: dict[str, Any] = {}
+        for name in ("width", "height", "sensor_model", "origin"):
+            with _said(f"attribute {name}"):
+                if name in file.attrs:
+                    value = file.attrs[name]
+                    found[name] = int(value) if name in ("width", "height") else _text(value)
+    return Header(
+        found.get("width"),
+        found.get("height"),
+        model_from_json(found["sensor_model"]) if "sensor_model" in found else None,
+        origin_from_json(found["origin"]) if "origin" in found else {},
+    )
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8") if isinstance(value, bytes) else str(value)
+
+
+def read(path: Path, header: Header) -> Iterator[Events]:
+    """Yield the events of a DSEC file, at least one part, on the clock that t_offset sets.
+
+    Raises
+    ------
+    EventFormatError
+        A dataset is missing, of another kind or length, damaged, or not a valid stream.
+    """
+    width, height = header.width or 0, header.height or 0
+    with _opened(path) as file:
+        columns = {name: _column(file, f"events/{name}") for name in _COLUMNS}
+        length = len(columns["t"])
+        for name, column in columns.items():
+            if len(column) != length:
+                raise EventFormatError(
+                    f"events/{name}: found {len(column)} entries, expected {length} as in events/t"
+                )
+        offset_us = 0
+        with _said("t_offset"):
+            if "t_offset" in file:
+                offset_us = int(file["t_offset"][()])
+        yield cut.no_events(width, height, header.model)
+        last_us = np.iinfo(np.int64).min
+        for start in range(0, length, cut.PART_EVENTS):
+            stop = min(start + cut.PART_EVENTS, length)
+            values = {}
+            for name, column in columns.items():
+                with _said(f"events/{name}, entries {start} to {stop}"):
+                    values[name] = column[start:stop]
+            part = _checked(values, start, offset_us, header)
+            if part.t_us[0] < last_us:
+                raise EventFormatError(
+                    f"events/t, entry {start}: found {part.t_us[0]} us after {last_us} us"
+                )
+            last_us = int(part.t_us[-1])
+            yield part
+
+
+def _column(file: Any, name: str) -> Any:
+    with _said(name):
+        if name not in file:
+            raise EventFormatError(f"{name}: missing")
+        column = file[name]
+        if getattr(column, "ndim", None) != 1 or column.dtype.kind not in "uib":
+            raise EventFormatError(f"{name}: found {column}, expected a row of integers")
+    return column
+
+
+def _checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: Header) -> Events:
+    """A part as `Events`, its values within range; `start` is the number of its first event."""
+    limits = {"t": 1 << 62, "x": header.width or 0, "y": header.height or 0, "p": 2}
+    for name, limit in limits.items():
+        column = values[name]
+        least, most = int(column.min()), int(column.max())
+        if least < 0 or most >= limit:
+            wrong = least if least < 0 else most
+            k = start + int(np.argmax(column == wrong))
+            raise EventFormatError(
+                f"events/{name}, entry {k}: found {wrong}, expected 0 to {limit - 1}"
+            )
+    if abs(offset_us) >= 1 << 62:
+        raise EventFormatError(f"t_offset: found {offset_us} us")
+    try:
+        return Events(
+            values["t"].astype(np.int64) + offset_us,
+            values["x"].astype(np.uint16),
+            values["y"].astype(np.uint16),
+            (2 * values["p"].astype(np.int8) - 1).astype(np.int8),
+            header.width or 0,
+            header.height or 0,
+            header.model,
+        )
+    except EventError as error:
+        raise EventFormatError(f"events from {start}: {error}") from error

@@ -1,0 +1,311 @@
+"""Prophesee RAW files: the text header, and words in and out; `evt2` and `evt3` know the words.
+
+    % event_count 1234                 ours: how many events follow, so that a cut file is noticed
+    % evt 3.0
+    % format EVT3;height=720;width=1280
+    % geometry 1280x720
+    % sensor_model {"width": 1280, ...}     ours: where the events have a model
+    % origin {"seed": 3}                    ours
+    % end
+
+Lines are `% key value`; readers pass over keys that they do not know. Words follow, little-endian.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from sensor.errors import EventFormatError
+from sensor.events import Events
+from sensor.formats import parts as cut
+from sensor.formats.header import (
+    Header,
+    model_from_json,
+    model_to_json,
+    origin_from_json,
+    origin_to_json,
+)
+
+logger = logging.getLogger(__name__)
+
+MAX_SIDE_PX = 1 << 11  # coordinates have 11 bits
+MAX_TIME_US = 1 << 40  # the clock wraps sooner; reaching 12.7 days takes a megabyte of its words
+_READ_WORDS = 1 << 18
+_WRITE_WORDS = 1 << 16
+_COUNT_DIGITS = 20
+_MAX_HEADER_BYTES = 1 << 20
+
+# What a decoder found when it stopped; see `decode` of `evt2` and `evt3`.
+DONE, FULL, BAD_X, BAD_Y, BACKWARDS, BAD_WORD, NO_BASE = range(7)
+
+# A codec's state, int64. Each codec uses what it needs.
+HIGH, LOW, Y, BASE_X, BASE_P, LAST_US, SKIPPED, FOUND = range(8)
+STATE_SIZE = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Codec:
+    """One version's words.
+
+    `encode(t, x, y, p, width, state, words)` returns (events taken, words made) and stops when
+    `words` is full; `decode(words, width, height, state, t, x, y, p)` returns (words taken, events
+    made, what it found).
+    """
+
+    name: str
+    version: str
+    word: type[np.unsignedinteger]
+    encode: Callable
+    decode: Callable
+
+
+def _new_state() -> np.ndarray:
+    state = np.full(STATE_SIZE, -1, np.int64)
+    state[SKIPPED] = 0
+    return state
+
+
+def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> int:
+    """Write a RAW file; returns the number of events.
+
+    Raises
+    ------
+    EventFormatError
+        The sensor has more than 2048 pixels a side, or times are negative or 2^40 us and later.
+    """
+    width, height = header.width or 0, header.height or 0
+    if max(width, height) > MAX_SIDE_PX:
+        raise EventFormatError(
+            f"{codec.name} has 11 bits for a coordinate: found a sensor of {width}x{height} px, "
+            f"expected at most {MAX_SIDE_PX}x{MAX_SIDE_PX}"
+        )
+    lines = [
+        f"evt {codec.version}",
+        f"format {codec.name};height={height};width={width}",
+        f"geometry {width}x{height}",
+    ]
+    if header.model is not None:
+        lines.append(f"sensor_model {model_to_json(header.model)}")
+    if header.origin:
+        lines.append(f"origin {origin_to_json(header.origin)}")
+    lines.append("end")
+    words = np.empty(_WRITE_WORDS, codec.word)
+    state = _new_state()
+    count = 0
+    with path.open("wb") as file:
+        file.write(_count_line(0))
+        file.write("".join(f"% {line}\n" for line in lines).encode())
+        for part in parts:
+            if len(part) and not 0 <= part.t_us[0] <= part.t_us[-1] < MAX_TIME_US:
+                wrong = part.t_us[0] if part.t_us[0] < 0 else part.t_us[-1]
+                raise EventFormatError(
+                    f"{codec.name}: found time {wrong} us, expected 0 to {MAX_TIME_US - 1} us; "
+                    "subtract an offset first"
+                )
+            p = part.p > 0
+            done = 0
+            while done < len(part):
+                rest = slice(done, None)
+                taken, made = codec.encode(
+                    part.t_us[rest], part.x[rest], part.y[rest], p[rest], width, state, words
+                )
+                file.write(words[:made].astype(words.dtype.newbyteorder("<"), copy=False).data)
+                done += taken
+            count += len(part)
+        file.seek(0)
+        file.write(_count_line(count))
+    return count
+
+
+def _count_line(count: int) -> bytes:
+    return f"% event_count {count:<{_COUNT_DIGITS}}\n".encode()
+
+
+@dataclass(frozen=True, slots=True)
+class _Raw:
+    """What the text header says."""
+
+    version: str | None  # of the words, "evt2" or "evt3"
+    header: Header
+    count: int | None
+    start_us: int  # faery's `t0`, to be added to all times
+    length: int  # bytes, up to the first word
+
+
+def read_version(path: Path) -> str:
+    """Which of `evt2` and `evt3` a RAW file is.
+
+    Raises
+    ------
+    EventFormatError
+        Its header does not say, or says another one.
+    """
+    try:
+        with path.open("rb") as file:
+            version = _read_raw(file).version
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
+    if version is None:
+        raise EventFormatError(
+            f"{path}: the header does not say which version of EVT it is; expected '% evt 3.0' or "
+            "'% format EVT3;...', or the format by name (evt2, evt3)"
+        )
+    return version
+
+
+def read_header(path: Path, codec: Codec) -> Header:
+    """Size, model and origin of a RAW file of this version."""
+    with path.open("rb") as file:
+        return _of_version(_read_raw(file), codec).header
+
+
+def _of_version(raw: _Raw, codec: Codec) -> _Raw:
+    if raw.version not in (None, codec.name.lower()):
+        raise EventFormatError(
+            f"header: found words of version {raw.version}, expected {codec.name}"
+        )
+    return raw
+
+
+def _read_raw(file: BinaryIO) -> _Raw:
+    fields: dict[str, str] = {}
+    length = 0
+    ended = False
+    while not ended:
+        line = file.readline(_MAX_HEADER_BYTES)
+        if not line.startswith(b"%"):
+            break
+        length += len(line)
+        if not line.endswith(b"\n") or length > _MAX_HEADER_BYTES:
+            raise EventFormatError(f"byte {length}: the header breaks off within a line")
+        try:
+            key, _, value = line[1:].decode("utf-8").strip().partition(" ")
+        except UnicodeDecodeError as error:
+            raise EventFormatError(
+                f"byte {length - len(line)}: found {line[:40]!r}, expected a line of text"
+            ) from error
+        ended = key == "end"
+        fields[key] = value.strip()
+    if not fields:
+        raise EventFormatError("byte 0: found no header, expected lines that start with '%'")
+    count = _number(fields, "event_count")
+    if count is not None and not ended:
+        raise EventFormatError(f"byte {length}: the header breaks off before '% end'")
+    if fields.get("endianness", "little") != "little":
+        raise EventFormatError("header, endianness: found big, only little is read")
+    width, height = _size(fields)
+    header = Header(
+        width,
+        height,
+        model_from_json(fields["sensor_model"]) if "sensor_model" in fields else None,
+        origin_from_json(fields["origin"]) if "origin" in fields else {},
+    )
+    return _Raw(_version(fields), header, count, _number(fields, "t0") or 0, length)
+
+
+def _number(fields: dict[str, str], name: str) -> int | None:
+    value = fields.get(name)
+    if value is not None and re.fullmatch(r"\d{1,18}", value, re.ASCII) is None:
+        raise EventFormatError(f"header, {name}: found {value[:40]!r}, expected a number")
+    return None if value is None else int(value)
+
+
+def _version(fields: dict[str, str]) -> str | None:
+    said = set()
+    if "evt" in fields:
+        said.add({"2.0": "evt2", "3.0": "evt3"}.get(fields["evt"], fields["evt"]))
+    if "format" in fields:
+        said.add(fields["format"].split(";")[0].lower())
+    if len(said) > 1 or not said <= {"evt2", "evt3"}:
+        raise EventFormatError(
+            f"header: found version {' and '.join(sorted(said))!r}, expected EVT2 or EVT3"
+        )
+    return said.pop() if said else None
+
+
+def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
+    """Width and height by `geometry` and by `format`, which must agree."""
+    said = set()
+    if "geometry" in fields:
+        match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", fields["geometry"], re.ASCII)
+        if match is None:
+            raise EventFormatError(f"header, geometry: found {fields['geometry'][:40]!r}")
+        said.add((int(match[1]), int(match[2])))
+    options = dict(re.findall(r";\s*(\w+)=(\d{1,9})(?=;|$)", fields.get("format", ""), re.ASCII))
+    if {"width", "height"} <= options.keys():
+        said.add((int(options["width"]), int(options["height"])))
+    if len(said) > 1:
+        raise EventFormatError(f"header: found two sizes, {sorted(said)}")
+    return said.pop() if said else (None, None)
+
+
+def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
+    """Yield the events of a RAW file, at least one part.
+
+    Events before the first word of time, or whose row is not known yet, have no place: they are
+    skipped, as in Prophesee's own decoders, and the log says how many.
+
+    Raises
+    ------
+    EventFormatError
+        A word is unknown, its event is outside the sensor or earlier than the one before it, the
+        last word is cut off, or there are not as many events as the header says.
+    """
+    width, height = header.width or 0, header.height or 0
+    size = np.dtype(codec.word).itemsize
+    none = cut.no_events(width, height, header.model)
+    state = _new_state()
+    count = 0
+    with path.open("rb") as file:
+        raw = _of_version(_read_raw(file), codec)
+        file.seek(raw.length)
+        offset = raw.length
+        yield none
+        while data := file.read(size * _READ_WORDS):
+            words = np.frombuffer(data, f"<u{size}", len(data) // size)
+            words = words.astype(codec.word, copy=False)  # where the machine is big-endian
+            while len(words):
+                room = min(cut.PART_EVENTS, 12 * len(words))  # no word makes more than 12
+                t, p = np.empty(room, np.int64), np.empty(room, np.int8)
+                x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
+                taken, made, found = codec.decode(words, width, height, state, t, x, y, p)
+                t[:made] += raw.start_us
+                offset += size * taken
+                if made:
+                    count += made
+                    yield Events.trusted(t[:made], x[:made], y[:made], p[:made], like=none)
+                if found not in (DONE, FULL):
+                    word = f"{words[taken]:#0{2 + 2 * size}x}"
+                    raise EventFormatError(f"byte {offset}, word {word}: {_reason(found, state)}")
+                words = words[taken:]
+            if len(data) % size:
+                raise EventFormatError(
+                    f"byte {offset}: the file ends within a word of {size} bytes"
+                )
+    skipped = int(state[SKIPPED])
+    if raw.count is not None and raw.count != count:
+        raise EventFormatError(
+            f"byte {offset}: the file ends after {count} events, expected {raw.count} as its "
+            "header says; it is cut short or damaged"
+        )
+    if skipped:
+        logger.warning(
+            "%s: skipped %d events before the first time and row of the stream", path, skipped
+        )
+
+
+def _reason(found: int, state: np.ndarray) -> str:
+    return {
+        BAD_X: f"found x = {state[FOUND]}, outside the sensor",
+        BAD_Y: f"found y = {state[FOUND]}, outside the sensor",
+        BACKWARDS: f"found time {state[FOUND]} us after {state[LAST_US]} us",
+        BAD_WORD: "found a word of a type that the format does not have",
+        NO_BASE: "found a vector of events before any word that says where it starts",
+    }[found]

@@ -1,0 +1,155 @@
+"""Prophesee EVT2: one 32-bit word an event, times in two parts.
+
+    31..28  27..22      21..11  10..0
+    0 / 1   t, low 6    x       y       an event, darker / brighter
+    8       t, high 28                  microseconds / 64, modulo 2^28
+
+Words of triggers (A), others (E) and continuations (F) are passed over. See
+https://docs.prophesee.ai/stable/data/encoding_formats/evt2.html.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from sensor.events import Events
+from sensor.formats import evt
+from sensor.formats.evt import (
+    BACKWARDS,
+    BAD_WORD,
+    BAD_X,
+    BAD_Y,
+    DONE,
+    FOUND,
+    FULL,
+    HIGH,
+    LAST_US,
+    SKIPPED,
+)
+from sensor.formats.header import Header
+
+_WRAP = 1 << 28  # values of the high part
+
+
+@numba.njit(cache=True, nogil=True)
+def encode(
+    t,  # (n,) int64 us
+    x,  # (n,) uint16
+    y,
+    p,  # (n,) bool, brighter
+    width,
+    state,
+    words,  # (m,) uint32 out
+):
+    """Return (events taken, words made)."""
+    made = 0
+    high = state[HIGH]
+    for i in range(t.size):
+        target = t[i] >> 6
+        while high < target:
+            if made == words.size:
+                state[HIGH] = high
+                return i, made
+            # The first is 0, and no turn of the clock is left out: readers count them.
+            if high < 0 or high % _WRAP == _WRAP - 1:
+                high += 1
+            else:
+                high = min(target, high | (_WRAP - 1))
+            words[made] = (8 << 28) | (high % _WRAP)
+            made += 1
+        if made == words.size:
+            state[HIGH] = high
+            return i, made
+        words[made] = (
+            (np.int64(p[i]) << 28) | ((t[i] & 63) << 22) | (np.int64(x[i]) << 11) | np.int64(y[i])
+        )
+        made += 1
+    state[HIGH] = high
+    return t.size, made
+
+
+@numba.njit(cache=True, nogil=True)
+def decode(
+    words,  # (m,) uint32
+    width,
+    height,
+    state,
+    t,  # (n,) int64 us, out
+    x,  # (n,) uint16, out
+    y,
+    p,  # (n,) int8, out
+):
+    """Return (words taken, events made, what was found)."""
+    made = 0
+    high = state[HIGH]
+    last = state[LAST_US]
+    found = DONE
+    i = 0
+    while i < words.size:
+        word = np.int64(words[i])
+        kind = word >> 28
+        if kind <= 1:
+            if high < 0:
+                state[SKIPPED] += 1
+            elif made == t.size:
+                found = FULL
+                break
+            else:
+                time = (high << 6) | ((word >> 22) & 63)
+                column = (word >> 11) & 0x7FF
+                row = word & 0x7FF
+                if column >= width:
+                    found = BAD_X
+                    state[FOUND] = column
+                    break
+                if row >= height:
+                    found = BAD_Y
+                    state[FOUND] = row
+                    break
+                if time < last:
+                    found = BACKWARDS
+                    state[FOUND] = time
+                    break
+                last = time
+                t[made] = time
+                x[made] = column
+                y[made] = row
+                p[made] = 2 * kind - 1
+                made += 1
+        elif kind == 8:
+            new = word & (_WRAP - 1)
+            if high < 0:
+                high = new
+            else:
+                before = high % _WRAP
+                turn = _WRAP if before - new >= _WRAP // 2 else 0
+                high += turn + new - before
+        elif kind != 0xA and kind != 0xE and kind != 0xF:
+            found = BAD_WORD
+            break
+        i += 1
+    state[HIGH] = high
+    state[LAST_US] = last
+    return i, made, found
+
+
+_CODEC = evt.Codec("EVT2", "2.0", np.uint32, encode, decode)
+
+
+def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
+    """Write an EVT2 file; see `evt.write`."""
+    return evt.write(path, header, parts, _CODEC)
+
+
+def read_header(path: Path) -> Header:
+    """Read an EVT2 file's header; see `evt.read_header`."""
+    return evt.read_header(path, _CODEC)
+
+
+def read(path: Path, header: Header) -> Iterator[Events]:
+    """Read an EVT2 file; see `evt.read`."""
+    return evt.read(path, header, _CODEC)

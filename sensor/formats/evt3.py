@@ -1,0 +1,244 @@
+"""Prophesee EVT3: 16-bit words that say only what has changed since the word before.
+
+    15..12  11      10..0
+    0               y           row of what follows
+    2       p       x           an event
+    3       p       x           where the vectors that follow start
+    4       12 bits             vector: an event at start + i for each set bit i; start += 12
+    5       8 bits              vector: the same with 8; start += 8
+    6       t, low 12           microseconds
+    8       t, high 12          microseconds / 4096, modulo 4096
+
+Words of triggers (A), inertial data (D), others (E) and continuations (7, F) are passed over.
+Vectors are written in groups of 12, 12 and 8 within the sensor's width, as cameras do and OpenEB's
+decoder takes for granted, where that is shorter than single events. See
+https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numba
+import numpy as np
+
+from sensor.events import Events
+from sensor.formats import evt
+from sensor.formats.evt import (
+    BACKWARDS,
+    BAD_WORD,
+    BAD_X,
+    BAD_Y,
+    BASE_P,
+    BASE_X,
+    DONE,
+    FOUND,
+    FULL,
+    HIGH,
+    LAST_US,
+    LOW,
+    NO_BASE,
+    SKIPPED,
+    Y,
+)
+from sensor.formats.header import Header
+
+_WRAP = 1 << 12  # values of the high part
+_STRIDE = 1 << 10  # how far the high part moves at most in one word: some decoders refuse leaps
+_MOST_WORDS = 6  # for one event or one group of vectors: time, row, start, three vectors
+
+
+@numba.njit(cache=True, nogil=True)
+def encode(
+    t,  # (n,) int64 us
+    x,  # (n,) uint16
+    y,
+    p,  # (n,) bool, brighter
+    width,
+    state,
+    words,  # (m,) uint16 out
+):
+    """Return (events taken, words made)."""
+    made = 0
+    i = 0
+    while i < t.size and made + _MOST_WORDS <= words.size:
+        high = state[HIGH]
+        target = t[i] >> 12
+        if high < target:
+            # The first is 0, and no turn of the clock is left out: readers count them.
+            if high < 0 or high % _STRIDE == _STRIDE - 1:
+                high += 1
+            else:
+                high = min(target, high | (_STRIDE - 1))
+            words[made] = (8 << 12) | (high % _WRAP)
+            made += 1
+            state[HIGH] = high
+            state[LOW] = -1
+            continue
+        low = t[i] & 0xFFF
+        if low != state[LOW]:
+            words[made] = (6 << 12) | low
+            made += 1
+            state[LOW] = low
+        row = np.int64(y[i])
+        if row != state[Y]:
+            words[made] = row
+            made += 1
+            state[Y] = row
+        first = np.int64(x[i])
+        polarity = np.int64(p[i])
+        # Events that one group of vectors can hold: from left to right, within 32 pixels.
+        bits = np.int64(1)
+        after = i + 1
+        if first + 32 <= width:
+            while (
+                after < t.size
+                and t[after] == t[i]
+                and y[after] == y[i]
+                and p[after] == p[i]
+                and x[after] > x[after - 1]
+                and np.int64(x[after]) < first + 32
+            ):
+                bits |= np.int64(1) << (np.int64(x[after]) - first)
+                after += 1
+        new_base = state[BASE_X] != first or state[BASE_P] != polarity
+        if after - i > 3 + np.int64(new_base):
+            if new_base:
+                words[made] = (3 << 12) | (polarity << 11) | first
+                made += 1
+            words[made] = (4 << 12) | (bits & 0xFFF)
+            words[made + 1] = (4 << 12) | ((bits >> 12) & 0xFFF)
+            words[made + 2] = (5 << 12) | (bits >> 24)
+            made += 3
+            state[BASE_X] = first + 32
+            state[BASE_P] = polarity
+            i = after
+        else:
+            words[made] = (2 << 12) | (polarity << 11) | first
+            made += 1
+            i += 1
+    return i, made
+
+
+@numba.njit(cache=True, nogil=True)
+def decode(
+    words,  # (m,) uint16
+    width,
+    height,
+    state,
+    t,  # (n,) int64 us, out
+    x,  # (n,) uint16, out
+    y,
+    p,  # (n,) int8, out
+):
+    """Return (words taken, events made, what was found)."""
+    made = 0
+    high = state[HIGH]
+    low = state[LOW]
+    row = state[Y]
+    base = state[BASE_X]
+    base_p = state[BASE_P]
+    last = state[LAST_US]
+    found = DONE
+    i = 0
+    while i < words.size:
+        word = np.int64(words[i])
+        kind = word >> 12
+        if kind == 2 or kind == 4 or kind == 5:
+            if kind == 2:
+                size = 1
+                bits = np.int64(1)
+                first = word & 0x7FF
+                polarity = (word >> 11) & 1
+            else:
+                size = 12 if kind == 4 else 8
+                bits = word & ((1 << size) - 1)
+                first = base
+                polarity = base_p
+            if high < 0 or row < 0:
+                while bits:
+                    state[SKIPPED] += bits & 1
+                    bits >>= 1
+            else:
+                if made + size > t.size:
+                    found = FULL
+                    break
+                time = (high << 12) | low
+                if first < 0:
+                    found = NO_BASE
+                    break
+                if row >= height:
+                    found = BAD_Y
+                    state[FOUND] = row
+                    break
+                if time < last:
+                    found = BACKWARDS
+                    state[FOUND] = time
+                    break
+                column = first
+                while bits:
+                    if bits & 1:
+                        if column >= width:
+                            found = BAD_X
+                            state[FOUND] = column
+                            break
+                        t[made] = time
+                        x[made] = column
+                        y[made] = row
+                        p[made] = 2 * polarity - 1
+                        made += 1
+                        last = time
+                    bits >>= 1
+                    column += 1
+                if found == BAD_X:
+                    break
+            if kind != 2 and base >= 0:
+                base += size
+        elif kind == 6:
+            low = word & 0xFFF
+        elif kind == 0:
+            row = word & 0x7FF
+        elif kind == 8:
+            new = word & (_WRAP - 1)
+            if high < 0:
+                high = new
+                low = 0
+            else:
+                before = high % _WRAP
+                if new != before:
+                    turn = _WRAP if before - new >= _WRAP // 2 else 0
+                    high += turn + new - before
+                    low = 0
+        elif kind == 3:
+            base = word & 0x7FF
+            base_p = (word >> 11) & 1
+        elif kind != 7 and kind != 0xA and kind < 0xD:
+            found = BAD_WORD
+            break
+        i += 1
+    state[HIGH] = high
+    state[LOW] = low
+    state[Y] = row
+    state[BASE_X] = base
+    state[BASE_P] = base_p
+    state[LAST_US] = last
+    return i, made, found
+
+
+_CODEC = evt.Codec("EVT3", "3.0", np.uint16, encode, decode)
+
+
+def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
+    """Write an EVT3 file; see `evt.write`."""
+    return evt.write(path, header, parts, _CODEC)
+
+
+def read_header(path: Path) -> Header:
+    """Read an EVT3 file's header; see `evt.read_header`."""
+    return evt.read_header(path, _CODEC)
+
+
+def read(path: Path, header: Header) -> Iterator[Events]:
+    """Read an EVT3 file; see `evt.read`."""
+    return evt.read(path, header, _CODEC)

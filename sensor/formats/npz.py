@@ -1,0 +1,216 @@
+"""npz: the columns as numpy arrays, uncompressed, for `numpy.load`.
+
+`t_us` int64, `x` and `y` uint16, `p` int8 (+1, -1), `width`, `height`, and as JSON text
+`sensor_model` (where the events have one) and `origin`.
+"""
+
+from __future__ import annotations
+
+import shutil
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from errno import EINVAL
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from sensor.errors import EventError, EventFormatError
+from sensor.events import Events
+from sensor.formats import parts as cut
+from sensor.formats.header import (
+    Header,
+    model_from_json,
+    model_to_json,
+    origin_from_json,
+    origin_to_json,
+)
+
+_COLUMNS: dict[str, np.dtype[Any]] = {
+    "t_us": np.dtype("<i8"),
+    "x": np.dtype("<u2"),
+    "y": np.dtype("<u2"),
+    "p": np.dtype("i1"),
+}
+_MAX_TEXT_BYTES = 1 << 20
+_COPY_BYTES = 1 << 20
+_DATE = (1980, 1, 1, 0, 0, 0)  # zip's first: the file depends on its events alone
+
+
+def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
+    """Write an npz file; returns the number of events.
+
+    The columns go to nameless temporary files beside it first, since a stream has no length before
+    it ends and an array's length stands before its values: twice the file's space is needed.
+    """
+    count = 0
+    with ExitStack() as stack:
+        spilled = {
+            name: stack.enter_context(tempfile.TemporaryFile(dir=path.parent)) for name in _COLUMNS
+        }
+        for part in parts:
+            for name, file in spilled.items():
+                column = np.ascontiguousarray(getattr(part, name), dtype=_COLUMNS[name])
+                file.write(column.data)
+            count += len(part)
+        archive = stack.enter_context(zipfile.ZipFile(path, "w", zipfile.ZIP_STORED))
+        texts = {"origin": origin_to_json(header.origin)}
+        if header.model is not None:
+            texts["sensor_model"] = model_to_json(header.model)
+        for name, value in {"width": header.width, "height": header.height, **texts}.items():
+            with archive.open(zipfile.ZipInfo(f"{name}.npy", _DATE), "w") as entry:
+                np.lib.format.write_array(entry, np.array(value), allow_pickle=False)
+        for name, file in spilled.items():
+            described = {
+                "descr": np.lib.format.dtype_to_descr(_COLUMNS[name]),
+                "fortran_order": False,
+                "shape": (count,),
+            }
+            info = zipfile.ZipInfo(f"{name}.npy", _DATE)
+            with archive.open(info, "w", force_zip64=True) as entry:
+                np.lib.format.write_array_header_1_0(entry, described)
+                file.seek(0)
+                shutil.copyfileobj(file, entry, _COPY_BYTES)
+    return count
+
+
+@contextmanager
+def _said(where: str) -> Iterator[None]:
+    """Say in our words, and where, what `zipfile`, `zlib` and numpy say of damage in theirs."""
+    try:
+        yield
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        ValueError,
+        EOFError,
+        NotImplementedError,  # compression or zip version unknown
+        RuntimeError,  # encrypted
+        struct.error,
+        OverflowError,
+        SyntaxError,
+        OSError,
+    ) as error:
+        # A place that no file can have is damage; what else the system says is its own matter.
+        if isinstance(error, EventError) or getattr(error, "errno", None) not in (None, EINVAL):
+            raise
+        raise EventFormatError(f"{where}: {error or type(error).__name__}") from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    with ExitStack() as stack:
+        with _said("zip directory"):
+            archive = stack.enter_context(zipfile.ZipFile(path))
+        yield archive
+
+
+def _open_entry(archive: zipfile.ZipFile, name: str) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
+    """An entry at its first value, its shape and its dtype."""
+    try:
+        info = archive.getinfo(f"{name}.npy")
+    except KeyError:
+        raise EventFormatError(f"entry {name}: missing") from None
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise EventFormatError(f"entry {name}: compressed in a way that numpy does not use")
+    with _said(f"entry {name}"):
+        entry = archive.open(info)
+        version = np.lib.format.read_magic(entry)
+        if version != (1, 0):
+            raise EventFormatError(f"entry {name}: found npy version {version}, expected (1, 0)")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
+    if fortran and len(shape) > 1:
+        raise EventFormatError(f"entry {name}: found shape {shape} in Fortran's order")
+    return entry, shape, dtype
+
+
+def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
+    """A number or text without dimensions; None where there is none of that name."""
+    if f"{name}.npy" not in archive.namelist():
+        return None
+    entry, shape, dtype = _open_entry(archive, name)
+    with entry, _said(f"entry {name}"):
+        if shape != () or dtype.kind not in kind or dtype.itemsize > _MAX_TEXT_BYTES:
+            raise EventFormatError(
+                f"entry {name}: found {dtype} of shape {shape}, expected one value"
+            )
+        data = entry.read()
+        if len(data) != dtype.itemsize:
+            raise EventFormatError(f"entry {name}: found {len(data)} bytes of {dtype.itemsize}")
+        return np.frombuffer(data, dtype)[0].item()
+
+
+def read_header(path: Path) -> Header:
+    """Read an npz file's size, model and origin.
+
+    Raises
+    ------
+    EventFormatError
+        It is no zip file, or one of these entries is damaged.
+    """
+    with _opened(path) as archive:
+        width, height = (_read_scalar(archive, name, "iu") for name in ("width", "height"))
+        model, origin = (_read_scalar(archive, name, "U") for name in ("sensor_model", "origin"))
+    return Header(
+        width if isinstance(width, int) else None,
+        height if isinstance(height, int) else None,
+        model_from_json(model) if isinstance(model, str) else None,
+        origin_from_json(origin) if isinstance(origin, str) else {},
+    )
+
+
+def read(path: Path, header: Header) -> Iterator[Events]:
+    """Yield the events of an npz file, at least one part.
+
+    Raises
+    ------
+    EventFormatError
+        A column is missing, of another dtype or length, damaged, or not a valid stream.
+    """
+    width, height = header.width or 0, header.height or 0
+    with _opened(path) as archive, ExitStack() as stack:
+        entries = {}
+        length = None
+        for name, expected in _COLUMNS.items():
+            entry, shape, dtype = _open_entry(archive, name)
+            entries[name] = stack.enter_context(entry)
+            wrong_length = length is not None and shape != (length,)
+            if dtype != expected or len(shape) != 1 or wrong_length:
+                raise EventFormatError(
+                    f"entry {name}: found {dtype} of shape {shape}, expected {expected} of shape "
+                    f"({'N' if length is None else length},)"
+                )
+            length = shape[0]
+        yield cut.no_events(width, height, header.model)
+        done = 0
+        last_us = np.iinfo(np.int64).min
+        while done < (length or 0):
+            count = min(cut.PART_EVENTS, (length or 0) - done)
+            columns = {}
+            for name, entry in entries.items():
+                with _said(f"entry {name}, from event {done}"):
+                    data = entry.read(count * _COLUMNS[name].itemsize)
+                if len(data) != count * _COLUMNS[name].itemsize:
+                    raise EventFormatError(
+                        f"entry {name}: ends after event {done}, expected {length}"
+                    )
+                columns[name] = np.frombuffer(data, _COLUMNS[name])
+            try:
+                part = Events(**columns, width=width, height=height, model=header.model)
+            except EventError as error:
+                raise EventFormatError(f"events from {done}: {error}") from error
+            if part.t_us[0] < last_us:
+                raise EventFormatError(
+                    f"event {done}: found time {part.t_us[0]} us after {last_us} us"
+                )
+            last_us = int(part.t_us[-1])
+            done += count
+            yield part
+        for name, entry in entries.items():
+            with _said(f"entry {name}"):  # reading on to the end compares its checksum
+                if entry.read(1):
+                    raise EventFormatError(f"entry {name}: goes on after {length} values")

@@ -1,0 +1,68 @@
+"""Parts of a stream: cut anew for writing, checked where they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from sensor.errors import EventFormatError
+from sensor.events import Events, concatenate
+from sensor.model import SensorModel
+
+PART_EVENTS = 1 << 20  # events in memory at a time, when reading and when writing
+
+
+def no_events(width: int, height: int, model: SensorModel | None) -> Events:
+    """An empty stream of a sensor."""
+    x, y = np.empty((2, 0), np.uint16)
+    return Events(np.empty(0, np.int64), x, y, np.empty(0, np.int8), width, height, model)
+
+
+def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
+    """The same events in parts of exactly `PART_EVENTS`, the last one what remains.
+
+    What a writer makes of a stream then depends on its events alone, not on how it was cut. An
+    empty stream is one empty part.
+
+    Raises
+    ------
+    EventFormatError
+        There are no parts, so no size; or a part is earlier than the one before it, of another
+        sensor, or no `Events`.
+    """
+    held: list[Events] = []
+    count = 0
+    first: Events | None = None
+    last_us: int | None = None
+    for k, part in enumerate(parts):
+        if not isinstance(part, Events):
+            raise EventFormatError(f"part {k}: found {type(part).__name__}, expected Events")
+        if first is None:
+            first = part
+        elif (part.width, part.height, part.model) != (first.width, first.height, first.model):
+            raise EventFormatError(
+                f"part {k}: found a sensor of {part.width}x{part.height} px, {part.model}, "
+                f"expected {first.width}x{first.height} px, {first.model}, as in part 0"
+            )
+        if len(part) == 0:
+            continue
+        if last_us is not None and part.t_us[0] < last_us:
+            raise EventFormatError(
+                f"part {k}: starts at {part.t_us[0]} us, expected no earlier than {last_us} us, "
+                "where the part before it ends"
+            )
+        last_us = int(part.t_us[-1])
+        while count + len(part) >= PART_EVENTS:
+            cut = PART_EVENTS - count
+            yield concatenate([*held, part[:cut]])
+            held, count, part = [], 0, part[cut:]
+        if len(part):
+            held.append(part)
+            count += len(part)
+    if first is None:
+        raise EventFormatError("parts: found none, expected at least one, which may be empty")
+    if held:
+        yield concatenate(held)
+    elif last_us is None:
+        yield first[:0]

@@ -1,0 +1,123 @@
+"""Reading frames and their times: checked, a few at a time, without a copy where possible."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sensor.errors import SensorError
+
+Frames = NDArray[np.floating] | Iterable[NDArray[np.floating]]
+
+
+def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
+    """Frame times as (T,) float64 seconds.
+
+    Raises
+    ------
+    SensorError
+        They are not one finite, strictly increasing sequence; the text names the first offender.
+    """
+    times = np.asarray(t_s, dtype=np.float64)
+    if times.ndim != 1 or times.size == 0:
+        raise SensorError(f"t_s: found shape {times.shape}, expected (T,) with T of at least 1")
+    bad = np.flatnonzero(~np.isfinite(times))
+    if bad.size:
+        raise SensorError(f"t_s[{bad[0]}]: found {times[bad[0]]}, expected a time in seconds")
+    bad = np.flatnonzero(np.diff(times) <= 0)
+    if bad.size:
+        k = int(bad[0]) + 1
+        raise SensorError(
+            f"t_s[{k}]: found {times[k]} after {times[k - 1]}, expected strictly increasing times"
+        )
+    return times
+
+
+class FrameReader:
+    """Frames in order: `first`, then `chunks`, of one size and a float type."""
+
+    def __init__(self, frames: Frames, count: int) -> None:
+        self._count = count
+        self._array: NDArray[np.floating] | None = None
+        self._rest: Iterator[NDArray[np.floating]] = iter(())
+        if isinstance(frames, np.ndarray):
+            if frames.ndim != 3 or len(frames) != count:
+                raise SensorError(
+                    f"frames: found shape {frames.shape}, expected ({count}, H, W): "
+                    "one frame for each entry of t_s"
+                )
+            self._array = frames
+            first = frames[0]
+        else:
+            self._rest = iter(frames)
+            try:
+                first = np.asarray(next(self._rest))
+            except StopIteration:
+                raise SensorError(f"frames: found none, expected {count}") from None
+        self.shape: tuple[int, ...] = first.shape
+        self.first = self._checked(first[None], 0)[0]
+        refuse_bad_radiance(self.first[None], 0)
+
+    def chunks(self, size: int) -> Iterator[NDArray[np.floating]]:
+        """The frames after the first as arrays (F, H, W), F at most `size`.
+
+        Raises
+        ------
+        SensorError
+            A frame of another size or dtype; fewer or more frames than times. Whether their
+            radiance is one is for the kernels to see, which read it anyway.
+        """
+        done = 1
+        while done < self._count:
+            wanted = min(size, self._count - done)
+            if self._array is not None:
+                chunk = self._array[done : done + wanted]
+            else:
+                parts = [np.asarray(f) for f in itertools.islice(self._rest, wanted)]
+                for k, part in enumerate(parts):
+                    if part.shape != self.shape:
+                        raise SensorError(
+                            f"frame {done + k}: found shape {part.shape}, "
+                            f"expected {self.shape} as the first"
+                        )
+                if len(parts) < wanted:
+                    raise SensorError(
+                        f"frames: ended after {done + len(parts)}, "
+                        f"expected {self._count}, one for each entry of t_s"
+                    )
+                chunk = np.stack(parts)
+            yield self._checked(chunk, done)
+            done += wanted
+        if next(self._rest, None) is not None:
+            raise SensorError(f"frames: found more than {self._count}, the length of t_s")
+
+    def _checked(self, chunk: NDArray[np.floating], index: int) -> NDArray[np.floating]:
+        if chunk.ndim != 3 or chunk.size == 0:
+            raise SensorError(f"frame {index}: found shape {chunk.shape[1:]}, expected (H, W)")
+        if chunk.dtype.kind != "f":
+            raise SensorError(
+                f"frame {index}: found {chunk.dtype}, expected linear radiance as float32 or "
+                "float64; integer images are gamma-coded as a rule and must be linearised first"
+            )
+        wide = chunk.dtype if chunk.dtype == np.float64 else np.dtype(np.float32)
+        return np.ascontiguousarray(chunk, dtype=wide)
+
+
+def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
+    """Raise for the first pixel of a chunk (F, H, W) whose radiance is negative or not finite.
+
+    Raises
+    ------
+    SensorError
+        Names the frame, `index` being that of the chunk's first, the pixel and what was found.
+    """
+    bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))  # NaN fails both comparisons
+    if bad.size:
+        f, y, x = bad[0]
+        raise SensorError(
+            f"frame {index + f}, pixel x={x} y={y}: found radiance {chunk[f, y, x]}, "
+            "expected a finite number of at least 0"
+        )

@@ -1,0 +1,911 @@
+"""Every jitted kernel of the pixel: the paper's equations, one after the other.
+
+Between two frames the log intensity u is a straight line in time. One *setting* is a pixel's
+electronics together with a time axis: contrast threshold C, photoreceptor poles a = 2 pi f_cutoff,
+and the frames' times. Kernels walk over blocks of pixels and take each block through several frame
+intervals of every setting before going on, so that a block's state stays in the second-level cache.
+
+A pixel's state at a frame time, float64:
+
+u      log intensity, log(I + I_dark)
+v1, v2 outputs of the photoreceptor's two poles; v2 is the voltage L of Eq. (1)
+memory the level that v2 is compared with
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+# "contract" lets a * b + c become one rounding; nothing else about float64 is relaxed.
+jit = numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+
+# An event while it waits to be sorted, in one uint64: microseconds since the start of its frame
+# interval, polarity, row, column.
+TIME_SHIFT = np.uint64(33)
+POLARITY_SHIFT = np.uint64(32)
+ROW_SHIFT = np.uint64(16)
+COORDINATE_MASK = np.uint64(0xFFFF)
+BRIGHTER = np.uint64(1) << POLARITY_SHIFT
+DARKER = np.uint64(0)
+PLACE_MASK = np.uint64(0xFFFFFFFF)
+MAX_INTERVAL_US = (1 << 31) - 2
+
+# How far a frame interval's step reaches, one row of `step` for each setting and interval.
+DT_S, X, E, V1_U0, V1_U1, V2_V1, V2_U0, V2_U1 = range(8)
+STEP_SIZE = 8
+
+# A setting's electronics, one row of `electronics` each.
+POLES, LEAK_PER_S, NOISE_HZ, NOISE_EXPONENT, LIGHT_A = range(5)
+ELECTRONICS_SIZE = 5
+
+
+@intrinsic
+def _bits_of(typingctx, x):
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], ir.IntType(64))
+
+    return types.int64(types.float64), codegen
+
+
+@intrinsic
+def _float_of(typingctx, bits):
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], ir.DoubleType())
+
+    return types.float64(types.int64), codegen
+
+
+@jit
+def log(x):
+    """Natural logarithm of a positive, normal float64, to 1 ulp, in a form that vectorises.
+
+    The reduction and polynomial of FreeBSD's msun e_log.c: x = 2^k (1 + f), sqrt(1/2) <= 1 + f <
+    sqrt(2), s = f / (2 + f).
+    """
+    shifted = _bits_of(x) + (0x3FF0000000000000 - 0x3FE6A09E00000000)
+    biased = (shifted >> 52) & 0x7FF
+    f = _float_of((shifted & 0xFFFFFFFFFFFFF) + 0x3FE6A09E00000000) - 1.0
+    k = _float_of(biased | 0x4330000000000000) - (4503599627370496.0 + 1023.0)
+    s = f / (2.0 + f)
+    z = s * s
+    w = z * z
+    odd = w * (
+        3.999999999940941908e-01 + w * (2.222219843214978396e-01 + w * 1.531383769920937332e-01)
+    )
+    even = z * (
+        6.666666666666735130e-01
+        + w
+        * (2.857142874366239149e-01 + w * (1.818357216161805012e-01 + w * 1.479819860511658591e-01))
+    )
+    half_square = 0.5 * f * f
+    return k * 6.93147180369123816490e-01 - (
+        (half_square - (s * (half_square + odd + even) + k * 1.90821492927058770002e-10)) - f
+    )
+
+
+@jit
+def exp_minus(y):
+    """exp(-y) for y >= 0, to 1 ulp or so, in a form that vectorises.
+
+    exp(-y) = 2^-k exp(r) with k an integer and |r| <= ln(2) / 2; exp(r) by its Taylor series.
+    """
+    shifted = min(y, 700.0) * 1.4426950408889634 + 6755399441055744.0  # k in the lowest bits
+    k = shifted - 6755399441055744.0
+    r = (k * 6.93147180369123816490e-01 - min(y, 700.0)) + k * 1.90821492927058770002e-10
+    p = 1.0 / 479001600.0
+    p = p * r + 1.0 / 39916800.0
+    p = p * r + 1.0 / 3628800.0
+    p = p * r + 1.0 / 362880.0
+    p = p * r + 1.0 / 40320.0
+    p = p * r + 1.0 / 5040.0
+    p = p * r + 1.0 / 720.0
+    p = p * r + 1.0 / 120.0
+    p = p * r + 1.0 / 24.0
+    p = p * r + 1.0 / 6.0
+    p = p * r + 0.5
+    p = p * r + 1.0
+    p = p * r + 1.0
+    return p * _float_of((1023 - (_bits_of(shifted) & 0x7FF)) << 52)
+
+
+@jit
+def integrate_area(
+    frame,  # (H, W)
+    row_first,  # overlaps of the rows, as `optics.area_weights` gives them
+    row_count,
+    row_weight,
+    col_first,  # and of the columns
+    col_count,
+    col_weight,
+    out,  # (height, width) out
+):
+    """I = k * E, Eq. (3): the mean over each pixel's area, rows first.
+
+    Returns whether all radiance is finite and at least 0.
+    """
+    good = True
+    height, width = out.shape
+    line = np.empty(frame.shape[1])
+    for y in range(height):
+        line[:] = 0.0
+        for j in range(row_count[y]):
+            weight = row_weight[y, j]
+            source = frame[row_first[y] + j]
+            for x in range(line.size):
+                good &= (source[x] >= 0.0) & (source[x] < np.inf)
+                line[x] += weight * source[x]
+        for x in range(width):
+            total = 0.0
+            for j in range(col_count[x]):
+                total += col_weight[x, j] * line[col_first[x] + j]
+            out[y, x] = total
+    return good
+
+
+@jit
+def log_intensity(
+    radiance,  # (n,) linear radiance
+    dark,  # I_dark
+    u,  # (n,) out
+):
+    """u = log(I + I_dark). Returns whether all radiance is finite and at least 0."""
+    good = True
+    for i in range(u.size):
+        good &= (radiance[i] >= 0.0) & (radiance[i] < np.inf)
+        u[i] = log(radiance[i] + dark)
+    return good
+
+
+def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> np.ndarray:
+    """Coefficients that take the poles exactly over one frame interval.
+
+    For the input u0 + s t, with x = a dt, e = exp(-x) and phi = (1 - e) / x, the closed forms
+    v1(dt) = u0 + s dt - s/a + A e and v2(dt) = u0 + s dt - 2 s/a + (B + A x) e are linear in the
+    state and in both frames' u. With a single pole, v2 follows v1's form.
+    """
+    step = np.zeros(STEP_SIZE)
+    step[DT_S] = dt_s
+    if math.isinf(cutoff_hz):
+        return step
+    x = 2.0 * math.pi * cutoff_hz * dt_s
+    e = math.exp(-x)
+    phi = -math.expm1(-x) / x
+    step[X], step[E] = x, e
+    step[V1_U0], step[V1_U1] = phi - e, 1.0 - phi
+    if poles == 1:
+        step[V2_U0], step[V2_U1] = step[V1_U0], step[V1_U1]
+        return step
+    step[V2_V1], step[V2_U1] = x * e, 1.0 + e - 2.0 * phi
+    step[V2_U0] = 1.0 - e - x * e - step[V2_U1]
+    return step
+
+
+@jit
+def poles_to_end(u0, u1, v1, v2, step, v1_end, v2_end, x, e):
+    """Take the poles over one interval; x and e of every pixel are the step's."""
+    step_x, step_e = step[X], step[E]
+    v1_u0, v1_u1 = step[V1_U0], step[V1_U1]
+    v2_v1, v2_u0, v2_u1 = step[V2_V1], step[V2_U0], step[V2_U1]
+    for i in range(u0.size):
+        v1_end[i] = step_e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_end[i] = step_e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
+        x[i] = step_x
+        e[i] = step_e
+
+
+@jit
+def poles_to_end_in_own_light(u0, u1, v1, v2, dt_s, electronics, v1_end, v2_end, x, e):
+    """As `poles_to_end`, for a cutoff proportional to the light: a = LIGHT_A (I + I_dark).
+
+    Over an interval the cutoff is held at that of the middle of its log intensity.
+    """
+    two = electronics[POLES] == 2.0
+    for i in range(u0.size):
+        xi = electronics[LIGHT_A] * dt_s * math.exp(0.5 * (u0[i] + u1[i]))
+        ei = math.exp(-xi)
+        phi = -math.expm1(-xi) / xi
+        x[i] = xi
+        e[i] = ei
+        v1_end[i] = ei * v1[i] + (phi - ei) * u0[i] + (1.0 - phi) * u1[i]
+        if two:
+            ramp = 1.0 + ei - 2.0 * phi
+            v2_end[i] = (
+                ei * v2[i] + xi * ei * v1[i] + (1.0 - ei - xi * ei - ramp) * u0[i] + ramp * u1[i]
+            )
+        else:
+            v2_end[i] = ei * v2[i] + (phi - ei) * u0[i] + (1.0 - phi) * u1[i]
+
+
+@jit
+def flag_ideal(u1, drift, memory, C_on, C_off, flag):
+    """Flag the pixels whose straight line ends outside (memory - C_off, memory + C_on).
+
+    `drift` is what the memory leaks away over the interval, seen as a rise of the light.
+    """
+    for i in range(flag.size):
+        end = u1[i] + drift - memory[i]
+        flag[i] = (end >= C_on[i]) | (-end >= C_off[i])
+
+
+@jit
+def flag_filtered(u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C_off, flag):
+    """Flag the pixels where v2 may leave (memory - C_off, memory + C_on) during an interval.
+
+    v2 can leave the band in mid-interval and come back, so its end alone does not decide; but it
+    has not if any of three bounds keeps it inside. With y = a t, the n-th derivative of v2, n > 1,
+    is (-1)^n (B - n A + A y) e^{-y}, hence
+
+    1. v2 is monotone when neither its slope nor its curvature changes sign between the ends,
+    2. it stays within x^2 / 8 times its largest curvature of its chord,
+    3. and within x^4 / 384 times its largest 4th derivative of its cubic Hermite interpolant,
+       which stays between the least and the greatest of its Bezier points.
+
+    No flag is proof of no event.
+    """
+    second = poles - 1.0
+    for i in range(flag.size):
+        inverse_x = 1.0 / x[i]
+        S = (u1[i] - u0[i]) * inverse_x
+        A = second * (v1[i] - u0[i] + S)
+        B = v2[i] - u0[i] + poles * S
+        Ax = A * x[i]
+        rise = S + drift * inverse_x
+        slope_start = rise + A - B
+        slope_end = rise + (A - B - Ax) * e[i]
+        curvature_start = B - 2.0 * A
+        curvature_end = curvature_start + Ax  # times e^{-x}, which is at most 1
+        fourth = B - 4.0 * A
+        start = v2[i] - memory[i]
+        end = v2_end[i] + drift - memory[i]
+        third = x[i] * (1.0 / 3.0)
+        inner_0 = start + third * slope_start
+        inner_1 = end - third * slope_end
+        square = x[i] * x[i]
+        off_chord = square * (1.0 / 8.0) * max(abs(curvature_start), abs(curvature_end))
+        off_cubic = square * square * (1.0 / 384.0) * max(abs(fourth), abs(fourth + Ax))
+        top = max(start, end)
+        bottom = min(start, end)
+        over = (top + off_chord >= C_on[i]) & (
+            max(top, max(inner_0, inner_1)) + off_cubic >= C_on[i]
+        )
+        under = (off_chord - bottom >= C_off[i]) & (
+            off_cubic - min(bottom, min(inner_0, inner_1)) >= C_off[i]
+        )
+        turns = (curvature_start * curvature_end < 0.0) | (slope_start * slope_end < 0.0)
+        flag[i] = (end >= C_on[i]) | (-end >= C_off[i]) | (turns & (over | under))
+
+
+# A crossing to be solved, one column each: v2(y) = level for y in [LOW, HIGH], v2 monotone there.
+# v2(y) = BASE + RISE y + (B + A y) e^{-y}, y = a t: with S = s/a and k poles BASE is u0 - k S, and
+# RISE is S plus what the memory leaks.
+BASE, RISE, POLE_A, POLE_B, LEVEL, LOW, HIGH, V_LOW, V_HIGH, INVERSE_A, ROOT = range(11)
+CROSSING_SIZE = 11
+CROSSING_BATCH = 512
+
+
+@jit
+def v2_at(y, base, rise, A, B):
+    """v2 at y = a t."""
+    return base + rise * y + (B + A * y) * exp_minus(y)
+
+
+@jit
+def v2_slope_at(y, rise, A, B):
+    """dv2/dy at y = a t."""
+    return rise + (A - B - A * y) * exp_minus(y)
+
+
+@jit
+def turning_point(low, high, slope_low, slope_high, rise, A, B):
+    """Root of v2's slope between low and high, where it changes its sign exactly once.
+
+    Newton's method from the chord's root, kept inside a shrinking bracket. It doubles the digits,
+    and v2 is flat here: a step below 1e-4 leaves v2 with an error near 1e-16.
+    """
+    falling = slope_low > 0.0
+    y = low + (high - low) * (slope_low / (slope_low - slope_high))
+    for _ in range(60):
+        decay = exp_minus(y)
+        slope = rise + (A - B - A * y) * decay
+        if (slope > 0.0) == falling:
+            low = y
+        else:
+            high = y
+        better = y - slope / ((B - 2.0 * A + A * y) * decay)
+        if not (low <= better <= high):
+            better = 0.5 * (low + high)
+        moved = abs(better - y)
+        y = better
+        if moved < 1e-4:
+            break
+    return y
+
+
+@jit
+def halley(y, level, base, rise, A, B):
+    """One step of Halley's method towards v2(y) = level. Returns (next y, error, near).
+
+    Near means that the next y is exact. With d = error / slope, about the distance left, the step
+    leaves about d^3 (v2'' / v2')^2, here below 1e-9, of 1/a. The step's own length would not do:
+    it is short near any turn of v2, wherever the level is.
+    """
+    decay = exp_minus(y)
+    error = base + rise * y + (B + A * y) * decay - level
+    slope = rise + (A - B - A * y) * decay
+    curvature = (B - 2.0 * A + A * y) * decay
+    step = 2.0 * error * slope / (2.0 * slope * slope - error * curvature)
+    distance = abs(error / slope)
+    bend = curvature / slope
+    near = (distance < 0.01) & (distance * distance * distance * bend * bend < 1e-9)
+    return y - step, error, near
+
+
+@jit
+def crossing(level, low, high, v_low, v_high, base, rise, A, B):
+    """y in [low, high] at which v2, monotone there, takes the level: slowly, but surely.
+
+    Halley's method from the chord's crossing, kept inside a shrinking bracket.
+    """
+    rising = v_high > v_low
+    y = low + (high - low) * ((level - v_low) / (v_high - v_low))
+    for _ in range(100):
+        better, error, near = halley(y, level, base, rise, A, B)
+        if (error < 0.0) == rising:
+            low = y
+        else:
+            high = y
+        if not (low <= better <= high):
+            better = 0.5 * (low + high)
+        y = better
+        if near or high - low < 1e-9:
+            break
+    return y
+
+
+@jit
+def solve_crossings(todo, count):
+    """Fill in the roots of the first `count` columns: three steps for all at once, in vectors.
+
+    The few that have not converged by then, near a turn of v2, are solved one by one.
+    """
+    base, rise, A, B, level = todo[BASE], todo[RISE], todo[POLE_A], todo[POLE_B], todo[LEVEL]
+    low, high, v_low, v_high = todo[LOW], todo[HIGH], todo[V_LOW], todo[V_HIGH]
+    root = todo[ROOT]
+    for k in range(count):
+        y = low[k] + (high[k] - low[k]) * ((level[k] - v_low[k]) / (v_high[k] - v_low[k]))
+        better, _, _ = halley(y, level[k], base[k], rise[k], A[k], B[k])
+        y = min(max(better, low[k]), high[k])
+        better, _, _ = halley(y, level[k], base[k], rise[k], A[k], B[k])
+        y = min(max(better, low[k]), high[k])
+        better, _, near = halley(y, level[k], base[k], rise[k], A[k], B[k])
+        # A root is a number of at least 0: less marks what is still to be done.
+        root[k] = min(max(better, low[k]), high[k]) if near else -1.0
+    for k in range(count):
+        if not root[k] >= 0.0:
+            root[k] = crossing(
+                level[k], low[k], high[k], v_low[k], v_high[k], base[k], rise[k], A[k], B[k]
+            )
+
+
+@jit
+def pack(t_s, start_us, end_us, polarity_and_position):
+    """One event as a sortable word; the one place where a float time becomes microseconds."""
+    t_us = min(np.int64(math.floor(t_s * 1e6 + 0.5)), end_us) - start_us
+    return (np.uint64(t_us) << TIME_SHIFT) | polarity_and_position
+
+
+@jit
+def list_flagged(flag, n, index):
+    """Write the indices of the flagged ones of n pixels; returns how many. No branch to mispredict.
+
+    `flag` is padded with False to whole words.
+    """
+    words = flag.view(np.uint64)
+    count = 0
+    for word in range((n + 7) // 8):
+        if words[word] != 0:
+            for i in range(8 * word, 8 * word + 8):
+                index[count] = i
+                count += flag[i]
+    return count
+
+
+@jit
+def events_of_lines(
+    flagged,
+    u0,
+    u1,
+    drift,
+    memory,
+    C_on,
+    C_off,
+    t0_s,
+    dt_s,
+    start_us,
+    end_us,
+    position,
+    pool,
+    used,
+):
+    """Fire the flagged ideal pixels over one interval: u is a straight line.
+
+    Returns how much of the pool is used, or -1 when it is full.
+    """
+    for i in flagged:
+        level = memory[i]
+        v_low, v_high = u0[i], u1[i] + drift
+        scale = dt_s / (v_high - v_low)
+        sign = 1.0 if v_high > level else -1.0
+        C = C_on[i] if v_high > level else C_off[i]
+        polarity = BRIGHTER if v_high > level else DARKER
+        while (v_high - level) * sign >= C:
+            if used == pool.size:
+                return -1
+            level += sign * C
+            t_s = t0_s + (level - v_low) * scale
+            pool[used] = pack(t_s, start_us, end_us, polarity | position[i])
+            used += 1
+        memory[i] = level
+    return used
+
+
+@jit
+def fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used):
+    """Solve the listed crossings and append them to the pool as events; -1 when it is full."""
+    if used + count > pool.size:
+        return -1
+    solve_crossings(todo, count)
+    for k in range(count):
+        t_s = t0_s + todo[ROOT, k] * todo[INVERSE_A, k]
+        pool[used + k] = pack(t_s, start_us, end_us, todo_words[k])
+    return used + count
+
+
+@jit
+def events_of_curves(
+    flagged,
+    u0,
+    u1,
+    v1,
+    v2,
+    v2_end,
+    x,
+    poles,
+    drift,
+    memory,
+    C_on,
+    C_off,
+    t0_s,
+    dt_s,
+    start_us,
+    end_us,
+    position,
+    todo,
+    todo_words,
+    pool,
+    used,
+):
+    """Fire the flagged filtered pixels over one interval: v2 is a curve.
+
+    The interval is cut where v2 turns, at most twice, and the levels that each monotone piece
+    crosses are listed; `fire` finds the times. Returns how much of the pool is used, or -1 when it
+    is full.
+    """
+    count = 0
+    for i in flagged:
+        whole = x[i]
+        S = (u1[i] - u0[i]) / whole
+        A = (poles - 1.0) * (v1[i] - u0[i] + S)
+        B = v2[i] - u0[i] + poles * S
+        base = u0[i] - poles * S
+        rise = S + drift / whole
+        slope_start = rise + A - B
+        slope_end = v2_slope_at(whole, rise, A, B)
+        # v2's slope has at most one turning point of its own; on both sides it is monotone.
+        cut_0, cut_1 = 0.0, whole
+        y_flat = (2.0 * A - B) / A if A != 0.0 else whole
+        if 0.0 < y_flat < whole:
+            slope_flat = v2_slope_at(y_flat, rise, A, B)
+            if slope_start * slope_flat < 0.0:
+                cut_0 = turning_point(0.0, y_flat, slope_start, slope_flat, rise, A, B)
+            if slope_flat * slope_end < 0.0:
+                cut_1 = turning_point(y_flat, whole, slope_flat, slope_end, rise, A, B)
+        elif slope_start * slope_end < 0.0:
+            cut_0 = turning_point(0.0, whole, slope_start, slope_end, rise, A, B)
+        level = memory[i]
+        low, v_low = 0.0, v2[i]
+        for piece in range(3):
+            high = cut_0 if piece == 0 else (cut_1 if piece == 1 else whole)
+            if high <= low:
+                continue
+            v_high = v2_end[i] + drift if high == whole else v2_at(high, base, rise, A, B)
+            sign = 1.0 if v_high > level else -1.0
+            C = C_on[i] if v_high > level else C_off[i]
+            polarity = BRIGHTER if v_high > level else DARKER
+            while (v_high - level) * sign >= C:
+                if count == CROSSING_BATCH:
+                    used = fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used)
+                    count = 0
+                    if used < 0:
+                        return -1
+                level += sign * C
+                todo[BASE, count] = base
+                todo[RISE, count] = rise
+                todo[POLE_A, count] = A
+                todo[POLE_B, count] = B
+                todo[LEVEL, count] = level
+                todo[LOW, count] = low
+                todo[HIGH, count] = high
+                todo[V_LOW, count] = v_low
+                todo[V_HIGH, count] = v_high
+                todo[INVERSE_A, count] = dt_s / whole
+                todo_words[count] = polarity | position[i]
+                count += 1
+            low, v_low = high, v_high
+        memory[i] = level
+    return fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used)
+
+
+@jit
+def random_bits(seed, pixel, frame, draw):
+    """64 random bits that depend on nothing but their four indices (SplitMix64, chained)."""
+    bits = np.uint64(seed)
+    for index in (np.uint64(pixel), np.uint64(frame), np.uint64(draw)):
+        bits = (bits ^ index) + np.uint64(0x9E3779B97F4A7C15)
+        bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        bits = bits ^ (bits >> np.uint64(31))
+    return bits
+
+
+@jit
+def uniform(seed, pixel, frame, draw):
+    """A random number in [0, 1)."""
+    return np.float64(random_bits(seed, pixel, frame, draw) >> np.uint64(11)) * 2.0**-53
+
+
+@jit
+def noise_events(
+    n,
+    u0,
+    log_dark,
+    electronics,
+    hot_hz,
+    seed,
+    first_pixel,
+    frame,
+    t0_s,
+    dt_s,
+    start_us,
+    end_us,
+    position,
+    pool,
+    begin,
+    used,
+):
+    """Add a Poisson process of events of either polarity to n pixels over one interval.
+
+    The rate is NOISE_HZ ((I + I_dark) / I_dark)^-NOISE_EXPONENT at the interval's start, and a hot
+    pixel's own. The interval's events so far, from `begin`, and these are merged in raster order.
+    Returns how much of the pool is used, or -1 when it is full.
+    """
+    signal_end = used
+    noise_hz, exponent = electronics[NOISE_HZ], electronics[NOISE_EXPONENT]
+    for i in range(n):
+        rate_hz = hot_hz[i] if hot_hz.size > 0 else 0.0
+        if noise_hz > 0.0:
+            rate_hz += noise_hz * math.exp(-exponent * (u0[i] - log_dark))
+        mean = rate_hz * dt_s
+        left = uniform(seed, first_pixel + i, frame, 0)
+        if left < 1.0 - mean:  # exp(-mean) is not less: as a rule, nothing happens
+            continue
+        probability = math.exp(-mean)
+        count = 0
+        while left >= probability and count < 1000:
+            left -= probability
+            count += 1
+            probability *= mean / count
+        for k in range(count):
+            if used == pool.size:
+                return -1
+            t_s = t0_s + dt_s * uniform(seed, first_pixel + i, frame, 2 * k + 1)
+            bit = random_bits(seed, first_pixel + i, frame, 2 * k + 2) & np.uint64(1)
+            pool[used] = pack(t_s, start_us, end_us, (bit << POLARITY_SHIFT) | position[i])
+            used += 1
+    signal = pool[begin:signal_end].copy()
+    noise = pool[signal_end:used].copy()
+    j, k = 0, 0
+    for out in range(begin, used):
+        take_signal = k == noise.size or (
+            j < signal.size and (signal[j] & PLACE_MASK) <= (noise[k] & PLACE_MASK)
+        )
+        if take_signal:
+            pool[out] = signal[j]
+            j += 1
+        else:
+            pool[out] = noise[k]
+            k += 1
+    return used
+
+
+DONE, FULL, BAD = range(3)
+
+
+@jit
+def advance_pixels(
+    radiance,  # (F, height * width) linear radiance at the ends of F intervals
+    dark,  # I_dark
+    width,  # px
+    pixel_start,
+    pixel_stop,  # the pixels this call is for, in raster order
+    block_px,
+    u_start,  # (height * width,) log intensity at the first interval's start; updated
+    v1,  # (S, height * width) or (S, 0) where no setting has a filter; updated
+    v2,
+    memory,  # (S, height * width); updated
+    C_on,  # (S, height * width) contrast thresholds, or (S, 1) where all pixels have the same
+    C_off,
+    hot_hz,  # (S, height * width) noise of hot pixels, or (S, 0) where there are none
+    electronics,  # (S, ELECTRONICS_SIZE)
+    filtered,  # (S,) bool
+    noisy,  # (S,) bool
+    seed,
+    first_frame,  # number of the first interval since the start, for the draws
+    steps,  # (S, F, STEP_SIZE)
+    t_s,  # (S, F + 1) frame times
+    base_us,  # (S, F + 1) frame times, rounded to microseconds
+    first_block,
+    first_setting,  # where to go on after the pool was enlarged
+    pool,  # (capacity,) uint64 packed events
+    segment,  # (blocks * S * F + 1,) int64: where in the pool each block, setting, interval starts
+):
+    """Take a band of pixels through F frame intervals of S settings.
+
+    Returns (outcome, block, setting). When the pool is FULL, nothing of that block and setting has
+    been changed, and the call can be repeated from there with a larger pool. BAD is radiance that
+    is negative or not finite.
+    """
+    F = radiance.shape[0]
+    S = memory.shape[0]
+    size = block_px
+    u = np.empty((F + 1, size))
+    memory_now = np.empty(size)
+    v1_now = np.empty((2, size))
+    v2_now = np.empty((2, size))
+    flag = np.zeros((size + 15) // 8 * 8, np.bool_)  # whole words, and one that ends the last
+    index = np.empty(flag.size, np.int64)
+    todo = np.empty((CROSSING_SIZE, CROSSING_BATCH))
+    todo_words = np.empty(CROSSING_BATCH, np.uint64)
+    position = np.empty(size, np.uint64)
+    x_now = np.empty(size)
+    e_now = np.empty(size)
+    C_on_now = np.empty(size)
+    C_off_now = np.empty(size)
+    blocks = (pixel_stop - pixel_start + block_px - 1) // block_px
+    for block in range(first_block, blocks):
+        start = pixel_start + block * block_px
+        n = min(block_px, pixel_stop - start)
+        pixels = slice(start, start + n)
+        flag[n:] = False
+        y, x = start // width, start % width
+        for i in range(n):
+            position[i] = np.uint64(y) << ROW_SHIFT | np.uint64(x)
+            x += 1
+            if x == width:
+                x = 0
+                y += 1
+        u[0, :n] = u_start[pixels]
+        for f in range(F):
+            if not log_intensity(radiance[f, pixels], dark, u[f + 1, :n]):
+                return BAD, block, 0
+        for s in range(first_setting if block == first_block else 0, S):
+            cell = (block * S + s) * F
+            used = segment[cell]
+            memory_now[:n] = memory[s, pixels]
+            if C_on.shape[1] == 1:
+                C_on_now[:n] = C_on[s, 0]
+                C_off_now[:n] = C_off[s, 0]
+            else:
+                C_on_now[:n] = C_on[s, pixels]
+                C_off_now[:n] = C_off[s, pixels]
+            if filtered[s]:
+                v1_now[0, :n] = v1[s, pixels]
+                v2_now[0, :n] = v2[s, pixels]
+            for f in range(F):
+                now, end = f & 1, (f & 1) ^ 1
+                dt_s = steps[s, f, DT_S]
+                drift = electronics[s, LEAK_PER_S] * dt_s
+                begin = used
+                if filtered[s]:
+                    if electronics[s, LIGHT_A] > 0.0:
+                        poles_to_end_in_own_light(
+                            u[f, :n],
+                            u[f + 1, :n],
+                            v1_now[now, :n],
+                            v2_now[now, :n],
+                            dt_s,
+                            electronics[s],
+                            v1_now[end, :n],
+                            v2_now[end, :n],
+                            x_now[:n],
+                            e_now[:n],
+                        )
+                    else:
+                        poles_to_end(
+                            u[f, :n],
+                            u[f + 1, :n],
+                            v1_now[now, :n],
+                            v2_now[now, :n],
+                            steps[s, f],
+                            v1_now[end, :n],
+                            v2_now[end, :n],
+                            x_now[:n],
+                            e_now[:n],
+                        )
+                    flag_filtered(
+                        u[f, :n],
+                        u[f + 1, :n],
+                        v1_now[now, :n],
+                        v2_now[now, :n],
+                        v2_now[end, :n],
+                        x_now[:n],
+                        e_now[:n],
+                        electronics[s, POLES],
+                        drift,
+                        memory_now[:n],
+                        C_on_now[:n],
+                        C_off_now[:n],
+                        flag[:n],
+                    )
+                    flagged = list_flagged(flag, n, index)
+                    used = events_of_curves(
+                        index[:flagged],
+                        u[f],
+                        u[f + 1],
+                        v1_now[now],
+                        v2_now[now],
+                        v2_now[end],
+                        x_now,
+                        electronics[s, POLES],
+                        drift,
+                        memory_now,
+                        C_on_now,
+                        C_off_now,
+                        t_s[s, f],
+                        dt_s,
+                        base_us[s, f],
+                        base_us[s, f + 1],
+                        position,
+                        todo,
+                        todo_words,
+                        pool,
+                        used,
+                    )
+                else:
+                    flag_ideal(
+                        u[f + 1, :n], drift, memory_now[:n], C_on_now[:n], C_off_now[:n], flag[:n]
+                    )
+                    flagged = list_flagged(flag, n, index)
+                    used = events_of_lines(
+                        index[:flagged],
+                        u[f],
+                        u[f + 1],
+                        drift,
+                        memory_now,
+                        C_on_now,
+                        C_off_now,
+                        t_s[s, f],
+                        dt_s,
+                        base_us[s, f],
+                        base_us[s, f + 1],
+                        position,
+                        pool,
+                        used,
+                    )
+                if used < 0:
+                    return FULL, block, s
+                if drift != 0.0:
+                    memory_now[:n] -= drift
+                if noisy[s]:
+                    used = noise_events(
+                        n,
+                        u[f],
+                        math.log(dark),
+                        electronics[s],
+                        hot_hz[s, pixels],
+                        seed,
+                        start,
+                        first_frame + f,
+                        t_s[s, f],
+                        dt_s,
+                        base_us[s, f],
+                        base_us[s, f + 1],
+                        position,
+                        pool,
+                        begin,
+                        used,
+                    )
+                    if used < 0:
+                        return FULL, block, s
+                segment[cell + f + 1] = used
+            memory[s, pixels] = memory_now[:n]
+            if filtered[s]:
+                v1[s, pixels] = v1_now[F & 1, :n]
+                v2[s, pixels] = v2_now[F & 1, :n]
+        u_start[pixels] = u[F, :n]
+    return DONE, blocks, 0
+
+
+@jit
+def count_events(segment, counts):
+    """Add each setting's and interval's number of events in one band to counts, (S, F)."""
+    S, F = counts.shape
+    for cell in range((segment.size - 1) // (S * F)):
+        for s in range(S):
+            for f in range(F):
+                k = (cell * S + s) * F + f
+                counts[s, f] += segment[k + 1] - segment[k]
+
+
+@jit
+def gather(pool, segment, S, F, s, f, words, used):
+    """Append one setting's and interval's events in one band, in raster order. Returns used."""
+    for cell in range((segment.size - 1) // (S * F)):
+        k = (cell * S + s) * F + f
+        for j in range(segment[k], segment[k + 1]):
+            words[used] = pool[j]
+            used += 1
+    return used
+
+
+@jit
+def sort_by_time(words, interval_us, start_us, t_us, x, y, p):
+    """Sort packed events by time, keeping raster order within a microsecond, and unpack them.
+
+    A stable counting sort, digit by digit: one pass for intervals up to 4 ms.
+    """
+    bits = 1
+    while interval_us >> bits:
+        bits += 1
+    passes = (bits + 11) // 12
+    digit_bits = np.uint64((bits + passes - 1) // passes)
+    mask = (np.uint64(1) << digit_bits) - np.uint64(1)
+    starts = np.empty((1 << digit_bits) + 1, np.int64)
+    source = words
+    target = np.empty_like(words)
+    for k in range(passes):
+        shift = TIME_SHIFT + np.uint64(k) * digit_bits
+        starts[:] = 0
+        for word in source:
+            starts[((word >> shift) & mask) + np.uint64(1)] += 1
+        for digit in range(1, starts.size):
+            starts[digit] += starts[digit - 1]
+        for word in source:
+            digit = (word >> shift) & mask
+            target[starts[digit]] = word
+            starts[digit] += 1
+        source, target = target, source
+    for k in range(source.size):
+        word = source[k]
+        t_us[k] = start_us + np.int64(word >> TIME_SHIFT)
+        x[k] = word & COORDINATE_MASK
+        y[k] = (word >> ROW_SHIFT) & COORDINATE_MASK
+        p[k] = np.int8((word >> POLARITY_SHIFT) & np.uint64(1)) * 2 - 1
+
+
+@jit
+def outside_refractory(t_us, x, y, refractory_us, last_us, keep):
+    """Mark which of a pixel's events come at least the refractory period after its last kept one.
+
+    last_us, (height, width) int64, is the time of each pixel's last kept event; updated.
+    """
+    for k in range(t_us.size):
+        keep[k] = t_us[k] - last_us[y[k], x[k]] >= refractory_us
+        if keep[k]:
+            last_us[y[k], x[k]] = t_us[k]

@@ -1,0 +1,87 @@
+"""`SENSORS`: the event cameras of the paper's Table 1, by name."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+from sensor.errors import SensorError
+from sensor.model import SensorModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorPreset:
+    """A camera on the market: its pixels as a model, and what its supplier says of it.
+
+    Parameters
+    ----------
+    supplier, camera
+        As the paper's Table 1 names them.
+    year
+        Of its appearance.
+    interface
+        "USB 2", "USB 3", or None where the table has none.
+    max_bandwidth_mev_s
+        Most events that its bus carries, in millions a second; None where the table has none.
+    model
+        Its resolution; the pixels are ideal, with the paper's threshold of 0.2, since the table
+        says nothing of them. `dataclasses.replace` gives them a cutoff.
+    """
+
+    supplier: str
+    camera: str
+    year: int
+    interface: str | None
+    max_bandwidth_mev_s: float | None
+    model: SensorModel
+
+
+def _preset(
+    supplier: str,
+    camera: str,
+    year: int,
+    size: tuple[int, int],
+    interface: str | None,
+    max_bandwidth_mev_s: float | None,
+) -> SensorPreset:
+    return SensorPreset(
+        supplier=supplier,
+        camera=camera,
+        year=year,
+        interface=interface,
+        max_bandwidth_mev_s=max_bandwidth_mev_s,
+        model=SensorModel(width=size[0], height=size[1]),
+    )
+
+
+SENSORS: dict[str, SensorPreset] = {
+    "dvs128": _preset("iniVation", "DVS128", 2008, (128, 128), "USB 2", 1),
+    "davis240": _preset("iniVation", "DAVIS240", 2014, (240, 180), "USB 2", 12),
+    "davis346": _preset("iniVation", "DAVIS346", 2017, (346, 260), "USB 3", 12),
+    "dvxplorer": _preset("iniVation", "DVXPlorer", 2020, (640, 480), "USB 3", 165),
+    "atis": _preset("Prophesee", "ATIS", 2011, (304, 240), None, None),
+    "gen3-cd": _preset("Prophesee", "Gen3 CD", 2017, (640, 480), "USB 3", 66),
+    "gen3-atis": _preset("Prophesee", "Gen3 ATIS", 2017, (480, 360), "USB 3", 66),
+    "gen4-cd": _preset("Prophesee", "Gen4 CD", 2020, (1280, 720), "USB 3", 1066),
+    "dvs-gen2": _preset("Samsung", "DVS-Gen2", 2017, (640, 480), "USB 2", 300),
+    "dvs-gen3": _preset("Samsung", "DVS-Gen3", 2018, (640, 480), "USB 3", 600),
+    "dvs-gen4": _preset("Samsung", "DVS-Gen4", 2020, (1280, 960), "USB 3", 1200),
+    "celex-iv": _preset("CelePixel", "CeleX-IV", 2017, (768, 640), None, 200),
+    "celex-v": _preset("CelePixel", "CeleX-V", 2019, (1280, 800), None, 140),
+    "rhino-3": _preset("Insightness", "Rhino 3", 2018, (320, 262), "USB 2", 50),
+}
+
+
+def find_sensor(name: str) -> SensorPreset:
+    """The preset of that name.
+
+    Raises
+    ------
+    SensorError
+        There is none; the text says which one comes close, or all of them.
+    """
+    if name in SENSORS:
+        return SENSORS[name]
+    close = difflib.get_close_matches(name.lower(), SENSORS, n=1)
+    hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(SENSORS)}"
+    raise SensorError(f"sensor: found {name!r}; {hint}")

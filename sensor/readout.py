@@ -1,0 +1,258 @@
+"""The way off the chip: a bus of limited rate, a FIFO before it, rows that are read out together.
+
+    parts = read_out(stream(frames, t_s, model), Readout(max_rate_hz=12e6, fifo_depth=4096))
+    for events in parts: ...
+    parts.report.dropped_share
+
+The model, after the burst-mode word-serial link of Boahen (IEEE TCAS-I 2004), the readout of the
+DAVIS (Brandli et al., JSSC 2014) and the row-wise arbitration of later sensors (Finateu et al.,
+ISSCC 2020):
+
+- An event joins the FIFO when it fires. If `fifo_depth` events are there, it is dropped. Of events
+  that fire in the same microsecond, the first by (row, column) are taken.
+- When the bus is free, the row whose oldest event has waited longest gets it. All events of that
+  row that wait then are read out together: `row_overhead_s` for the row's address, then one event
+  every `1 / max_rate_hz`, oldest first. What that row fires meanwhile waits for its next turn.
+- An event's place in the FIFO is free again when it has left, and its time becomes the time when it
+  left. Nothing is random.
+
+A simplification: in a chip without a FIFO each pixel holds its own event until it is read and
+starts to compare anew only then, so what it loses under load is contrast, not events.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor import arbiter
+from sensor.errors import EventError, SensorError
+from sensor.events import Events, concatenate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Readout:
+    """A bus and its FIFO.
+
+    Parameters
+    ----------
+    max_rate_hz
+        Events a second within a row, the most that the bus carries. Data sheets say Mev/s: 12e6 is
+        a DAVIS346.
+    fifo_depth
+        Events that can wait, the one that is being sent included.
+    row_overhead_s
+        What each opened row costs before its first event, seconds. n events a row are carried at
+        `n / (row_overhead_s + n / max_rate_hz)`.
+
+    Raises
+    ------
+    SensorError
+        A parameter is outside its range; the text names it.
+    """
+
+    max_rate_hz: float
+    fifo_depth: int
+    row_overhead_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.max_rate_hz > 0 and math.isfinite(self.max_rate_hz)):
+            raise SensorError(
+                f"Readout.max_rate_hz: found {self.max_rate_hz!r}, expected a positive number of "
+                "events a second"
+            )
+        if not (isinstance(self.fifo_depth, int) and self.fifo_depth >= 1):
+            raise SensorError(
+                f"Readout.fifo_depth: found {self.fifo_depth!r}, expected an integer of at least 1"
+            )
+        if not (self.row_overhead_s >= 0 and math.isfinite(self.row_overhead_s)):
+            raise SensorError(
+                f"Readout.row_overhead_s: found {self.row_overhead_s!r}, expected seconds >= 0"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class ReadoutReport:
+    """What the bus did to a stream.
+
+    Attributes
+    ----------
+    fired
+        Events that the pixels fired.
+    dropped
+        Those that found the FIFO full.
+    mean_delay_s, max_delay_s
+        From firing to leaving, over the events that left, before rounding to microseconds; 0 where
+        none did.
+    """
+
+    fired: int
+    dropped: int
+    mean_delay_s: float
+    max_delay_s: float
+
+    @property
+    def dropped_share(self) -> float:
+        """Dropped events for each that fired; 0 where none did."""
+        return self.dropped / self.fired if self.fired else 0.0
+
+
+class ReadOut:
+    """Events as they leave the chip: iterate over the parts, once; then read the `report`."""
+
+    def __init__(self, events: Iterable[Events], readout: Readout) -> None:
+        self._source = events
+        self._readout = readout
+        self._counts = np.zeros(2, np.int64)
+        self._delay_us = np.zeros(2)
+        self._parts = self._run()
+
+    def __iter__(self) -> Iterator[Events]:
+        """Yield parts in order, sorted by time, ties by (y, x).
+
+        Raises
+        ------
+        EventError
+            A part is of another sensor than the one before it, or begins before that one's end.
+        """
+        return self._parts
+
+    def _run(self) -> Iterator[Events]:
+        fifo: _Fifo | None = None
+        held: Events | None = None
+        end_us = -arbiter.END_OF_TIME_US
+        for part in self._source:
+            if fifo is None or held is None:
+                fifo, held = _Fifo(self._readout, part.height), part[:0].copy()
+            if (part.width, part.height) != (held.width, held.height):
+                raise EventError(
+                    f"read_out: found a part of {part.width}x{part.height} px after one of "
+                    f"{held.width}x{held.height}, expected the parts of one stream"
+                )
+            if len(part) and part.t_us[0] < end_us:
+                raise EventError(
+                    f"read_out: found a part that begins at {part.t_us[0]} us after one that ends "
+                    f"at {end_us} us, expected consecutive parts of one stream"
+                )
+            end_us = int(part.t_us[-1]) if len(part) else end_us
+            sent = concatenate([held, fifo.take(part, self._counts, self._delay_us)])
+            # Events that have not left yet may share the last one's microsecond.
+            final = int(np.searchsorted(sent.t_us, sent.t_us[-1])) if len(sent) else 0
+            held = sent[final:].copy()
+            yield _in_order(sent[:final])
+        if fifo is not None and held is not None:
+            yield _in_order(concatenate([held, fifo.drain(held, self._delay_us)]))
+
+    @property
+    def report(self) -> ReadoutReport:
+        """Counts and delays of all that has been read out so far."""
+        fired, dropped = self._counts.tolist()
+        total_us, max_us = self._delay_us.tolist()
+        left = fired - dropped
+        return ReadoutReport(fired, dropped, total_us * 1e-6 / left if left else 0.0, max_us * 1e-6)
+
+
+def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
+    """Send events over a bus: delay them, and drop those that find the FIFO full.
+
+    The result does not depend on how the stream is cut into parts.
+
+    Parameters
+    ----------
+    events
+        One stream, whole or in consecutive parts, as `stream` yields them. It is read as the result
+        is iterated over.
+    readout
+        The bus.
+
+    Returns
+    -------
+    ReadOut
+        Yields the events that leave, each with the time when it does, in memory that grows with
+        the parts and the FIFO alone; its `report` is complete when the iteration has ended.
+    """
+    return ReadOut([events] if isinstance(events, Events) else events, readout)
+
+
+class _Fifo:
+    """The waiting events of one sensor, by row, and the bus."""
+
+    def __init__(self, readout: Readout, height: int) -> None:
+        depth = readout.fifo_depth
+        self._rate_per_us = readout.max_rate_hz / 1e6
+        self._overhead_us = readout.row_overhead_s * 1e6
+        self._state = np.zeros(arbiter.STATE_SIZE, np.int64)
+        self._state[arbiter.BURST] = -1
+        self._slot_t_us = np.empty(depth, np.int64)
+        self._slot_x = np.empty(depth, np.uint16)
+        self._slot_p = np.empty(depth, np.int8)
+        self._slot_next = np.arange(1, depth + 1, dtype=np.int64)  # all free, one after the other
+        self._slot_next[-1] = -1
+        self._row_first = np.full(height, -1, np.int64)
+        self._row_last = np.full(height, -1, np.int64)
+        self._row_queue = np.empty(height, np.int64)
+
+    def take(
+        self, part: Events, counts: NDArray[np.int64], delay_us: NDArray[np.float64]
+    ) -> Events:
+        """Let the part's events fire; return those that have left by its last one."""
+        columns = self._room(len(part))
+        used = arbiter.accept(
+            part.t_us,
+            part.x,
+            part.y,
+            part.p,
+            self._rate_per_us,
+            self._overhead_us,
+            self._state,
+            self._slot_t_us,
+            self._slot_x,
+            self._slot_p,
+            self._slot_next,
+            self._row_first,
+            self._row_last,
+            self._row_queue,
+            counts,
+            delay_us,
+            *columns,
+            0,
+        )
+        t_us, x, y, p = columns
+        return Events.trusted(t_us[:used], x[:used], y[:used], p[:used], like=part)
+
+    def drain(self, like: Events, delay_us: NDArray[np.float64]) -> Events:
+        """Return all that still waits, as it leaves."""
+        columns = self._room(0)
+        arbiter.advance(
+            arbiter.END_OF_TIME_US,
+            self._rate_per_us,
+            self._overhead_us,
+            self._state,
+            self._slot_t_us,
+            self._slot_x,
+            self._slot_p,
+            self._slot_next,
+            self._row_first,
+            self._row_queue,
+            delay_us,
+            *columns,
+            0,
+        )
+        return Events.trusted(*columns, like=like)
+
+    def _room(
+        self, more: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int8]]:
+        """Columns for all that waits and `more` events."""
+        size = int(self._state[arbiter.WAITING]) + more
+        x, y = np.empty((2, size), np.uint16)
+        return np.empty(size, np.int64), x, y, np.empty(size, np.int8)
+
+
+def _in_order(events: Events) -> Events:
+    arbiter.order_ties(events.t_us, events.x, events.y, events.p)
+    return events

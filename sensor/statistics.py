@@ -1,0 +1,284 @@
+"""What the paper's Fig. 2 counts: times between events, log-brightness slopes, their scaling law.
+
+- `event_rates_hz`: the event rate of every pixel.
+- `IntervalHistogram`: times between consecutive events of a pixel, from a stream, Eq. (6).
+- `log_slope`: L_t, the slope of log intensity in time at every pixel, Eq. (5).
+- `slopes_by_pixel_size`: |L_t| at the image's edges, seen by pixels of growing size.
+- `fit_power_law`: the exponent gamma of |L_t| ~ p^-gamma, with a bootstrap interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from sensor.events import Events
+
+_NEVER = -(1 << 62)
+_DRAWS = 2000
+
+
+@numba.njit(cache=True, nogil=True)
+def _count_intervals(
+    t_us: NDArray[np.int64],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    start_us: int,
+    end_us: int,
+    slot_of: NDArray[np.int64],  # (height,) row of last_us for each row of pixels, -1 for none
+    bin_of: NDArray[np.uint8],  # (longest interval + 2,) bin of each interval, us
+    last_us: NDArray[np.int64],  # (rows, width) updated
+    counts: NDArray[np.int64],  # (B + 2,) updated
+) -> None:
+    for i in range(t_us.size):
+        row = slot_of[y[i]]
+        if row < 0:
+            continue
+        before_us = last_us[row, x[i]]
+        last_us[row, x[i]] = t_us[i]
+        if before_us != _NEVER and start_us <= t_us[i] < end_us:
+            counts[bin_of[min(t_us[i] - before_us, bin_of.size - 1)]] += 1
+
+
+class IntervalHistogram:
+    """Times between consecutive events of each pixel, counted as a stream goes by.
+
+    An interval counts when its second event lies in the window; its first may lie before. So every
+    interval no longer than the stream before the window counts with its full weight, and longer
+    ones are seen ever less.
+
+    Parameters
+    ----------
+    width, height
+        The sensor's size, px.
+    edges_us
+        (B + 1,) ascending bin edges, whole microseconds. Bins are half-open, [edge, next edge).
+    window_us
+        (start, end) of the half-open window in which intervals end.
+    every_row
+        Look at every n-th row of pixels only: a sample that is fair and n times cheaper.
+
+    Attributes
+    ----------
+    counts : (B,) int64
+        Intervals in each bin.
+    shorter, longer : int
+        Intervals below the first edge, and at or above the last.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        edges_us: Sequence[int] | NDArray[np.int64],
+        window_us: tuple[int, int],
+        every_row: int = 1,
+    ) -> None:
+        self.edges_us = np.asarray(edges_us, dtype=np.int64)
+        self._window_us = window_us
+        self._slot_of = np.full(height, -1)
+        self._slot_of[::every_row] = np.arange(-(-height // every_row))
+        self._bin_of = np.searchsorted(
+            self.edges_us, np.arange(self.edges_us[-1] + 2), side="right"
+        ).astype(np.uint8)
+        self._last_us = np.full((-(-height // every_row), width), _NEVER)
+        self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
+
+    def add(self, events: Events) -> None:
+        """Count the next part of the stream."""
+        _count_intervals(
+            events.t_us,
+            events.x,
+            events.y,
+            *self._window_us,
+            self._slot_of,
+            self._bin_of,
+            self._last_us,
+            self._counts,
+        )
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        return self._counts[1:-1].copy()
+
+    @property
+    def shorter(self) -> int:
+        return int(self._counts[0])
+
+    @property
+    def longer(self) -> int:
+        return int(self._counts[-1])
+
+
+def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np.float64]:
+    """Event rate of every pixel in the window [t_start_us, t_end_us), (height, width), 1/s."""
+    window = events.between(t_start_us, t_end_us)
+    pixel = window.y.astype(np.int64) * events.width + window.x
+    counts = np.bincount(pixel, minlength=events.height * events.width)
+    return counts.reshape(events.height, events.width) / ((t_end_us - t_start_us) * 1e-6)
+
+
+def log_bin_edges_us(
+    shortest_us: float = 10.0, longest_us: float = 1e5, per_decade: int = 10
+) -> NDArray[np.int64]:
+    """Bin edges that are even in the logarithm, rounded to whole microseconds, (B + 1,)."""
+    decades = np.log10(longest_us / shortest_us)
+    steps = np.arange(round(decades * per_decade) + 1) / per_decade
+    return np.unique(np.round(shortest_us * 10**steps).astype(np.int64))
+
+
+def mode_us(
+    edges_us: Sequence[int] | NDArray[np.int64],  # (B + 1,)
+    counts: Sequence[int] | NDArray[np.int64],  # (B,)
+) -> float | None:
+    """Where a histogram over log time is highest: the middle of that bin, or None without counts.
+
+    Counts are divided by their bin's width in log time, and the middle is that of the logarithm.
+    """
+    edges = np.asarray(edges_us, dtype=np.float64)
+    if not np.any(counts):
+        return None
+    k = int(np.argmax(np.asarray(counts) / np.diff(np.log(edges))))
+    return float(np.sqrt(edges[k] * edges[k + 1]))
+
+
+def log_slope(
+    radiance_0: NDArray[np.floating],  # (H, W) linear radiance
+    radiance_1: NDArray[np.floating],  # (H, W), dt_s later
+    dt_s: float,
+    dark_level: float,
+) -> NDArray[np.float64]:
+    """L_t of Eq. (5), the mean slope of log(I + I_dark) between two frames, (H, W), 1/s."""
+    after, before = (f.astype(np.float64) + dark_level for f in (radiance_1, radiance_0))
+    return np.log(after / before) / dt_s
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SlopesBySize:
+    """|L_t| seen by square pixels of growing size, in blocks of the image.
+
+    Attributes
+    ----------
+    sizes_px : (P,) int64
+        Sides of the pixels, in pixels of the frames.
+    everywhere, edges : (N, P) float64
+        Mean |L_t| of each block, 1/s: over all its pixels, and over those that are edges. A block
+        without an edge is left out of `edges`.
+    edge_weights : (len(edges),) int64
+        Number of edge pixels of each block in `edges`.
+    """
+
+    sizes_px: NDArray[np.int64]
+    everywhere: NDArray[np.float64]
+    edges: NDArray[np.float64]
+    edge_weights: NDArray[np.int64]
+
+
+def slopes_by_pixel_size(
+    radiance_0: NDArray[np.floating],  # (H, W) linear radiance
+    radiance_1: NDArray[np.floating],  # (H, W), dt_s later
+    dt_s: float,
+    dark_level: float,
+    *,
+    sizes_px: Sequence[int] = (1, 3, 5, 7, 9, 13, 19, 27, 39, 55),
+    edge_share: float = 0.05,
+    blocks_a_side: int = 8,
+) -> SlopesBySize:
+    """|L_t| at pixels of growing size around the same points: Fig. 2 (b).
+
+    The light is averaged over each size's square, Eq. (3), before the logarithm. Motion between the
+    two frames smears what is finer than it.
+
+    Parameters
+    ----------
+    sizes_px
+        Odd sides, the first of which finds the edges.
+    edge_share
+        Edges are the pixels with the largest |L_t| at the first size, this share of all. Being
+        chosen for their slope at that size they fall more steeply from it than the mean does.
+    blocks_a_side
+        The image is cut into a grid of this many blocks a side, for a bootstrap that knows that
+        neighbours are alike.
+
+    Raises
+    ------
+    ValueError
+        A size is even, or the frames have no room for a block inside the largest one's margin.
+    """
+    if any(size % 2 == 0 for size in sizes_px):
+        raise ValueError(f"sizes_px: found {tuple(sizes_px)}, expected odd numbers")
+    margin = max(sizes_px) // 2
+    if min(radiance_0.shape) - 2 * margin < blocks_a_side:
+        raise ValueError(
+            f"frames of {radiance_0.shape[1]}x{radiance_0.shape[0]} px have no room for "
+            f"{blocks_a_side} blocks a side inside a margin of {margin} px"
+        )
+    inside = tuple(slice(margin, side - margin) for side in radiance_0.shape)
+    slopes = []
+    for size in sizes_px:
+        before, after = (
+            uniform_filter(f, size, np.float64)[inside] for f in (radiance_0, radiance_1)
+        )
+        slopes.append(np.abs(log_slope(before, after, dt_s, dark_level)))
+    edge = slopes[0] >= np.quantile(slopes[0], 1 - edge_share)
+
+    rows, cols = (np.arange(side) * blocks_a_side // side for side in edge.shape)
+    block = rows[:, None] * blocks_a_side + cols
+
+    def means(where: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        many = np.bincount(block[where], minlength=blocks_a_side**2)
+        totals = [np.bincount(block[where], s[where], minlength=many.size) for s in slopes]
+        some = many > 0
+        return np.stack(totals, axis=1)[some] / many[some, None], many[some]
+
+    everywhere, _ = means(np.ones_like(edge))
+    return SlopesBySize(np.array(sizes_px), everywhere, *means(edge))
+
+
+@dataclass(frozen=True, slots=True)
+class PowerLaw:
+    """value = factor * size ** -exponent, with the exponent's 95 % interval."""
+
+    exponent: float
+    low: float
+    high: float
+    factor: float
+
+
+def fit_power_law(
+    sizes: NDArray[np.number],  # (P,)
+    blocks: NDArray[np.float64],  # (N, P) positive
+    weights: NDArray[np.number] | None = None,  # (N,)
+    seed: int = 0,
+) -> PowerLaw:
+    """Fit gamma of value ~ size^-gamma to the weighted mean over blocks.
+
+    A least-squares line through the logarithms; its interval is a percentile bootstrap over blocks.
+
+    Raises
+    ------
+    ValueError
+        Fewer than two sizes or blocks.
+    """
+    if len(sizes) < 2 or len(blocks) < 2:
+        raise ValueError(
+            f"found {len(sizes)} sizes and {len(blocks)} blocks, expected at least 2 of each"
+        )
+    weights = np.ones(len(blocks)) if weights is None else weights
+    log_size = np.log(np.asarray(sizes, dtype=np.float64))
+    centred = log_size - log_size.mean()
+    line = centred / np.sum(centred**2)
+
+    draws = np.random.default_rng(seed).integers(len(blocks), size=(_DRAWS, len(blocks)))
+    times_drawn = np.apply_along_axis(np.bincount, 1, draws, minlength=len(blocks))
+    chosen = np.concatenate([np.ones((1, len(blocks))), times_drawn]) * weights
+    log_mean = np.log(chosen @ blocks / chosen.sum(axis=1, keepdims=True))
+    exponents = -(log_mean @ line)
+    low, high = np.percentile(exponents[1:], [2.5, 97.5])
+    factor = np.exp(log_mean[0].mean() + exponents[0] * log_size.mean())
+    return PowerLaw(float(exponents[0]), float(low), float(high), float(factor))

@@ -1,0 +1,1 @@
+"""What the events are good for: tasks, methods, and the study that compares resolutions."""

@@ -1,0 +1,142 @@
+"""How many samples and frames are enough: events and their images against both, on one stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Renderer, Scene
+from eres_render.frame_times import adaptive_times
+from sensor import SensorModel, stream
+from tasks.errors import TaskError
+from tasks.methods.event_integration import reconstruct
+from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
+
+SPP = (1, 4, 16, 64)
+DISPLACEMENTS_PX = (2.0, 1.0, 0.5, 0.25)
+CONTRAST_THRESHOLD = 0.2
+DARK_FRACTION = 1e-3  # of the scene's white
+
+# Called with what is being done, frames done and frames in all.
+OnProgress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """How a stretch is rendered.
+
+    Parameters
+    ----------
+    fresh_seeds
+        Each frame has random numbers of its own, in place of one set for all.
+    """
+
+    spp: int
+    max_displacement_px: float
+    fresh_seeds: bool = False
+
+
+FINEST = Setting(spp=max(SPP), max_displacement_px=min(DISPLACEMENTS_PX))
+USUAL = Setting(spp=16, max_displacement_px=0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What an ideal sensor at the frames' resolution makes of a setting.
+
+    Parameters
+    ----------
+    frames, events
+        How many there are.
+    psnr_db
+        Of event integration from the setting's own first frame, against the finest's last frame.
+    """
+
+    setting: Setting
+    frames: int
+    events: int
+    psnr_db: float
+
+
+def settings() -> list[Setting]:
+    """The finest first, then samples at the usual displacement, then the other way round."""
+    by_spp = [replace(USUAL, spp=spp) for spp in SPP]
+    by_displacement = [replace(USUAL, max_displacement_px=px) for px in DISPLACEMENTS_PX]
+    both = dict.fromkeys([*by_spp, *by_displacement])  # the usual one is in both
+    return [FINEST, *(replace(s, fresh_seeds=fresh) for fresh in (False, True) for s in both)]
+
+
+def converge(
+    scene: Scene,
+    *,
+    resolution: int,
+    duration_s: float,
+    on_progress: OnProgress,
+) -> Iterator[Outcome]:
+    """Render one stretch from the middle of a path in every setting; yields them one by one.
+
+    Parameters
+    ----------
+    resolution
+        Side of frames and sensor, px.
+    duration_s
+        Length of the stretch.
+
+    Raises
+    ------
+    TaskError
+        The stretch is longer than half the path.
+    RenderError
+        As the renderer raises it.
+    """
+    start_s = 0.5 * scene.duration_s
+    if not 0 < duration_s <= start_s:
+        raise TaskError(
+            f"duration: found {duration_s} s, expected (0, {start_s:g}] s, half the path"
+        )
+    base = Renderer(scene, resolution, FINEST.spp)
+    dark_level = DARK_FRACTION * base.white_level
+    model = SensorModel(
+        width=resolution,
+        height=resolution,
+        contrast_threshold=CONTRAST_THRESHOLD,
+        dark_level=dark_level,
+    )
+    log_truth: NDArray[np.float64] | None = None
+    for setting in settings():
+        renderer = base.at(spp=setting.spp)
+        marks_s = (start_s, start_s + duration_s)
+        t_s = adaptive_times(base.image_motion, marks_s, setting.max_displacement_px)
+        ends: list[NDArray[np.float64]] = []  # log intensity of the first and the last frame
+
+        def frames(
+            setting: Setting = setting,
+            renderer: Renderer = renderer,
+            t_s: NDArray[np.float64] = t_s,
+            ends: list[NDArray[np.float64]] = ends,
+        ) -> Iterator[NDArray[np.float32]]:
+            for k, pose in enumerate(renderer.trajectory.pose(t_s)):
+                on_progress(_name(setting), k, len(t_s))
+                frame = renderer.frame(pose, seed=k if setting.fresh_seeds else None)
+                if k in (0, len(t_s) - 1):
+                    ends.append(np.log(frame.astype(np.float64) + dark_level))
+                yield frame
+
+        polarity_sum = np.zeros((resolution, resolution), np.float64)
+        count = 0
+        for events in stream(frames(), t_s, model):
+            polarity_sum += events.polarity_sum()
+            count += len(events)
+        if log_truth is None:
+            log_truth = ends[1]
+        sample = ReconstructionSample(ends[0], polarity_sum, CONTRAST_THRESHOLD)
+        psnr = psnr_db(reconstruct(sample), log_truth, log_white_level(log_truth))
+        yield Outcome(setting, len(t_s), count, psnr)
+
+
+def _name(setting: Setting) -> str:
+    seeds = "fresh" if setting.fresh_seeds else "common"
+    return f"{setting.spp} spp, {setting.max_displacement_px:g} px, {seeds} seeds"

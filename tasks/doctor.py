@@ -1,0 +1,50 @@
+"""What works on this machine, for `eres doctor`."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shutil
+import sys
+from importlib.metadata import version
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from eres_render.backend import probe_variants
+from eres_render.cache import cache_dir
+from eres_render.scene import scene_root
+from tasks.study.environment import PACKAGES
+
+_GB = 1e9
+
+
+def diagnose(console: Console) -> int:
+    """Print it; returns the exit code, 1 if no Mitsuba variant can render."""
+    verdicts = probe_variants()
+    table = Table("Mitsuba variant", "works", "remark", box=None)
+    for verdict in verdicts:
+        mark = "[green]yes[/green]" if verdict.works else "[red]no[/red]"
+        remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
+        table.add_row(verdict.name, mark, escape(remark))
+    console.print(table)
+    best = next((v.name for v in verdicts if v.works), None)
+    console.print(f"renders use: {best or 'nothing works'}\n")
+
+    facts = Table(box=None, show_header=False)
+    facts.add_row("cores", str(len(os.sched_getaffinity(0))))
+    facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
+    for name in PACKAGES:
+        facts.add_row(name, version(name))
+    for name in ("eres_render", "sensor", "tasks"):
+        spec = importlib.util.find_spec(name)
+        facts.add_row(f"import {name}", str(spec.origin if spec else "missing"))
+    facts.add_row("scenes", str(scene_root()))
+    cache = cache_dir()
+    free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free
+    used = sum(f.stat().st_size for f in cache.rglob("*") if f.is_file())
+    facts.add_row("cache", f"{cache}: {used / _GB:.1f} GB used, {free / _GB:.0f} GB free")
+    console.print(facts)
+    return 0 if best else 1

@@ -1,0 +1,171 @@
+"""Event files on the command line: simulated from a sequence, converted, described."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import RadianceSequence
+from sensor import SensorModel, stream
+from sensor.bank import DARK_FRACTION
+from sensor.formats import find_format, read_events, read_header, write_events
+from sensor.formats.header import Header, Value, model_to_json
+from sensor.model import MAX_SIDE_PX
+from sensor.presets import find_sensor
+from tasks.errors import TaskError
+
+Frames = Iterable[NDArray[np.float32]]
+
+
+def sensor_for(
+    sequence: RadianceSequence,
+    *,
+    sensor: str | None = None,
+    resolution: int | None = None,
+    cutoff_hz: float | None = None,
+    contrast_threshold: float | None = None,
+) -> SensorModel:
+    """A sensor for a sequence, its dark level a thousandth of the sequence's white.
+
+    Parameters
+    ----------
+    sensor, resolution
+        One of them: a preset's name, or a width in pixels; the height then follows the frames'.
+    cutoff_hz, contrast_threshold
+        In place of the preset's, or of an ideal pixel and 0.2.
+
+    Raises
+    ------
+    TaskError
+        Neither or both of `sensor` and `resolution` are given.
+    SensorError
+        There is no such preset, or a value is outside its range.
+    """
+    if sensor is not None and resolution is None:
+        model = find_sensor(sensor).model
+    elif sensor is None and resolution is not None:
+        frames = sequence.manifest
+        height = max(1, round(resolution * frames.height / frames.width))
+        model = SensorModel(width=resolution, height=height)
+    else:
+        raise TaskError("found both or neither of sensor and resolution, expected one of them")
+    C = model.contrast_threshold if contrast_threshold is None else contrast_threshold
+    return replace(
+        model,
+        cutoff_hz=model.cutoff_hz if cutoff_hz is None else cutoff_hz,
+        contrast_threshold=C,
+        dark_level=DARK_FRACTION * sequence.white_level,
+    )
+
+
+def simulate_sequence(
+    sequence: RadianceSequence,
+    model: SensorModel,
+    out: Path,
+    *,
+    speed: float = 1.0,
+    seed: int = 0,
+    format: str | None = None,
+    watch: Callable[[Frames], Frames] = lambda frames: frames,
+) -> int:
+    """Write the events that a sensor fires before a sequence; returns their number.
+
+    A sensor of another shape than the frames sees the middle of them, so that its pixels are
+    square. All events are written, those of the sequence's warm-up too; the file's origin says when
+    its window starts and ends.
+
+    Parameters
+    ----------
+    sequence, model, out, seed, format
+        The light, the sensor, the file, and as for `sensor.stream` and `write_events`.
+    speed
+        The scene moves that much faster: frame times are divided by it.
+    watch
+        Passes the frames on, and may show how far they are.
+    """
+    if not 0 < speed < np.inf:
+        raise TaskError(f"speed: found {speed}, expected a positive factor")
+    manifest = sequence.manifest
+    window_us = [round(t_s / speed * 1e6) for t_s in sequence.window_s]
+    origin: dict[str, Value] = {
+        "scene": manifest.scene,
+        "clip": manifest.clip,
+        "frames_width": manifest.width,
+        "frames_height": manifest.height,
+        "samples_per_pixel": manifest.spp,
+        "speed": float(speed),
+        "seed": seed,
+        "window_start_us": window_us[0],
+        "window_end_us": window_us[1],
+    }
+    rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
+    frames = (frame[rows, columns] for frame in watch(sequence))
+    parts = stream(frames, sequence.t_s / speed, model, seed=seed)
+    return write_events(out, parts, format=format, origin=origin)
+
+
+def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:
+    """Rows and columns of the largest middle of a frame that has a sensor's shape, in whole pixels.
+
+    >>> middle(1280, 1280, 720, 1280)
+    (slice(280, 1000, None), slice(0, 1280, None))
+    """
+    seen_height = min(height, round(width * sensor_height / sensor_width))
+    seen_width = min(width, round(height * sensor_width / sensor_height))
+    top, left = (height - seen_height) // 2, (width - seen_width) // 2
+    return slice(top, top + seen_height), slice(left, left + seen_width)
+
+
+def convert(
+    source: Path,
+    out: Path,
+    *,
+    format: str | None = None,
+    input_format: str | None = None,
+    size: tuple[int, int] | None = None,
+) -> int:
+    """Write a file's events in another format, with all it says of them; returns their number."""
+    header = read_header(source, format=input_format)
+    parts = read_events(source, format=input_format, size=size)
+    return write_events(out, parts, format=format, origin=header.origin)
+
+
+def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
+    """What is in an event file, as names and values to print; reads it from end to end."""
+    header = read_header(path, format=format)
+    stored = header.width is not None
+    size = None if stored else (MAX_SIDE_PX, MAX_SIDE_PX)
+    parts = read_events(path, format=format, size=size)
+    count, brighter = 0, 0
+    first_us, last_us = None, 0
+    for part in parts:
+        if len(part):
+            first_us = int(part.t_us[0]) if first_us is None else first_us
+            last_us = int(part.t_us[-1])
+        count += len(part)
+        brighter += int(np.count_nonzero(part.p > 0))
+    size_bytes = path.stat().st_size
+    each = f", {size_bytes / count:.2f} an event" if count else ""
+    lines = {
+        "format": find_format(path, format).title,
+        "sensor": f"{header.width}x{header.height} px" if stored else "size not stored",
+        "file": f"{size_bytes} bytes{each}",
+        "events": str(count),
+    }
+    if first_us is not None:
+        span_s = (last_us - first_us) * 1e-6
+        lines["time"] = f"{first_us * 1e-6:.6f} to {last_us * 1e-6:.6f} s"
+        lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
+        lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
+    return lines | dict(_made(header))
+
+
+def _made(header: Header) -> Iterator[tuple[str, str]]:
+    if header.model is not None:
+        yield "sensor model", model_to_json(header.model)
+    for name, value in header.origin.items():
+        yield name.replace("_", " "), str(value)

@@ -1,0 +1,121 @@
+"""Which resolution to choose under a condition, from the scores of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, estimate
+from tasks.study.tables import METRICS, Cell, Condition, Scores, Series
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The best width under one condition, and the smallest that does as well.
+
+    Attributes
+    ----------
+    scene, cutoff_hz, speed
+        The condition.
+    scores, event_rates_hz
+        Median score and median event rate by width, px.
+    best
+        Width with the best median, px.
+    enough
+        Smallest width whose median is within the metric's negligible difference of the best, px.
+    tied
+        Smallest width that the samples do not tell apart from the best: the paired 95 % interval of
+        the difference reaches zero. None where the samples are too few for an interval.
+    nothing
+        Median score of doing nothing, None where it was not run.
+    higher_is_better
+        Whether a higher score is a better one.
+    """
+
+    scene: str
+    cutoff_hz: float
+    speed: float
+    scores: Mapping[int, float]
+    event_rates_hz: Mapping[int, float]
+    best: int
+    enough: int
+    tied: int | None
+    nothing: float | None
+    higher_is_better: bool
+
+    @property
+    def loss(self) -> float:
+        """How much worse `enough` is than `best`, at least 0."""
+        return abs(self.scores[self.best] - self.scores[self.enough])
+
+    @property
+    def gain(self) -> float | None:
+        """How far `best` is from doing nothing, None where that was not run."""
+        return None if self.nothing is None else abs(self.scores[self.best] - self.nothing)
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether the best width beats doing nothing."""
+        if self.nothing is None:
+            return True
+        best = self.scores[self.best]
+        return best > self.nothing if self.higher_is_better else best < self.nothing
+
+    def saving(self, width: int) -> float | None:
+        """Events at `width` for each event at `enough`, None where `enough` has no events."""
+        rate = self.event_rates_hz[self.enough]
+        return self.event_rates_hz[width] / rate if rate > 0 else None
+
+
+Choices = dict[tuple[str, float, float], Choice | None]
+"""Choices by scene, cutoff in Hz and speed; None where a width has not all samples."""
+
+
+def choose(
+    scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float
+) -> Choice | None:
+    """Choose a width for one condition, or None where a width has not all samples."""
+    metric = METRICS[series.metric]
+    sign = 1.0 if metric.higher_is_better else -1.0
+    cells = {}
+    medians: dict[int, float] = {}
+    rates: dict[int, float] = {}
+    for width in scores.widths(series):
+        cell = scores.cell(series, Condition(scene, width, cutoff_hz, speed))
+        if cell.median is None or cell.event_rate_hz is None:
+            return None
+        cells[width], medians[width], rates[width] = cell, cell.median, cell.event_rate_hz
+    best = max(medians, key=lambda width: sign * medians[width])
+    enough = min(w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible)
+    tied = None
+    if len(cells[best].values) >= MIN_SAMPLES_FOR_INTERVAL:
+        tied = next(width for width, cell in cells.items() if _tied(cells[best], cell, scene, sign))
+    return Choice(
+        scene=scene,
+        cutoff_hz=cutoff_hz,
+        speed=speed,
+        scores=medians,
+        event_rates_hz=rates,
+        best=best,
+        enough=enough,
+        tied=tied,
+        nothing=scores.baseline(series, scene, cutoff_hz, speed).median,
+        higher_is_better=metric.higher_is_better,
+    )
+
+
+def _tied(best: Cell, other: Cell, scene: str, sign: float) -> bool:
+    """Whether the interval of the paired difference of medians reaches zero."""
+    one, two = Condition(scene, 1, 0.0, 0.0), Condition(scene, 2, 0.0, 0.0)
+    lead = estimate({one: best, two: other}, lambda m: sign * (m[one] - m[two]))
+    return lead.low is None or lead.low <= 0
+
+
+def choose_all(scores: Scores, series: Series) -> Choices:
+    """Choose a width for every condition of a series."""
+    return {
+        (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed)
+        for scene in scores.scenes(series)
+        for cutoff in scores.cutoffs_hz(series)
+        for speed in scores.speeds(series)
+    }

@@ -1,0 +1,157 @@
+"""Which resolution to choose, in words: the report's headline and its table of choices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from html import escape
+
+from tasks.study.choice import Choice, Choices
+from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL
+from tasks.study.markup import join_words, scrolling
+from tasks.study.tables import (
+    METRICS,
+    MISSING,
+    Series,
+    cutoff_detail,
+    cutoff_label,
+    number_text,
+    rate_label,
+    speed_label,
+)
+
+
+def answer_html(choices: Choices, series: Series) -> str:
+    """Say what is enough in the hardest and in the easiest condition of the run."""
+    scenes = list(dict.fromkeys(scene for scene, _, _ in choices))
+    cutoffs = [cutoff for _, cutoff, _ in choices]
+    speeds = [speed for _, _, speed in choices]
+    sentences = []
+    for cutoff, speed in ((min(cutoffs), max(speeds)), (max(cutoffs), min(speeds))):
+        found = {scene: choices[scene, cutoff, speed] for scene in scenes}
+        light = {"ideal": "In ideal light", "day": "By day", "night": "At night"}.get(
+            cutoff_label(cutoff), f"At a cutoff of {cutoff:g} Hz"
+        )
+        sentences.append(f"{light} and speed {speed:.2g}, {_enough_text(found, series)}.")
+    answer = " ".join(dict.fromkeys(sentences))
+    if len(scenes) == 1:
+        answer = f"On {escape(scenes[0])}, {answer[0].lower()}{answer[1:]}"
+    for unit in ("px", METRICS[series.metric].unit):
+        answer = answer.replace(f" {unit}", f"&nbsp;{unit}")
+    return f'<p class="answer">{answer}</p>'
+
+
+def _enough_text(found: Mapping[str, Choice | None], series: Series) -> str:
+    """Say what is enough where; a run's only scene is not named, the sentence is all about it."""
+
+    def on(scenes: Iterable[str]) -> str:
+        return f" on {escape(join_words(list(scenes)))}" if len(found) > 1 else ""
+
+    def where(choices: Iterable[Choice]) -> str:
+        return on(choice.scene for choice in choices)
+
+    measured = [choice for choice in found.values() if choice]
+    useful = [choice for choice in measured if choice.worthwhile]
+    coarser = [choice for choice in useful if choice.enough < max(choice.scores)]
+    parts = []
+    if coarser:
+        groups = [
+            f"<b>{width} px</b> is enough{where(c for c in coarser if c.enough == width)}"
+            for width in sorted({choice.enough for choice in coarser})
+        ]
+        parts.append(f"{join_words(groups)}{_near_text(coarser, series)}{_fewer_text(coarser)}")
+    if finest := [choice for choice in useful if choice not in coarser]:
+        gain = _gain_text(finest, series)
+        gain = gain and f" ({gain})"
+        parts.append(f"it takes all <b>{finest[0].enough} px</b>{where(finest)}{gain}")
+    if idle := [choice for choice in measured if not choice.worthwhile]:
+        parts.append(f"no resolution beats doing nothing{where(idle)}")
+    if unknown := [scene for scene, choice in found.items() if choice is None]:
+        parts.append(f"not all samples are measured{on(unknown)}")
+    return "; ".join(parts)
+
+
+def _near_text(choices: list[Choice], series: Series) -> str:
+    """How near to the best these are, and how good that is."""
+    metric = METRICS[series.metric]
+    gain = _gain_text(choices, series)
+    if all(choice.enough == choice.best for choice in choices):
+        return f" (the best{gain and f', {gain}'})"
+    near = f"within {metric.negligible:g} {metric.unit} of the best"
+    return f" ({near}{gain and f', which is {gain}'})"
+
+
+def _gain_text(choices: Iterable[Choice], series: Series) -> str:
+    """How much better the best width is than doing nothing, as a range over the scenes."""
+    metric = METRICS[series.metric]
+    gains = [choice.gain for choice in choices if choice.gain is not None]
+    if not gains:
+        return ""
+    low, high = (number_text(gain, metric.decimals) for gain in (min(gains), max(gains)))
+    return f"{low if low == high else f'{low} to {high}'} {metric.unit} better than doing nothing"
+
+
+def _fewer_text(choices: list[Choice]) -> str:
+    """How many times fewer events than at the finest width, as a range over the scenes."""
+    savings = [saving for c in choices if (saving := c.saving(max(c.scores))) is not None]
+    if not savings:
+        return ""
+    low, high = (_times(value) for value in (min(savings), max(savings)))
+    times = low if low == high else f"{low} to {high}"
+    return f", with {times} times fewer events than {max(choices[0].scores)} px"
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2g}" if ratio < 10 else f"{ratio:.0f}"
+
+
+def choice_tables_html(choices: Choices, series: Series) -> str:
+    """Render a table of choices for each scene: speeds down, cutoffs across."""
+    metric = METRICS[series.metric]
+    parts = [
+        f'<p class="lead">{escape(series.title.capitalize())}. In each place: the smallest width '
+        f"whose median is within {metric.negligible:g} {metric.unit} of the best, and what it "
+        "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
+        f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
+        "Struck out: even the best does not beat doing nothing.</p>"
+    ]
+    cutoffs = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
+    speeds = list(dict.fromkeys(speed for _, _, speed in choices))
+    heads = "".join(
+        f'<th scope="col">{escape(cutoff_label(c))} <small>{escape(cutoff_detail(c))}</small></th>'
+        for c in cutoffs
+    )
+    for scene in dict.fromkeys(scene for scene, _, _ in choices):
+        body = "".join(
+            f'<tr><th scope="row">{escape(speed_label(scene, speed))}</th>'
+            + "".join(_choice_cell(choices[scene, cutoff, speed], series) for cutoff in cutoffs)
+            + "</tr>"
+            for speed in speeds
+        )
+        table = (
+            f'<table class="choice"><caption><span>{escape(scene)}</span></caption>'
+            f'<thead><tr><th scope="col"></th>{heads}</tr></thead><tbody>{body}</tbody></table>'
+        )
+        parts.append(scrolling(f"Choice, {scene}", table))
+    return "".join(parts)
+
+
+def _choice_cell(choice: Choice | None, series: Series) -> str:
+    if choice is None:
+        return f"<td>{MISSING}<br><small>not all samples measured</small></td>"
+    metric = METRICS[series.metric]
+    score = number_text(choice.scores[choice.enough], metric.decimals)
+    facts = [f"{score} {metric.unit} at {rate_label(choice.event_rates_hz[choice.enough])} Mev/s"]
+    if choice.enough == choice.best:
+        facts.append("the best")
+    else:
+        saving = choice.saving(choice.best)
+        fewer = "" if saving is None else f", {_times(saving)} times the events"
+        loss = f"{number_text(choice.loss, metric.decimals)} {metric.unit}"
+        facts.append(f"best {choice.best} px: {loss} better{fewer}")
+    if choice.tied is not None and choice.tied != choice.enough:
+        facts.append(f"tied: {choice.tied} px")
+    if choice.nothing is not None and not choice.worthwhile:
+        facts.append(f"doing nothing: {number_text(choice.nothing, metric.decimals)} {metric.unit}")
+    kind = "" if choice.worthwhile else ' class="worthless"'
+    small = "".join(f"<small>{escape(fact)}</small><br>" for fact in facts)
+    return f"<td{kind}><b>{choice.enough} px</b>{small}</td>"

@@ -1,0 +1,53 @@
+"""Where a study ran: what a reader needs to make the same numbers again."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+PACKAGES = ("eres", "numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
+
+
+def environment(variant: str) -> dict[str, str]:
+    """Versions, machine, code and command of this process, by name."""
+    return {
+        "command": " ".join(["eres", *sys.argv[1:]]),
+        "code": _git_commit() or f"eres {version('eres')} as installed",
+        "Mitsuba variant": variant,
+        "python": platform.python_version(),
+        **{name: version(name) for name in PACKAGES},
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": str(len(os.sched_getaffinity(0))),
+    }
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout that this file lies in; None in an installed wheel."""
+    root = Path(__file__).parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        run = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return f"git {run.stdout.strip()}" if run.returncode == 0 else None
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass  # not Linux
+    return platform.processor() or platform.machine()

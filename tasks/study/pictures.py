@@ -1,0 +1,30 @@
+"""What all of a run's pictures share: the part of the scene that they show, colours, the format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.files import write_bytes
+
+BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
+_SIDE_PX = 320
+_VIEW = 0.25  # of the image's side, around its middle
+
+
+def middle(image: NDArray) -> NDArray:
+    """The middle part of an image, at the size of a preview, each pixel a square."""
+    height, width = image.shape
+    side = max(2, round(width * _VIEW))
+    y, x = (height - side) // 2, (width - side) // 2
+    k = (np.arange(_SIDE_PX) * side) // _SIDE_PX
+    return image[y + k[:, None], x + k]
+
+
+def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
+    """Write a picture; it appears under its name only when it is whole."""
+    _, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
+    write_bytes(path, data.tobytes())

@@ -1,0 +1,229 @@
+"""Write the report of a run: one HTML file without network, the static figure and the tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from tasks.errors import ResultError
+from tasks.files import write_bytes
+from tasks.row import Row, read_rows
+from tasks.study.bus import buses_html
+from tasks.study.choice import choose_all
+from tasks.study.choice_html import answer_html, choice_tables_html
+from tasks.study.claims import judge_all as judge_claims
+from tasks.study.figure import COLOURS, figure_files
+from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, Status, Verdict
+from tasks.study.markup import join_words, scrolling
+from tasks.study.plot_data import plot_data
+from tasks.study.preview_html import previews_html
+from tasks.study.scaling import read_scaling
+from tasks.study.scaling_html import scaling_html
+from tasks.study.tables import ComparisonTable, Scores, Series, comparison_table, to_csv, to_html
+
+MAX_BYTES = 15_000_000
+"""A report is never larger than this."""
+
+
+def write_report(run_dir: Path) -> Path:
+    """Write ``report.html``, ``tables.csv`` and ``figures/tradeoff.png`` and ``.svg``.
+
+    Parameters
+    ----------
+    run_dir
+        Folder of a run, with ``rows.csv``, ``environment.json`` (strings by name), ``study.json``
+        (the resolved configuration) and, if the run made any, ``previews/index.json`` with the PNG
+        files that it lists and ``scaling/`` with a JSON and a PNG file for each scene.
+
+    Returns
+    -------
+    Path
+        The report, which appears under its name only when it is whole.
+
+    Raises
+    ------
+    ResultError
+        A file is missing or damaged, the rows contradict each other, or the report would be larger
+        than `MAX_BYTES`.
+    """
+    rows = read_rows(run_dir / "rows.csv")
+    environment = _read_json(run_dir / "environment.json", dict)
+    config = _read_json(run_dir / "study.json", dict)
+    scores = Scores(rows)
+    if not scores.series():
+        raise ResultError(f"{run_dir / 'rows.csv'}: only do-nothing rows, no method to report on")
+
+    page = _page(run_dir, rows, scores, environment, config).encode()
+    if len(page) > MAX_BYTES:
+        raise ResultError(
+            f"{run_dir}: the report would have {len(page) / 1e6:.1f} MB, more than "
+            f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
+        )
+    tables = [comparison_table(scores, series) for series in scores.series()]
+    write_bytes(run_dir / "tables.csv", to_csv(tables).encode())
+    for kind, image in figure_files(scores).items():
+        write_bytes(run_dir / "figures" / f"tradeoff.{kind}", image)
+    report = run_dir / "report.html"
+    write_bytes(report, page)
+    return report
+
+
+def _read_json(path: Path, kind: type) -> Any:
+    try:
+        content = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise ResultError(f"{path}: no such file; is this the folder of a finished run?") from None
+    except ValueError as error:
+        raise ResultError(f"{path}: not JSON, {error}") from None
+    if not isinstance(content, kind):
+        raise ResultError(f"{path}: found a {type(content).__name__}, expected a {kind.__name__}")
+    return content
+
+
+def _page(
+    run_dir: Path,
+    rows: list[Row],
+    scores: Scores,
+    environment: dict[str, str],
+    config: dict[str, Any],
+) -> str:
+    here = Path(__file__).parent
+    series = scores.series()
+    choices = {one: choose_all(scores, one) for one in series}
+    scaling = read_scaling(run_dir / "scaling")
+    verdicts = judge_claims(rows, scaling)
+    previews = run_dir / "previews"
+    index = previews / "index.json"
+    entries = _read_json(index, list) if index.is_file() else []
+    plots = [plot_data(scores, one, scene) for one in series for scene in scores.scenes(one)]
+    template = Template((here / "report.html").read_text())
+    return template.substitute(
+        title="Which event-camera resolution is enough?",
+        colours=_colour_css(),
+        css=(here / "report.css").read_text(),
+        js=(here / "report.js").read_text(),
+        kicker=_kicker(scores, environment),
+        answer="".join(answer_html(choices[one], one) for one in series) + _caution(scores),
+        plots="".join(
+            f'<div class="plot"><h3>{escape(plot["title"])}</h3></div>' for plot in plots
+        ),
+        buses=buses_html(scores, series[0]),
+        scaling=scaling_html(run_dir / "scaling", scaling, _scenes(scores)),
+        tables="".join(_tables(scores, one) for one in series),
+        tally=_tally(verdicts),
+        claims=_claims(verdicts),
+        choice="".join(choice_tables_html(choices[one], one) for one in series),
+        previews=previews_html(previews, entries),
+        provenance=_provenance(environment, config),
+        reproduce=_reproduce(environment),
+        plot_data=json.dumps(plots, ensure_ascii=False).replace("<", "\\u003c"),
+    )
+
+
+def _colour_css() -> str:
+    def properties(theme: int) -> str:
+        return " ".join(f"--series-{i}: {pair[theme]};" for i, pair in enumerate(COLOURS))
+
+    dark = "@media (prefers-color-scheme: dark)"
+    return f":root {{ {properties(0)} }}\n{dark} {{ :root {{ {properties(1)} }} }}"
+
+
+def _kicker(scores: Scores, environment: Mapping[str, str]) -> str:
+    parts = [
+        f"eres {environment.get('eres', '')}".strip(),
+        join_words(_scenes(scores)),
+        _samples_text(scores),
+    ]
+    return escape(" · ".join(parts))
+
+
+def _scenes(scores: Scores) -> list[str]:
+    return list(dict.fromkeys(s for one in scores.series() for s in scores.scenes(one)))
+
+
+def _sample_counts(scores: Scores) -> set[int]:
+    """Samples a scene, over all series and scenes."""
+    return {scores.samples(one, scene) for one in scores.series() for scene in scores.scenes(one)}
+
+
+def _samples_text(scores: Scores) -> str:
+    low, high = min(_sample_counts(scores)), max(_sample_counts(scores))
+    return f"{low if low == high else f'{low} to {high}'} sample{'s' * (high > 1)} a scene"
+
+
+def _caution(scores: Scores) -> str:
+    """Say it beside the answer where the samples are too few to tell how sure it is."""
+    if min(_sample_counts(scores)) >= MIN_SAMPLES_FOR_INTERVAL:
+        return ""
+    return (
+        f"<p>These are medians of {_samples_text(scores)}, too few to say how sure they are: "
+        f"an interval needs {MIN_SAMPLES_FOR_INTERVAL}.</p>"
+    )
+
+
+def _tables(scores: Scores, series: Series) -> str:
+    base = comparison_table(scores, series, [min(scores.speeds(series), key=_from_base)])
+    every = comparison_table(scores, series)
+    return (
+        f"{_table(base)}<p class='note'>{escape(base.footnote)}</p>"
+        f"<details><summary>All speeds</summary>{_table(every)}</details>"
+    )
+
+
+def _table(table: ComparisonTable) -> str:
+    return scrolling(table.title, to_html(table))
+
+
+def _from_base(speed: float) -> float:
+    return abs(math.log(speed))
+
+
+_SIGNS = {
+    Status.HOLDS: "M3 9.5L7.5 14L15 4.5",
+    Status.DOES_NOT_HOLD: "M4 4L14 14M14 4L4 14",
+    Status.NOT_MEASURED: "M4 9H14",
+}
+
+
+def _tally(verdicts: list[Verdict]) -> str:
+    counts = {status: sum(v.status is status for v in verdicts) for status in Status}
+    tally = ", ".join(f"{status.value}: {count}" for status, count in counts.items())
+    return f"{len(verdicts)} claims checked; {tally}."
+
+
+def _claims(verdicts: list[Verdict]) -> str:
+    items = []
+    for v in verdicts:
+        kind = v.status.value.replace(" ", "-")
+        note = f'<p class="note">{escape(v.note)}</p>' if v.note else ""
+        items.append(
+            f'<li><div class="status {kind}"><svg viewBox="0 0 18 18" aria-hidden="true">'
+            f'<path d="{_SIGNS[v.status]}" fill="none" stroke="currentColor" stroke-width="2.4"/>'
+            f"</svg><div>{v.status.value}<small>claim {v.number}</small></div></div>"
+            f"<div><h3>{escape(v.title)}</h3><p>{escape(v.statement)}</p>"
+            f"<dl><div><dt>ours</dt><dd>{escape(v.ours)}</dd></div>"
+            f"<div><dt>paper</dt><dd>{escape(v.paper)}</dd></div></dl>{note}</div></li>"
+        )
+    return f'<ol class="claims">{"".join(items)}</ol>'
+
+
+def _provenance(environment: Mapping[str, str], config: Mapping[str, Any]) -> str:
+    facts = "".join(
+        f"<dt>{escape(k)}</dt><dd>{escape(str(v))}</dd>" for k, v in environment.items()
+    )
+    return (
+        f'<dl class="facts">{facts}</dl><details><summary>Resolved configuration</summary>'
+        f"<pre>{escape(json.dumps(config, indent=2, ensure_ascii=False))}</pre></details>"
+    )
+
+
+def _reproduce(environment: Mapping[str, str]) -> str:
+    command = environment.get("command")
+    if command is None:
+        return "<p>The run did not record its command.</p>"
+    return f"<pre>{escape(command)}</pre>"

@@ -1,0 +1,71 @@
+"""Event streams for the tests of the file formats."""
+
+import numpy as np
+from hypothesis import strategies as st
+
+from sensor import Events, SensorModel
+
+COLUMNS = ("t_us", "x", "y", "p")
+SUFFIXES = {"dsec": ".h5", "evt3": ".raw", "evt2": ".raw", "npz": ".npz", "text": ".txt"}
+
+
+def make_events(t_us, x, y, p, width=640, height=480, model=None):
+    """Events from anything that numpy makes columns of; p may be 0 or 1."""
+    p = np.where(np.asarray(p) > 0, 1, -1).astype(np.int8)
+    columns = np.asarray(t_us, np.int64), np.asarray(x, np.uint16), np.asarray(y, np.uint16), p
+    return Events(*columns, width, height, model)
+
+
+def random_events(count, width=640, height=480, start_us=0, mean_us=0.5, seed=0, model=None):
+    """Poisson events over the sensor, sorted by (t, y, x)."""
+    rng = np.random.default_rng(seed)
+    t = start_us + np.cumsum(rng.poisson(mean_us, count))
+    x, y = rng.integers(0, width, count), rng.integers(0, height, count)
+    order = np.lexsort((x, y, t))
+    return make_events(
+        t[order], x[order], y[order], rng.integers(0, 2, count), width, height, model
+    )
+
+
+def bars(steps, width=640, height=8, gap_us=7):
+    """Whole rows that fire together, with holes: what EVT3's vectors are for."""
+    rng = np.random.default_rng(0)
+    fired = rng.random((steps, height, width)) < rng.random((steps, height, 1))
+    step, y, x = np.nonzero(fired)
+    return make_events(gap_us * step, x, y, (step + y) % 2, width, height)
+
+
+def assert_same(a, b):
+    assert (a.width, a.height) == (b.width, b.height)
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(a, column), getattr(b, column))
+
+
+@st.composite
+def streams(draw, max_start_us=1 << 30):
+    """A short stream: small and large steps in time, ties, neighbours in a row, any pixel."""
+    width, height = draw(st.integers(1, 2048)), draw(st.integers(1, 2048))
+    steps = draw(
+        st.lists(
+            st.one_of(
+                st.just(0), st.integers(0, 70), st.integers(0, 5000), st.integers(0, 1 << 25)
+            ),
+            max_size=40,
+        )
+    )
+    n = len(steps)
+    pixels = st.tuples(st.integers(0, width - 1), st.integers(0, height - 1), st.booleans())
+    x, y, p = np.array(draw(st.lists(pixels, min_size=n, max_size=n)), int).reshape(n, 3).T
+    if draw(st.booleans()):  # one row, one polarity, left to right
+        x, y, p = np.minimum(np.arange(n), width - 1), np.zeros(n), np.ones(n)
+    t = draw(st.integers(0, max_start_us)) + np.cumsum(np.array(steps, int))
+    model = draw(
+        st.sampled_from(
+            [
+                None,
+                SensorModel(width=width, height=height),
+                SensorModel(width=width, height=height, cutoff_hz=50.0, dark_level=0.1 / 3),
+            ]
+        )
+    )
+    return make_events(t, x, y, p, width, height, model)

@@ -1,0 +1,106 @@
+"""The command line: help, exit codes, one clear line for every mistake, nothing half-written."""
+
+import errno
+import sys
+from pathlib import Path
+
+import pytest
+
+from tasks import cli
+
+COMMANDS = [
+    "doctor",
+    "scenes",
+    "sensors",
+    "methods",
+    "bake",
+    "render",
+    "truth",
+    "convergence",
+    "simulate",
+    "convert",
+    "study",
+    "report",
+    "claims",
+    "info",
+]
+
+
+@pytest.fixture
+def eres(monkeypatch, capsys):
+    """Run the command in this process; returns (exit code, stdout, stderr)."""
+
+    def run(*args):
+        monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
+        monkeypatch.setattr(cli, "_out", cli.Console(width=200))
+        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=200))
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return run
+
+
+def test_version_and_lists(eres):
+    """Promise: --version, scenes and methods answer on stdout."""
+    assert eres("--version")[1].startswith("eres 0.")
+    code, out, _ = eres("scenes")
+    assert (code, "carpet" in out, "0.9 m/s" in out) == (0, True, True)
+    assert "event_integration" in eres("methods")[1]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(eres, command):
+    """Promise: help exits 0 and says what the command does."""
+    code, out, _ = eres(command, "--help")
+    assert code == 0
+    assert len(out.splitlines()) > 3
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "text"),
+    [
+        (["render", "carpt", "--out", "{tmp}/r"], 1, "did you mean 'carpet'"),
+        (["render", "carpet", "--out", "{tmp}/r", "--spp", "5"], 1, "spp: found 5"),
+        (["render", "carpet", "--out", "{tmp}/r", "--samples", "99"], 1, "samples: found 99"),
+        (["render", "carpet", "--out", "{tmp}/file/r", "--samples", "1"], 1, "file"),
+        (["study", "--preset", "quik", "--out", "{tmp}/r"], 1, "did you mean 'quick'"),
+        (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "simulate.widths"),
+        (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),
+        (["study", "--out", "{tmp}/file/r"], 1, "file"),
+        (["claims", "{tmp}/none"], 1, "none/rows.csv: no such file"),
+        (["report", "{tmp}/none"], 1, "none/rows.csv: no such file"),
+        (["info", "{tmp}/none"], 1, "none"),
+        (["bake", "nowhere"], 1, "nowhere"),
+        (["studdy"], 2, "studdy"),
+        (["study"], 2, "--out"),
+        (["render", "carpet", "--out", "{tmp}/r", "--spp", "many"], 2, "many"),
+    ],
+)
+def test_mistakes_get_one_clear_line(eres, tmp_path, args, code, text):
+    """Promise: exit code 1 with one line, 2 for usage; no traceback, nothing left behind."""
+    (tmp_path / "file").write_text("in the way")
+    got, out, err = eres(*[arg.format(tmp=tmp_path) for arg in args])
+    assert got == code
+    assert text in out + err
+    if code == 1:
+        assert len(err.strip().splitlines()) == 1, err
+        assert err.startswith("error: ")
+        assert sorted(p.name for p in tmp_path.rglob("*")) == ["file"]
+
+
+def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):
+    """Promise: when the disk is full the one line says so, and no file has a final name."""
+
+    def full(self, data):
+        raise OSError(errno.ENOSPC, "No space left on device", str(self))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    code, _, err = eres("study", "--out", tmp_path / "run")
+    assert code == 1
+    assert "No space left on device" in err
+    assert not [p for p in tmp_path.rglob("*") if p.is_file()]

@@ -1,0 +1,170 @@
+"""The light side of the command line: any scene, truth, convergence; bad input is refused."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from eres_render import open_sequence
+from eres_render.paths import look_at
+from eres_render.tum import tum_text
+from light_scenes import edit_scene, room_folder
+from tasks import cli
+
+CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'
+SCENE = """<emitter type="constant"/>
+<shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>
+<shape type="sphere" id="mirror">
+  <point name="center" value="0 0 1"/><float name="radius" value="0.3"/><bsdf type="conductor"/>
+</shape>"""
+
+
+@pytest.fixture
+def eres(monkeypatch, capsys):
+    """Run the command in this process; returns (exit code, stdout, stderr)."""
+
+    def run(*args):
+        monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
+        monkeypatch.setattr(cli, "_out", cli.Console(width=200))
+        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=200))
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return run
+
+
+def write_scene(folder, *parts):
+    file = folder / "mine.xml"
+    file.write_text(f'<scene version="3.0.0">{"".join(parts)}</scene>')
+    return file
+
+
+def write_poses(folder, positions=((3, 0, 0), (2.8, 1, 0.1), (2.5, 1.5, 0)), t_s=(0.0, 0.2, 0.4)):
+    poses = np.array([look_at(p, (0, 0, 0), (0, 0, 1)) for p in positions])
+    file = folder / "poses.txt"
+    file.write_text(tum_text(np.array(t_s), poses))
+    return file
+
+
+def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
+    """Promise: any Mitsuba file with poses renders; info and truth speak about the result."""
+    xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path)
+    options = ["--resolution", "24", "--spp", "4", "--max-displacement", "1", "--continuous"]
+    code, out, _ = eres("render", xml, "--trajectory", poses, "--out", tmp_path / "out", *options)
+    assert code == 0
+    assert f"{tmp_path / 'out' / 'continuous'}: " in out
+    sequence = open_sequence(tmp_path / "out" / "continuous")
+    assert sequence.is_continuous
+    assert sequence.manifest.integrator == "path"  # for the mirror
+
+    code, out, _ = eres("info", sequence.folder)
+    assert code == 0
+    assert "mine, continuous" in out
+    assert "0.0000 to 0.4000 s" in out
+    assert "m/s on average" in out
+
+    code, out, _ = eres(
+        "truth", sequence.folder, "--out", tmp_path / "truth", "--width", "20", "--step", "0.15",
+        "--flow-png",
+    )  # fmt: skip
+    assert code == 0
+    assert "4 times" in out  # 0, 0.15, 0.3, 0.4
+    assert len(list((tmp_path / "truth" / "depth").glob("*.exr"))) == 4
+    assert len(list((tmp_path / "truth" / "flow").glob("*.png"))) == 3
+
+
+def test_convergence_prints_each_setting(eres, tmp_path):
+    folder = room_folder(tmp_path / "room")
+    code, out, _ = eres("convergence", folder, "--resolution", "24", "--duration", "0.02")
+    assert code == 0
+    lines = out.splitlines()
+    assert len(lines) == 1 + 1 + 2 * 7
+    assert "64 spp" in lines[1]
+    assert "+0.0 %" in lines[1]
+    assert sum("fresh" in line for line in lines) == 7
+
+
+BAD_SCENES = [
+    ([SCENE], "found 0 cameras"),
+    ([CAMERA, CAMERA, SCENE], "found 2 cameras"),
+    (
+        [CAMERA, '<shape type="obj"><string name="filename" value="gone.obj"/></shape>'],
+        "gone.obj is missing",
+    ),
+    (
+        [CAMERA, '<texture type="bitmap"><string name="filename" value="gone.png"/></texture>'],
+        "gone.png is missing",
+    ),
+    ([CAMERA, '<shape type="sphre"/>'], "Mitsuba refuses it"),
+]
+BAD_POSES = [
+    ("0 0 0 3 0 0 0 1\n1 0 0 4 0 0 0 1\n0.5 0 0 5 0 0 0 1\n", "line 3: found time 0.5 after 1.0"),
+    ("0 0 0 3 0 0 0 1.01\n1 0 0 4 0 0 0 1\n", "line 1: found a quaternion of length 1.01"),
+    ("0 0 0 3 0 0 0 1\n1 0 0 3 0 0 0 1\n", "found a path of length 0"),
+    ("0 0 0 0.2 0 0 0 1\n1 0 0 0.1 0 0 0 1\n", "is inside a solid or behind a wall, shape 'ball'"),
+    ("0 3 0 0 0 0 0 1\n1 -3 0 0 0 0 0 1\n", "of shape 'ball'"),
+    ("hello\n", "line 1: found 'hello', expected 8 numbers"),
+]
+
+
+@pytest.mark.parametrize(("parts", "text"), BAD_SCENES)
+def test_bad_scenes_are_refused_and_leave_nothing(eres, tmp_path, parts, text):
+    """Promise: exit code 1, one line that names the file and what is wrong with it."""
+    xml, poses = write_scene(tmp_path, *parts), write_poses(tmp_path)
+    refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, "--out", tmp_path / "out")
+
+
+@pytest.mark.parametrize(("poses", "text"), BAD_POSES)
+def test_bad_poses_are_refused_and_leave_nothing(eres, tmp_path, poses, text):
+    xml = write_scene(tmp_path, CAMERA, SCENE)
+    (tmp_path / "poses.txt").write_text(poses)
+    refused(
+        eres, tmp_path, text, "render", xml, "--trajectory", tmp_path / "poses.txt", "--out",
+        tmp_path / "out",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (
+            lambda folder: room_folder(folder, ("[1.0, 0.0, 1.5]", "[2.5, 0.0, 1.5]")),
+            "the camera is inside a solid or behind a wall",
+        ),
+        (
+            lambda folder: room_folder(folder, ("[1.0, 0.0, 1.5]", "[0.1, 0.0, 1.5]")),
+            "inside a solid or behind a wall, shape 'ball'",
+        ),
+        (
+            lambda folder: edit_scene(folder, ("distance_m = 1.83", "distance_m = 3.0")),
+            "expected at most plane.half_width_m = 2.5 m",
+        ),
+    ],
+)
+def test_paths_that_leave_their_scene_are_refused_and_leave_nothing(eres, tmp_path, make, text):
+    folder = make(tmp_path / "scene")
+    refused(eres, tmp_path, text, "render", folder, "--out", tmp_path / "out", "--spp", "1")
+
+
+def test_truth_of_no_sequence_and_senseless_steps_are_refused(eres, tmp_path):
+    refused(
+        eres, tmp_path, "none/manifest.json", "truth", tmp_path / "none", "--out", tmp_path / "o"
+    )
+    refused(
+        eres, tmp_path, "duration: found 9.0 s", "convergence", "carpet", "--duration", "9",
+    )  # fmt: skip
+
+
+def refused(eres, folder, text, *args):
+    before = sorted(folder.rglob("*"))
+    code, _, err = eres(*args)
+    assert code == 1
+    assert text in err
+    assert err.startswith("error: ")
+    assert len(err.strip().splitlines()) == 1, err
+    assert sorted(folder.rglob("*")) == before

@@ -1,0 +1,222 @@
+"""`eres simulate`, `convert`, `info` and `sensors`: from a render to any file of events."""
+
+import shutil
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eres_render import load_scene, render_scene
+from event_streams import SUFFIXES, assert_same, make_events, random_events
+from light_scenes import small_carpet_folder
+from sensor import SensorModel, presets, simulate
+from sensor.formats import FORMATS, load_events, read_header, write_events
+from tasks import cli
+from tasks.event_files import middle
+
+
+@pytest.fixture
+def eres(monkeypatch, capsys):
+    """Run the command in this process; returns (exit code, stdout, stderr)."""
+
+    def run(*args):
+        monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
+        monkeypatch.setattr(cli, "_out", cli.Console(width=250))
+        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=250))
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    """A rendered clip of 64 x 64 px."""
+    folder = tmp_path_factory.mktemp("clip")
+    scene = load_scene(small_carpet_folder(folder / "carpet"))
+    return render_scene(
+        scene, folder / "r", resolution=64, spp=1, max_displacement_px=1.0, samples=1
+    )[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "model", "speed"),
+    [
+        (
+            ["--resolution", 40, "--cutoff", 50, "--threshold", 0.15, "--speed", 2, "--seed", 4],
+            SensorModel(width=40, height=40, cutoff_hz=50.0, contrast_threshold=0.15),
+            2.0,
+        ),
+        (["--resolution", 64], SensorModel(width=64, height=64), 1.0),
+    ],
+)
+def test_simulate_writes_what_the_library_simulates(
+    eres, sequence, tmp_path, arguments, model, speed
+):
+    """Promise: the file holds `sensor.simulate`'s events, and says how they were made."""
+    out = tmp_path / "out.h5"
+    code, printed, err = eres("simulate", sequence.folder, "--out", out, *arguments)
+    assert (code, err) == (0, "")  # no terminal, no progress
+    dark = replace(model, dark_level=1e-3 * sequence.white_level)
+    expected = simulate(np.stack(list(sequence)), sequence.t_s / speed, dark)
+    assert len(expected) > 500
+    assert_same(load_events(out), expected)
+    assert f"out.h5: {len(expected)} events" in printed
+    header = read_header(out)
+    assert header.model == dark
+    said = header.origin
+    assert (said["scene"], said["clip"], said["speed"]) == (sequence.manifest.scene, 0, speed)
+    assert said["seed"] == (4 if "--seed" in arguments else 0)
+    assert said["window_end_us"] == round(1e6 * sequence.window_s[1] / speed)
+
+
+def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkeypatch):
+    """Promise: a sensor that is wider than the frames are has square pixels all the same."""
+    wide = presets.SensorPreset(
+        supplier="",
+        camera="",
+        year=2026,
+        interface=None,
+        max_bandwidth_mev_s=None,
+        model=SensorModel(width=32, height=18, contrast_threshold=0.1),
+    )
+    monkeypatch.setitem(presets.SENSORS, "wide", wide)
+    out = tmp_path / "out.raw"
+    assert eres("simulate", sequence.folder, "--out", out, "--sensor", "wide")[0] == 0
+    frames = np.stack([frame[14:50] for frame in sequence])
+    events = load_events(out)
+    assert events.model.contrast_threshold == 0.1
+    assert_same(events, simulate(frames, sequence.t_s, events.model))
+
+
+def test_middle():
+    """Promise: the largest middle of the sensor's shape, to a whole pixel."""
+    assert middle(1280, 1280, 720, 1280) == np.s_[280:1000, 0:1280]
+    assert middle(1280, 1280, 260, 346) == np.s_[159:1121, 0:1280]
+    assert middle(480, 640, 100, 100) == np.s_[0:480, 80:560]
+    assert middle(3, 5, 3, 5) == np.s_[0:3, 0:5]
+
+
+@pytest.mark.parametrize("name", list(FORMATS))
+def test_convert_there_and_back(eres, tmp_path, name):
+    """Promise: from DSEC to any format and back, events, model and origin are kept."""
+    model = SensorModel(width=640, height=480, cutoff_hz=200.0)
+    events = random_events(500, model=None if name == "text" else model)
+    first, there, back = (tmp_path / f for f in ("a.h5", f"b{SUFFIXES[name]}", "c.h5"))
+    write_events(first, events, origin={} if name == "text" else {"seed": 3})
+    code, out, _ = eres("convert", first, there, "--format", name)
+    assert (code, "500 events" in out) == (0, True)
+    assert eres("convert", there, back)[0] == 0
+    assert back.read_bytes() == first.read_bytes()
+
+
+def test_convert_asks_for_a_size(eres, tmp_path):
+    """Promise: --size WIDTH HEIGHT for files that store none; the error says so."""
+    source, out = tmp_path / "a.txt", tmp_path / "b.npz"
+    source.write_text("0.5 3 4 1\n")
+    code, _, err = eres("convert", source, out)
+    assert (code, "--size WIDTH HEIGHT" in err, out.exists()) == (1, True, False)
+    assert eres("convert", source, out, "--size", 346, 260)[0] == 0
+    assert_same(load_events(out), make_events([500_000], [3], [4], [1], 346, 260))
+
+
+@pytest.mark.parametrize("name", list(FORMATS))
+def test_info(eres, tmp_path, name):
+    """Promise: format, size, count, time, rate and polarities of any file, and its model."""
+    t, zeros = [1_000_000, 1_250_000, 1_500_000, 3_000_000], [0, 1, 2, 3]
+    model = SensorModel(width=346, height=260, cutoff_hz=50.0)
+    events = make_events(t, zeros, zeros, [1, 1, 1, 0], 346, 260, model)
+    path = tmp_path / f"a{SUFFIXES[name]}"
+    write_events(path, events, format=name, origin={"seed": 9})
+    code, out, _ = eres("info", path)
+    said = dict(line.split(None, 1) for line in out.strip().splitlines())
+    assert code == 0
+    assert said["format"].strip() == FORMATS[name].title
+    assert said["sensor"].strip() == "346x260 px" or name != "text"
+    assert said["events"].strip() == "4"
+    assert said["time"].strip() == "1.000000 to 3.000000 s"
+    assert said["rate"].strip() == "2e-06 Mev/s"
+    assert said["brighter"].strip() == "75.00 % of the events"
+    if name != "text":
+        assert '"cutoff_hz": 50.0' in out
+        assert said["seed"].strip() == "9"
+
+
+def test_info_without_size_and_without_events(eres, tmp_path):
+    """Promise: info needs no size, and an empty file is described too."""
+    (tmp_path / "a.txt").write_text("0.5 3 4 1\n")
+    assert "size not stored" in eres("info", tmp_path / "a.txt")[1]
+    write_events(tmp_path / "b.npz", make_events([], [], [], []))
+    code, out, _ = eres("info", tmp_path / "b.npz")
+    assert (code, "640x480 px" in out) == (0, True)
+
+
+def test_sensors(eres):
+    """Promise: `eres sensors` lists every preset with its table's facts."""
+    code, out, _ = eres("sensors")
+    assert code == 0
+    line = next(line for line in out.splitlines() if "gen4-cd" in line)
+    assert " ".join(line.split()) == "gen4-cd Prophesee Gen4 CD 2020 1280x720 USB 3 1066"
+    assert len(out.splitlines()) == 15
+
+
+@pytest.mark.parametrize("command", ["simulate", "convert", "sensors", "info"])
+def test_commands_explain_themselves(eres, command):
+    """Promise: help exits 0 and says what the command does."""
+    code, out, _ = eres(command, "--help")
+    assert (code, len(out.splitlines()) > 3) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5"], 1, "both or neither of sensor and"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "davis34"], 1, "'davis346'?"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "finer than"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.dat", "--resolution", "64"], 1, "'.dat'"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/no/a.h5", "--resolution", "64"],
+            1,
+            "no such folder",
+        ),
+        (["simulate", "{seq}", "--out", "{tmp}", "--resolution", "64"], 1, "extension ''"),
+        (["simulate", "{tmp}/none", "--out", "{tmp}/a.h5", "--resolution", "9"], 1, "none"),
+        (["simulate", "{seq}", "--resolution", "64"], 2, "--out"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8", "--speed", "0"],
+            1,
+            "speed: found 0",
+        ),
+        (["convert", "{tmp}/none.h5", "{tmp}/a.raw"], 1, "none.h5: No such file"),
+        (["convert", "{tmp}/bad.raw", "{tmp}/a.h5"], 1, "bad.raw: byte 0"),
+        (["convert", "{tmp}/bad.raw", "{tmp}/a.h5", "--input-format", "x"], 1, "found 'x'"),
+        (["info", "{tmp}/bad.raw"], 1, "bad.raw: byte 0: found no header"),
+    ],
+)
+def test_mistakes_get_one_clear_line(eres, sequence, tmp_path, arguments, code, said):
+    """Promise: exit code 1 with one line, 2 for usage; nothing is left behind."""
+    (tmp_path / "bad.raw").write_bytes(b"nothing of the kind")
+    filled = [a.format(seq=sequence.folder, tmp=tmp_path) for a in arguments]
+    got, out, err = eres(*filled)
+    assert got == code
+    assert said in out + err
+    if code == 1:
+        assert len(err.strip().splitlines()) == 1, err
+        assert [p.name for p in tmp_path.iterdir()] == ["bad.raw"]
+
+
+def test_a_damaged_frame_leaves_no_file(eres, sequence, tmp_path):
+    """Promise: when the light ends half-way, so does the command, and no half a file is left."""
+    folder = shutil.copytree(sequence.folder, tmp_path / "sequence")
+    frame = sorted((folder / "frames").iterdir())[-1]
+    frame.write_bytes(frame.read_bytes()[:100])
+    out = tmp_path / "a.raw"
+    code, _, err = eres("simulate", folder, "--out", out, "--resolution", 16)
+    assert (code, frame.name in err) == (1, True)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sequence"]

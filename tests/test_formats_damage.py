@@ -1,0 +1,95 @@
+"""Damaged files: an error that says where, or valid events; no crash, hang or silent loss."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from event_streams import COLUMNS, SUFFIXES, assert_same, random_events
+from sensor import EventFormatError, Events, SensorModel
+from sensor.formats import FORMATS, load_events, write_events
+
+EVERY = pytest.mark.parametrize("name", list(FORMATS))
+MODEL = SensorModel(width=640, height=480, cutoff_hz=200.0)
+CHECKSUMMED = {"dsec", "npz"}
+FUZZ = settings(
+    max_examples=150,
+    deadline=5000,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Every format's file of one stream: name -> (events, bytes)."""
+    folder = tmp_path_factory.mktemp("whole")
+    events = random_events(400, model=MODEL)
+    files = {}
+    for name in FORMATS:
+        path = folder / f"{name}{SUFFIXES[name]}"
+        write_events(path, events, format=name, origin={"seed": 3})
+        files[name] = path.read_bytes()
+    return events, files
+
+
+def outcome(folder, name, data):
+    """The events that a file of these bytes holds, checked again; None where it is refused."""
+    path = folder / f"damaged{SUFFIXES[name]}"
+    path.write_bytes(data)
+    try:
+        found = load_events(path, format=name)
+    except EventFormatError as error:
+        said = str(error)
+    else:
+        return Events(*(getattr(found, c) for c in COLUMNS), found.width, found.height)
+    assert said.startswith(f"{path}: ")
+    return None
+
+
+@EVERY
+def test_cut_anywhere_is_an_error(name, whole, tmp_path):
+    """Promise: a file that was cut off is refused; text, which cannot tell, gives whole lines."""
+    events, files = whole
+    data = files[name]
+    for length in [*range(0, len(data), 13), len(data) - 2, len(data) - 1]:
+        found = outcome(tmp_path, name, data[:length])
+        if name != "text":
+            assert found is None, f"{length} of {len(data)} bytes"
+        elif found is not None:
+            assert length >= data.index(b"\n") + 1
+            assert_same(found, events[: len(found)])
+            assert len(found) >= data[:length].count(b"\n") - 1
+
+
+@EVERY
+@FUZZ
+@given(
+    flips=st.lists(st.tuples(st.integers(0, 1 << 20), st.integers(0, 7)), min_size=1, max_size=3)
+)
+def test_flipped_bits_give_an_error_or_valid_events(name, flips, whole, tmp_path):
+    """Promise: whatever is flipped, what comes out is a valid stream, and all of it.
+
+    DSEC and npz have checksums: there it is the very same stream, or an error.
+    """
+    events, files = whole
+    data = bytearray(files[name])
+    for place, bit in flips:
+        data[place % len(data)] ^= 1 << bit
+    found = outcome(tmp_path, name, bytes(data))
+    if found is None:
+        return
+    if name in CHECKSUMMED:
+        assert_same(found, events)
+    elif name.startswith("evt") and b"event_count" in data:
+        assert len(found) == len(events)
+
+
+@EVERY
+@FUZZ
+@given(data=st.binary(max_size=400), keep=st.integers(0, 400))
+def test_garbage_is_refused(name, data, keep, whole, tmp_path):
+    """Promise: bytes of anything, after nothing or after a file's good start, do no harm."""
+    _, files = whole
+    outcome(tmp_path, name, data)
+    outcome(tmp_path, name, files[name][:keep] + data)
+    outcome(tmp_path, name, files[name] + data)

@@ -1,0 +1,136 @@
+"""Any Mitsuba file as a scene: its camera, its files, a path given as poses."""
+
+import math
+
+import numpy as np
+import pytest
+
+from eres_render import Renderer, SceneError, TrajectoryError, load_scene
+from eres_render.backend import select_variant
+from eres_render.paths import look_at
+from eres_render.scene_xml import read_scene_xml
+from eres_render.tum import tum_text
+from eres_render.world import load_world
+
+CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'
+BALL = '<shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>'
+SKY = '<emitter type="constant"/>'
+UP = (0.0, 0.0, 1.0)
+
+
+def write_xml(folder, *parts):
+    file = folder / "mine.xml"
+    file.write_text(f'<scene version="3.0.0">{"".join(parts)}</scene>')
+    return file
+
+
+def write_poses(folder, positions=((3, 0, 0), (2, 2, 0.1), (0, 3, 0)), t_s=(10.0, 10.7, 11.1)):
+    poses = np.array([look_at(p, (0, 0, 0), UP) for p in positions])
+    file = folder / "poses.txt"
+    file.write_text(tum_text(np.array(t_s), poses))
+    return file, np.array(t_s) - t_s[0], poses
+
+
+def test_the_camera_passes_through_the_given_poses_at_their_times(tmp_path):
+    file, t_s, poses = write_poses(tmp_path)
+    scene = load_scene(write_xml(tmp_path, CAMERA, BALL, SKY), file)
+    assert scene.duration_s == pytest.approx(1.1)
+    np.testing.assert_allclose(scene.trajectory().pose(t_s), poses, atol=1e-11)
+    frame = Renderer(scene, 32, 4).frame(scene.trajectory().pose(0.3))
+    assert frame[0, 0] == 1  # the sky
+    assert 0.2 < frame[16, 16] < 0.9  # the ball, grey by default
+
+
+@pytest.mark.parametrize(
+    "inner",
+    [
+        '<float name="fov" value="50"/>',
+        '<float name="fov" value="50"/><string name="fov_axis" value="y"/>',
+        '<float name="fov" value="50"/><string name="fov_axis" value="diagonal"/>',
+        '<float name="fov" value="50"/><string name="fov_axis" value="smaller"/>',
+        '<float name="fov" value="50"/><string name="fov_axis" value="larger"/>',
+        '<string name="focal_length" value="35mm"/>',
+        '<float name="fov" value="$wide"/>',
+        "",
+    ],
+)
+@pytest.mark.parametrize("size", [(400, 300), (300, 400), None])
+def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, size):
+    select_variant()
+    import mitsuba as mi
+
+    sides = "" if size is None else "".join(
+        f'<integer name="{n}" value="{v}"/>' for n, v in zip(("width", "height"), size, strict=True)
+    )  # fmt: skip
+    film = f'<film type="hdrfilm">{sides}</film>'
+    xml = write_xml(
+        tmp_path,
+        '<default name="wide" value="77"/>',
+        f'<sensor type="perspective">{inner}{film}</sensor>',
+    )
+    expected = float(np.asarray(mi.traverse(mi.load_file(str(xml)).sensors()[0])["x_fov"])[0])
+    assert math.degrees(read_scene_xml(xml).fov_rad()) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ([BALL], r"mine\.xml: found 0 cameras \(<sensor>\), expected exactly one"),
+        ([CAMERA, CAMERA], r"mine\.xml: found 2 cameras \(<sensor>\), expected exactly one"),
+        (['<sensor type="thinlens"/>'], r"mine\.xml: camera: found type 'thinlens'"),
+        (
+            ['<sensor type="perspective"><float name="fov" value="wide"/></sensor>'],
+            r"mine\.xml: camera: could not convert",
+        ),
+        (
+            [CAMERA, '<shape type="ply"><string name="filename" value="ship.ply"/></shape>'],
+            r"mine\.xml: names 'ship\.ply', but .*/ship\.ply is missing",
+        ),
+        (
+            [
+                CAMERA,
+                '<default name="skin" value="a/skin.png"/>',
+                '<texture type="bitmap"><string name="filename" value="$skin"/></texture>',
+            ],
+            r"names 'a/skin\.png', but .*/a/skin\.png is missing",
+        ),
+        ([CAMERA, '<include filename="rest.xml"/>'], r"names 'rest\.xml', but .* is missing"),
+        ([CAMERA, "<shape"], r"mine\.xml: not an XML file"),
+    ],
+)
+def test_scene_files_that_cannot_do_are_refused(tmp_path, parts, message):
+    with pytest.raises(SceneError, match=message):
+        load_scene(write_xml(tmp_path, *parts))
+
+
+def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "meshes" / "a.spd").write_text("400 1\n700 1\n")
+    (tmp_path / "rest.xml").write_text(
+        '<scene version="3.0.0"><path value="meshes"/><emitter type="constant">'
+        '<spectrum name="radiance" filename="a.spd"/></emitter></scene>'
+    )
+    xml = write_xml(tmp_path, CAMERA, BALL, '<include filename="rest.xml"/>')
+    scene = load_scene(xml)
+    assert scene.files == (tmp_path / "rest.xml", tmp_path / "meshes" / "a.spd")
+    load_world(scene)
+    before = scene.light_digest
+    (tmp_path / "meshes" / "a.spd").write_text("400 2\n700 2\n")
+    assert load_scene(xml).light_digest != before
+
+
+def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
+    xml = write_xml(tmp_path, CAMERA, BALL, SKY)
+    with pytest.raises(SceneError, match=r"mine\.xml: has no camera path; give poses in TUM's"):
+        load_scene(xml).trajectory()
+    file, *_ = write_poses(tmp_path, [(3, 0, 0)] * 3)
+    with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):
+        load_scene(xml, file).trajectory()
+    file.write_text(file.read_text().splitlines()[1])
+    with pytest.raises(TrajectoryError, match=r"poses\.txt: path_through: expected two or more"):
+        load_scene(xml, file).trajectory()
+    file, *_ = write_poses(tmp_path, ((3, 0, 0), (0, 0.1, 0), (0, 3, 0)))
+    with pytest.raises(TrajectoryError, match=r"poses\.txt: at t = .* shape 'ball'"):
+        _ = Renderer(load_scene(xml, file), 8, 1).trajectory
+    with pytest.raises(SceneError, match=r"no folder and no \.xml file named 'other\.xml'"):
+        load_scene("other.xml")

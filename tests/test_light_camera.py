@@ -1,0 +1,71 @@
+"""The pinhole and the plane-induced homography, against explicit geometry."""
+
+import math
+
+import numpy as np
+import pytest
+
+from eres_render import Camera, Plane, RenderError, plane_homography
+from eres_render.camera import map_pixels
+from light_scenes import tilted_pose
+
+CAMERA = Camera(1280, 1280, math.radians(60))
+
+
+def test_focal_length_of_60_degrees_across_1280_pixels():
+    assert pytest.approx(1108.5125, abs=1e-3) == CAMERA.focal_px
+    assert CAMERA.K[0, 2] == CAMERA.K[1, 2] == 640
+
+
+def test_axes_and_pixel_origin():
+    """The axis meets the middle; right is +x, down is +y; the corners lie at 0 and 1280."""
+    edge = math.tan(math.radians(30))
+    points = [[0, 0, 2], [edge, 0, 1], [0, edge, 1], [-edge, -edge, 1]]
+    expected = [[640, 640], [1280, 640], [640, 1280], [0, 0]]
+    np.testing.assert_allclose(CAMERA.project(points), expected, atol=1e-9)
+
+
+def test_rays_undo_projection():
+    pixels = np.random.default_rng(0).uniform(0, 1280, (50, 2))
+    np.testing.assert_allclose(CAMERA.project(3.7 * CAMERA.rays(pixels)), pixels, atol=1e-9)
+
+
+def test_points_behind_the_camera_are_refused():
+    with pytest.raises(RenderError, match="z > 0"):
+        CAMERA.project([[0, 0, -1.0]])
+
+
+def test_homography_equals_intersecting_the_plane_and_projecting_again():
+    """Expected: the closed form moves pixels exactly as the plane's points move in the image."""
+    normal = np.array([0.1, -0.2, 1.0])
+    normal /= np.linalg.norm(normal)
+    plane = Plane(tuple(normal), 0.07)
+    T_0 = tilted_pose()
+    T_1 = tilted_pose()
+    T_1[:3, 3] += 0.05, 0.08, -0.1
+    T_1[:3, :3] = T_1[:3, :3] @ tilted_pose()[:3, :3].T @ np.diag([1.0, -1.0, -1.0])
+    pixels = CAMERA.grid(7)
+
+    points = plane.intersect(T_0[:3, 3], CAMERA.rays(pixels) @ T_0[:3, :3].T)
+    np.testing.assert_allclose(points @ normal, 0.07, atol=1e-12)
+    expected = CAMERA.project((points - T_1[:3, 3]) @ T_1[:3, :3])
+
+    H = plane_homography(CAMERA.K, T_0, T_1, plane)
+    np.testing.assert_allclose(map_pixels(H, pixels), expected, rtol=0, atol=1e-8)
+
+
+def test_homography_takes_stacks_of_poses():
+    T = np.stack([tilted_pose()] * 3)
+    T[:, 0, 3] += [0.0, 0.1, 0.2]
+    plane = Plane((0.0, 0.0, 1.0), 0.0)
+    stacked = plane_homography(CAMERA.K, T[0], T, plane)
+    for H, T_1 in zip(stacked, T, strict=True):
+        np.testing.assert_allclose(H, plane_homography(CAMERA.K, T[0], T_1, plane))
+    np.testing.assert_allclose(stacked[0] / stacked[0, 2, 2], np.eye(3), atol=1e-12)
+
+
+def test_a_ray_that_misses_the_plane_is_refused():
+    plane = Plane((0.0, 0.0, 1.0), 0.0)
+    up = np.array([[0.0, 0.0, 1.0]])
+    with pytest.raises(RenderError, match="towards the plane"):
+        plane.intersect(np.array([0.0, 0.0, 1.0]), up)

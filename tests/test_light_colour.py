@@ -1,0 +1,76 @@
+"""Colour: dropped before light travels, alike in every variant."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eres_render import Renderer, load_scene
+from light_scenes import drop_textures, edit_scene
+
+ROOT = Path(__file__).parent.parent
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
+RED = np.array([0.6, 0.2, 0.1])
+BLUISH = np.array([1.0, 2.0, 4.0])
+
+
+@pytest.fixture
+def red_floor(tmp_path):
+    """A red floor under a bluish sky, half of it an image file, half of it a plain colour."""
+    import OpenEXR
+
+    folder = edit_scene(tmp_path / "red")
+    drop_textures(folder)
+    image = np.full((4, 4, 3), RED, dtype=np.float32)
+    OpenEXR.File({}, {"RGB": image}).write(str(folder / "red.exr"))
+    halves = "".join(
+        f"""<shape type="rectangle" id="{name}">
+          <transform name="to_world"><scale value="5"/><translate x="{x}"/></transform>
+          <bsdf type="diffuse">{reflectance}</bsdf></shape>"""
+        for name, x, reflectance in (
+            ("plain", -5, '<rgb name="reflectance" value="0.6 0.2 0.1"/>'),
+            (
+                "image",
+                5,
+                '<texture type="bitmap" name="reflectance">'
+                '<string name="filename" value="red.exr"/></texture>',
+            ),
+        )
+    )
+    sky = '<emitter type="constant"><rgb name="radiance" value="1 2 4"/></emitter>'
+    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{halves}{sky}</scene>')
+    return folder
+
+
+def test_every_variant_sees_the_product_of_luminances(red_floor):
+    """Expected on both halves: Y(reflectance) Y(sky) = 0.5367, and not Y(reflectance sky) = 0.4425.
+
+    Under a uniform sky a Lambertian floor sends the sky's radiance times its reflectance.
+    """
+    expected = (LUMINANCE @ RED) * (LUMINANCE @ BLUISH)
+    assert expected == pytest.approx(0.5367, abs=1e-4)
+    coloured = LUMINANCE @ (RED * BLUISH)
+    assert coloured == pytest.approx(0.4425, abs=1e-4)
+    code = (
+        "import sys, json; from eres_render import *;"
+        "s = load_scene(sys.argv[1]);"
+        "f = Renderer(s, 8, 4096, integrator='path').frame(s.trajectory().pose(1.0));"
+        "print(json.dumps(f.tolist()))"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(red_floor)],
+        env=os.environ | {"ERES_VARIANT": "scalar_rgb", "PYTHONPATH": str(ROOT)},
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    scalar = np.array(json.loads(run.stdout))
+    scene = load_scene(red_floor)
+    here = Renderer(scene, 8, 4096, integrator="path").frame(scene.trajectory().pose(1.0))
+    np.testing.assert_allclose(scalar, expected, rtol=1e-3)
+    np.testing.assert_allclose(here, expected, rtol=1e-3)

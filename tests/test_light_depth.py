@@ -1,0 +1,176 @@
+"""Scenes with depth: loops through waypoints, image motion from depth, paths that hit things."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from eres_render import (
+    Clip,
+    Renderer,
+    SceneError,
+    TrajectoryError,
+    bake,
+    load_scene,
+    path_through,
+    render_clip,
+    waypoint_loop,
+)
+from eres_render.frame_times import depth_image_motion, plane_image_motion
+from eres_render.paths import look_at
+from light_scenes import edit_scene, light_evenly, room_folder, small_carpet_folder
+
+UP = (0.0, 0.0, 1.0)
+CORNERS = [look_at(p, (0, 0, 1), UP) for p in ((2, 0, 1), (0, 3, 1.5), (-2, 0, 1), (0, -3, 0.5))]
+
+
+def loop(**changes):
+    settings = {
+        "duration_s": 10.0,
+        "mean_speed_mps": 1.2,
+        "sway_m": (0.1, 0.1, 0.1),
+        "turn_rad": (0.05, 0.05, 0.1),
+        "seed": 1,
+    }
+    return waypoint_loop(np.array(CORNERS), **(settings | changes))
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    return load_scene(room_folder(tmp_path_factory.mktemp("scenes") / "room"))
+
+
+def test_a_path_passes_through_the_given_poses_at_their_times():
+    """Expected: exactly, at uneven times, with turns of a tenth of a radian from pose to pose."""
+    rng = np.random.default_rng(0)
+    t = 100.0 + np.cumsum(rng.uniform(0.1, 0.2, 40))
+    centre, turn = np.cumsum(rng.normal(size=(2, 40, 3)) * 0.1, axis=1)
+    ahead = np.column_stack([np.cos(turn[:, 0]), np.sin(turn[:, 0]), 0.3 * turn[:, 1]])
+    poses = np.array([look_at(c, c + a, UP) for c, a in zip(centre, ahead, strict=True)])
+    path = path_through(t, poses)
+    assert path.duration_s == pytest.approx(t[-1] - t[0])
+    np.testing.assert_allclose(path.pose(t - t[0]), poses, atol=1e-11)
+    # Twice differentiable at the poses: velocity has no kink.
+    inner, h = (t - t[0])[1:-1], 1e-6
+    before, at, after = (path.velocity(inner + k * h) for k in (-1, 0, 1))
+    assert abs(after - 2 * at + before).max() < 1e-8
+
+
+def test_poses_that_no_spline_joins_are_refused():
+    with pytest.raises(TrajectoryError, match="two or more poses at increasing times"):
+        path_through([0.0, 0.0], np.array(CORNERS[:2]))
+    about = [look_at((k, 0, 0), (k + (-1) ** k, 0.01 * k, 0), UP) for k in range(6)]
+    with pytest.raises(TrajectoryError, match="turns too far from pose to pose near t = "):
+        path_through(np.arange(6.0), np.array(about))
+
+
+@pytest.mark.parametrize("duration_s", [1.0, 10.0, 40.0])
+def test_a_loop_has_exactly_the_mean_speed_however_many_rounds_it_takes(duration_s):
+    """Expected: path length over time is 1.2 m/s, measured here by a fine polygon."""
+    path = loop(duration_s=duration_s)
+    p = path.pose(np.linspace(0, duration_s, 100_001))[:, :3, 3]
+    length_m = np.linalg.norm(np.diff(p, axis=0), axis=1).sum()
+    assert length_m / duration_s == pytest.approx(1.2, rel=1e-6)
+
+
+def test_a_loop_without_sway_meets_its_waypoints_in_turn():
+    path = loop(sway_m=(0, 0, 0), turn_rad=(0, 0, 0))
+    reached = path.pose(path.knots_s[1:5])
+    np.testing.assert_allclose(reached, CORNERS, atol=1e-9)
+
+
+def test_a_loop_does_not_repeat_itself_and_follows_its_seed():
+    path = loop(duration_s=40.0)
+    first, second = path.controls[1:5], path.controls[5:9]
+    assert abs(first - second)[:, :3, 3].max() > 0.01
+    np.testing.assert_array_equal(loop().controls, loop().controls)
+    assert not np.allclose(loop().controls, loop(seed=2).controls)
+
+
+def test_waypoints_at_one_place_are_refused():
+    with pytest.raises(TrajectoryError, match="at one place"):
+        waypoint_loop(
+            np.array([CORNERS[0]] * 2),
+            duration_s=1.0,
+            mean_speed_mps=1.0,
+            sway_m=(0, 0, 0),
+            turn_rad=(0, 0, 0),
+            seed=0,
+        )
+    with pytest.raises(TrajectoryError, match="cannot look at"):
+        look_at((0, 0, 1), (0, 0, 2), UP)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('kind = "waypoints"', 'kind = "waypoint"', "path: kind: found 'waypoint', expected one"),
+        ('kind = "waypoints"\n', "", "path: kind: found None, expected one of facing_plane, way"),
+        ("seed = 5", "sede = 5", r"path\.seed: missing"),
+        ("min_clearance_m = 0.2", "min_clearance_m = 0", r"path\.min_clearance_m: found 0\.0"),
+        ("[-1.0, 0.0, 1.5]", "[-1.0, 0.0]", r"path\.waypoints\[2\]\.position_m: found \[-1\.0, 0"),
+    ],
+)
+def test_each_wrong_field_of_a_path_is_named(tmp_path, old, new, message):
+    with pytest.raises(SceneError, match=message):
+        load_scene(room_folder(tmp_path, (old, new)))
+
+
+def test_a_path_that_faces_a_plane_needs_one(tmp_path):
+    folder = edit_scene(tmp_path / "lost")
+    toml = (folder / "scene.toml").read_text()
+    start, end = toml.index("[plane]"), toml.index("[camera]")
+    (folder / "scene.toml").write_text(toml[:start] + toml[end:])
+    with pytest.raises(SceneError, match=r"path\.kind: found 'facing_plane', .*or a \[plane\]"):
+        load_scene(folder)
+
+
+def test_image_motion_from_depth_is_the_homography_where_the_scene_is_a_plane(tmp_path):
+    folder = small_carpet_folder(tmp_path / "carpet")
+    renderer = Renderer(load_scene(light_evenly(folder, "carpet", 3.0)), 256, 1)
+    path, camera = renderer.trajectory, renderer.camera
+    from_plane = plane_image_motion(path, camera, renderer.scene.plane, 33)
+    from_depth = depth_image_motion(path, camera, renderer.inverse_depth, 33)
+    for t_0, t_1 in ((0.1, 0.101), (2.0, 2.02), (5.0, 4.9)):
+        assert from_depth(t_0, t_1) == pytest.approx(from_plane(t_0, t_1), rel=1e-5)
+
+
+def test_frames_of_a_scene_with_depth(tmp_path, room):
+    """Expected: a sequence whose frames are never more than the limit apart at any depth."""
+    renderer = Renderer(room, 32, 4)
+    sequence = render_clip(renderer, Clip(0, 0.24, 0.25, 0.29), tmp_path / "clip", 0.5)
+    steps = [renderer.image_motion(a, b) for a, b in pairwise(sequence.t_s)]
+    assert max(steps) <= 0.5 * (1 + 1e-4)
+    assert len(sequence) > 4
+    # The ball, brightest of all, is in the middle of the view.
+    assert sequence.frame(0)[16, 16] == pytest.approx(0.9 * 3 / np.pi, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            [("0.2\nup", "0.75\nup")],
+            r"at t = \d\.\d+ s the camera comes within 0\.\d+ m of shape '",
+        ),
+        ([("[1.0, 0.0, 1.5]", "[2.5, 0.0, 1.5]")], "the camera is inside a solid or behind a wall"),
+        ([("[1.0, 0.0, 1.5]", "[0.1, 0.0, 1.5]")], "inside a solid .* shape 'ball'"),
+        ([("0.2\nup", "0.001\nup"), ("[0.0, 1.0, 1.6]", "[0.0, 2.5, 1.6]")], "shape 'north'"),
+    ],
+)
+def test_a_path_into_things_is_refused_before_anything_is_written(tmp_path, changes, message):
+    scene = load_scene(room_folder(tmp_path / "room", *changes))
+    renderer = Renderer(scene, 16, 1)
+    with pytest.raises(TrajectoryError, match=message) as caught:
+        render_clip(renderer, Clip(0, 0.24, 0.25, 0.29), tmp_path / "clip", 0.5)
+    assert "scene.toml: path: at t = " in str(caught.value)
+    assert not (tmp_path / "clip").exists()
+
+
+def test_a_path_into_things_is_refused_before_anything_is_baked(tmp_path, monkeypatch):
+    folder = room_folder(tmp_path / "room", ("[1.0, 0.0, 1.5]", "[0.1, 0.0, 1.5]"))
+    for file in folder.glob("lightmap_*.exr"):
+        file.unlink()
+    monkeypatch.setattr(bake, "bake_scene", None)  # baking would fail
+    with pytest.raises(TrajectoryError, match=r"inside a solid .* shape 'ball'"):
+        Renderer(load_scene(folder), 16, 1)

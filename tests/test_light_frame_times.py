@@ -1,0 +1,56 @@
+"""Adaptive frame times: never too far apart, never needlessly close, marks hit exactly."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from eres_render import RenderError, load_scene
+from eres_render.frame_times import adaptive_times, plane_image_motion
+
+MARKS_S = (0.2118, 0.25, 0.3)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    scene = load_scene("carpet")
+    return plane_image_motion(scene.trajectory(), scene.camera(1280), scene.plane)
+
+
+@pytest.mark.parametrize("limit_px", [0.5, 2.0])
+def test_each_step_moves_the_image_by_the_limit_unless_a_mark_cuts_it_short(motion, limit_px):
+    t_s = adaptive_times(motion, MARKS_S, limit_px)
+    assert set(MARKS_S) <= set(t_s.tolist())
+    assert (t_s[0], t_s[-1]) == (MARKS_S[0], MARKS_S[-1])
+    assert np.all(np.diff(t_s) > 0)
+    steps = np.array([motion(a, b) for a, b in pairwise(t_s)])
+    assert steps.max() <= limit_px * (1 + 1e-5)
+    cut_short = np.isin(t_s[1:], MARKS_S)
+    np.testing.assert_allclose(steps[~cut_short], limit_px, rtol=1e-5)
+
+
+def test_steady_motion_gives_even_steps():
+    """At 100 px/s and 1 px a frame: a frame every 10 ms."""
+    t_s = adaptive_times(lambda a, b: 100 * abs(b - a), (0.0, 0.05), 1.0)
+    np.testing.assert_allclose(t_s, np.linspace(0, 0.05, 6), atol=1e-9)
+
+
+def test_motion_that_turns_back_within_a_long_rest_is_not_missed():
+    """A camera that rests, darts away and back: the excursion gets its frames."""
+
+    def place_px(t):
+        return 3 * np.exp(-(((t - 0.6) / 0.05) ** 2))
+
+    t_s = adaptive_times(lambda a, b: abs(place_px(b) - place_px(a)), (0.0, 1.0), 0.5)
+    assert max(place_px(t_s)) > 2.5
+
+
+def test_without_motion_only_the_marks_remain():
+    np.testing.assert_array_equal(adaptive_times(lambda a, b: 0.0, MARKS_S, 0.5), MARKS_S)
+
+
+def test_senseless_requests_are_refused(motion):
+    with pytest.raises(RenderError, match="max_displacement_px must be positive"):
+        adaptive_times(motion, MARKS_S, 0.0)
+    with pytest.raises(RenderError, match="increasing"):
+        adaptive_times(motion, (0.3, 0.2), 0.5)

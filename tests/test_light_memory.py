@@ -1,0 +1,61 @@
+"""Long sequences render in memory that does not grow."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+RENDER = """
+import sys
+from pathlib import Path
+from eres_render import *
+
+def resident_kib():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return int(next(l for l in lines if l.startswith("VmRSS")).split()[1])
+
+at = {}
+early = int(sys.argv[4])
+
+def told(done, total):
+    at["total"] = total
+    if done == early:
+        at["early"] = resident_kib()
+
+renderer = Renderer(load_scene(sys.argv[1]), 64, 4)
+stretch = continuous_stretch(renderer.scene, float(sys.argv[3]))
+render_clip(renderer, stretch, Path(sys.argv[2]), 0.09, told)
+print(at["total"], at["early"], resident_kib())
+"""
+
+
+def growth(folder, duration_s, early_frame):
+    """Number of frames of a 64 px carpet sequence, and memory at its end over that early on."""
+    run = subprocess.run(
+        [sys.executable, "-c", RENDER, "carpet", str(folder), str(duration_s), str(early_frame)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    total, early_kib, end_kib = map(int, run.stdout.split())
+    return total, end_kib / early_kib
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
+def test_memory_does_not_grow_over_a_few_hundred_frames(tmp_path):
+    total, ratio = growth(tmp_path / "s", 0.7, 80)
+    assert total > 200
+    assert ratio < 1.05
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
+def test_memory_does_not_grow_over_two_thousand_frames(tmp_path):
+    """Promise: at the end within 5 % of what it was at frame 200."""
+    total, ratio = growth(tmp_path / "s", 7.0, 200)
+    assert total >= 2000
+    assert ratio < 1.05

@@ -1,0 +1,108 @@
+"""Scene folders: found, checked field by field, told apart by digest."""
+
+import pytest
+
+from eres_render import RenderError, SceneError, clips, list_scenes, load_scene
+from light_scenes import edit_scene
+
+
+def test_carpet_is_packaged_and_complete():
+    assert "carpet" in list_scenes()
+    scene = load_scene("carpet")
+    assert scene.name == "carpet"
+    assert scene.settings.licence == "MIT"
+    assert len(scene.digest) == 64
+
+
+def test_unknown_scene_gets_the_nearest_name():
+    with pytest.raises(SceneError, match=r"'carpte': did you mean 'carpet'\?"):
+        load_scene("carpte")
+    with pytest.raises(SceneError, match=r"'zzz': there are .*carpet"):
+        load_scene("zzz")
+
+
+def test_a_folder_is_a_scene_too(tmp_path):
+    assert load_scene(edit_scene(tmp_path / "mine")).name == "mine"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("fov_deg = 60.0", "", r"camera\.fov_deg: missing, expected a number"),
+        ("fov_deg = 60.0", "fov_deg = '60'", r"camera\.fov_deg: found '60', expected a number"),
+        ("fov_deg = 60.0", "fov_deg = true", r"camera\.fov_deg: found True, expected a number"),
+        ("fov_deg = 60.0", "fov_deg = nan", r"camera\.fov_deg: found nan, expected a number"),
+        ("fov_deg = 60.0", "fov_deg = 190", r"camera\.fov_deg: found 190\.0, expected \(0, 180\)"),
+        (
+            "fov_deg = 60.0",
+            "fov_deg = 60\nfow = 1",
+            r"camera\.fow: unknown, expected one of fov_deg",
+        ),
+        ("seed = 17", "seed = 1.5", r"path\.seed: found 1\.5, expected an integer"),
+        ("[1.0, 1.0, 0.25]", "[1.0, 1.0]", r"path\.sway: found \[1\.0, 1\.0\], expected three"),
+        ("[1.0, 1.0, 0.25]", "[1, 'a', 0]", r"path\.sway\[1\]: found 'a', expected a number"),
+        ("[0.0, 0.0, 1.0]", "[0, 0, 2]", r"plane\.normal: .*expected a vector of length 1"),
+        ('kind = "carpet"', 'kind = "carpt"', r"textures\.carpet_reflectance: .*found 'carpt'"),
+        (
+            "duration_s = 10.0",
+            "duration_s = 0",
+            r"path\.duration_s: found 0\.0, expected a positive",
+        ),
+        ("[bake]", "[bake", "not a TOML file"),
+    ],
+)
+def test_each_wrong_field_is_named_with_what_was_found_and_expected(tmp_path, old, new, message):
+    folder = edit_scene(tmp_path / "broken", (old, new))
+    with pytest.raises(SceneError, match=message) as caught:
+        load_scene(folder)
+    assert str(folder / "scene.toml") in str(caught.value)
+
+
+def test_a_folder_without_scene_xml_is_refused(tmp_path):
+    folder = edit_scene(tmp_path / "half")
+    (folder / "scene.xml").unlink()
+    with pytest.raises(SceneError, match=r"scene\.xml: missing"):
+        load_scene(folder)
+
+
+def test_a_path_that_would_look_past_the_carpet_is_refused(tmp_path):
+    far = load_scene(edit_scene(tmp_path / "far", ("distance_m = 1.83", "distance_m = 3.0")))
+    with pytest.raises(SceneError, match=r"path: the view reaches .* m .*half_width_m = 2\.5 m"):
+        far.trajectory()
+
+
+def test_the_digest_follows_the_files_and_the_light_digest_only_the_light(tmp_path):
+    """A new camera path makes new frames, but the light in the scene stays as it was."""
+    base = load_scene(edit_scene(tmp_path / "base"))
+    other_path = load_scene(edit_scene(tmp_path / "path", ("seed = 17", "seed = 18")))
+    other_yarn = load_scene(edit_scene(tmp_path / "yarn", ("seed = 7", "seed = 8")))
+    assert base.light_digest == load_scene("carpet").light_digest
+    assert base.digest != load_scene("carpet").digest  # which has its lightmap with it
+    assert len({base.digest, other_path.digest, other_yarn.digest}) == 3
+    assert base.light_digest == other_path.light_digest
+    assert base.light_digest != other_yarn.light_digest
+
+
+def test_clips_are_twenty_half_a_second_apart_each_warmed_up():
+    made = clips(load_scene("carpet"))
+    assert [clip.index for clip in made] == list(range(20))
+    for k, clip in enumerate(made):
+        assert clip.t_window_start_s == 0.25 + 0.5 * k
+        assert clip.t_window_end_s - clip.t_window_start_s == pytest.approx(0.05)
+        assert clip.t_window_start_s - clip.t_start_s == pytest.approx(0.0382)
+    assert made[-1].t_window_end_s <= 10
+
+
+def test_clips_that_do_not_fit_are_refused():
+    scene = load_scene("carpet")
+    assert len(clips(scene, 1.3)) == 3
+    assert clips(scene, samples=2) == clips(scene)[:2]
+    assert clips(scene, warmup_s=0.19)[0].t_start_s > 0
+    with pytest.raises(RenderError, match="duration_s: found 11, expected"):
+        clips(scene, 11)
+    with pytest.raises(RenderError, match="samples: found 4, expected 1 to 3"):
+        clips(scene, 1.3, samples=4)
+    with pytest.raises(RenderError, match="no clip fits"):
+        clips(scene, 0.2)
+    with pytest.raises(RenderError, match=r"warm-up 0\.3 s"):
+        clips(scene, warmup_s=0.3)

@@ -1,0 +1,130 @@
+"""The packaged scenes: calibrated paths, light that agrees with path tracing, sound geometry."""
+
+import numpy as np
+import pytest
+
+from eres_render import Renderer, backend, list_scenes, load_scene
+from eres_render.image_file import read_luminance
+from eres_render.interior.atlas import CELL_M
+from eres_render.interior.pieces import PIECES
+
+SPEEDS_MPS = {"carpet": 0.9, "rocks": 0.7, "room": 1.2}
+
+
+@pytest.fixture(scope="module")
+def renderers():
+    """One small renderer of each scene; loading the room's textures takes seconds."""
+    return {name: Renderer(load_scene(name), 48, 4, integrator="baked") for name in SPEEDS_MPS}
+
+
+@pytest.fixture(scope="module")
+def pieces():
+    return {name: (piece, piece.atlas()) for name, piece in PIECES.items()}
+
+
+def mean_motion_px_per_s(renderer, times=24, dt_s=1e-4):
+    """Return the mean speed of image points, in pixels of a 1280-pixel view."""
+    camera = renderer.camera
+    points = camera.grid(9)
+    speeds = []
+    for t in (np.arange(times) + 0.5) * renderer.scene.duration_s / times:
+        T_0, T_1 = renderer.trajectory.pose([t, t + dt_s])
+        depth = 1 / renderer.inverse_depth(T_0, points)
+        seen = T_0[:3, 3] + depth[:, None] * (camera.rays(points) @ T_0[:3, :3].T)
+        moved = camera.project((seen - T_1[:3, 3]) @ T_1[:3, :3])
+        speeds.append(np.linalg.norm(moved - points, axis=1).mean() / dt_s)
+    return np.mean(speeds) * 1280 / camera.width
+
+
+def test_three_scenes_are_packaged():
+    assert list_scenes() == sorted(SPEEDS_MPS)
+
+
+@pytest.mark.parametrize("name", SPEEDS_MPS)
+def test_path_is_calibrated_and_keeps_clear(renderers, name):
+    """The speed exactly, the image's motion within 5 %; `trajectory` checks the clearance."""
+    renderer = renderers[name]
+    assert renderer.trajectory.mean_speed_mps(10.0) == pytest.approx(SPEEDS_MPS[name], rel=1e-9)
+    assert mean_motion_px_per_s(renderer) == pytest.approx(550, rel=0.05)
+
+
+@pytest.mark.parametrize("name", SPEEDS_MPS)
+def test_packaged_lightmaps_belong_to_the_scene(name):
+    scene = load_scene(name)
+    files = sorted(scene.folder.glob("lightmap_*.exr"))
+    assert files
+    for file in files:
+        image, attributes = read_luminance(file)
+        assert attributes["eresLightDigest"] == scene.light_digest
+        assert np.isfinite(image).all()
+        assert image.min() >= 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "t_s"), [("rocks", 3.3), ("room", 1.0), ("room", 3.5), ("room", 7.5)]
+)
+def test_baked_and_path_traced_views_agree(name, t_s):
+    """16384 paths a pixel: log radiance to 40 dB (peak 1, 1 % rms), noise included."""
+    if backend.select_variant().startswith("scalar"):
+        pytest.skip("path tracing so many paths needs a vectorised variant")
+    scene = load_scene(name)
+    pose = scene.trajectory().pose(t_s)
+    baked = Renderer(scene, 32, 16384, integrator="baked").frame(pose)
+    path = Renderer(scene, 32, 1024, integrator="path")
+    traced = np.zeros_like(baked)
+    for path.seed in range(16):
+        traced += path.frame(pose) / 16
+    error = np.log(baked) - np.log(traced)
+    assert -10 * np.log10(np.mean(error**2)) >= 40
+    assert abs(error.mean()) < 2e-3
+
+
+def test_no_part_of_the_room_is_black_or_white(renderers):
+    """A leak or a hole would show as radiance 0; only lamps and window outshine the walls."""
+    renderer = renderers["room"]
+    for T in renderer.trajectory.pose(np.linspace(0, 10, 6)):
+        frame = renderer.frame(T)
+        assert frame.min() > 1e-3
+        assert np.median(frame) < 1
+        assert np.mean(frame > 2) < 0.2
+
+
+def test_packaged_meshes_are_what_the_code_makes(tmp_path, pieces):
+    folder = load_scene("room").folder
+    assert {file.stem for file in folder.glob("*.ply")} == set(pieces)
+    for name, (_, atlas) in pieces.items():
+        atlas.write_ply(tmp_path / f"{name}.ply")
+        assert (tmp_path / f"{name}.ply").read_bytes() == (folder / f"{name}.ply").read_bytes()
+
+
+def test_charts_lie_apart_on_their_atlas(pieces):
+    """Each with an empty cell all around, so that no light bleeds from one to the next."""
+    for _, atlas in pieces.values():
+        taken = np.zeros((atlas.rows, atlas.columns), dtype=int)
+        for at in atlas.places:
+            assert at.row >= 1
+            assert at.column >= 1
+            taken[
+                at.row - 1 : at.row + at.rows + 1, at.column - 1 : at.column + at.columns + 1
+            ] += 1
+        assert taken.max() == 1
+
+
+def test_charts_are_stretched_little(pieces):
+    """A chart's cells are squares of 2 cm, but for rounding to a whole number of them."""
+    for _, atlas in pieces.values():
+        for chart, at in zip(atlas.charts, atlas.places, strict=True):
+            for size_m, cells in zip(chart.size_m, (at.columns, at.rows), strict=True):
+                assert abs(size_m - cells * CELL_M) <= max(0.5 * CELL_M, 0.02) + 1e-9
+
+
+def test_normals_point_out_of_the_front(pieces):
+    """The front is the side from which u runs right and v down; normals have length 1."""
+    for _, atlas in pieces.values():
+        for chart in atlas.charts:
+            np.testing.assert_allclose(np.linalg.norm(chart.normals, axis=-1), 1, atol=1e-6)
+            p = chart.points
+            front = np.cross(p[1:, :-1] - p[:-1, :-1], p[:-1, 1:] - p[:-1, :-1])
+            facing = np.einsum("ijk,ijk->ij", front, chart.normals[:-1, :-1])
+            assert (facing > -1e-9).mean() > 0.95

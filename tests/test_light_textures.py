@@ -1,0 +1,142 @@
+"""Textures: reproducible, physical, and with detail at every scale."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from eres_render import SceneError
+from eres_render.image_file import read_luminance
+from eres_render.interior.pieces import PIECES
+from eres_render.textures import TEXTURES, TextureRecipe
+from eres_render.textures.carpet import bokhara
+from eres_render.textures.nature import garden_view
+from eres_render.textures.stones import pebble_bed
+
+PLANES = {"carpet": bokhara, "stones": pebble_bed}
+
+
+@pytest.fixture(scope="module", params=PLANES)
+def plane(request):
+    """A texture's function and what it makes."""
+    make = PLANES[request.param]
+    return make, make(1024, 1024, 0.0012, 5)
+
+
+def test_reflectance_is_physical(plane):
+    _, reflectance = plane
+    assert reflectance.shape == (1024, 1024)
+    assert reflectance.dtype == np.float32
+    assert reflectance.min() >= 0.02
+    assert reflectance.max() <= 0.85
+    assert 0.15 < reflectance.mean() < 0.35
+
+
+def test_one_seed_one_texture(plane):
+    make, reflectance = plane
+    np.testing.assert_array_equal(make(1024, 1024, 0.0012, 5), reflectance)
+    assert not np.array_equal(make(1024, 1024, 0.0012, 6), reflectance)
+
+
+def test_every_octave_of_scale_has_contrast_down_to_the_texel(plane):
+    """Amplitude times frequency, flat for a 1/f spectrum, stays within a factor of eight.
+
+    It rises towards the texel: the shadows between knots and the fibres, the grains of sand, are
+    meant to be strong.
+    """
+    log_r = np.log(plane[1]) - np.log(plane[1]).mean()
+    window = np.hanning(len(log_r))
+    power = abs(np.fft.fft2(log_r * np.outer(window, window))) ** 2
+    f = np.fft.fftfreq(len(log_r))
+    radius = np.hypot(f[:, None], f)
+    edges = 2.0 ** np.arange(-8, 0)
+    scaled = [
+        np.sqrt(power[(radius >= low) & (radius < high)].mean()) * low
+        for low, high in pairwise(edges)
+    ]
+    assert max(scaled) / min(scaled) < 8
+
+
+def test_neighbouring_texels_differ_strongly(plane):
+    """Grain: a step to the next texel is, as a rule, worth an event (threshold 0.2)."""
+    assert np.diff(np.log(plane[1])).std() > 0.2
+
+
+def test_planes_need_not_be_square():
+    for make in PLANES.values():
+        assert make(192, 64, 0.002, 1).shape == (64, 192)
+
+
+def test_a_recipe_makes_its_file_once(tmp_path, monkeypatch):
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path))
+    recipe = TextureRecipe("carpet", 128, 0.01, 2, height_px=64)
+    file = recipe.file()
+    assert tmp_path in file.parents
+    made_ns = file.stat().st_mtime_ns
+    assert recipe.file() == file
+    assert file.stat().st_mtime_ns == made_ns
+    assert recipe.make().shape == (64, 128)
+    np.testing.assert_array_equal(read_luminance(file)[0], recipe.make().astype(np.float16))
+    assert TextureRecipe("carpet", 128, 0.01, 3, height_px=64).file() != file
+    assert TextureRecipe("carpet", 128, 0.01, 2).file() != file
+
+
+def test_unknown_texture_is_named():
+    with pytest.raises(SceneError, match=r"found 'marble', expected one of .*'carpet'"):
+        TextureRecipe("marble", 128, 0.01, 2)
+
+
+def test_a_piece_of_the_room_has_the_size_of_its_atlas():
+    with pytest.raises(SceneError, match=r"stool: found size_px 99 .*expected 1024 and 944"):
+        TextureRecipe("stool", 99, 0.00125, 0).make()
+    with pytest.raises(SceneError, match=r"stool: found texel_m 0\.1, expected 0\.00125"):
+        TextureRecipe("stool", 1024, 0.1, 0, height_px=944).make()
+
+
+GOLDEN = {
+    "carpet": (3, 0.2487, 0.0026, -0.0059),
+    "stones": (3, 0.2469, 0.0027, -0.0035),
+    "garden_view": (1, 3.2138, 0.0692, -0.8375),
+    "floor": (1, 0.2913, -0.0009, 0.0000),
+    "ceiling": (1, 0.7780, 0.0012, -0.0017),
+    "beams": (1, 0.3841, 0.0309, -0.0530),
+    "walls": (1, 0.4777, 0.0028, -0.0180),
+    "joinery": (1, 0.5520, -0.0208, 0.0154),
+    "table": (1, 0.3312, 0.0045, -0.0090),
+    "coffee_table": (1, 0.2462, 0.0229, 0.0179),
+    "chairs": (1, 0.2811, 0.0168, 0.0091),
+    "sofa": (1, 0.2775, 0.0356, 0.0034),
+    "rug": (1, 0.1656, 0.0051, 0.0047),
+    "bookcase": (1, 0.3597, 0.0326, 0.0147),
+    "books": (1, 0.3428, 0.0078, 0.0490),
+    "sideboard": (1, 0.3084, 0.0238, 0.0182),
+    "stool": (1, 0.3218, 0.0192, 0.0066),
+    "pictures": (1, 0.3161, 0.0220, 0.0052),
+    "curtains": (1, 0.4815, 0.0096, -0.0028),
+    "floor_lamp": (1, 0.3485, 0.0547, 0.0791),
+    "plant": (1, 0.2678, 0.0256, -0.0184),
+    "lamps": (1, 0.4929, 0.0339, 0.0584),
+    "things": (1, 0.4462, 0.0029, 0.0302),
+}
+
+
+@pytest.mark.parametrize("kind", TEXTURES)
+def test_changing_a_texel_must_change_the_version(kind):
+    """Textures are cached by recipe and version: if this fails, raise its version in TEXTURES.
+
+    Expected: the mean, and how it leans along u and along v.
+    """
+    version, *golden = GOLDEN[kind]
+    assert TEXTURES[kind].version == version
+    np.testing.assert_allclose(_moments(kind), golden, atol=2e-3)
+
+
+def _moments(kind):
+    flat = PLANES | {"garden_view": garden_view}
+    texels = flat[kind](96, 64, 0.02, 0) if kind in flat else PIECES[kind].atlas().paint(4, 0)
+    v, u = (np.linspace(-1, 1, n) for n in texels.shape)
+    return texels.mean(), (texels * u).mean(), (texels * v[:, None]).mean()
+
+
+def test_every_texture_is_in_the_golden_list():
+    assert set(GOLDEN) == set(TEXTURES)

@@ -1,0 +1,219 @@
+"""Ground truth: depth, flow and visibility against explicit geometry and against the frames."""
+
+import json
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+
+from eres_render import (
+    Clip,
+    Flow,
+    GroundTruth,
+    Renderer,
+    RenderError,
+    SceneError,
+    TrajectoryError,
+    ground_truth,
+    load_scene,
+    render_clip,
+    write_truth,
+)
+from eres_render.backend import select_variant
+from eres_render.camera import map_pixels
+from eres_render.raycast import RayCaster
+from eres_render.truth import surface_distance
+from eres_render.truth_files import write_flow_png
+from eres_render.tum import read_tum, tum_text
+from eres_render.world import load_world
+from light_scenes import DOTS_M, dots_folder, light_evenly, room_folder
+
+WIDTH = 90
+SQUARE_XML = """<scene version="3.0.0">
+<sensor type="perspective"><float name="fov" value="60"/></sensor>
+<shape type="rectangle" id="wall"><transform name="to_world"><scale value="3"/></transform></shape>
+<shape type="rectangle" id="square">
+  <transform name="to_world"><scale value="0.2"/><translate z="0.5"/></transform>
+</shape>
+</scene>"""
+
+
+def of_scene(scene):
+    return GroundTruth(
+        scene.trajectory(), scene.camera(WIDTH), surface_distance(scene), scene.plane
+    )
+
+
+@pytest.fixture(scope="module")
+def floating_square(tmp_path_factory):
+    """A square of 0.4 m, half a metre before a wall; the camera slides past, 2 m from the wall."""
+    folder = tmp_path_factory.mktemp("square")
+    (folder / "scene.xml").write_text(SQUARE_XML)
+    poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (2, 1, 1))
+    poses[:, :3, 3] = [[-0.1, 0.0, 2.0], [0.1, 0.05, 2.0]]
+    (folder / "poses.txt").write_text(tum_text(np.array([0.0, 1.0]), poses))
+    return of_scene(load_scene(folder / "scene.xml", folder / "poses.txt"))
+
+
+def test_a_plane_in_closed_form_and_by_rays_agree():
+    """Depth to 1e-5, flow to 0.001 px; and the flow is what the homography does to pixels."""
+    select_variant()
+    scene = load_scene("carpet")
+    closed = of_scene(scene)
+    caster = RayCaster(load_world(scene))
+    by_rays = GroundTruth(
+        closed.trajectory, closed.camera(WIDTH), lambda o, d: caster.cast(o, d).distance
+    )
+    np.testing.assert_allclose(by_rays.depth(2.0, WIDTH), closed.depth(2.0, WIDTH), rtol=1e-5)
+    for t_1 in (2.05, 1.9):
+        flow, other = closed.flow(2.0, t_1, WIDTH), by_rays.flow(2.0, t_1, WIDTH)
+        np.testing.assert_allclose(other.flow_px, flow.flow_px, atol=1e-3)
+        np.testing.assert_array_equal(other.valid, flow.valid)
+        pixels = closed.camera(WIDTH).centres()
+        moved = map_pixels(closed.homography(2.0, t_1, WIDTH), pixels) - pixels
+        np.testing.assert_allclose(flow.flow_px.reshape(-1, 2), moved, atol=1e-4)
+        assert 0.5 < flow.valid.mean() < 1
+
+
+def test_depth_is_along_the_axis_not_along_the_ray(floating_square):
+    """Expected: 1.5 m on the square and 2 m on the wall, out to the corners."""
+    depth = floating_square.depth(0.5, WIDTH)
+    assert depth.dtype == np.float32
+    assert depth.shape == (WIDTH, WIDTH)
+    x, y = (floating_square.camera(WIDTH).rays(floating_square.camera(WIDTH).centres()).T)[:2]
+    on_square = (abs(1.5 * x) < 0.2) & (abs(0.025 - 1.5 * y) < 0.2)  # the camera is at y = 0.025
+    assert on_square.sum() > 100
+    np.testing.assert_allclose(depth.ravel(), np.where(on_square, 1.5, 2.0), rtol=1e-6)
+
+
+def test_flow_and_occlusion_of_a_square_before_a_wall(floating_square):
+    """Expected: f (dx, dy) / depth, and invalid where the square gets before the wall."""
+    truth = floating_square
+    camera = truth.camera(WIDTH)
+    rays = camera.rays(camera.centres())
+    depth = truth.depth(0.0, WIDTH).ravel()
+    flow = truth.flow(0.0, 1.0, WIDTH)
+    expected = camera.focal_px * np.array([-0.2, 0.05]) / depth[:, None]
+    np.testing.assert_allclose(flow.flow_px.reshape(-1, 2), expected, atol=1e-4)
+
+    seen = np.array([-0.1, 0.0, 2.0]) + depth[:, None] * rays * (1, -1, -1)
+    second = np.array([0.1, 0.05, 2.0])
+    share = np.where(seen[:, 2] < 0.1, 1.5 / 2.0, 0.0)  # where the way to the wall is at the square
+    between = second + share[:, None] * (seen - second)
+    hidden = (share > 0) & (abs(between[:, :2]).max(axis=1) < 0.2)
+    there = camera.centres() + expected
+    inside = np.all((there > 0) & (there < WIDTH), axis=1)
+    assert hidden.sum() > 50
+    np.testing.assert_array_equal(flow.valid.ravel(), inside & ~hidden)
+
+
+def test_instances_are_seen_too(tmp_path):
+    """Expected: a ball of radius 0.5 about the origin, 1.5 m before the camera; nothing beside."""
+    (tmp_path / "scene.xml").write_text(
+        """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="60"/></sensor>
+        <shape type="shapegroup" id="group">
+          <shape type="sphere"><float name="radius" value="0.5"/></shape>
+        </shape>
+        <shape type="instance"><ref id="group"/></shape></scene>"""
+    )
+    poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (2, 1, 1))
+    poses[:, :3, 3] = [[0.0, 0.0, 2.0], [0.1, 0.0, 2.0]]
+    (tmp_path / "poses.txt").write_text(tum_text(np.array([0.0, 1.0]), poses))
+    scene = load_scene(tmp_path / "scene.xml", tmp_path / "poses.txt")
+    depth = of_scene(scene).depth(0.0, 33)
+    assert depth[16, 16] == pytest.approx(1.5, rel=1e-5)
+    assert np.isinf(depth[0, 0])
+    poses[1, 2, 3] = 0.2
+    (tmp_path / "poses.txt").write_text(tum_text(np.array([0.0, 1.0]), poses))
+    scene = load_scene(tmp_path / "scene.xml", tmp_path / "poses.txt")
+    with pytest.raises(TrajectoryError, match="of an instance"):
+        _ = Renderer(scene, 8, 1).trajectory
+
+
+def test_points_at_infinity_only_turn(tmp_path):
+    (tmp_path / "scene.xml").write_text(
+        SQUARE_XML.replace('<scale value="3"/>', "<scale value='1e-6'/>")
+    )
+    poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (2, 1, 1))
+    poses[:, :3, 3] = [[-0.1, 0.0, 2.0], [0.1, 0.0, 2.0]]
+    (tmp_path / "poses.txt").write_text(tum_text(np.array([0.0, 1.0]), poses))
+    truth = of_scene(load_scene(tmp_path / "scene.xml", tmp_path / "poses.txt"))
+    flow = truth.flow(0.0, 1.0, 32)
+    assert np.isinf(truth.depth(0.0, 32)[0, 0])
+    np.testing.assert_array_equal(flow.flow_px[0, 0], 0)
+    assert flow.valid[0, 0]
+    assert not flow.valid.all()  # the square gets before some of them
+
+
+def test_bright_dots_move_as_the_flow_says(tmp_path):
+    """The truth belongs to the frames: centroids of dots move by the flow, to 0.1 px."""
+    scene = load_scene(light_evenly(dots_folder(tmp_path / "dots"), "floor", 0.0))
+    renderer, truth = Renderer(scene, 256, 64), of_scene(scene)
+    t_0, t_1 = 1.0, 1.05
+    flow = truth.flow(t_0, t_1, 256)
+    y, x = np.mgrid[:256, :256] + 0.5
+
+    def projected(t):
+        T = truth.pose(t)
+        return truth.camera(256).project((DOTS_M - T[:3, 3]) @ T[:3, :3])
+
+    def centroid(frame, near_px):
+        near = np.where((abs(x - near_px[0]) < 9) & (abs(y - near_px[1]) < 9), frame, 0)
+        return np.array([(near * x).sum(), (near * y).sum()]) / near.sum()
+
+    before, after = (renderer.frame(truth.pose(t)) for t in (t_0, t_1))
+    in_view = np.all(abs(projected(t_0) - 128) < 100, axis=1)
+    assert in_view.sum() > 1
+    for p_0, p_1 in zip(projected(t_0)[in_view], projected(t_1)[in_view], strict=True):
+        a, b = centroid(before, p_0), centroid(after, p_1)
+        assert flow.valid[int(a[1]), int(a[0])]
+        np.testing.assert_allclose(b - a, flow.flow_px[int(a[1]), int(a[0])], atol=0.1)
+
+
+def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
+    folder = room_folder(tmp_path / "room")
+    scene = load_scene(folder)
+    sequence = render_clip(Renderer(scene, 32, 1), Clip(0, 0.24, 0.25, 0.29), tmp_path / "s", 1.0)
+    truth = ground_truth(sequence)
+    np.testing.assert_allclose(truth.pose(0.27), scene.trajectory().pose(0.27), atol=1e-14)
+    with pytest.raises(SceneError, match="homography needs a planar scene"):
+        truth.homography(0.25, 0.29, 32)
+
+    files = write_truth(truth, tmp_path / "out", sequence.window_s, 40, flow_png=True)
+    assert sorted(p for p in (tmp_path / "out").rglob("*") if p.is_file()) == sorted(files)
+    with OpenEXR.File(str(tmp_path / "out/depth/000001.exr")) as file:
+        depth = file.channels()["Z"].pixels
+    np.testing.assert_array_equal(depth, truth.depth(0.29, 40))
+    assert depth.dtype == np.float32
+    flow = truth.flow(0.25, 0.29, 40)
+    with OpenEXR.File(str(tmp_path / "out/flow/000000.exr")) as file:
+        np.testing.assert_array_equal(file.channels()["u"].pixels, flow.flow_px[..., 0])
+        np.testing.assert_array_equal(file.channels()["valid"].pixels, flow.valid)
+    t_s, poses = read_tum(tmp_path / "out/poses.txt")
+    np.testing.assert_array_equal(t_s, sequence.window_s)
+    np.testing.assert_allclose(poses[1], truth.pose(0.29), atol=1e-14)
+    camera = json.loads((tmp_path / "out/camera.json").read_text())
+    np.testing.assert_array_equal(camera["K"], truth.camera(40).K)
+
+    # A changed scene is no truth about frames of the old one.
+    xml = (folder / "scene.xml").read_text()
+    (folder / "scene.xml").write_text(xml.replace("0 0 1.5", "0 0 1.6"))
+    with pytest.raises(SceneError, match=r"scene\.xml: has changed since .* was rendered"):
+        ground_truth(sequence)
+
+
+def test_flow_pngs_are_read_by_dsecs_formula(tmp_path):
+    """dsec.ifi.uzh.ch: flow = (png[..., :2] - 2^15) / 128 in RGB order, valid = png[..., 2]."""
+    flow_px = np.array([[[1.5, -2.25], [0.0, 100.01]], [[-255.9, 3.0], [9.0, 9.0]]], np.float32)
+    valid = np.array([[True, True], [True, False]])
+    write_flow_png(tmp_path / "flow.png", Flow(flow_px, valid))
+    png = cv2.imread(str(tmp_path / "flow.png"), cv2.IMREAD_UNCHANGED)
+    assert png.dtype == np.uint16
+    rgb = png[..., ::-1].astype(np.float64)
+    read = (rgb[..., :2] - 2**15) / 128
+    np.testing.assert_allclose(read[valid], flow_px[valid], atol=1 / 256)
+    np.testing.assert_array_equal(rgb[..., 2], valid)
+    with pytest.raises(RenderError, match="256 px or more"):
+        write_flow_png(tmp_path / "wide.png", Flow(flow_px + 2.5e2, valid))
+    assert not (tmp_path / "wide.png").exists()

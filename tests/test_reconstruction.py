@@ -1,0 +1,76 @@
+"""Image reconstruction: the metric, and what event integration must achieve by physics."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sensor import SensorModel, simulate
+from tasks.errors import TaskError
+from tasks.methods import METHODS, load_method
+from tasks.methods.event_integration import reconstruct
+from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
+
+
+def smooth_frames(size, frames):
+    """Radiance of a few drifting waves, (frames, size, size)."""
+    y, x = np.mgrid[:size, :size] / size
+    t = np.linspace(0, 1, frames)[:, None, None]
+    waves = np.sin(6 * x + 9 * t) + np.cos(11 * y - 5 * t) + 0.5 * np.sin(17 * (x + y) + 12 * t)
+    return np.exp(waves)
+
+
+def test_ideal_event_integration_is_within_a_threshold_of_the_truth():
+    """Physics: an ideal pixel's memory is never C away from its light, so EI is not, Eq. (8)."""
+    C = 0.1
+    frames, t_s = smooth_frames(32, 20), np.arange(20) * 1e-3
+    model = SensorModel(width=32, height=32, contrast_threshold=C, dark_level=0.01)
+    events = simulate(frames, t_s, model)
+    first, last = np.log(frames[0] + 0.01), np.log(frames[-1] + 0.01)
+    sample = ReconstructionSample(first, events.polarity_sum().astype(float), C)
+    assert np.abs(last - first).max() > 5 * C
+    assert np.abs(reconstruct(sample) - last).max() < C
+
+
+@pytest.mark.parametrize("upsampling", ["nearest", "bilinear", "bicubic"])
+def test_upsampling_keeps_a_uniform_change(upsampling):
+    """Promise: U spreads a change that is the same everywhere without loss, at any ratio."""
+    sample = ReconstructionSample(np.zeros((37, 37)), np.full((10, 10), 3.0), 0.2)
+    np.testing.assert_allclose(reconstruct(sample, upsampling), 0.6, rtol=1e-12)
+
+
+def test_upsampling_keeps_pixel_centres_aligned():
+    """Promise: a change in the middle of the sensor lands in the middle of the image."""
+    delta = np.zeros((5, 5))
+    delta[2, 2] = 1.0
+    up = reconstruct(ReconstructionSample(np.zeros((20, 20)), delta, 1.0))
+    y, x = np.mgrid[:20, :20] + 0.5
+    assert (up * x).sum() / up.sum() == pytest.approx(10)
+    assert (up * y).sum() / up.sum() == pytest.approx(10)
+
+
+def test_psnr_of_known_errors():
+    """Promise: peak 1 in units of white, clipped to it; identical images score infinity."""
+    truth = np.log(np.full((10, 10), 0.5))
+    assert psnr_db(truth, truth, 0.0) == math.inf
+    assert psnr_db(np.log(np.full((10, 10), 0.6)), truth, 0.0) == pytest.approx(20.0)
+    above = np.log(np.full((10, 10), 7.0))
+    assert psnr_db(above, np.log(np.full((10, 10), 3.0)), 0.0) == math.inf  # both are white
+    assert psnr_db(truth + 1.0, truth + 1.0 + np.log(1.2), 1.0) == pytest.approx(20.0)
+    with pytest.raises(TaskError, match="shape"):
+        psnr_db(truth[1:], truth, 0.0)
+
+
+def test_white_is_a_high_percentile():
+    """Promise: one glint in a thousand pixels does not set the white level."""
+    image = np.zeros(10_000)
+    image[:5] = 50.0
+    assert log_white_level(image.reshape(100, 100)) == 0.0
+
+
+def test_methods_are_found_by_name():
+    """Promise: every listed method loads; an unknown one is answered with the nearest."""
+    for task, listed in METHODS.items():
+        assert all(callable(load_method(task, name)) for name in listed)
+    with pytest.raises(TaskError, match="did you mean 'event_integration'"):
+        load_method("reconstruction", "event_integratoin")

@@ -1,0 +1,65 @@
+"""A choice is the smallest width that does as well as the best."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from tasks.row import Row
+from tasks.study.choice import choose, choose_all
+from tasks.study.tables import Scores, Series
+
+EI = Series("reconstruction", "event_integration", "psnr_db")
+
+
+def row(width: int, sample: int, value: float) -> Row:
+    return Row("carpet", *EI[:2], width, math.inf, 1.0, sample, "psnr_db", value, float(width))
+
+
+def test_the_choice_is_the_smallest_width_that_is_as_good() -> None:
+    """640 px is 0.09 dB below the best, 346 px 0.11 dB: 640 px is enough."""
+    values = {346: 20.00, 640: 20.02, 1280: 20.11}
+    rows = [row(w, i, v + i - 4) for w, v in values.items() for i in range(9)]
+    choice = choose(Scores(rows), EI, "carpet", math.inf, 1.0)
+    assert choice is not None
+    assert (choice.best, choice.enough) == (1280, 640)
+    assert choice.loss == pytest.approx(0.09)
+    assert choice.saving(1280) == 2.0
+    assert choice.tied == 1280  # the samples move together, so 0.09 dB is told apart
+    assert choice.nothing is None
+
+
+def test_a_tie_needs_samples_that_do_not_tell_the_widths_apart() -> None:
+    """The lead of 1280 px changes sign from sample to sample: 640 px is tied, though not near."""
+    lead = (-0.6, 0.7, -0.5, 0.6, 0.5, 0.7, -0.4, 0.5, 0.6)
+    rows = [row(640, i, 20.0) for i in range(9)] + [
+        row(1280, i, 20 + d) for i, d in enumerate(lead)
+    ]
+    choice = choose(Scores(rows), EI, "carpet", math.inf, 1.0)
+    assert choice is not None
+    assert (choice.best, choice.enough, choice.tied) == (1280, 1280, 640)
+    few = choose(Scores([r for r in rows if r.sample < 5]), EI, "carpet", math.inf, 1.0)
+    assert few is not None
+    assert few.tied is None
+
+
+def test_doing_nothing_is_what_a_choice_is_worth() -> None:
+    """The best beats doing nothing by 0.5 dB, or is beaten by it by as much."""
+    rows = [row(w, i, v + i) for w, v in {640: 20.0, 1280: 21.0}.items() for i in range(3)]
+    for nothing, worthwhile in ((20.5, True), (21.5, False)):
+        idle = [
+            Row("carpet", EI.task, "no_events", 640, math.inf, 1.0, i, "psnr_db", nothing + i, 0.0)
+            for i in range(3)
+        ]
+        choice = choose(Scores(rows + idle), EI, "carpet", math.inf, 1.0)
+        assert choice is not None
+        assert choice.gain == pytest.approx(0.5)
+        assert choice.worthwhile is worthwhile
+
+
+def test_a_width_with_lost_samples_leaves_no_choice() -> None:
+    """640 px has one sample less than 1280 px at the second speed: a choice at the first only."""
+    rows = [row(width, i, 20.0) for width in (640, 1280) for i in range(3)]
+    faster = [replace(r, speed=2.0) for r in rows[1:]]
+    choices = choose_all(Scores(rows + faster), EI)
+    assert [choice is None for choice in choices.values()] == [False, True]

@@ -1,0 +1,208 @@
+"""Claims hold, fail or are not measured exactly when the rows say so."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from tasks.row import Row
+from tasks.study.claims import CLAIMS, judge_all
+from tasks.study.judging import Estimate, Status, Verdict, estimate
+from tasks.study.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
+from tasks.study.tables import Condition, Scores, Series
+
+EI = Series("reconstruction", "event_integration", "psnr_db")
+NUMBERS = (3, 4, 5, 6, 7, 8, 9)
+
+Change = Callable[[int, float, float, float], float]  # width, cutoff_hz, speed, value -> value
+
+
+def rate_hz(width: int, cutoff_hz: float) -> float:
+    """8x from 640 to 1280 px in ideal light, 6x otherwise."""
+    return 1e3 * width ** (3.0 if math.isinf(cutoff_hz) else math.log2(6.0))
+
+
+def paper_rows(
+    change: Change = lambda width, cutoff_hz, speed, value: value,
+    rate: Callable[[int, float], float] = rate_hz,
+    samples: int = 9,
+    scenes: tuple[str, ...] = ("carpet", "rocks", "room"),
+) -> list[Row]:
+    """The paper's medians, each sample shifted the same way everywhere, then `change`d."""
+    rows = []
+    for scene in scenes:
+        for width in WIDTHS:
+            for cutoff in CUTOFFS_HZ:
+                for speed in SPEEDS:
+                    median = published(scene, *EI[:2], width, cutoff, speed, EI.metric)
+                    assert median is not None
+                    value = change(width, cutoff, speed, median)
+                    for i in range(samples):
+                        shift = i - (samples - 1) / 2
+                        rows.append(
+                            Row(
+                                *(scene, *EI[:2], width, cutoff, speed, i, EI.metric),
+                                value + shift,
+                                rate(width, cutoff),
+                            )
+                        )
+    return rows
+
+
+def verdict(number: int, rows: list[Row]) -> Verdict:
+    return next(v for v in judge_all(rows, {}) if v.number == number)
+
+
+def test_the_claims_are_those_of_event_integration() -> None:
+    """Each claim has its number once, in order."""
+    assert [v.number for v in judge_all(paper_rows(), {})] == [1, 2, *NUMBERS]
+    assert len(CLAIMS) == len(NUMBERS)
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_the_papers_own_numbers_uphold_its_claims(number: int) -> None:
+    """Rows with the paper's medians: every claim holds, on every scene, with an interval."""
+    found = verdict(number, paper_rows())
+    assert found.status is Status.HOLDS
+    for scene in ("carpet", "rocks", "room"):
+        assert scene in found.ours
+    assert "[" in found.ours
+    assert "Judged" not in found.note
+
+
+FAILURES: dict[int, Change] = {
+    3: lambda w, c, s, v: v - 9 * (w == 1280 and math.isinf(c)),
+    4: lambda w, c, s, v: v + 9 * (w == 1280 and c == 200),
+    5: lambda w, c, s, v: v + 0.05 * (w == 346 and math.isinf(c) and s == 2),
+    6: lambda w, c, s, v: v + 5 * (w == 1280 and c == 50),
+    7: lambda w, c, s, v: v if math.isinf(c) else 10 * math.log2(w),
+    9: lambda w, c, s, v: v + (s > 1) * (w == 1280 and c == 200),
+}
+
+
+@pytest.mark.parametrize("number", FAILURES)
+def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
+    """Each claim's own condition is broken, and it says so."""
+    found = verdict(number, paper_rows(FAILURES[number]))
+    assert found.status is Status.DOES_NOT_HOLD
+    assert "(does not hold)" in found.ours
+
+
+def test_event_rate_that_only_follows_the_pixels_fails_claim_8() -> None:
+    """Exactly 4x the events on 4x the pixels is no rise of the per-pixel rate."""
+    found = verdict(8, paper_rows(rate=lambda width, cutoff_hz: float(width) ** 2))
+    assert found.status is Status.DOES_NOT_HOLD
+    silent = verdict(8, paper_rows(rate=lambda width, cutoff_hz: 0.0))
+    assert silent.status is Status.NOT_MEASURED
+
+
+def test_daytime_margin_that_is_smaller_but_for_another_winner_fails_claim_4() -> None:
+    """By day another width wins: the smaller margin alone is not enough."""
+    found = verdict(4, paper_rows(lambda w, c, s, v: v + 9 * (w == 346 and c == 200)))
+    assert found.status is Status.DOES_NOT_HOLD
+    assert "best 346 px" in found.ours
+
+
+NEEDED: dict[int, tuple[int, float, float]] = {
+    3: (128, math.inf, 1.0),
+    4: (240, 200.0, 1.0),
+    5: (1280, math.inf, 4 / 3),
+    6: (346, 50.0, 1.0),
+    7: (128, 50.0, 1.0),
+    8: (640, 200.0, 1.0),
+    9: (1280, 200.0, 2.0),
+}
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+@pytest.mark.parametrize("lost_samples", [1, 9])
+def test_not_measured_is_never_holds(number: int, lost_samples: int) -> None:
+    """A needed cell is gone, or one of its samples: not measured, and the missing is named."""
+    width = NEEDED[number][0]
+    rows = [
+        r
+        for r in paper_rows(scenes=("carpet",))
+        if (r.width, r.cutoff_hz, r.speed) != NEEDED[number] or r.sample >= lost_samples
+    ]
+    found = verdict(number, rows)
+    assert found.status is Status.NOT_MEASURED
+    assert f"missing {width} px" in found.ours
+    if lost_samples == 1:
+        assert "has 8 of 9 samples" in found.ours
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_rows_of_another_method_measure_nothing(number: int) -> None:
+    """Without event integration every claim is not measured."""
+    rows = [r for r in paper_rows(scenes=("carpet",), samples=1) if r.width == 128]
+    other = [Row(r.scene, r.task, "no_events", *_tail(r)) for r in rows]
+    found = verdict(number, other)
+    assert found.status is Status.NOT_MEASURED
+    assert found.ours == "no rows of event integration"
+
+
+def _tail(r: Row) -> tuple[int, float, float, int, str, float, float]:
+    return r.width, r.cutoff_hz, r.speed, r.sample, r.metric, r.value, r.event_rate_hz
+
+
+def test_one_scene_that_fails_settles_it_and_one_that_lacks_rows_does_not() -> None:
+    """Fails on any scene: does not hold. Holds on some and lacks rows on others: not measured."""
+    carpet = paper_rows(scenes=("carpet",))
+    rocks = paper_rows(FAILURES[3], scenes=("rocks",))
+    assert verdict(3, carpet + rocks).status is Status.DOES_NOT_HOLD
+    part = [r for r in paper_rows(scenes=("rocks",)) if r.width != 1280]
+    found = verdict(3, carpet + part)
+    assert found.status is Status.NOT_MEASURED
+    assert "Judged on carpet only." in found.note
+
+
+def test_few_samples_say_so_instead_of_an_interval() -> None:
+    """With 3 samples no interval is printed, and the note says why."""
+    found = verdict(3, paper_rows(samples=3, scenes=("carpet",)))
+    assert found.status is Status.HOLDS
+    assert "[" not in found.ours
+    assert "on carpet only; 3 samples, too few for an interval (6 needed)" in found.note
+
+
+def test_the_contradiction_in_the_papers_caption_is_told() -> None:
+    """The caption's 0.1 dB and the table's 2.5 to 3.7 dB both stand in the note of claim 3."""
+    note = verdict(3, paper_rows()).note
+    assert "0.1 dB" in note
+    assert "2.5 to 3.7 dB" in note
+
+
+def test_a_mean_over_scenes_is_the_papers() -> None:
+    """3.18 dB in ideal light and 0.86 dB by day, from rows with the paper's medians."""
+    assert "mean of 3 scenes: +3.18 [+3.18, +3.18] dB" in verdict(3, paper_rows()).ours
+    assert "mean of 3 scenes: +0.86 [+0.86, +0.86] dB" in verdict(4, paper_rows()).ours
+
+
+def test_the_bootstrap_is_paired_and_seeded() -> None:
+    """A difference between conditions with a common shift has no spread; a median alone has."""
+    scores = Scores(paper_rows())
+    fine, coarse = (Condition("carpet", width, math.inf, 1.0) for width in (1280, 640))
+    cells = {where: scores.cell(EI, where) for where in (fine, coarse)}
+    paired = estimate(cells, lambda m: m[fine] - m[coarse])
+    assert paired.low == pytest.approx(paired.high)
+    alone = estimate(cells, lambda m: m[fine])
+    assert alone.low is not None
+    assert alone.high is not None
+    assert alone.low < alone.value < alone.high
+    assert alone == estimate(cells, lambda m: m[fine])
+
+
+def test_an_interval_on_both_sides_of_the_bound_is_called_unsettled() -> None:
+    """The night's best width leads by less than the samples scatter."""
+    rows = [
+        Row(*(r.scene, r.task, r.method, *_tail(r)[:5]), r.value + 0.3 * (-1) ** r.sample, 1.0)
+        if r.width == 640
+        else r
+        for r in paper_rows(scenes=("carpet",), samples=12)
+    ]
+    assert "not settled by these samples" in verdict(6, rows).ours
+
+
+def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
+    """Value, interval and unit, or value and unit."""
+    assert Estimate(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
+    assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"

@@ -1,0 +1,52 @@
+"""The static figure is whole, the same for the same scores, and legible."""
+
+import math
+
+import cv2
+import numpy as np
+
+from tasks.row import Row
+from tasks.study.figure import figure_files, tradeoff_figure
+from tasks.study.tables import Scores
+
+
+def scores(nothing_db: float) -> Scores:
+    """Two widths at two speeds: in ideal light the finer one is better, at night worse."""
+    rows = []
+    for width in (128, 1280):
+        for cutoff_hz in (math.inf, 50.0):
+            for speed in (1.0, 2.0):
+                at = (width, cutoff_hz, speed, 0, "psnr_db")
+                gain_db = math.log2(width / 128) / speed
+                value = 12.0 + (gain_db if math.isinf(cutoff_hz) else -gain_db)
+                rate = speed * width**3
+                rows.append(Row("rocks", "reconstruction", "event_integration", *at, value, rate))
+                rows.append(Row("rocks", "reconstruction", "no_events", *at, nothing_db, 0.0))
+    return Scores(rows)
+
+
+def test_the_files_are_whole_and_the_same_each_time() -> None:
+    """A PNG that decodes, a complete SVG, and no date or random name in them."""
+    files = figure_files(scores(12.0))
+    assert set(files) == {"png", "svg"}
+    assert cv2.imdecode(np.frombuffer(files["png"], np.uint8), cv2.IMREAD_COLOR) is not None
+    assert files["svg"].rstrip().endswith(b"</svg>")
+    assert figure_files(scores(12.0)) == files
+
+
+def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
+    """Below, amid and above the scores: no mark within 4 points of the label's box."""
+    for nothing_db in (8.0, 9.0, 12.0, 16.0):
+        figure = tradeoff_figure(scores(nothing_db))
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            legend = axes.get_legend()
+            assert legend is not None
+            (label,) = legend.get_texts()
+            assert label.get_text() == f"no events {nothing_db:.2f}"
+            box = legend.get_window_extent().padded(4 * figure.dpi / 72)
+            lines = [line for line in axes.get_lines() if line.get_marker() != "None"]
+            assert len(lines) == 2
+            for line in lines:
+                marks = axes.transData.transform(np.column_stack(line.get_data()))
+                assert not any(box.contains(x, y) for x, y in marks)

@@ -1,0 +1,225 @@
+"""A report is one file that says what the rows say, and nothing more."""
+
+import html
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tasks.errors import ResultError
+from tasks.row import Row, write_rows
+from tasks.study.clip import PREVIEW_S
+from tasks.study.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
+from tasks.study.report import MAX_BYTES, write_report
+from tasks.study.tables import Series
+
+EI = Series("reconstruction", "event_integration", "psnr_db")
+
+
+def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
+    """Carpet with the paper's medians; the event rate grows with the cube of the width."""
+    rows = []
+    for width in WIDTHS:
+        for cutoff in CUTOFFS_HZ:
+            for speed in SPEEDS:
+                median = published("carpet", *EI[:2], width, cutoff, speed, EI.metric)
+                assert median is not None
+                for i in range(samples):
+                    at = (width, cutoff, speed, i, "psnr_db")
+                    shift = i - samples // 2
+                    rows.append(Row("carpet", *EI[:2], *at, median + shift, speed * width**3))
+                    rows.append(Row("carpet", EI.task, "no_events", *at, nothing_db + shift, 0.0))
+    return rows
+
+
+def make_run(folder: Path, rows: list[Row]) -> Path:
+    write_rows(folder / "rows.csv", rows)
+    environment = {"command": "eres study --preset quick", "Mitsuba variant": "llvm <mono>"}
+    (folder / "environment.json").write_text(json.dumps(environment))
+    (folder / "study.json").write_text(json.dumps({"render": {"spp": 16}}))
+    return folder
+
+
+def add_previews(folder: Path) -> None:
+    (folder / "previews").mkdir()
+    index = []
+    for width in WIDTHS:
+        file = f"{width}.png"
+        cv2.imwrite(str(folder / "previews" / file), np.full((8, 8, 3), 200, np.uint8))
+        entry = {"file": file, "scene": "carpet", "width": width, "cutoff_hz": "inf", "speed": 1.0}
+        index.append({**entry, "kind": "events", "caption": f"{width} px of events"})
+    index.append({**index[0], "kind": "frame", "caption": "the radiance"})
+    (folder / "previews" / "index.json").write_text(json.dumps(index))
+
+
+def html_of(folder: Path, rows: list[Row]) -> str:
+    return write_report(make_run(folder, rows)).read_text()
+
+
+def answer_of(page: str) -> str:
+    found = re.search(r'<p class="answer">(.*?)</p>', page)
+    assert found
+    return html.unescape(re.sub(r"<[^>]*>", "", found[1])).replace("\xa0", " ")
+
+
+def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
+    """Nothing is loaded from elsewhere, the file is small, and no half file stays behind."""
+    run = make_run(tmp_path, paper_rows())
+    add_previews(run)
+    report = write_report(run)
+    page = report.read_text()
+    assert report == tmp_path / "report.html"
+    assert len(report.read_bytes()) < MAX_BYTES
+    assert not re.search(r"""(src|href|srcset|action)\s*=\s*["']?\s*(https?:)?//""", page)
+    assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|<link", page)
+    assert page.count("data:image/png;base64,") == 6
+    assert {p.name for p in tmp_path.iterdir()} == {
+        *("rows.csv", "environment.json", "study.json", "previews"),
+        *("report.html", "tables.csv", "figures"),
+    }
+
+
+def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
+    """Tables, plot data, claims and provenance all made it into the page, escaped."""
+    page = html_of(tmp_path, paper_rows())
+    for width in WIDTHS:
+        assert f">{width} px<" in page
+    for text in ("ideal", "day", "night", "24.09", "no events", "claim 9", "--preset quick"):
+        assert text in page
+    assert "llvm &lt;mono&gt;" in page
+    data = re.search(r'id="plot-data">(.*?)</script>', page, re.DOTALL)
+    assert data
+    (plot,) = json.loads(data[1])
+    assert plot["widths"] == list(WIDTHS)
+    assert [len(panel["points"]) for panel in plot["panels"]] == [15, 15, 15]
+    assert plot["panels"][2]["baselines"] == [12.0]
+
+
+def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
+    """The figure as PNG and SVG, and the tables as CSV, a line a cell."""
+    html_of(tmp_path, paper_rows())
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {"tradeoff.png", "tradeoff.svg"}
+    assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6
+
+
+def test_the_answer_follows_from_the_rows(tmp_path: Path) -> None:
+    """The paper's medians: at night and speed 2 128 px is within 0.1 dB, ideal takes 1280 px."""
+    answer = answer_of(html_of(tmp_path, paper_rows()))
+    assert answer == (
+        "On carpet, at night and speed 2, 128 px is enough (within 0.1 dB of the best, which is "
+        "2.33 dB better than doing nothing), with 1000 times fewer events than 1280 px. In ideal "
+        "light and speed 1, it takes all 1280 px (12.09 dB better than doing nothing)."
+    )
+
+
+def test_the_answer_names_the_scenes_where_there_are_several(tmp_path: Path) -> None:
+    """Carpet and the same 1 dB better as room, without do-nothing rows: both named, no gain."""
+    carpet = [r for r in paper_rows() if r.method != "no_events"]
+    room = [replace(r, scene="room", value=r.value + 1) for r in carpet]
+    answer = answer_of(html_of(tmp_path, carpet + room))
+    assert answer == (
+        "At night and speed 2, 128 px is enough on carpet and room (within 0.1 dB of the best), "
+        "with 1000 times fewer events than 1280 px. In ideal light and speed 1, it takes all "
+        "1280 px on carpet and room."
+    )
+
+
+def test_scores_below_doing_nothing_recommend_nothing(tmp_path: Path) -> None:
+    """Where the image without events is better, the answer says that no resolution helps."""
+    page = html_of(tmp_path, paper_rows(nothing_db=15.0))
+    assert "On carpet, at night and speed 2, no resolution beats doing nothing." in answer_of(page)
+    assert 'class="worthless"' in page
+
+
+def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
+    """One lost sample of one width: that condition is not measured in full, in answer and table."""
+    lost = (240, 50.0, 2.0, 3)
+    rows = [
+        r
+        for r in paper_rows()
+        if (r.width, r.cutoff_hz, r.speed, r.sample) != lost or r.method == "no_events"
+    ]
+    page = html_of(tmp_path, rows)
+    assert "On carpet, at night and speed 2, not all samples are measured." in answer_of(page)
+    assert "– (6 of 7)" in page
+
+
+def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:
+    """Two samples make a report that says how little that is; seven need no such words."""
+    caution = "too few to say how sure"
+    assert caution in html_of(tmp_path, paper_rows(samples=2))
+    assert caution not in html_of(tmp_path, paper_rows(samples=7))
+
+
+def test_the_pictures_are_explained(tmp_path: Path) -> None:
+    """What the colours mean, over which time, and that the radiance is tone-mapped."""
+    run = make_run(tmp_path, paper_rows(samples=1))
+    add_previews(run)
+    page = write_report(run).read_text()
+    assert "Blue: brighter, red: darker" in page
+    assert f"over the last {PREVIEW_S * 1e3:g} ms" in page
+    assert "<figcaption>the radiance, tone-mapped</figcaption>" in page
+    assert "<figcaption>128 px of events</figcaption>" in page
+
+
+def test_a_run_without_previews_says_so(tmp_path: Path) -> None:
+    """Previews are optional, their absence is told."""
+    assert "This run has no previews." in html_of(tmp_path, paper_rows())
+
+
+def test_a_scene_with_markup_in_its_name_stays_text(tmp_path: Path) -> None:
+    """Names from outside neither break the page nor its data."""
+    rows = [replace(r, scene="</script><b>x") for r in paper_rows()]
+    page = html_of(tmp_path, rows)
+    assert "</script><b>x" not in page
+
+
+@pytest.mark.parametrize("file", ["rows.csv", "environment.json", "study.json"])
+def test_a_missing_file_is_named(tmp_path: Path, file: str) -> None:
+    """Without one of its files a run has no report, and the error names the file."""
+    make_run(tmp_path, paper_rows(samples=1))
+    (tmp_path / file).unlink()
+    with pytest.raises(ResultError, match=re.escape(file)):
+        write_report(tmp_path)
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_damaged_files_are_named(tmp_path: Path) -> None:
+    """No JSON, a lost preview, an entry without caption or of another kind: each is told."""
+    make_run(tmp_path, paper_rows(samples=1))
+    add_previews(tmp_path)
+    index = tmp_path / "previews" / "index.json"
+    entries = json.loads(index.read_text())
+
+    (tmp_path / "previews" / "346.png").unlink()
+    with pytest.raises(ResultError, match=r"346\.png: no such file"):
+        write_report(tmp_path)
+    index.write_text(json.dumps([{**entries[0], "kind": "video"}]))
+    with pytest.raises(ResultError, match="found 'video'"):
+        write_report(tmp_path)
+    index.write_text(json.dumps([{k: v for k, v in entries[0].items() if k != "caption"}]))
+    with pytest.raises(ResultError, match="no caption"):
+        write_report(tmp_path)
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(ResultError, match=r"study\.json: not JSON"):
+        write_report(tmp_path)
+
+
+def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:
+    """A run with nothing but the do-nothing rows is refused."""
+    rows = [r for r in paper_rows(samples=1) if r.method == "no_events"]
+    with pytest.raises(ResultError, match="only do-nothing rows"):
+        write_report(make_run(tmp_path, rows))
+
+
+def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:
+    """The report's size has a limit, and the error says what to do."""
+    make_run(tmp_path, paper_rows(samples=1))
+    add_previews(tmp_path)
+    (tmp_path / "previews" / "128.png").write_bytes(bytes(MAX_BYTES))
+    with pytest.raises(ResultError, match="list fewer previews"):
+        write_report(tmp_path)

@@ -1,0 +1,196 @@
+"""A study from scene to rows at low cost: complete, cached, resumed after a kill, and refused."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eres_render import clips, load_scene
+from light_scenes import small_carpet_folder
+from tasks.errors import StudyError
+from tasks.row import read_rows
+from tasks.study import frame_cache
+from tasks.study import run as run_module
+from tasks.study.config import PRESETS, Render, Simulate, Study, preset
+from tasks.study.report import write_report
+from tasks.study.run import run_study
+from tasks.study.scaling import read_scaling
+
+ROOT = Path(__file__).parent.parent
+
+
+def tiny_study(scene_folder):
+    return Study(
+        name="tiny",
+        scenes=(str(scene_folder),),
+        render=Render(resolution=96, spp=4, max_displacement_px=0.5, samples=2),
+        simulate=Simulate(widths=(24, 48, 96), cutoffs_hz=(np.inf, 50.0), speeds=(1.0, 2.0)),
+    )
+
+
+@pytest.fixture(scope="module")
+def scene_folder(tmp_path_factory):
+    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
+
+
+@pytest.fixture(scope="module")
+def finished(scene_folder, tmp_path_factory):
+    """A run, with a cache of its own."""
+    out = tmp_path_factory.mktemp("run") / "tiny"
+    rows = run_study(tiny_study(scene_folder), out)
+    return out, rows
+
+
+def test_rows_fill_the_grid(finished):
+    """Promise: every sample, width, cutoff, speed and method has exactly one row."""
+    _, rows = finished
+    cells = {(r.sample, r.width, r.cutoff_hz, r.speed, r.method) for r in rows}
+    assert len(cells) == len(rows) == 2 * 3 * 2 * 2 * 2
+    assert all(np.isfinite(r.value) and r.event_rate_hz > 0 for r in rows)
+
+
+def score(rows, method="event_integration", **where):
+    picked = [
+        r.value
+        for r in rows
+        if r.method == method and all(getattr(r, k) == v for k, v in where.items())
+    ]
+    return float(np.median(picked))
+
+
+def test_the_physics_shows_in_the_numbers(finished):
+    """Physics: ideal EI gains from resolution, not from slowness; at 50 Hz the gain shrinks."""
+    _, rows = finished
+    ideal = [score(rows, width=w, cutoff_hz=np.inf, speed=1.0) for w in (24, 48, 96)]
+    night = [score(rows, width=w, cutoff_hz=50.0, speed=1.0) for w in (24, 48, 96)]
+    fast = [score(rows, width=w, cutoff_hz=np.inf, speed=2.0) for w in (24, 48, 96)]
+    nothing = score(rows, method="no_events")
+    assert nothing < ideal[0] < ideal[1] < ideal[2]
+    np.testing.assert_allclose(fast, ideal, atol=0.02)
+    assert night[2] - night[0] < ideal[2] - ideal[0]
+
+
+def test_scaling_statistics_are_kept(finished):
+    """Promise: the first clip of each scene leaves its histograms and slopes; counts fit rates."""
+    out, rows = finished
+    (scaling,) = read_scaling(out / "scaling").values()
+    assert {(s.width, s.cutoff_hz, s.speed) for s in scaling.intervals} == {
+        (r.width, r.cutoff_hz, r.speed) for r in rows
+    }
+    assert scaling.everywhere.law.low > 0
+    first = min(r.sample for r in rows)
+    assert scaling.clip == first
+    for one in scaling.intervals:
+        (rate_hz,) = {
+            r.event_rate_hz
+            for r in rows
+            if (r.width, r.cutoff_hz, r.speed) == (one.width, one.cutoff_hz, one.speed)
+            and (r.sample, r.method) == (first, "event_integration")
+        }
+        intervals = sum(one.counts) + one.shorter + one.longer
+        # Each event in the window ends an interval, but for each pixel's first.
+        assert 0 <= rate_hz * 0.05 / one.speed - intervals <= one.width**2
+
+
+def test_a_run_without_its_scaling_statistics_makes_them(finished, scene_folder):
+    """Promise: a run from before they existed gets them, and its rows stay the same."""
+    out, rows = finished
+    (file,) = (out / "scaling").glob("*.json")
+    numbers = file.read_text()
+    file.unlink()
+    assert run_study(tiny_study(scene_folder), out) == rows
+    assert file.read_text() == numbers
+
+
+def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
+    """Promise: a finished run is read, not made; not even the renderer is loaded."""
+    out, rows = finished
+    monkeypatch.setattr(run_module, "Renderer", None)
+    assert run_study(tiny_study(scene_folder), out) == rows
+
+
+def test_more_samples_keep_the_old_ones(finished, scene_folder):
+    """Promise: what decides a clip names it, so another number of samples reuses what fits."""
+    study = tiny_study(scene_folder)
+    scene = load_scene(scene_folder)
+    clip, other = clips(scene)[:2]
+    more = replace(study, render=replace(study.render, samples=4))
+    assert study.clip_key(scene, clip) == more.clip_key(scene, clip)
+    assert study.clip_key(scene, clip) != study.clip_key(scene, other)
+    for changed in (
+        replace(study, render=replace(study.render, spp=9)),
+        replace(study, simulate=replace(study.simulate, contrast_threshold=0.3)),
+        replace(study, evaluate=replace(study.evaluate, upsampling="nearest")),
+    ):
+        assert changed.clip_key(scene, clip) != study.clip_key(scene, clip)
+
+
+def test_killed_run_resumes_to_the_same_rows(finished, scene_folder, tmp_path, monkeypatch):
+    """Promise: kill -9 at any point, run again, and the rows are those of an unbroken run."""
+    _, rows = finished
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); "
+        "from pathlib import Path; from test_study_run import tiny_study, run_study; "
+        f"run_study(tiny_study({str(scene_folder)!r}), Path({str(tmp_path / 'run')!r}))"
+    )
+    process = subprocess.Popen([sys.executable, "-c", code])
+    deadline = time.monotonic() + 60
+    while not list((tmp_path / "run").glob("clips/*.csv")) and time.monotonic() < deadline:
+        assert process.poll() is None, "the run ended before it could be killed"
+        time.sleep(0.005)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    assert not (tmp_path / "run" / "rows.csv").exists()
+    assert run_study(tiny_study(scene_folder), tmp_path / "run") == rows
+
+
+def test_report_of_a_real_run(finished):
+    """Promise: what a run leaves is what a report needs."""
+    out, rows = finished
+    page = write_report(out).read_text()
+    assert "96 px" in page
+    assert page.count("data:image/png") >= 8  # radiance, slope, and each width by each cutoff
+    assert "γ = " in page
+    assert read_rows(out / "rows.csv") == rows
+
+
+def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
+    """Promise: an impossible grid is refused before anything is rendered, by name."""
+    study = tiny_study(scene_folder)
+    with pytest.raises(StudyError, match=r"simulate.widths: found 128 px, finer than"):
+        replace(study, simulate=replace(study.simulate, widths=(64, 128)))
+    with pytest.raises(StudyError, match=r"simulate.speeds"):
+        replace(study, simulate=replace(study.simulate, speeds=(0.0,)))
+    with pytest.raises(StudyError, match=r"render.samples: found 99"):
+        run_study(replace(study, render=replace(study.render, samples=99)), tmp_path / "run")
+    with pytest.raises(StudyError, match="did you mean 'quick'"):
+        preset("quikc")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StudyError, match="found a file"):
+        run_study(study, tmp_path / "file")
+    assert PRESETS["quick"].simulate.warmup_s == pytest.approx(6 * 2 / (2 * np.pi * 50))
+
+
+def test_frame_cache_is_bounded_and_drops_the_oldest(tmp_path, monkeypatch):
+    """Promise: the cache stays within its limit, oldest out first, never what is in use."""
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path))
+    monkeypatch.setattr(frame_cache, "LIMIT_BYTES", 3500)
+    folders = [tmp_path / "frames" / name for name in ("a", "b", "c")]
+    for age, folder in zip((30, 20, 10), folders, strict=True):
+        folder.mkdir(parents=True)
+        (folder / "frame.exr").write_bytes(bytes(1000))
+        os.utime(folder, (time.time() - age, time.time() - age))
+    frame_cache.make_room(500, keep=folders[0])
+    assert [f.exists() for f in folders] == [True, True, True]
+    assert frame_cache.frames_folder("a") == folders[0]  # used just now: no longer the oldest
+    frame_cache.make_room(1500, keep=folders[2])
+    assert [f.exists() for f in folders] == [True, False, True]
+    frame_cache.make_room(10_000, keep=folders[2])
+    assert [f.exists() for f in folders] == [False, False, True]
