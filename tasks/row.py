@@ -22,15 +22,18 @@ class Row:
     """
 
     scene: str
-    task: str  # "reconstruction"
-    method: str  # "event_integration"; "no_events" is the baseline
+    task: str  # "reconstruction", "video", "flow" or "tracking"
+    method: str  # such as "event_integration"; every task has a do-nothing baseline
     width: int  # px, sensor width
     cutoff_hz: float  # photoreceptor cutoff; inf = ideal
     speed: float  # factor on the camera's base speed
     sample: int  # index of the sample along the path
-    metric: str  # "psnr_db"
+    metric: str  # "psnr_db", "rnepe_px" or "position_error_mm"
     value: float
     event_rate_hz: float  # events per second of the whole sensor, in the scored window
+    variant: str = ""  # of the task, such as "61 px patch" or "sigma 2 mm"; "" is the usual one
+    item: int = 0  # feature or trial within the sample
+    failure: str = ""  # why the method gave up; its value is then that of its starting point
 
     def __post_init__(self) -> None:
         if self.width <= 0:
