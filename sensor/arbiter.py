@@ -18,8 +18,10 @@ jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 BUSY_START_US, SENT, ROWS, WAITING, FREE, BURST, BURST_ROW, QUEUE_START, QUEUED = range(9)
 STATE_SIZE = 9
 # What is counted.
-FIRED, DROPPED = range(2)
+FIRED, DROPPED, LEFT, DELAYED = range(4)
+COUNTS_SIZE = 4
 DELAY_SUM_US, DELAY_MAX_US = range(2)
+DELAYS_SIZE = 2
 END_OF_TIME_US = 1 << 62
 
 
@@ -35,7 +37,8 @@ def advance(
     slot_next: NDArray[np.int64],  # next event of the same row, or next free slot
     row_first: NDArray[np.int64],  # (height,) oldest event of each row that waits for its turn
     row_queue: NDArray[np.int64],  # (height,) ring: those rows, oldest first
-    delay_us: NDArray[np.float64],  # (2,) updated
+    counts: NDArray[np.int64],  # (COUNTS_SIZE,) updated
+    delay_us: NDArray[np.float64],  # (DELAYS_SIZE,) updated
     t_us: NDArray[np.int64],  # out, from `used` on
     x: NDArray[np.uint16],
     y: NDArray[np.uint16],
@@ -61,6 +64,8 @@ def advance(
         slot = state[BURST]
         t_us[used] = state[BUSY_START_US] + np.int64(np.floor(leaves_us + 0.5))
         x[used], y[used], p[used] = slot_x[slot], state[BURST_ROW], slot_p[slot]
+        counts[LEFT] += 1
+        counts[DELAYED] += t_us[used] > slot_t_us[slot]
         used += 1
         late_us = float(state[BUSY_START_US] - slot_t_us[slot]) + leaves_us
         delay_us[DELAY_SUM_US] += late_us
@@ -88,7 +93,7 @@ def accept(
     row_first: NDArray[np.int64],
     row_last: NDArray[np.int64],  # (height,) youngest event of each row that waits for its turn
     row_queue: NDArray[np.int64],
-    counts: NDArray[np.int64],  # (2,) updated
+    counts: NDArray[np.int64],
     delay_us: NDArray[np.float64],
     t_us: NDArray[np.int64],
     x: NDArray[np.uint16],
@@ -109,6 +114,7 @@ def accept(
             slot_next,
             row_first,
             row_queue,
+            counts,
             delay_us,
             t_us,
             x,

@@ -85,6 +85,8 @@ class ReadoutReport:
         Events that the pixels fired.
     dropped
         Those that found the FIFO full.
+    delayed
+        Those that left, and did so in a later microsecond than they fired.
     mean_delay_s, max_delay_s
         From firing to leaving, over the events that left, before rounding to microseconds; 0 where
         none did.
@@ -92,6 +94,7 @@ class ReadoutReport:
 
     fired: int
     dropped: int
+    delayed: int
     mean_delay_s: float
     max_delay_s: float
 
@@ -100,6 +103,14 @@ class ReadoutReport:
         """Dropped events for each that fired; 0 where none did."""
         return self.dropped / self.fired if self.fired else 0.0
 
+    def __str__(self) -> str:
+        share = f"{100 * self.dropped_share:.3g} %"
+        return (
+            f"{self.fired} events fired, {self.dropped} dropped ({share}), "
+            f"{self.delayed} delayed, by {1e6 * self.mean_delay_s:.3g} us on average and "
+            f"{1e6 * self.max_delay_s:.3g} us at most"
+        )
+
 
 class ReadOut:
     """Events as they leave the chip: iterate over the parts, once; then read the `report`."""
@@ -107,8 +118,8 @@ class ReadOut:
     def __init__(self, events: Iterable[Events], readout: Readout) -> None:
         self._source = events
         self._readout = readout
-        self._counts = np.zeros(2, np.int64)
-        self._delay_us = np.zeros(2)
+        self._counts = np.zeros(arbiter.COUNTS_SIZE, np.int64)
+        self._delay_us = np.zeros(arbiter.DELAYS_SIZE)
         self._parts = self._run()
 
     def __iter__(self) -> Iterator[Events]:
@@ -145,15 +156,15 @@ class ReadOut:
             held = sent[final:].copy()
             yield _in_order(sent[:final])
         if fifo is not None and held is not None:
-            yield _in_order(concatenate([held, fifo.drain(held, self._delay_us)]))
+            yield _in_order(concatenate([held, fifo.drain(held, self._counts, self._delay_us)]))
 
     @property
     def report(self) -> ReadoutReport:
         """Counts and delays of all that has been read out so far."""
-        fired, dropped = self._counts.tolist()
+        fired, dropped, left, delayed = self._counts.tolist()
         total_us, max_us = self._delay_us.tolist()
-        left = fired - dropped
-        return ReadoutReport(fired, dropped, total_us * 1e-6 / left if left else 0.0, max_us * 1e-6)
+        mean_us = total_us / left if left else 0.0
+        return ReadoutReport(fired, dropped, delayed, mean_us * 1e-6, max_us * 1e-6)
 
 
 def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
@@ -224,7 +235,9 @@ class _Fifo:
         t_us, x, y, p = columns
         return Events.trusted(t_us[:used], x[:used], y[:used], p[:used], like=part)
 
-    def drain(self, like: Events, delay_us: NDArray[np.float64]) -> Events:
+    def drain(
+        self, like: Events, counts: NDArray[np.int64], delay_us: NDArray[np.float64]
+    ) -> Events:
         """Return all that still waits, as it leaves."""
         columns = self._room(0)
         arbiter.advance(
@@ -238,6 +251,7 @@ class _Fifo:
             self._slot_next,
             self._row_first,
             self._row_queue,
+            counts,
             delay_us,
             *columns,
             0,

@@ -14,11 +14,12 @@ from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
 from rich.table import Table
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks.errors import TaskError
+from tasks.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 
 app = tyro.extras.SubcommandApp()
 _out = Console()
@@ -253,11 +254,12 @@ def simulate(
     out: Path,
     sensor: str | None = None,
     resolution: int | None = None,
-    cutoff: float | None = None,
     threshold: float | None = None,
     speed: float = 1.0,
     seed: int = 0,
     format: str | None = None,
+    pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
+    bus: OmitArgPrefixes[BusOptions] = NO_BUS,
 ) -> None:
     """Turn a rendered sequence into a file of events, frame by frame.
 
@@ -269,7 +271,6 @@ def simulate(
         out: File of events: .h5 (DSEC), .raw (Prophesee EVT3), .npz or .txt.
         sensor: A camera by name; `eres sensors` lists them. This or a resolution.
         resolution: Width of the sensor, px.
-        cutoff: Corner frequency of the photoreceptor's poles, Hz; by default an ideal pixel.
         threshold: Contrast threshold in log units; 0.2 by default.
         speed: How much faster the scene moves than it was rendered.
         seed: Of everything random in the sensor.
@@ -285,15 +286,16 @@ def simulate(
         sequence,
         sensor=sensor,
         resolution=resolution,
-        cutoff_hz=cutoff,
         contrast_threshold=threshold,
+        pixel=pixel,
     )
-    count = simulate_sequence(
+    count, report = simulate_sequence(
         sequence,
         model,
         out,
         speed=speed,
         seed=seed,
+        readout=bus.readout(),
         format=format,
         watch=lambda frames: track(
             frames,
@@ -305,6 +307,8 @@ def simulate(
         ),
     )
     _out.print(f"{out}: {count} events of {model.width}x{model.height} px", soft_wrap=True)
+    if report is not None:
+        _out.print(f"bus: {report}", soft_wrap=True)
 
 
 @app.command

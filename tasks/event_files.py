@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
-from sensor import SensorModel, stream
+from sensor import Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.bank import DARK_FRACTION
 from sensor.formats import find_format, read_events, read_header, write_events
 from sensor.formats.header import Header, Value, model_to_json
 from sensor.model import MAX_SIDE_PX
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
+from tasks.sensor_options import IDEAL_PIXEL, PixelOptions
 
 Frames = Iterable[NDArray[np.float32]]
 
@@ -26,8 +27,8 @@ def sensor_for(
     *,
     sensor: str | None = None,
     resolution: int | None = None,
-    cutoff_hz: float | None = None,
     contrast_threshold: float | None = None,
+    pixel: PixelOptions = IDEAL_PIXEL,
 ) -> SensorModel:
     """A sensor for a sequence, its dark level a thousandth of the sequence's white.
 
@@ -35,13 +36,15 @@ def sensor_for(
     ----------
     sensor, resolution
         One of them: a preset's name, or a width in pixels; the height then follows the frames'.
-    cutoff_hz, contrast_threshold
-        In place of the preset's, or of an ideal pixel and 0.2.
+    contrast_threshold
+        In place of 0.2.
+    pixel
+        What else is to be said of its pixels.
 
     Raises
     ------
     TaskError
-        Neither or both of `sensor` and `resolution` are given.
+        Neither or both of `sensor` and `resolution` are given, or options exclude each other.
     SensorError
         There is no such preset, or a value is outside its range.
     """
@@ -54,12 +57,9 @@ def sensor_for(
     else:
         raise TaskError("found both or neither of sensor and resolution, expected one of them")
     C = model.contrast_threshold if contrast_threshold is None else contrast_threshold
-    return replace(
-        model,
-        cutoff_hz=model.cutoff_hz if cutoff_hz is None else cutoff_hz,
-        contrast_threshold=C,
-        dark_level=DARK_FRACTION * sequence.white_level,
-    )
+    white = sequence.white_level
+    lit = replace(model, contrast_threshold=C, dark_level=DARK_FRACTION * white)
+    return pixel.applied_to(lit, white)
 
 
 def simulate_sequence(
@@ -69,9 +69,10 @@ def simulate_sequence(
     *,
     speed: float = 1.0,
     seed: int = 0,
+    readout: Readout | None = None,
     format: str | None = None,
     watch: Callable[[Frames], Frames] = lambda frames: frames,
-) -> int:
+) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires before a sequence; returns their number.
 
     A sensor of another shape than the frames sees the middle of them, so that its pixels are
@@ -84,6 +85,9 @@ def simulate_sequence(
         The light, the sensor, the file, and as for `sensor.stream` and `write_events`.
     speed
         The scene moves that much faster: frame times are divided by it.
+    readout
+        The bus that the events leave by; without one, all leave when they fire. The second result
+        is then its report, else None.
     watch
         Passes the frames on, and may show how far they are.
     """
@@ -105,7 +109,11 @@ def simulate_sequence(
     rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
     frames = (frame[rows, columns] for frame in watch(sequence))
     parts = stream(frames, sequence.t_s / speed, model, seed=seed)
-    return write_events(out, parts, format=format, origin=origin)
+    if readout is None:
+        return write_events(out, parts, format=format, origin=origin), None
+    origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
+    leaving = read_out(parts, readout)
+    return write_events(out, leaving, format=format, origin=origin), leaving.report
 
 
 def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:

@@ -10,7 +10,8 @@ import pytest
 from eres_render import load_scene, render_scene
 from event_streams import SUFFIXES, assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
-from sensor import SensorModel, presets, simulate
+from sensor import Readout, SensorModel, presets, read_out, simulate
+from sensor.events import concatenate
 from sensor.formats import FORMATS, load_events, read_header, write_events
 from tasks import cli
 from tasks.event_files import middle
@@ -74,6 +75,78 @@ def test_simulate_writes_what_the_library_simulates(
     assert (said["scene"], said["clip"], said["speed"]) == (sequence.manifest.scene, 0, speed)
     assert said["seed"] == (4 if "--seed" in arguments else 0)
     assert said["window_end_us"] == round(1e6 * sequence.window_s[1] / speed)
+
+
+def test_noise_and_bus_reach_the_sensor(eres, sequence, tmp_path):
+    """Promise: every option of pixels and bus does what the library does with it, is stored in the
+    file, and what the bus delayed and dropped is said."""
+    options = {
+        "--resolution": 32,
+        "--illuminance": 20.0,
+        "--poles": 1,
+        "--fill-factor": 0.5,
+        "--threshold-mismatch": 0.02,
+        "--leak": 0.5,
+        "--shot-noise": 3.0,
+        "--shot-noise-exponent": 0.4,
+        "--hot-pixels": 0.01,
+        "--hot-pixel-rate": 70.0,
+        "--refractory": 2e-4,
+        "--bus": 0.05,
+        "--fifo": 20,
+        "--row-overhead": 1e-6,
+        "--seed": 6,
+    }
+    flags = [word for pair in options.items() for word in pair]
+    out = tmp_path / "out.h5"
+    code, printed, err = eres(
+        "simulate",
+        sequence.folder,
+        "--out",
+        out,
+        "--random-start",
+        "--cutoff-follows-light",
+        *flags,
+    )
+    assert (code, err) == (0, "")
+    white = sequence.white_level
+    model = SensorModel(
+        width=32,
+        height=32,
+        dark_level=1e-3 * white,
+        cutoff_hz=60.0,
+        cutoff_reference=white,
+        poles=1,
+        random_start=True,
+        fill_factor=0.5,
+        threshold_mismatch=0.02,
+        leak_hz=0.5,
+        shot_noise_hz=3.0,
+        shot_noise_exponent=0.4,
+        hot_pixel_fraction=0.01,
+        hot_pixel_hz=70.0,
+        refractory_s=2e-4,
+    )
+    fired = simulate(np.stack(list(sequence)), sequence.t_s, model, seed=6)
+    bus = Readout(max_rate_hz=5e4, fifo_depth=20, row_overhead_s=1e-6)
+    parts = read_out(fired, bus)
+    expected = concatenate(list(parts))
+    assert_same(load_events(out), expected)
+    header = read_header(out)
+    assert header.model == model
+    assert header.origin["readout_max_rate_hz"] == 5e4
+    report = parts.report
+    assert 0 < report.dropped < report.fired
+    assert f"{report.fired} events fired, {report.dropped} dropped" in printed
+    assert f"{report.delayed} delayed, by" in printed
+
+
+def test_a_cameras_bus_by_name(eres, sequence, tmp_path):
+    """Promise: --bus davis346 is 12 Mev/s, for whatever sensor."""
+    out = tmp_path / "out.npz"
+    arguments = ["--resolution", 64, "--bus", "davis346"]
+    assert eres("simulate", sequence.folder, "--out", out, *arguments)[0] == 0
+    assert read_header(out).origin["readout_max_rate_hz"] == 12e6
 
 
 def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkeypatch):
@@ -173,6 +246,9 @@ def test_commands_explain_themselves(eres, command):
     assert (code, len(out.splitlines()) > 3) == (0, True)
 
 
+SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
@@ -193,6 +269,15 @@ def test_commands_explain_themselves(eres, command):
             1,
             "speed: found 0",
         ),
+        ([*SIMULATE, "--cutoff", "9", "--illuminance", "9"], 1, "both cutoff and illuminance"),
+        ([*SIMULATE, "--cutoff-follows-light"], 1, "expected a cutoff or an illuminance"),
+        ([*SIMULATE, "--illuminance", "0"], 1, "illuminance_lux: found 0"),
+        ([*SIMULATE, "--leak", "-1"], 1, "leak_hz: found -1"),
+        ([*SIMULATE, "--poles", "3"], 1, "poles: found 3"),
+        ([*SIMULATE, "--bus", "davis34"], 1, "did you mean 'davis346'"),
+        ([*SIMULATE, "--bus", "atis"], 1, "no bandwidth is known of 'atis'"),
+        ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
+        ([*SIMULATE, "--fifo", "9"], 1, "expected a bus beside"),
         (["convert", "{tmp}/none.h5", "{tmp}/a.raw"], 1, "none.h5: No such file"),
         (["convert", "{tmp}/bad.raw", "{tmp}/a.h5"], 1, "bad.raw: byte 0"),
         (["convert", "{tmp}/bad.raw", "{tmp}/a.h5", "--input-format", "x"], 1, "found 'x'"),

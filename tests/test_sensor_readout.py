@@ -41,7 +41,7 @@ def test_below_capacity_there_is_only_service_time():
     events = make(t_us, rng.integers(0, 64, 1000), rng.integers(0, 64, 1000))
     out, report = through(events, max_rate_hz=1e6, row_overhead_s=3e-6, fifo_depth=1)
     np.testing.assert_array_equal(out.t_us, t_us + 4)
-    assert report.dropped == 0
+    assert (report.dropped, report.delayed) == (0, 1000)
     assert report.mean_delay_s == pytest.approx(4e-6)
     assert report.max_delay_s == pytest.approx(4e-6)
 
@@ -60,6 +60,7 @@ def test_a_bus_with_plenty_to_spare_changes_nothing_but_the_last_microsecond():
         np.testing.assert_array_equal(getattr(out, column), getattr(events, column))
     assert out.model == events.model
     assert parts.report.fired == len(events) > 1000
+    assert (parts.report.dropped, parts.report.delayed) == (0, 0)
 
 
 def test_overloaded_the_output_rate_is_the_capacity():

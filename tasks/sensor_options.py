@@ -1,0 +1,148 @@
+"""What `eres simulate` can be told of a sensor's pixels and of the bus behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sensor import Readout, SensorModel, cutoff_in_light
+from sensor.presets import find_sensor
+from tasks.errors import TaskError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelOptions:
+    """What real pixels do and ideal ones don't; all of it off by default.
+
+    Sources are in the docstring of `sensor.SensorModel`.
+
+    Parameters
+    ----------
+    cutoff
+        Corner frequency of each of the photoreceptor's poles, Hz; none by default, an ideal pixel.
+        The paper's day is 200 Hz, its night 50 Hz.
+    illuminance
+        Light on the scene, lux: sets the cutoff in its place, 3 Hz a lux.
+    cutoff_follows_light
+        Cutoff proportional to each pixel's own light; white has the one that was given.
+    poles
+        Poles of the photoreceptor, 1 or 2.
+    random_start
+        Pixels start out of step, as in a sensor that has been running.
+    fill_factor
+        Share of a pixel's area that sees light, 0 to 1.
+    threshold_mismatch
+        Standard deviation of the contrast threshold from pixel to pixel, log units; 0.03 is usual.
+    leak
+        ON events of a pixel in constant light, Hz; 0.1 is usual.
+    shot_noise
+        Noise events of a pixel in the dark, Hz.
+    shot_noise_exponent
+        How they fall with the light: as (1 + light / dark level) to minus this.
+    hot_pixels
+        Share of pixels that are hot, 0 to 1.
+    hot_pixel_rate
+        Noise events of a hot pixel in any light, Hz.
+    refractory
+        Time after an event in which a pixel reports no other, seconds.
+    """
+
+    cutoff: float | None = None
+    illuminance: float | None = None
+    cutoff_follows_light: bool = False
+    poles: int = 2
+    random_start: bool = False
+    fill_factor: float = 1.0
+    threshold_mismatch: float = 0.0
+    leak: float = 0.0
+    shot_noise: float = 0.0
+    shot_noise_exponent: float = 0.5
+    hot_pixels: float = 0.0
+    hot_pixel_rate: float = 100.0
+    refractory: float = 0.0
+
+    def applied_to(self, model: SensorModel, white_level: float) -> SensorModel:
+        """The model with these pixels; white_level is the radiance of white.
+
+        Raises
+        ------
+        TaskError
+            Options that exclude or need each other.
+        SensorError
+            A value is outside its range.
+        """
+        cutoff_hz = model.cutoff_hz if self.cutoff is None else self.cutoff
+        if self.illuminance is not None:
+            if self.cutoff is not None:
+                raise TaskError("found both cutoff and illuminance, expected at most one of them")
+            cutoff_hz = cutoff_in_light(self.illuminance)
+        if self.cutoff_follows_light and cutoff_hz == float("inf"):
+            raise TaskError("cutoff-follows-light: expected a cutoff or an illuminance beside it")
+        return replace(
+            model,
+            cutoff_hz=cutoff_hz,
+            cutoff_reference=white_level if self.cutoff_follows_light else None,
+            poles=self.poles,
+            random_start=self.random_start,
+            fill_factor=self.fill_factor,
+            threshold_mismatch=self.threshold_mismatch,
+            leak_hz=self.leak,
+            shot_noise_hz=self.shot_noise,
+            shot_noise_exponent=self.shot_noise_exponent,
+            hot_pixel_fraction=self.hot_pixels,
+            hot_pixel_hz=self.hot_pixel_rate,
+            refractory_s=self.refractory,
+        )
+
+
+IDEAL_PIXEL = PixelOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusOptions:
+    """The way off the chip, after `sensor.Readout`; without a bus every event leaves at once.
+
+    Parameters
+    ----------
+    bus
+        What the bus carries, million events a second; or the name of a camera that has such a bus,
+        see `eres sensors`.
+    fifo
+        Events that can wait for the bus; one that finds it full is dropped.
+    row_overhead
+        What it costs to open a row of pixels, seconds. Rows take turns, the one that has waited
+        longest first.
+    """
+
+    bus: str | None = None
+    fifo: int = 4096
+    row_overhead: float = 0.0
+
+    def readout(self) -> Readout | None:
+        """The bus, or None where there is none.
+
+        Raises
+        ------
+        TaskError
+            The bus is neither a rate nor a camera whose bandwidth is known.
+        SensorError
+            A value is outside its range.
+        """
+        if self.bus is None:
+            if self != NO_BUS:
+                raise TaskError("fifo, row-overhead: expected a bus beside them")
+            return None
+        try:
+            rate_mev_s: float | None = float(self.bus)
+        except ValueError:
+            rate_mev_s = find_sensor(self.bus).max_bandwidth_mev_s
+        if rate_mev_s is None:
+            raise TaskError(
+                f"bus: no bandwidth is known of {self.bus!r}, expected a rate in million events a "
+                "second or another camera"
+            )
+        return Readout(
+            max_rate_hz=rate_mev_s * 1e6, fifo_depth=self.fifo, row_overhead_s=self.row_overhead
+        )
+
+
+NO_BUS = BusOptions()
