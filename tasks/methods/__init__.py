@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import importlib
-from collections.abc import Callable
-from typing import Any
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from types import ModuleType
+from typing import Any, get_type_hints
 
 from tasks.errors import TaskError
 
@@ -24,16 +30,78 @@ METHODS = {
 
 
 def load_method(task: str, name: str) -> Callable[..., Any]:
-    """Return a method's function.
+    """Return a method's function, by its name in `METHODS` or as "package.module:function".
 
     Raises
     ------
     TaskError
-        The task has no method of that name; the text gives the nearest one.
+        The task has no method of that name (the text gives the nearest one), or there is no such
+        function to import.
     """
     listed = METHODS[task]
-    if name not in listed:
+    if ":" not in name and name not in listed:
         near = difflib.get_close_matches(name, listed, n=1) or sorted(listed)
-        raise TaskError(f"{task}: no method {name!r}; did you mean {near[0]!r}?")
-    module, function = listed[name].split(":")
-    return getattr(importlib.import_module(module), function)
+        raise TaskError(
+            f"{task}: no method {name!r}; did you mean {near[0]!r}? One of your own is named "
+            "package.module:function"
+        )
+    module, _, function = listed.get(name, name).partition(":")
+    try:
+        found = getattr(_imported(module), function, None)
+    except ImportError as error:
+        raise TaskError(f"{task}, method {name!r}: cannot be imported: {error}") from error
+    if not callable(found):
+        raise TaskError(f"{task}, method {name!r}: found no function {function!r} in {module}")
+    return found
+
+
+def task_of(name: str) -> str:
+    """Return the task that a method of one's own is for.
+
+    Video reconstruction takes a class; the others take a function, and the type of its first
+    parameter tells which.
+
+    Raises
+    ------
+    TaskError
+        It cannot be told.
+    """
+    from tasks.flow import FlowSample
+    from tasks.reconstruction import ReconstructionSample
+    from tasks.tracking import TrackingSample
+
+    tasks = {ReconstructionSample: "reconstruction", FlowSample: "flow", TrackingSample: "tracking"}
+    function = load_method("reconstruction", name)
+    if inspect.isclass(function):
+        return "video"
+    hints = get_type_hints(function)
+    first = next(iter(inspect.signature(function).parameters), None)
+    try:
+        return tasks[hints[first]]
+    except KeyError:
+        expected = ", ".join(kind.__name__ for kind in tasks)
+        raise TaskError(
+            f"method {name!r}: found {hints.get(first)} as the type of its first parameter, "
+            f"expected one of {expected}, which tells the task"
+        ) from None
+
+
+def code_of(names: Iterable[str]) -> dict[str, str]:
+    """SHA-256 of the file of each method that is not our own, by its name.
+
+    What such a method computes can change with any edit, and the rows made before must not be taken
+    for its own. Our own methods change with the version of the evaluation.
+    """
+    found = {}
+    for name in names:
+        if ":" in name:
+            file = inspect.getsourcefile(_imported(name.partition(":")[0]))
+            found[name] = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+    return found
+
+
+def _imported(module: str) -> ModuleType:
+    """Import a module, also one in the working directory, as `python -m` would find it."""
+    if "" not in sys.path and os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    return importlib.import_module(module)
