@@ -352,9 +352,7 @@ def _after_refractory(group: _Group, s: int, events: Events) -> Events:
     keep = np.empty(len(events), np.bool_)
     refractory_us = round(group.models[s].refractory_s * 1e6)
     pixel.outside_refractory(events.t_us, events.x, events.y, refractory_us, last_us, keep)
-    return Events.trusted(
-        events.t_us[keep], events.x[keep], events.y[keep], events.p[keep], like=events
-    )
+    return events.where(keep)
 
 
 def _at_pixels(frame: NDArray[np.floating], model: SensorModel) -> NDArray[np.floating] | None:

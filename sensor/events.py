@@ -109,6 +109,11 @@ class Events:
         first, last = np.searchsorted(self.t_us, (t_start_us, t_end_us))
         return self[first:last]
 
+    def where(self, keep: NDArray[np.bool_]) -> Events:
+        """The events that an (N,) mask marks, in memory of their own."""
+        columns = (column[keep] for column in (self.t_us, self.x, self.y, self.p))
+        return Events.trusted(*columns, like=self)
+
     def copy(self) -> Events:
         """The same events in memory of their own."""
         return Events.trusted(
