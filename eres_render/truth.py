@@ -92,9 +92,30 @@ class GroundTruth:
     def flow(self, t_0_s: float, t_1_s: float, width: int) -> Flow:
         """Return the optical flow from one time to another, which may be earlier."""
         camera = self.camera(width)
+        flow, valid = self.point_flow(camera.centres(), t_0_s, t_1_s, width)
+        shape = camera.height, camera.width
+        return Flow(flow.astype(np.float32).reshape(*shape, 2), valid.reshape(shape))
+
+    def point_flow(
+        self, points_px: Float64, t_0_s: float, t_1_s: float, width: int
+    ) -> tuple[Float64, NDArray[np.bool_]]:
+        """Return the optical flow of what is seen at some points of the image.
+
+        Parameters
+        ----------
+        points_px
+            (N, 2) points, in pixels of an image of that width.
+
+        Returns
+        -------
+        flow_px
+            (N, 2) displacements; zero where the point gets behind the camera.
+        valid
+            (N,) whether it is within the image at the second time, and nothing hides it.
+        """
+        camera = self.camera(width)
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
-        pixels = camera.centres()
-        rays = camera.rays(pixels)
+        rays = camera.rays(points_px)
         depth = self._depth(T_0, rays)
         # Points over their depth: what lies at infinity only turns.
         T = np.linalg.inv(T_1) @ T_0
@@ -110,10 +131,7 @@ class GroundTruth:
         way = points[valid] @ T_1[:3, :3].T
         reach = self._distance(T_1[:3, 3], way)
         valid[valid] = reach >= (1 - _OCCLUDER_SHARE) * depth[valid]
-
-        shape = camera.height, camera.width
-        flow = np.where(ahead[:, None], there - pixels, 0.0).astype(np.float32)
-        return Flow(flow.reshape(*shape, 2), valid.reshape(shape))
+        return np.where(ahead[:, None], there - points_px, 0.0), valid
 
     def homography(self, t_0_s: float, t_1_s: float, width: int) -> Float64:
         """Return the (3, 3) matrix from homogeneous pixels at one time to those at another.

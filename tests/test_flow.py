@@ -1,15 +1,24 @@
 """Flow methods: gradients, the paper's objective, and made-up cases with a known answer."""
 
-from functools import partial
+import math
+from dataclasses import replace
+from functools import cache, partial
 
+import cv2
 import numpy as np
 import pytest
 
+from eres_render import Camera, GroundTruth, Plane, Trajectory
 from sensor import SensorModel, simulate
 from tasks.errors import TaskError
 from tasks.flow import (
-    features_px,
+    FlowSample,
+    corners,
+    find_features,
     flow_sample,
+    initial_sigma_px,
+    patch,
+    patch_mask,
     patch_px,
     rnepe_px,
     times_before,
@@ -34,13 +43,23 @@ def band_limited(seed, size, shift):
     return image / still.std() * 0.7
 
 
+@cache
+def translating_texture(seed=3, cutoff_hz=math.inf, warmup_s=0.0):
+    """Events of a texture that moves by FLOW in a 50 ms window, and its image at the start."""
+    t_s = np.linspace(-warmup_s, 0.05, 60 + round(1200 * warmup_s))
+    frames = np.exp(np.stack([band_limited(seed, SIZE, FLOW * t / 0.05) for t in t_s]))
+    model = SensorModel(
+        width=SIZE, height=SIZE, contrast_threshold=C, dark_level=0.0, cutoff_hz=cutoff_hz
+    )
+    events = simulate(frames, t_s + warmup_s, model)
+    start_us = round(warmup_s * 1e6)
+    events = replace(events, t_us=events.t_us - start_us).between(0, 50_000)
+    return events, band_limited(seed, SIZE, np.zeros(2))
+
+
 @pytest.fixture(scope="module")
 def translating():
-    """Events of a texture that moves by FLOW in a 50 ms window, and its image at the start."""
-    t_s = np.linspace(0, 0.05, 60)
-    frames = np.exp(np.stack([band_limited(3, SIZE, FLOW * t / 0.05) for t in t_s]))
-    model = SensorModel(width=SIZE, height=SIZE, contrast_threshold=C, dark_level=0.0)
-    return simulate(frames, t_s, model), np.log(frames[0])
+    return translating_texture()
 
 
 def samples(translating, count, sigma_px, seed=0):
@@ -53,25 +72,60 @@ def samples(translating, count, sigma_px, seed=0):
         yield flow_sample(events, 0, 50_000, log_image, C, centre, side, initial, sigma_px)
 
 
+@pytest.mark.parametrize("warmup_s", [0.0, 0.01])
 @pytest.mark.parametrize(
     ("estimate", "bound_px"),
     [
         (photometric_flow.estimate, 0.05),
+        (photometric_flow.estimate_unknown_contrast, 0.05),
+        (photometric_flow.estimate_with_delay, 0.05),
         (contrast_maximization.estimate, 0.2),
         (partial(contrast_maximization.estimate, objective="gradient"), 0.2),
     ],
 )
-def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bound_px):
-    """Physics: on noise-free events of a pure translation the answer is known."""
+def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bound_px, warmup_s):
+    """Physics: on noise-free events of a pure translation the answer is known.
+
+    The pixels' memories start at the texture's first image, or have moved on from there.
+    """
     sigma_px = 3 * WIDTH / 1280
+    moving = translating_texture(warmup_s=warmup_s) if warmup_s else translating
     errors, starts = [], []
-    for sample in samples(translating, 50, sigma_px):
+    for sample in samples(moving, 50, sigma_px):
         answer = estimate(sample)
         assert not answer.failure
         errors.append(np.linalg.norm(answer.flow - FLOW))
         starts.append(np.linalg.norm(sample.initial - FLOW))
     assert np.median(starts) > 1
     assert np.median(errors) < bound_px
+
+
+def test_a_slow_sensor_moves_the_flow_and_a_delay_explains_most_of_it():
+    """Physics: two poles at a delay slow changes by 2 / a; EPF without that sees another flow."""
+    cutoff_hz = 200.0
+    delay = 2 / (2 * math.pi * cutoff_hz) / 0.05  # windows
+    moving = translating_texture(cutoff_hz=cutoff_hz, warmup_s=0.01)
+    without, with_delay, delays = [], [], []
+    for sample in samples(moving, 20, 3 * WIDTH / 1280):
+        answer = photometric_flow.estimate_with_delay(sample)
+        assert not answer.failure
+        delays.append(answer.delay)
+        with_delay.append(np.linalg.norm(answer.flow - FLOW))
+        without.append(np.linalg.norm(photometric_flow.estimate(sample).flow - FLOW))
+    # What is seen comes d v short of where it is, and the flow makes up for that.
+    assert np.median(without) > 0.5 * delay * np.linalg.norm(FLOW)
+    assert np.median(with_delay) < 0.05
+    assert np.median(delays) == pytest.approx(delay, rel=0.02)
+
+
+def test_contrast_need_not_be_known(translating):
+    """Promise: the scale-free objective gives the same flow whatever C the sample claims."""
+    (sample,) = samples(translating, 1, 1.0)
+    wrong = replace(sample, contrast_threshold=2 * C)
+    free = photometric_flow.estimate_unknown_contrast
+    np.testing.assert_array_equal(free(wrong).flow, free(sample).flow)
+    error_px = np.linalg.norm(free(wrong).flow - FLOW)
+    assert np.linalg.norm(photometric_flow.estimate(wrong).flow - FLOW) > 10 * error_px
 
 
 def test_bicubic_gradient_is_that_of_its_value():
@@ -87,45 +141,165 @@ def test_bicubic_gradient_is_that_of_its_value():
         assert dy == pytest.approx((below - above) / (2 * h), abs=1e-6)
 
 
+def photometric_events(sample):
+    usable = np.isfinite(sample.t_before)
+    columns = (sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p)
+    return np.stack([column[usable] for column in columns], axis=1)
+
+
 def test_photometric_gradient_is_that_of_its_cost(translating):
-    """Promise: the normal equations' gradient agrees with differences of the cost."""
+    """Promise: gradient and curvature in flow, 1 / C and delay agree with differences."""
     (sample,) = samples(translating, 1, 1.0)
-    usable = np.isfinite(sample.t_before)
-    events = np.stack([sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p])[:, usable]
-    vx, vy, h = 10.0, -7.0, 1e-5
+    events = photometric_events(sample)
+    at = np.array([10.0, -7.0, 4.0, 0.02])
 
-    def cost(vx, vy):
-        return photometric_flow.normal_equations(events, sample.log_image, C, vx, vy)[0]
+    def equations(unknowns):
+        return photometric_flow.normal_equations(events, sample.log_image, unknowns)
 
-    _, gx, gy, *_ = photometric_flow.normal_equations(events, sample.log_image, C, vx, vy)
-    assert gx == pytest.approx((cost(vx + h, vy) - cost(vx - h, vy)) / (4 * h), rel=1e-4)
-    assert gy == pytest.approx((cost(vx, vy + h) - cost(vx, vy - h)) / (4 * h), rel=1e-4)
+    def residuals(unknowns):
+        return np.array([equation(event, unknowns) for event in events])
 
-
-def test_the_printed_objective_is_minimal_at_rest(translating):
-    """Finding: with the best C put in, Eq. (11) is 0 at v = 0, whatever the events say."""
-    (sample,) = samples(translating, 1, 1.0)
-    usable = np.isfinite(sample.t_before)
-
-    def substituted(v):
-        points = [
-            (x - v * t, x - v * s)
-            for x, t, s in zip(
-                np.stack([sample.x_px, sample.y_px], axis=1)[usable],
-                sample.t[usable],
-                sample.t_before[usable],
-                strict=True,
-            )
-        ]
-        image = sample.log_image
-        step = np.array(
-            [bicubic.sample(image, *a)[0] - bicubic.sample(image, *b)[0] for a, b in points]
+    def equation(event, unknowns):
+        x, y, t, t_before, p = event
+        vx, vy, gain, delay = unknowns
+        later, earlier = t - delay, t_before - delay
+        L1, L0 = (
+            bicubic.sample(sample.log_image, x - vx * s, y - vy * s)[0] for s in (later, earlier)
         )
-        best_C = np.mean(sample.p[usable] * step)  # Eq. (12)
-        return np.sum((sample.p[usable] * step - best_C) ** 2)
+        return gain * p * (L1 - L0) - 1
 
-    assert substituted(np.zeros(2)) == 0
-    assert substituted(FLOW) > 0
+    cost, gradient, curvature = equations(at)
+    assert cost == pytest.approx(np.sum(residuals(at) ** 2))
+    steps = np.diag([1e-5, 1e-5, 1e-5, 1e-6])
+    jacobian = np.stack(
+        [(residuals(at + h) - residuals(at - h)) / (2 * h.sum()) for h in steps], axis=1
+    )
+    np.testing.assert_allclose(gradient, jacobian.T @ residuals(at), rtol=1e-5)
+    np.testing.assert_allclose(curvature, jacobian.T @ jacobian, rtol=1e-5, atol=1e-4)
+
+
+def test_the_printed_objective_is_minimal_at_rest_and_ours_is_not(translating):
+    """Finding: with the best C put in, Eq. (11) is 0 at v = 0, whatever the events say.
+
+    With C known, or scale-free, rest is as bad as an objective gets, and the truth far better.
+    """
+    (sample,) = samples(translating, 1, 1.0)
+    events = photometric_events(sample)
+    gains = np.append(0, 1 / np.linspace(*photometric_flow.CONTRAST_BOUNDS, 400))
+
+    def steps(v):  # p Delta L of each event
+        return np.array(
+            [
+                p * (bicubic.sample(sample.log_image, x - v[0] * t, y - v[1] * t)[0])
+                - p * (bicubic.sample(sample.log_image, x - v[0] * s, y - v[1] * s)[0])
+                for x, y, t, s, p in events
+            ]
+        )
+
+    def printed(v):
+        best_C = np.mean(steps(v))  # Eq. (12)
+        return np.mean((steps(v) - best_C) ** 2)
+
+    def known(v):
+        return np.mean((steps(v) / C - 1) ** 2)
+
+    def scale_free(v):
+        found = steps(v)
+        return min(np.mean((gain * found - 1) ** 2) for gain in gains)
+
+    rest = np.zeros(2)
+    assert printed(rest) == 0 < printed(FLOW)
+    assert known(FLOW) < 0.1 < known(rest) == 1
+    assert scale_free(FLOW) < 0.1 < scale_free(rest) == 1
+    unknowns = np.array([*FLOW, 1 / C, 0.0])
+    cost = photometric_flow.normal_equations(events, sample.log_image, unknowns)[0]
+    assert cost / len(events) == pytest.approx(known(FLOW))
+
+
+def votes(column, row, shape):
+    """Bilinear votes of points, slowly."""
+    image = np.zeros(shape)
+    for x, y in zip(column, row, strict=True):
+        for j in (math.floor(y), math.floor(y) + 1):
+            for i in (math.floor(x), math.floor(x) + 1):
+                image[j, i] += (1 - abs(x - i)) * (1 - abs(y - j))
+    return image
+
+
+@pytest.mark.parametrize("objective", ["variance", "gradient"])
+def test_contrast_is_that_of_a_slow_reference(translating, objective):
+    """Promise: votes less those of an even spread, blurred by 1 px, squared or their slopes."""
+    (sample,) = samples(translating, 1, 1.0)
+    sample = replace(sample, **{k: getattr(sample, k)[::7] for k in ("x_px", "y_px", "t")})
+    flow, far = np.array([9.0, 6.0]), 20
+    (left, top), (right, bottom) = sample.patch
+    shape = (bottom - top + 2 * far, right - left + 2 * far)
+
+    def warped(x_px, y_px, t):
+        column = x_px - 0.5 - left + far - flow[0] * (t - 0.5)
+        row = y_px - 0.5 - top + far - flow[1] * (t - 0.5)
+        return votes(column, row, shape)
+
+    y_px, x_px = np.mgrid[top:bottom, left:right].reshape(2, -1) + 0.5
+    fast = contrast_maximization.Contrast(sample, 20.0, objective)
+    exposures = 29  # at most a pixel apart, for flows of up to 20 px from the initial one
+    assert len(fast.exposure_t) >= exposures
+    even = sum(warped(x_px, y_px, np.full(x_px.shape, t + 0.5)) for t in fast.exposure_t)
+    mean = len(sample.t) / x_px.size
+    image = warped(sample.x_px, sample.y_px, sample.t) - mean * even / len(fast.exposure_t)
+    image = cv2.GaussianBlur(image, (9, 9), 1.0)
+    dy, dx = np.gradient(image)
+    power = image**2 if objective == "variance" else dx**2 + dy**2
+    assert fast(flow) == pytest.approx(power.sum() / x_px.size / mean**2, rel=1e-9)
+
+
+def noise(rng, per_px, initial=(0.0, 0.0), sigma_px=4.0):
+    """Events that are spread over a patch of 31 px and its window at random."""
+    area = patch(np.array([50.0, 50.0]), 31, 100, 100)
+    count = per_px * 31**2
+    x, y = (rng.integers(first, last, count) for first, last in area.T)
+    nothing = np.full(count, np.nan)
+    return FlowSample(
+        x + 0.5,
+        y + 0.5,
+        np.sort(rng.uniform(0, 1, count)),
+        nothing,
+        np.ones(count, np.int8),
+        np.zeros((100, 100)),
+        C,
+        np.array([50.0, 50.0]),
+        area,
+        np.array(initial),
+        sigma_px,
+    )
+
+
+def test_no_flow_scores_on_events_without_texture():
+    """Physics: a patch's edges and the scatter of its events favour no flow, small or large.
+
+    Events at random add 1 / 4 pi / (events a pixel) to the contrast, the integral of a Gaussian of
+    1 px squared; bilinear votes blur a little more.
+    """
+    rng = np.random.default_rng(0)
+    flows = np.array([[0, 0], [5, 0], [-3, 9], [15, 0], [12, -15.5]])
+    trials = []
+    for _ in range(20):
+        contrast = contrast_maximization.Contrast(noise(rng, 4), 16.0)
+        trials.append([contrast(flow) for flow in flows])
+    mean, error = np.mean(trials, axis=0), np.std(trials, axis=0) / math.sqrt(len(trials))
+    assert 0.7 / (16 * math.pi) < mean.mean() < 1 / (16 * math.pi)
+    moving = mean[1:]  # at rest votes fall on pixel centres, and are not blurred further
+    assert np.ptp(moving) < 4 * error.max()
+    assert np.all(moving < mean[0])
+
+
+def test_contrast_maximization_reports_its_bound(translating):
+    """Promise: an answer at four sigma of the initial flow is a failure, with the reason."""
+    (sample,) = samples(translating, 1, 1.0)
+    away = replace(sample, initial=FLOW + np.array([3.0, 0.0]), initial_sigma_px=0.4)
+    answer = contrast_maximization.estimate(away)
+    assert answer.failure == "search ended at its bound"
+    assert np.abs(answer.flow - away.initial).max() <= 1.6
 
 
 def test_too_few_events_is_a_counted_failure(translating):
@@ -155,13 +329,96 @@ def test_patches_shrink_with_the_sensor_and_errors_are_normalised():
     assert rnepe_px(np.array([1.0, 1.0]), np.array([1.0, 1.5]), 640) == pytest.approx(1.0)
 
 
-def test_features_are_corners_within_the_margin():
-    """Promise: corners of a checkerboard, pixel centres at integers + 0.5; too few is an error."""
+def test_patches_are_cut_at_the_sensors_edge(translating):
+    """Promise: a patch is those pixels whose centres are nearest, less what is off the sensor."""
+    np.testing.assert_array_equal(patch(np.array([50.2, 40.5]), 7, 128, 128), [[47, 37], [54, 44]])
+    np.testing.assert_array_equal(patch(np.array([5.0, 125.0]), 61, 128, 128), [[0, 95], [36, 128]])
+    mask = patch_mask(np.array([[5.0, 5.0], [60.0, 60.0]]), 61, 128, 128)
+    assert mask.sum() == 36**2 + 61**2 - 6**2  # which overlap by 6 x 6
+    events, log_image = translating
+    arguments = (0, 50_000, log_image, C, np.array([5.0, 5.0]), 31, FLOW, 1.0)
+    at_corner = flow_sample(events, *arguments)
+    kept = events.where(patch_mask(np.array([[5.0, 5.0]]), 31, SIZE, SIZE)[events.y, events.x])
+    assert 0 < len(kept) == len(at_corner.t) < len(events)
+    np.testing.assert_array_equal(flow_sample(kept, *arguments).t_before, at_corner.t_before)
+    assert at_corner.x_px.max() == 20.5
+
+
+def test_corners_of_a_checkerboard():
+    """Promise: where squares meet, pixel centres at integers + 0.5; none on an even image."""
     y, x = np.mgrid[:320, :320]
     board = 0.2 + 0.6 * (((x // 40) + (y // 40)) % 2)
-    found = features_px(board, 9, 50)
-    assert found.shape == (9, 2)
-    assert np.all((found > 50) & (found < 270))
+    found = corners(board, 50)
+    assert len(found) == 25
     assert np.abs((found + 20) % 40 - 20).max() < 3
-    with pytest.raises(TaskError, match="found 0 corners"):
-        features_px(np.ones((100, 100)), 5, 10)
+    assert corners(np.ones((100, 100)), 10).shape == (0, 2)
+
+
+def sliding_camera(distance=None):
+    """A camera that slides by 0.1 m/s in x, 1 m before a wall; 100 px wide, f = 86.6 px."""
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    poses[:, 0, 3] = 0.1 * (np.arange(5) - 1.0)
+    wall = Plane((0.0, 0.0, 1.0), 1.0)
+    path = Trajectory(np.arange(5) - 1.0, poses)
+    camera = Camera(100, 100, math.radians(60))
+    return GroundTruth(path, camera, distance or wall.distance, wall)
+
+
+def wall_behind_a_post(origin, way):
+    """The wall at 1 m, and a post half a metre nearer over x > 0.05 m."""
+    to_post = 0.5 / way[:, 2]
+    return np.where(origin[0] + to_post * way[:, 0] > 0.05, to_post, 1.0 / way[:, 2])
+
+
+def test_features_have_the_flow_of_the_geometry():
+    """Physics: a wall at 1 m passes a camera of f px at 0.1 m/s by 0.1 f px a second, evenly."""
+    rng = np.random.default_rng(5)
+    image = cv2.GaussianBlur(rng.uniform(0, 1, (100, 100)), (0, 0), 2)
+    truth = sliding_camera()
+    features = find_features(image, truth, (0.2, 0.7), ("wall", 3), count=6)
+    speed_px = 0.1 * truth.camera(100).focal_px
+    np.testing.assert_allclose(features.flow_px, np.tile([-0.5 * speed_px, 0.0], (6, 1)), atol=1e-9)
+    arrived = cv2.perspectiveTransform(features.centres_px[None], truth.homography(0.2, 0.7, 100))[
+        0
+    ]
+    np.testing.assert_allclose(features.centres_px + features.flow_px, arrived, atol=1e-9)
+    coarse = features.at(40)
+    np.testing.assert_allclose(coarse.centres_px, 0.4 * features.centres_px)
+    np.testing.assert_allclose(coarse.flow_px, 0.4 * features.flow_px)
+
+
+def test_features_that_do_not_stay_in_sight_are_passed_over():
+    """Promise: what is hidden, or leaves the image, within the window is no feature."""
+    rng = np.random.default_rng(5)
+    image = cv2.GaussianBlur(rng.uniform(0, 1, (100, 100)), (0, 0), 2)
+    free = find_features(image, sliding_camera(), (0.0, 1.0), ("wall", 0), count=60)
+    truth = sliding_camera(wall_behind_a_post)
+    seen = find_features(image, truth, (0.0, 1.0), ("wall", 0), count=40)
+    # The post's edge moves by twice as much as the wall, from its 8.7 px right of the middle on.
+    edge_px = 50 + 0.05 / 0.5 * truth.camera(100).focal_px
+    end = seen.centres_px + seen.flow_px
+    on_wall = seen.centres_px[:, 0] < edge_px
+    assert np.all(end[on_wall, 0] < edge_px - 17.3 + 1e-6)
+    np.testing.assert_allclose(seen.flow_px[~on_wall, 0], -17.3, atol=0.03)
+    hidden = free.centres_px[:, 0] < edge_px
+    hidden &= free.centres_px[:, 0] + free.flow_px[:, 0] > edge_px - 17.3
+    assert hidden.any()
+    assert not set(map(tuple, free.centres_px[hidden])) & set(map(tuple, seen.centres_px))
+    with pytest.raises(TaskError, match=r"found \d+ of \d+ corners that stay in sight"):
+        find_features(image, truth, (0.0, 1.0), ("wall", 0), count=1000)
+
+
+def test_initial_flows_are_drawn_once_for_all_sensors():
+    """Promise: sensors compare on the same draws, which scale; scenes and samples draw anew."""
+    rng = np.random.default_rng(5)
+    image = cv2.GaussianBlur(rng.uniform(0, 1, (100, 100)), (0, 0), 2)
+    find = partial(find_features, image, sliding_camera(), (0.2, 0.7))
+    features = find(("wall", 3), count=6)
+    off_px = {w: features.at(w).initial_flow_px() - features.at(w).flow_px for w in (128, 1280)}
+    np.testing.assert_allclose(off_px[128], 0.1 * off_px[1280])
+    np.testing.assert_allclose(off_px[1280], 3 * features.draws)
+    assert initial_sigma_px(640) == 1.5
+    np.testing.assert_array_equal(find(("wall", 3), count=4).draws, features.draws[:4])
+    for other in (find(("wall", 4), count=6), find(("w", 3), count=6)):
+        assert not np.any(other.draws == features.draws)
+    assert not np.any(find(("wall", 3), count=6, seed=1).draws == features.draws)

@@ -23,6 +23,10 @@ METHODS = {
     },
     "flow": {
         "photometric_flow": "tasks.methods.photometric_flow:estimate",
+        "photometric_flow_unknown_contrast": (
+            "tasks.methods.photometric_flow:estimate_unknown_contrast"
+        ),
+        "photometric_flow_with_delay": "tasks.methods.photometric_flow:estimate_with_delay",
         "contrast_maximization": "tasks.methods.contrast_maximization:estimate",
         "initial_flow": "tasks.methods.initial_flow:estimate",
     },

@@ -6,7 +6,8 @@ moved along the flow to one time, and the image of where they land is sharpest f
 
 from __future__ import annotations
 
-import cv2
+import math
+
 import numba
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,13 @@ from tasks.flow import FlowEstimate, FlowSample
 
 MIN_EVENTS = 10
 REFERENCE_TIME = 0.5  # mid-window: no event is moved farther than it must
-_SMOOTHING_PX = 1.0
 _BOUND_SIGMAS = 4.0
-_EXPOSURES = 16  # times at which the patch's own motion is sampled
+_EXPOSURES = 16  # at least so many times at which the patch's own motion is sampled
+_SMOOTHING_PX = 1.0
+_REACH_PX = 4  # of the Gaussian: four sigma
+_TAPS = np.exp(-0.5 * (np.arange(_REACH_PX + 1) / _SMOOTHING_PX) ** 2)
+_TAPS /= 2 * _TAPS.sum() - _TAPS[0]
+_G0, _G1, _G2, _G3, _G4 = (float(tap) for tap in _TAPS)
 
 
 def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
@@ -26,18 +31,19 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
 
     `objective` is "variance", or "gradient" for the mean squared gradient magnitude. No polarity,
     bilinear votes, Gaussian of 1 px. The image is as large as any flow within the
-    bound needs, so no vote is ever lost. The search stays within 4 sigma of the initial flow; an
-    answer at the bound is reported as a failure, since plain variance can run away on dense
-    texture.
+    bound needs, so no vote is ever lost. The search, Nelder and Mead's, stays within 4 sigma of the
+    initial flow; an answer at the bound is reported as a failure, since plain variance can run away
+    on dense texture.
     """
     if len(sample.t) < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
     reach = _BOUND_SIGMAS * sample.initial_sigma_px
+    contrast = Contrast(sample, reach, objective)
 
     def loss(offset: NDArray[np.float64]) -> float:
-        if np.abs(offset).max() > reach:
-            return 0.0  # worse than any image: a variance is positive
-        return -contrast(sample, sample.initial + offset, reach, objective)
+        if max(abs(offset[0]), abs(offset[1])) > reach:
+            return 0.0  # worse than any image: squares are positive
+        return -contrast(sample.initial + offset)
 
     size = max(0.5 * sample.initial_sigma_px, 1e-3)
     simplex = np.array([[0.0, 0.0], [size, 0.0], [0.0, size]])
@@ -45,60 +51,141 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
         loss,
         np.zeros(2),
         method="Nelder-Mead",
-        options={"initial_simplex": simplex, "xatol": 2e-3, "fatol": 0.0, "maxfev": 200},
+        options={"initial_simplex": simplex, "xatol": 2e-3, "fatol": np.inf, "maxfev": 200},
     )
     flow = sample.initial + best.x
     at_bound = np.abs(best.x).max() > 0.98 * reach
     return FlowEstimate(flow, "search ended at its bound" if at_bound else "")
 
 
-def contrast(
-    sample: FlowSample, flow: NDArray[np.float64], reach_px: float, objective: str
-) -> float:
-    """Contrast of the image of warped events per exposure, relative to its mean squared.
+class Contrast:
+    """Contrast of the image of warped events: its variance about what no texture would give.
 
-    A patch that stands still sees the points near its edge for part of the window only. So votes
-    are divided by the share of the window for which the moving point was in the patch, and points
-    seen for less than three quarters of it do not count. Without that, flows that pile up the
-    patch's edges score.
+    A patch that stands still sees a point near its edge for part of the window only, so the image
+    of warped events fades out at its edges, and the plain variance rewards any flow that moves this
+    edge together. What events spread evenly over the patch and the window would give is therefore
+    taken off before the squares are added up. The sum then has nothing to win from patch edges, at
+    small flows or large, and the scatter of single events adds the same to it at every flow.
 
-    `reach_px` is how far from the initial flow any flow to be compared with this one may be: it
-    gives all of them an image of the same size.
+    Parameters
+    ----------
+    sample
+        Whose events are warped.
+    reach_px
+        How far from the initial flow any flow asked for will be, per component: it gives all of
+        them an image of the same size.
+    objective
+        "variance" or "gradient".
     """
-    far = np.ceil(0.5 * (np.abs(sample.initial) + reach_px) + 4 * _SMOOTHING_PX).astype(int) + 1
-    side = sample.patch_px
-    origin = np.floor(sample.centre_px - 0.5 * side + 0.5) - far
-    votes = np.zeros((side + 2 * far[1] + 2, side + 2 * far[0] + 2))
-    _vote(sample.x_px - origin[0], sample.y_px - origin[1], sample.t, flow, votes)
-    exposure = np.zeros_like(votes)
-    row, column = (axis.ravel() + 0.5 for axis in np.mgrid[:side, :side])
-    for t in (np.arange(_EXPOSURES) + 0.5) / _EXPOSURES:
-        _vote(column + far[0], row + far[1], np.full(side**2, t), flow, exposure)
-    votes, exposure = (
-        cv2.GaussianBlur(image, (0, 0), _SMOOTHING_PX) for image in (votes, exposure)
-    )
-    seen = exposure > 0.75 * _EXPOSURES
-    if seen.sum() < 0.1 * side**2:
-        return 0.0  # the patch moves by more than its size: nothing is seen for long
-    density = np.divide(votes, exposure, out=np.zeros_like(votes), where=seen)
-    mean = density[seen].mean()
-    if objective == "variance":
-        return float(density[seen].var() / mean**2)
-    inner = cv2.erode(seen.astype(np.uint8), np.ones((3, 3))).astype(bool)
-    rise_x, rise_y = cv2.Sobel(density, -1, 1, 0), cv2.Sobel(density, -1, 0, 1)
-    return float(np.mean(rise_x[inner] ** 2 + rise_y[inner] ** 2) / mean**2)
+
+    def __init__(self, sample: FlowSample, reach_px: float, objective: str = "variance") -> None:
+        farthest = 0.5 * (np.abs(sample.initial) + reach_px)
+        self._far = np.ceil(farthest + _REACH_PX).astype(np.int64) + 1
+        self._size = sample.patch[1] - sample.patch[0]
+        column, row = self._far - sample.patch[0]
+        self._events = np.stack(
+            [sample.x_px - 0.5 + column, sample.y_px - 0.5 + row, sample.t - REFERENCE_TIME],
+            axis=1,
+        )
+        exposures = max(_EXPOSURES, math.ceil(2 * farthest.max()))  # at most a pixel apart
+        self.exposure_t = (np.arange(exposures) + 0.5) / exposures - REFERENCE_TIME
+        self._by_gradient = {"variance": False, "gradient": True}[objective]
+
+    def __call__(self, flow: NDArray[np.float64]) -> float:
+        """Return the contrast at a flow, (2,) px a window, relative to the mean squared."""
+        return _contrast(
+            self._events,
+            self.exposure_t,
+            self._size[0],
+            self._size[1],
+            self._far[0],
+            self._far[1],
+            flow[0],
+            flow[1],
+            self._by_gradient,
+        )
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
-def _vote(x_px, y_px, t, flow, image):
-    """Add each event, moved to the reference time, to the four pixels around it."""
-    for k in range(t.size):
-        shift = t[k] - REFERENCE_TIME
-        column = x_px[k] - flow[0] * shift - 0.5
-        row = y_px[k] - flow[1] * shift - 0.5
+def _contrast(events, exposure_t, width, height, far_x, far_y, vx, vy, by_gradient):
+    """Contrast at (vx, vy) of events (N, 3), columns and rows in the image and times from mid."""
+    rows, columns = height + 2 * far_y, width + 2 * far_x
+    image = np.zeros((rows, columns))
+    for k in range(events.shape[0]):
+        column = events[k, 0] - vx * events[k, 2]
+        row = events[k, 1] - vy * events[k, 2]
         x0, y0 = int(column), int(row)
         fx, fy = column - x0, row - y0
         image[y0, x0] += (1.0 - fx) * (1.0 - fy)
         image[y0, x0 + 1] += fx * (1.0 - fy)
         image[y0 + 1, x0] += (1.0 - fx) * fy
         image[y0 + 1, x0 + 1] += fx * fy
+
+    # A moving patch is the product of one moving interval a direction, its votes included.
+    mean = events.shape[0] / (width * height)
+    for t in exposure_t:
+        along_x = _interval(columns, width, far_x - vx * t)
+        along_y = _interval(rows, height, far_y - vy * t)
+        for y in range(rows):
+            expected = mean / exposure_t.size * along_y[y]
+            if expected > 0.0:
+                for x in range(columns):
+                    image[y, x] -= expected * along_x[x]
+
+    image = _blur(image)
+    total = 0.0
+    if by_gradient:
+        for y in range(1, rows - 1):
+            for x in range(1, columns - 1):
+                dx = 0.5 * (image[y, x + 1] - image[y, x - 1])
+                dy = 0.5 * (image[y + 1, x] - image[y - 1, x])
+                total += dx * dx + dy * dy
+    else:
+        for y in range(rows):
+            for x in range(columns):
+                total += image[y, x] * image[y, x]
+    return total / (width * height * mean * mean)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _interval(size, width, first):
+    """Bilinear votes of `width` pixels in a line, the first at `first`, (size,)."""
+    line = np.zeros(size)
+    x0 = int(first)
+    f = first - x0
+    line[x0] = 1.0 - f
+    line[x0 + 1 : x0 + width] = 1.0
+    line[x0 + width] = f
+    return line
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _blur(image):
+    """Gaussian of 1 px; nothing lies within its reach of the edge."""
+    rows, columns = image.shape
+    across = np.zeros((rows, columns))
+    for y in range(rows):
+        _blur_line(image[y], across[y])
+    blurred = np.zeros((rows, columns))
+    for y in range(4, rows - 4):
+        for x in range(columns):
+            blurred[y, x] = (
+                _G0 * across[y, x]
+                + _G1 * (across[y - 1, x] + across[y + 1, x])
+                + _G2 * (across[y - 2, x] + across[y + 2, x])
+                + _G3 * (across[y - 3, x] + across[y + 3, x])
+                + _G4 * (across[y - 4, x] + across[y + 4, x])
+            )
+    return blurred
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _blur_line(line, blurred):
+    for x in range(4, line.size - 4):
+        blurred[x] = (
+            _G0 * line[x]
+            + _G1 * (line[x - 1] + line[x + 1])
+            + _G2 * (line[x - 2] + line[x + 2])
+            + _G3 * (line[x - 3] + line[x + 3])
+            + _G4 * (line[x - 4] + line[x + 4])
+        )

@@ -1,21 +1,31 @@
-"""Event-based Photometric Flow (EPF), Eqs. (9) to (12), with the contrast threshold known.
+"""Event-based Photometric Flow (EPF), Eqs. (9) to (12).
 
-The paper substitutes the best C into the objective before it minimises over v. That objective is 0
-at v = 0, where every difference of brightness is 0 and so is the best C: standing still explains
-any events perfectly. In simulation C is known, and is used. Where it is not, the same objective
-divided by C^2, its scale-free form, does not reward standing still.
+Each event says that log intensity changed by p C since the event before it at its pixel. The flow
+and the image at the window's start predict that change, Eq. (10); least squares finds the flow.
+
+The paper substitutes the best C of Eq. (12) into the objective before it minimises over v. What
+remains is the variance of p Delta L, which is 0 at v = 0, where every Delta L is 0: standing still
+explains any events perfectly. So C is taken as known, as it is in simulation. Where it is not,
+
+    min over C of  mean (p Delta L / C - 1)^2  =  1 - mean(p Delta L)^2 / mean((p Delta L)^2)
+
+is the scale-free form: the variance over C^2, on another scale. It is 1, its worst, at v = 0, since
+C is bounded below.
 """
 
 from __future__ import annotations
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import bicubic
 
 MIN_EVENTS = 10
-_MAX_STEPS = 60
+CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
+DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
+_MAX_STEPS = 100
 _CONVERGED_PX = 1e-4
 
 
@@ -25,63 +35,150 @@ def estimate(sample: FlowSample) -> FlowEstimate:
     Levenberg-Marquardt in two unknowns on Eq. (11) with C known. Only events with one before them
     at their pixel in this window have a residual.
     """
+    return _estimate(sample, contrast_is_known=True, has_delay=False)
+
+
+def estimate_unknown_contrast(sample: FlowSample) -> FlowEstimate:
+    """The same with C as a third unknown, in the scale-free objective."""
+    return _estimate(sample, contrast_is_known=False, has_delay=False)
+
+
+def estimate_with_delay(sample: FlowSample) -> FlowEstimate:
+    """The same, C known, with one more unknown: every event is late by the same time.
+
+    A sensor of two poles at a = 2 pi f_cutoff delays slow changes by 2 / a.
+    """
+    return _estimate(sample, contrast_is_known=True, has_delay=True)
+
+
+def _estimate(sample: FlowSample, *, contrast_is_known: bool, has_delay: bool) -> FlowEstimate:
     usable = np.isfinite(sample.t_before)
     if usable.sum() < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{usable.sum()} events with one before them")
-    events = np.stack([sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p])[:, usable]
-    v, converged = _levenberg_marquardt(
-        np.ascontiguousarray(events), sample.log_image, sample.contrast_threshold, sample.initial
-    )
+    columns = np.stack([sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p], axis=1)
+    events = columns[usable]
+    low_C, high_C = CONTRAST_BOUNDS
+    if contrast_is_known:
+        low_C = high_C = sample.contrast_threshold
+    inf = np.inf
+    lower = np.array([-inf, -inf, 1 / high_C, DELAY_BOUNDS[0]])
+    upper = np.array([inf, inf, 1 / low_C, DELAY_BOUNDS[1] if has_delay else 0.0])
+    start = np.array([*sample.initial, 1 / low_C, 0.0])
+    if not contrast_is_known:
+        start[2] = np.clip(_best_gain(events, sample.log_image, start), lower[2], upper[2])
+    found, converged = _levenberg_marquardt(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
-    return FlowEstimate(v)
+    return FlowEstimate(found[:2], delay=float(found[3]))
+
+
+def _best_gain(
+    events: NDArray[np.float64], L: NDArray[np.float64], unknowns: NDArray[np.float64]
+) -> float:
+    """1 / C of the least cost at a flow, Eq. (12) for the scale-free objective.
+
+    The cost is a parabola in 1 / C, so one step of Newton's from any point finds its vertex.
+    """
+    _, gradient, curvature = normal_equations(events, L, unknowns)
+    steepness = curvature[2, 2]
+    return float(unknowns[2] - gradient[2] / steepness) if steepness > 0 else np.inf
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
-def normal_equations(events, L, C, vx, vy):
-    """Cost |Delta L(v) p - C|^2, half its gradient and J^T J at v, Eq. (11).
+def normal_equations(events, L, unknowns):
+    """Cost |p Delta L(v) / C - 1|^2, half its gradient (4,) and J^T J (4, 4), Eq. (11).
 
-    Delta L_k(v) = L(x_k - v t_k) - L(x_k - v (t_k - Delta t_k)), Eq. (10).
+    Delta L_k(v) = L(x_k - v t_k) - L(x_k - v (t_k - Delta t_k)), Eq. (10), with t_k - d in the
+    place of t_k for a delay d. The unknowns are v_x, v_y, 1 / C and d; `events` is (N, 5): x, y, t,
+    time of the event before, p.
     """
-    cost, gx, gy, hxx, hxy, hyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(events.shape[1]):
-        x, y, t, t_before, p = events[0, k], events[1, k], events[2, k], events[3, k], events[4, k]
-        L1, L1x, L1y = bicubic.sample(L, x - vx * t, y - vy * t)
-        L0, L0x, L0y = bicubic.sample(L, x - vx * t_before, y - vy * t_before)
-        r = p * (L1 - L0) - C
-        jx = p * (t_before * L0x - t * L1x)
-        jy = p * (t_before * L0y - t * L1y)
+    vx, vy, gain, delay = unknowns
+    cost = 0.0
+    gradient = np.zeros(4)
+    curvature = np.zeros((4, 4))
+    for k in range(events.shape[0]):
+        x, y, t1, t0, p = events[k, 0], events[k, 1], events[k, 2], events[k, 3], events[k, 4]
+        t1 -= delay
+        t0 -= delay
+        L1, L1x, L1y = bicubic.sample(L, x - vx * t1, y - vy * t1)
+        L0, L0x, L0y = bicubic.sample(L, x - vx * t0, y - vy * t0)
+        step = p * (L1 - L0)
+        r = gain * step - 1.0
+        j0 = gain * p * (t0 * L0x - t1 * L1x)
+        j1 = gain * p * (t0 * L0y - t1 * L1y)
+        j3 = gain * p * (vx * (L1x - L0x) + vy * (L1y - L0y))
         cost += r * r
-        gx += jx * r
-        gy += jy * r
-        hxx += jx * jx
-        hxy += jx * jy
-        hyy += jy * jy
-    return cost, gx, gy, hxx, hxy, hyy
+        gradient[0] += j0 * r
+        gradient[1] += j1 * r
+        gradient[2] += step * r
+        gradient[3] += j3 * r
+        curvature[0, 0] += j0 * j0
+        curvature[1, 0] += j1 * j0
+        curvature[1, 1] += j1 * j1
+        curvature[2, 0] += step * j0
+        curvature[2, 1] += step * j1
+        curvature[2, 2] += step * step
+        curvature[3, 0] += j3 * j0
+        curvature[3, 1] += j3 * j1
+        curvature[3, 2] += j3 * step
+        curvature[3, 3] += j3 * j3
+    for i in range(4):
+        for j in range(i):
+            curvature[j, i] = curvature[i, j]
+    return cost, gradient, curvature
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def _levenberg_marquardt(events, L, C, initial):
-    vx, vy = initial[0], initial[1]
+def _levenberg_marquardt(events, L, start, lower, upper):
+    """Unknowns of the least cost within bounds, and whether the search converged."""
+    unknowns = start.copy()
     damping = 1e-3
-    cost, gx, gy, hxx, hxy, hyy = normal_equations(events, L, C, vx, vy)
+    cost, gradient, curvature = normal_equations(events, L, unknowns)
     for _ in range(_MAX_STEPS):
-        axx, ayy = hxx * (1.0 + damping), hyy * (1.0 + damping)
-        determinant = axx * ayy - hxy * hxy
-        if not determinant > 0.0:
-            return np.array([vx, vy]), False
-        step_x = -(ayy * gx - hxy * gy) / determinant
-        step_y = -(axx * gy - hxy * gx) / determinant
-        trial = normal_equations(events, L, C, vx + step_x, vy + step_y)
-        if trial[0] <= cost:
-            vx += step_x
-            vy += step_y
-            cost, gx, gy, hxx, hxy, hyy = trial
+        # An unknown at its bound that would leave is held there.
+        held = ((unknowns <= lower) & (gradient >= 0)) | ((unknowns >= upper) & (gradient <= 0))
+        step, solved = _damped_step(curvature, gradient, held, damping)
+        if not solved:
+            return unknowns, False
+        trial = np.minimum(np.maximum(unknowns + step, lower), upper)
+        trial_cost, trial_gradient, trial_curvature = normal_equations(events, L, trial)
+        if trial_cost <= cost:
+            dv, dg, dd = trial[:2] - unknowns[:2], trial[2] - unknowns[2], trial[3] - unknowns[3]
+            speed = np.hypot(trial[0], trial[1])
+            moved = max(np.hypot(dv[0], dv[1]), speed * abs(dd), speed * abs(dg) / trial[2])
+            unknowns, cost = trial, trial_cost
+            gradient, curvature = trial_gradient, trial_curvature
             damping = max(damping * 0.3, 1e-9)
-            if step_x * step_x + step_y * step_y < _CONVERGED_PX**2:
-                return np.array([vx, vy]), True
+            if moved < _CONVERGED_PX:
+                return unknowns, True
         else:
             damping *= 5.0
             if damping > 1e9:  # no step, however short, goes down: this is the minimum
-                return np.array([vx, vy]), True
-    return np.array([vx, vy]), False
+                return unknowns, True
+    return unknowns, False
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _damped_step(curvature, gradient, held, damping):
+    """Solve (J^T J + damping diag) step = -gradient for what is not held, by elimination."""
+    n = gradient.size
+    A, b = curvature.copy(), -gradient
+    for i in range(n):
+        A[i, i] *= 1.0 + damping
+        if held[i]:
+            A[i, :] = 0.0
+            A[:, i] = 0.0
+            A[i, i] = 1.0
+            b[i] = 0.0
+    for i in range(n):
+        if not A[i, i] > 0.0:
+            return b, False
+        for j in range(i + 1, n):
+            factor = A[j, i] / A[i, i]
+            A[j] -= factor * A[i]
+            b[j] -= factor * b[i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            b[i] -= A[i, j] * b[j]
+        b[i] /= A[i, i]
+    return b, True
