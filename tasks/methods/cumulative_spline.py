@@ -1,0 +1,159 @@
+"""The cumulative cubic B-spline at many times, with derivatives by its control poses, jitted.
+
+The spline is that of `eres_render.Trajectory` with evenly spaced knots, split SO(3) x R^3 (Mueggler
+et al., "Continuous-Time Visual-Inertial Odometry for Event Cameras", T-RO 2018, eq. 5):
+
+    R(t) = R_0 Exp(B_1 Omega_1) Exp(B_2 Omega_2) Exp(B_3 Omega_3)
+    p(t) = p_0 + B_1 (p_1 - p_0) + B_2 (p_2 - p_1) + B_3 (p_3 - p_2)
+
+with Omega_j the rotation vector from control pose j - 1 to j, and control poses counted from the
+first of the four that count at t. Rotations are perturbed on the left, in the world:
+R <- Exp(delta) R. The derivatives are those of Sommer et al., "Efficient Derivative Computation for
+Cumulative B-Splines on Lie Groups" (CVPR 2020), for that side.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+COLUMNS = 52
+"""Columns of a row of `tabulate`: R (9), p (3), 4 weights of positions, 4 (3, 3) of rotations."""
+
+_jit = numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+
+
+@_jit
+def exp(omega, R):
+    """Write the (3, 3) rotation of a rotation vector into R."""
+    x, y, z = omega[0], omega[1], omega[2]
+    a, b, _ = _coefficients(x * x + y * y + z * z)
+    _polynomial(x, y, z, 1.0, a, b, R)
+
+
+@_jit
+def _coefficients(squared):
+    """sin(a) / a, (1 - cos(a)) / a^2, (a - sin(a)) / a^3 by a^2, by their series near 0."""
+    if squared < 1e-4:
+        return (
+            1.0 - squared / 6.0 * (1.0 - squared / 20.0),
+            0.5 - squared / 24.0 * (1.0 - squared / 30.0),
+            1.0 / 6.0 - squared / 120.0 * (1.0 - squared / 42.0),
+        )
+    angle = math.sqrt(squared)
+    return (
+        math.sin(angle) / angle,
+        (1.0 - math.cos(angle)) / squared,
+        (angle - math.sin(angle)) / (squared * angle),
+    )
+
+
+@_jit
+def _polynomial(x, y, z, a0, a1, a2, out):
+    """Write a0 I + a1 [w] + a2 [w]^2 into out, where [w] is the cross product with (x, y, z)."""
+    out[0, 0] = a0 - a2 * (y * y + z * z)
+    out[1, 1] = a0 - a2 * (x * x + z * z)
+    out[2, 2] = a0 - a2 * (x * x + y * y)
+    out[0, 1] = a2 * x * y - a1 * z
+    out[1, 0] = a2 * x * y + a1 * z
+    out[0, 2] = a2 * x * z + a1 * y
+    out[2, 0] = a2 * x * z - a1 * y
+    out[1, 2] = a2 * y * z - a1 * x
+    out[2, 1] = a2 * y * z + a1 * x
+
+
+@_jit
+def _inverse_left_jacobian(omega, out):
+    """Write J_l^-1 of a rotation vector: Exp(e) Exp(w) = Exp(w + J_l^-1(w) e)."""
+    x, y, z = omega[0], omega[1], omega[2]
+    squared = x * x + y * y + z * z
+    a, b, _ = _coefficients(squared)
+    c = 1.0 / 12.0 + squared / 720.0 if squared < 1e-4 else (1.0 - 0.5 * a / b) / squared
+    _polynomial(x, y, z, 1.0, -0.5, c, out)
+
+
+@_jit
+def _multiply(A, B, out):
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@_jit
+def tabulate(R, p, omega, interval_us, duration_us):
+    """The spline at every microsecond of its duration.
+
+    Parameters
+    ----------
+    R, p
+        (M, 3, 3), (M, 3), the control poses' rotations and positions.
+    omega
+        (M - 1, 3), rotation vectors of `R[j].T @ R[j + 1]`.
+    interval_us
+        Microseconds from knot to knot.
+    duration_us
+        How many rows to write, at most M - 3 intervals.
+
+    Returns
+    -------
+    segment
+        (T,) int64, the first of the four control poses that count.
+    table
+        (T, 52) float64: R(t) row by row, p(t), then for each of the four the weight w with
+        dp(t) = w dp_c, then for each the (3, 3) matrix D with delta(t) = D delta_c.
+    """
+    segment = np.empty(duration_us, np.int64)
+    table = np.empty((duration_us, COLUMNS))
+    before = np.empty((3, 3, 3))  # J_l^-1(Omega_j) R_(j-1)^T of the segment
+    J, A, S, next_S, M = (
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+        np.empty((3, 3)),
+    )
+    B = np.empty(3)
+    current = -1
+    for row in range(duration_us):
+        s = int(row / interval_us)
+        if s != current:
+            current = s
+            for j in range(3):
+                _inverse_left_jacobian(omega[s + j], J)
+                _multiply(J, R[s + j].T, before[j])
+        segment[row] = s
+        u = row / interval_us - s
+        B[0] = (5.0 + u * (3.0 + u * (u - 3.0))) / 6.0
+        B[1] = (1.0 + u * (3.0 + u * (3.0 - 2.0 * u))) / 6.0
+        B[2] = u * u * u / 6.0
+        entry = table[row]
+        D = entry[16:].reshape(4, 3, 3)
+        for i in range(3):
+            entry[9 + i] = p[s, i]
+            for j in range(3):
+                entry[9 + i] += B[j] * (p[s + j + 1, i] - p[s + j, i])
+        entry[12], entry[13] = 1.0 - B[0], B[0] - B[1]
+        entry[14], entry[15] = B[1] - B[2], B[2]
+        S[:] = R[s]  # R_0 Exp(B_1 Omega_1) ... so far
+        D[0] = 0.0
+        for i in range(3):
+            D[0, i, i] = 1.0
+        for j in range(3):
+            # M_j = S B_j J_l(B_j Omega_j) J_l^-1(Omega_j) R_(j-1)^T:
+            # how the turn of control j against control j - 1 turns R(t), in the world.
+            x, y, z = B[j] * omega[s + j, 0], B[j] * omega[s + j, 1], B[j] * omega[s + j, 2]
+            a, b, c = _coefficients(x * x + y * y + z * z)
+            _polynomial(x, y, z, B[j], B[j] * b, B[j] * c, J)
+            _multiply(J, before[j], A)
+            _multiply(S, A, M)
+            D[j] -= M
+            D[j + 1] = M
+            _polynomial(x, y, z, 1.0, a, b, A)
+            _multiply(S, A, next_S)
+            S[:] = next_S
+        for i in range(3):
+            for k in range(3):
+                entry[3 * i + k] = S[i, k]
+    return segment, table

@@ -1,0 +1,472 @@
+"""Event-based Photometric Pose Tracker (EPPT), Eqs. (13) to (15), with C known.
+
+Between two events at a pixel the light there changed by C. What the pixel saw is found in the
+reference view: its ray meets the plane, and the point is projected into the reference view, Eq.
+(13). So each event with one before it at its pixel gives one residual, Eq. (14),
+
+    r_k = p_k (L_l(x'_1) - L_l(x'_0)) - C ,
+
+in the control poses of the path. Their robust sum of squares, Eq. (15), is minimised with
+Levenberg-Marquardt in all six degrees of freedom of every control pose. The paper perturbs only the
+positions, but looks for the poses; a camera that turns less than a pixel in 14 ms cannot be told
+beforehand from one that moves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import cv2
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.spatial.transform import Rotation
+
+from eres_render import Trajectory, path_through
+from eres_render.camera import map_pixels, plane_homography
+from tasks.errors import TaskError
+from tasks.methods import bicubic, cumulative_spline
+from tasks.tracking import TrackingDiagnostics, TrackingEstimate, TrackingSample
+
+Float64 = NDArray[np.float64]
+
+RESIDUALS_PER_UNKNOWN = 10  # at least, else there are too few events
+_HUBER_IN_C = 0.5
+_COARSEST_PX = 16  # of the reference view at its coarsest
+_MAX_PASSES = 40  # on one level
+_CONVERGED_PX = 1e-3  # a step that moves no point in the image by more, on average, is the last
+_LEAST_INSIDE = 0.5
+
+
+def estimate(sample: TrackingSample) -> TrackingEstimate:
+    """Path that best explains the brightness steps between consecutive events of each pixel.
+
+    Coarse to fine: the reference view is blurred and halved until the perturbation of the initial
+    path moves it by less than a pixel, then the search runs from the coarsest view to the view
+    itself. Blurring takes contrast away, so on a coarse level C is less in the same proportion,
+    `contrast_kept`.
+
+    Raises
+    ------
+    TaskError
+        The initial path's knots are not even, or not a whole number of microseconds apart.
+    """
+    knots = _Knots.of(sample.initial)
+    problem, failure = _problem(sample, knots.duration_us)
+    if failure:
+        return TrackingEstimate(sample.initial, failure)
+    path, diagnostics, failure = _solve(problem, sample, sample.initial, knots)
+    return TrackingEstimate(sample.initial if failure else path, failure, diagnostics)
+
+
+def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
+    """As `estimate`, with a constant delay of all events as one more unknown.
+
+    Events that are late by d are those of the path T(t - d), so events alone cannot tell a delay
+    from another path: any d is as good, with the path moved in time. What tells is that the camera
+    was at T_0 at time 0, when the reference view was taken. So the path of the late events is
+    estimated first, over the path's duration and `sample.max_delay_us`; the delay is the time at
+    which it sees what the reference view shows, by the least mean squared distance in the image.
+
+    Raises
+    ------
+    TaskError
+        As `estimate`, or `sample.max_delay_us` is 0.
+    """
+    if sample.max_delay_us <= 0:
+        raise TaskError(
+            f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
+            "largest delay to look for"
+        )
+    late = _extended(sample.initial, _Knots.of(sample.initial), sample.max_delay_us)
+    knots = _Knots.of(late)
+    problem, failure = _problem(sample, min(knots.duration_us, _duration_us(sample)))
+    if failure:
+        return TrackingEstimate(sample.initial, failure)
+    path, diagnostics, failure = _solve(problem, sample, late, knots)
+    delay_s = _delay_s(sample, path)
+    diagnostics = replace(diagnostics, delay_us=1e6 * delay_s)
+    if not failure and not 0 < 1e6 * delay_s < sample.max_delay_us:
+        failure = "the delay ended at its bound"
+    if failure:
+        return TrackingEstimate(sample.initial, failure, diagnostics)
+    t_s = np.linspace(0.0, sample.initial.duration_s, 4 * len(sample.initial.knots_s))
+    return TrackingEstimate(path_through(t_s, path.pose(t_s + delay_s)), "", diagnostics)
+
+
+@dataclass(frozen=True, slots=True)
+class _Knots:
+    """Even knots of a path, in whole microseconds."""
+
+    interval_us: int
+    duration_us: int
+
+    @classmethod
+    def of(cls, path: Trajectory) -> _Knots:
+        intervals_us = 1e6 * np.diff(path.knots_s)
+        interval_us = round(intervals_us[0])
+        if interval_us < 1 or np.abs(intervals_us - interval_us).max() > 1e-3:
+            raise TaskError(
+                f"path: found knots {intervals_us.min():g} to {intervals_us.max():g} us apart, "
+                "expected even intervals of whole microseconds"
+            )
+        return cls(interval_us, interval_us * (len(path.knots_s) - 3))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Problem:
+    """The events of a sample that lie in the path's duration, and what does not change with it."""
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    t_us: NDArray[np.int32]
+    t_before_us: NDArray[np.int32]
+    p: NDArray[np.int8]
+    rays: tuple[float, float, float, float]  # focal lengths and principal point of the sensor, px
+    reference: tuple[Float64, Float64]  # rotation and position of T_0
+    plane: Float64  # (4,) n_x, n_y, n_z, offset
+    duration_us: int
+    residuals: int
+
+
+def _duration_us(sample: TrackingSample) -> int:
+    return round(1e6 * sample.initial.duration_s) + sample.max_delay_us
+
+
+def _problem(sample: TrackingSample, duration_us: int) -> tuple[_Problem, str]:
+    columns = (sample.x, sample.y, sample.t_us, sample.t_before_us, sample.p)
+    if sample.max_delay_us:  # there are events after the path's end
+        inside = sample.t_us < duration_us
+        columns = tuple(column[inside] for column in columns)
+    residuals = int(np.count_nonzero(columns[3] >= 0))
+    wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
+    problem = _Problem(
+        *columns,
+        _intrinsics(sample.camera.K),
+        (np.ascontiguousarray(sample.T_0[:3, :3]), sample.T_0[:3, 3].copy()),
+        np.array([*sample.plane.normal, sample.plane.offset_m]),
+        duration_us,
+        residuals,
+    )
+    if residuals < wanted:
+        return problem, f"{residuals} events with one before them, expected {wanted}"
+    return problem, ""
+
+
+def _intrinsics(K: Float64) -> tuple[float, float, float, float]:
+    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Level:
+    """A reference view, coarser or not.
+
+    Parameters
+    ----------
+    image
+        (h, w) float64, log intensity.
+    intrinsics
+        Focal lengths and principal point of this view, in its pixels.
+    contrast_kept
+        Part of a contrast in the reference view that is left on this level.
+    """
+
+    image: Float64
+    intrinsics: tuple[float, float, float, float]
+    contrast_kept: float
+
+
+def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[_Level]:
+    """Reference views from a blur of about coarsest_px pixels down to the view itself.
+
+    Each level is the one below it, blurred by a Gaussian of 1 px, at half the size by area.
+    """
+    images = [log_image]
+    while 2 ** len(images) <= 2 * coarsest_px and min(images[-1].shape) >= 2 * _COARSEST_PX:
+        blurred = cv2.GaussianBlur(images[-1], (0, 0), 1.0, borderType=cv2.BORDER_REFLECT)
+        half = (round(blurred.shape[1] / 2), round(blurred.shape[0] / 2))
+        images.append(cv2.resize(blurred, half, interpolation=cv2.INTER_AREA))
+    for image in reversed(images):
+        scale = np.array([image.shape[1] / log_image.shape[1], image.shape[0] / log_image.shape[0]])
+        kept = 1.0 if image is log_image else contrast_kept(log_image, image)
+        yield _Level(image, _intrinsics(np.diag([*scale, 1.0]) @ K), kept)
+
+
+def contrast_kept(log_image: Float64, coarse: Float64) -> float:
+    """Regression of a coarse view's gradient on that of the view itself: 1 if nothing is lost."""
+    size = (log_image.shape[1], log_image.shape[0])
+    blurred = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
+    both = total = 0.0
+    for axis in (0, 1):
+        fine = np.diff(log_image, axis=axis)
+        both += float(np.vdot(np.diff(blurred, axis=axis), fine))
+        total += float(np.vdot(fine, fine))
+    return both / total if total > 0 else 1.0
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Sum:
+    """Robust cost at a path, its gradient and its Gauss-Newton Hessian, and events outside."""
+
+    cost: float
+    gradient: Float64
+    hessian: Float64
+    outside: int
+
+
+def _accumulate(
+    problem: _Problem, level: _Level, C: float, path: Trajectory, interval_us: int
+) -> _Sum:
+    R = np.ascontiguousarray(path.controls[:, :3, :3])
+    p = np.ascontiguousarray(path.controls[:, :3, 3])
+    turns = Rotation.from_matrix(R)
+    omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
+    segment, table = cumulative_spline.tabulate(R, p, omega, interval_us, problem.duration_us)
+    C = C * level.contrast_kept
+    return _Sum(
+        *normal_equations(
+            problem.x,
+            problem.y,
+            problem.t_us,
+            problem.t_before_us,
+            problem.p,
+            segment,
+            table,
+            len(R),
+            problem.rays,
+            level.image,
+            level.intrinsics,
+            *problem.reference,
+            problem.plane,
+            C,
+            _HUBER_IN_C * C,
+        )
+    )
+
+
+def _solve(
+    problem: _Problem, sample: TrackingSample, path: Trajectory, knots: _Knots
+) -> tuple[Trajectory, TrackingDiagnostics, str]:
+    """Search from level to level; the path, how it went, and why it failed or ""."""
+    ahead = sample.T_0[:3, 2]
+    distance_m = float(sample.plane.distance(sample.T_0[:3, 3], ahead))
+    blur_px = sample.camera.focal_px * sample.initial_sigma_m / distance_m
+    passes, converged = 0, False
+    state = _Sum(math.nan, np.empty(0), np.empty((0, 0)), 0)
+    for level in pyramid(sample.log_image, sample.camera.K, blur_px):
+        path, state, used, converged = _levenberg_marquardt(
+            problem, level, sample.contrast_threshold, path, knots.interval_us, distance_m
+        )
+        passes += used
+    diagnostics = TrackingDiagnostics(
+        state.cost / problem.residuals, passes, problem.residuals, state.outside
+    )
+    if not math.isfinite(state.cost):
+        return path, diagnostics, "the cost is not finite"
+    if state.outside > (1 - _LEAST_INSIDE) * problem.residuals:
+        left = f"{state.outside} of {problem.residuals} events left the reference view"
+        return path, diagnostics, left
+    return path, diagnostics, "" if converged else f"no convergence in {passes} passes"
+
+
+def _levenberg_marquardt(
+    problem: _Problem,
+    level: _Level,
+    C: float,
+    path: Trajectory,
+    interval_us: int,
+    distance_m: float,
+) -> tuple[Trajectory, _Sum, int, bool]:
+    """Go down to a minimum: the path, its sum, passes over the events, whether it converged."""
+    damping = 1e-3
+    state = _accumulate(problem, level, C, path, interval_us)
+    for passes in range(1, _MAX_PASSES):
+        diagonal = np.diag(state.hessian)
+        # A control pose that no event depends on stays where it is.
+        floor = 1e-12 * diagonal.max()
+        if not math.isfinite(state.cost) or floor == 0.0:
+            return path, state, passes, False
+        try:
+            factor = cho_factor(state.hessian + np.diag(damping * diagonal + floor))
+        except LinAlgError:
+            damping = max(10.0 * damping, 1e-6)
+            continue
+        step = -cho_solve(factor, state.gradient).reshape(-1, 6)
+        trial_path = _moved(path, step)
+        trial = _accumulate(problem, level, C, trial_path, interval_us)
+        moved_px = level.intrinsics[0] * math.sqrt(
+            np.mean(np.sum(step[:, :3] ** 2, axis=1)) / distance_m**2
+        )
+        if trial.cost <= state.cost:
+            path, state = trial_path, trial
+            damping = max(0.2 * damping, 1e-9)
+            if moved_px < _CONVERGED_PX:
+                return path, state, passes + 1, True
+        else:
+            damping *= 8.0
+            if moved_px < 1e-3 * _CONVERGED_PX:  # no step, however short, goes down
+                return path, state, passes + 1, True
+    return path, state, _MAX_PASSES, False
+
+
+def _moved(path: Trajectory, step: Float64) -> Trajectory:
+    """Move (M, 3) positions and turn (M, 3) rotations, on the left, of the control poses."""
+    controls = path.controls.copy()
+    controls[:, :3, 3] += step[:, :3]
+    controls[:, :3, :3] = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ controls[:, :3, :3]
+    return Trajectory(path.knots_s, controls)
+
+
+def _extended(path: Trajectory, knots: _Knots, by_us: int) -> Trajectory:
+    """The path with more control poses, going on with its mean velocity and turning rate."""
+    more = math.ceil(by_us / knots.interval_us)
+    first, last = path.controls[0], path.controls[-1]
+    share = np.arange(1, more + 1)[:, None] / (len(path.controls) - 1)
+    turn = Rotation.from_matrix(last[:3, :3] @ first[:3, :3].T).as_rotvec()
+    controls = np.tile(last, (more, 1, 1))
+    controls[:, :3, 3] += share * (last[:3, 3] - first[:3, 3])
+    controls[:, :3, :3] = Rotation.from_rotvec(share * turn).as_matrix() @ last[:3, :3]
+    interval_s = 1e-6 * knots.interval_us
+    knots_s = interval_s * np.arange(-1, len(path.controls) + more - 1)
+    return Trajectory(knots_s, np.concatenate([path.controls, controls]))
+
+
+def _delay_s(sample: TrackingSample, path: Trajectory) -> float:
+    """When the path sees what the reference view shows, to 10 us."""
+    t_s = np.arange(0, sample.max_delay_us + 1, 10) * 1e-6
+    points_px = sample.camera.grid(9)
+    H = plane_homography(sample.camera.K, sample.T_0, path.pose(t_s), sample.plane)
+    off_px = map_pixels(H, points_px) - points_px
+    return float(t_s[np.argmin(np.sum(off_px**2, axis=(1, 2)))])
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def normal_equations(
+    x,  # (N,)
+    y,  # (N,)
+    t_us,  # (N,)
+    t_before_us,  # (N,)
+    p,  # (N,)
+    segment,  # (T,) and
+    table,  # (T, 52), the spline at every microsecond, of `cumulative_spline.tabulate`
+    controls,  # M
+    rays,  # focal lengths and principal point of the sensor
+    L,  # (h, w), L_l of Eq. (13)
+    view,  # focal lengths and principal point of L, in its pixels
+    R_0,  # (3, 3), T_0
+    p_0,  # (3,)
+    plane,  # (4,): n . X = offset
+    C,
+    huber,
+):
+    """Robust cost of Eq. (15), its gradient and its Gauss-Newton Hessian in the control poses.
+
+    The cost is sum rho(r_k) with Huber's rho, r^2 / 2 up to `huber` and linear beyond. An event one
+    of whose points is not in the reference view has no derivatives, and costs what a flat reference
+    view would, rho(C), so that it does not pay to look away.
+
+    Returns
+    -------
+    cost, gradient (6 M,), Hessian (6 M, 6 M), events outside
+        Unknowns are each control pose's position, then its rotation, on the left.
+    """
+    fx, fy, cx, cy = rays
+    view_fx, view_fy, view_cx, view_cy = view
+    height, width = L.shape
+    n_x, n_y, n_z, offset = plane
+    gradient = np.zeros(6 * controls)
+    H = np.zeros((6 * controls, 6 * controls))
+    J = np.zeros(6 * controls)
+    J_1, J_0 = np.zeros(24), np.zeros(24)
+    cost, outside = 0.0, 0
+    flat = 0.5 * C * C if huber >= C else huber * (C - 0.5 * huber)
+    inside_1, L_1, s_1 = False, 0.0, 0
+    for k in range(x.size):
+        # The event before at this pixel is the one that was just done.
+        inside_0, L_0, s_0 = inside_1, L_1, s_1
+        J_0, J_1 = J_1, J_0
+
+        # X = pi^-1(x, Z, K, T(t)): the ray m from p_t through the pixel meets the plane.
+        T = table[t_us[k]]
+        s_1 = segment[t_us[k]]
+        ray_x, ray_y = (x[k] + 0.5 - cx) / fx, (y[k] + 0.5 - cy) / fy
+        m_x = T[0] * ray_x + T[1] * ray_y + T[2]
+        m_y = T[3] * ray_x + T[4] * ray_y + T[5]
+        m_z = T[6] * ray_x + T[7] * ray_y + T[8]
+        towards = n_x * m_x + n_y * m_y + n_z * m_z
+        Z = (offset - n_x * T[9] - n_y * T[10] - n_z * T[11]) / towards
+        X_x = T[9] + Z * m_x - p_0[0]
+        X_y = T[10] + Z * m_y - p_0[1]
+        X_z = T[11] + Z * m_z - p_0[2]
+
+        # x' = pi(X, K, T_0)
+        Y_x = R_0[0, 0] * X_x + R_0[1, 0] * X_y + R_0[2, 0] * X_z
+        Y_y = R_0[0, 1] * X_x + R_0[1, 1] * X_y + R_0[2, 1] * X_z
+        Y_z = R_0[0, 2] * X_x + R_0[1, 2] * X_y + R_0[2, 2] * X_z
+        u, v = view_fx * Y_x / Y_z + view_cx, view_fy * Y_y / Y_z + view_cy
+        inside_1 = (
+            Z > 0.0
+            and Y_z > 0.0
+            and 0.5 <= u
+            and u <= width - 0.5
+            and 0.5 <= v
+            and v <= height - 0.5
+        )
+        if inside_1:
+            L_1, L_u, L_v = bicubic.sample(L, u, v)
+            # dL/dX in the reference camera, g in the world
+            d_x, d_y = L_u * view_fx / Y_z, L_v * view_fy / Y_z
+            d_z = -(d_x * Y_x + d_y * Y_y) / Y_z
+            g_x = R_0[0, 0] * d_x + R_0[0, 1] * d_y + R_0[0, 2] * d_z
+            g_y = R_0[1, 0] * d_x + R_0[1, 1] * d_y + R_0[1, 2] * d_z
+            g_z = R_0[2, 0] * d_x + R_0[2, 1] * d_y + R_0[2, 2] * d_z
+            # X moves with p_t along the plane, by I - m n^T / (n . m): q = dL/dp_t
+            along = (g_x * m_x + g_y * m_y + g_z * m_z) / towards
+            q_x, q_y, q_z = g_x - along * n_x, g_y - along * n_y, g_z - along * n_z
+            # and by Z times that for a change delta x m of the ray: dL/ddelta = Z m x q
+            w_x = Z * (m_y * q_z - m_z * q_y)
+            w_y = Z * (m_z * q_x - m_x * q_z)
+            w_z = Z * (m_x * q_y - m_y * q_x)
+            for c in range(4):
+                B, D = T[12 + c], T[16 + 9 * c : 25 + 9 * c]
+                J_1[6 * c] = B * q_x
+                J_1[6 * c + 1] = B * q_y
+                J_1[6 * c + 2] = B * q_z
+                J_1[6 * c + 3] = w_x * D[0] + w_y * D[3] + w_z * D[6]
+                J_1[6 * c + 4] = w_x * D[1] + w_y * D[4] + w_z * D[7]
+                J_1[6 * c + 5] = w_x * D[2] + w_y * D[5] + w_z * D[8]
+
+        if t_before_us[k] < 0:
+            continue
+        if not (inside_0 and inside_1):
+            outside += 1
+            cost += flat
+            continue
+        r = p[k] * (L_1 - L_0) - C  # Eq. (14)
+        size = abs(r)
+        if size <= huber:
+            weight = 1.0
+            cost += 0.5 * r * r
+        else:
+            weight = huber / size
+            cost += huber * (size - 0.5 * huber)
+        # Only control poses from the first of the earlier event's to the last of this one's count.
+        first, count = 6 * s_0, 6 * (s_1 - s_0) + 24
+        J[:count] = 0.0
+        for i in range(24):
+            J[count - 24 + i] = p[k] * J_1[i]
+        for i in range(24):
+            J[i] -= p[k] * J_0[i]
+        for i in range(count):
+            J_i = weight * J[i]
+            gradient[first + i] += J_i * r
+            row = H[first + i, first : first + count]
+            for j in range(i, count):
+                row[j] += J_i * J[j]
+    for i in range(6 * controls):
+        for j in range(i):
+            H[i, j] = H[j, i]
+    return cost, gradient, H, outside
