@@ -30,6 +30,11 @@ METHODS = {
         "contrast_maximization": "tasks.methods.contrast_maximization:estimate",
         "initial_flow": "tasks.methods.initial_flow:estimate",
     },
+    "video": {
+        "high_pass_filter": "tasks.methods.high_pass_filter:HighPassFilter",
+        "high_pass_filter_no_event_decay": "tasks.methods.high_pass_filter:without_event_decay",
+        "blank": "tasks.methods.blank_video:BlankVideo",
+    },
 }
 
 

@@ -1,0 +1,133 @@
+"""High-pass filter (HF): each pixel adds up its events, and forgets.
+
+Scheerlinck, Barnes and Mahony, "Continuous-time Intensity Estimation Using Event Cameras" (ACCV
+2018), from events alone. A pixel's log intensity L follows
+
+    dL/dt = -omega L + sum over its events of p C delta(t - t_k),
+
+so an event after dt multiplies L by exp(-omega dt) and adds p C: the high-pass filter with its
+-3 dB point at omega rad/s of the signal that events sample. The authors' program, whose defaults
+are taken here, gives the cutoff in Hz, omega = 2 pi f, and multiplies L by exp(-d) at each event on
+top, a decay d per event without a unit. 0.06 Hz forgets with a time constant of 2.65 s, 0.06 per
+event after 17 events: for busy pixels it is the latter that counts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor import Events
+from tasks.errors import TaskError
+
+CUTOFF_HZ = 0.06
+PER_EVENT_DECAY = 0.06
+
+
+class HighPassFilter:
+    """The filter of one sensor, at rest until its first event.
+
+    With a decay d per event no pixel's value is ever farther from 0 than C / (1 - exp(-d)).
+
+    Parameters
+    ----------
+    width, height
+        Of the sensor, px.
+    contrast_threshold
+        C, log units.
+    cutoff_hz
+        Of the high-pass; 0 never forgets.
+    per_event_decay
+        Share that a pixel forgets at each event, in the exponent.
+
+    Raises
+    ------
+    TaskError
+        A number is out of range.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        contrast_threshold: float,
+        cutoff_hz: float = CUTOFF_HZ,
+        per_event_decay: float = PER_EVENT_DECAY,
+    ) -> None:
+        for name, value in (("cutoff_hz", cutoff_hz), ("per_event_decay", per_event_decay)):
+            if not 0 <= value < math.inf:
+                raise TaskError(f"high-pass filter: {name}: found {value}, expected 0 or more")
+        self._C = contrast_threshold
+        self._per_us = 2e-6 * math.pi * cutoff_hz
+        self._per_event = per_event_decay
+        self._state = np.zeros((height, width, 2))  # L after the pixel's last event, and when, us
+        self._t_us: int | None = None  # of the last event
+
+    def push(self, events: Events) -> None:
+        """Take in the next events.
+
+        Raises
+        ------
+        TaskError
+            They are another sensor's, or begin before the last ones end.
+        """
+        height, width, _ = self._state.shape
+        if (events.width, events.height) != (width, height):
+            raise TaskError(
+                f"high-pass filter: found events of {events.width}x{events.height} px, expected "
+                f"{width}x{height}"
+            )
+        if not len(events):
+            return
+        self._check_order(int(events.t_us[0]))
+        self._t_us = int(events.t_us[-1])
+        _filter(
+            self._state, events.t_us, events.x, events.y, events.p,
+            self._C, self._per_us, self._per_event,
+        )  # fmt: skip
+
+    def image(self, t_us: int) -> NDArray[np.float64]:
+        """Log intensity, (height, width), 0 where nothing has happened for long.
+
+        Raises
+        ------
+        TaskError
+            An event after that time has been pushed already.
+        """
+        self._check_order(t_us)
+        value, last_us = self._state[..., 0], self._state[..., 1]
+        seen = value != 0
+        return value * np.exp(-self._per_us * np.where(seen, t_us - last_us, 0.0))
+
+    def _check_order(self, t_us: int) -> None:
+        if self._t_us is not None and t_us < self._t_us:
+            raise TaskError(
+                f"high-pass filter: found {t_us} us, before the last event at {self._t_us} us"
+            )
+
+
+def without_event_decay(width: int, height: int, contrast_threshold: float) -> HighPassFilter:
+    """The filter as the paper has it: pixels forget with time alone."""
+    return HighPassFilter(width, height, contrast_threshold, per_event_decay=0.0)
+
+
+@numba.njit(cache=True, nogil=True, error_model="numpy")
+def _filter(
+    state: NDArray[np.float64],  # (height, width, 2)
+    t_us: NDArray[np.int64],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    p: NDArray[np.int8],
+    C: float,
+    per_us: float,
+    per_event: float,
+) -> None:
+    for k in range(t_us.size):
+        pixel = state[y[k], x[k]]
+        if pixel[0] != 0.0:
+            pixel[0] *= math.exp(-(per_us * (t_us[k] - pixel[1]) + per_event))
+        pixel[0] += p[k] * C
+        pixel[1] = t_us[k]
