@@ -10,8 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from eres_render.errors import RenderError
-
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
 _NAMES: dict[Any, str] = {
@@ -24,7 +22,7 @@ _NAMES: dict[Any, str] = {
 
 
 def read_typed(
-    kind: type[T], found: Any, file: Path, error: type[RenderError], field: str = ""
+    kind: type[T], found: Any, file: Path, error: type[ValueError], field: str = ""
 ) -> T:
     """Return a parsed value as the wanted type.
 
@@ -45,7 +43,7 @@ def read_typed(
     def inner(inner_kind: Any, value: Any, inner_field: str) -> Any:
         return read_typed(inner_kind, value, file, error, inner_field)
 
-    def refuse(what: str) -> RenderError:
+    def refuse(what: str) -> ValueError:
         return error(f"{file}: {field or 'top level'}: {what}")
 
     result: Any
@@ -66,7 +64,7 @@ def read_typed(
         values = {name: inner(kinds[name], value, prefix + name) for name, value in found.items()}
         try:
             return kind(**values)
-        except RenderError as reason:
+        except ValueError as reason:
             raise refuse(str(reason)) from reason
     arguments = typing.get_args(kind)
     if typing.get_origin(kind) is dict and isinstance(found, dict):
@@ -86,7 +84,7 @@ def read_typed(
     return typing.cast(T, result)
 
 
-def _member(union: types.UnionType, found: Any, refuse: Callable[[str], RenderError]) -> Any:
+def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueError]) -> Any:
     """Return which member of a union a value is meant to be."""
     members = [member for member in typing.get_args(union) if member is not types.NoneType]
     if len(members) == 1 or not isinstance(found, dict):

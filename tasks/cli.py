@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +20,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks.errors import TaskError
+from tasks.row import Row
 from tasks.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 
 app = tyro.extras.SubcommandApp()
@@ -335,13 +337,79 @@ def convert(
 
 
 @app.command
+def evaluate(
+    sequence: Annotated[
+        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
+    ],
+    task: Literal["reconstruction", "flow", "tracking", "video"],
+    method: tuple[str, ...] = (),
+    resolution: int = 346,
+    cutoff: float = math.inf,
+    threshold: float = 0.2,
+    speed: float = 1.0,
+) -> None:
+    """Score methods of one task on the events of one sensor on one rendered sequence.
+
+    reconstruction: PSNR of the image at the window's end. flow: end-point error of 20 patches.
+    tracking: position error of the first 14 ms, in planar scenes. video: PSNR of images along a
+    continuous sequence.
+
+    Args:
+        task: What to do with the events.
+        method: Names (`eres methods` lists them), or functions of your own as
+            package.module:function; by default all methods of the task.
+        resolution: Width of the sensor, px.
+        cutoff: Corner frequency of the photoreceptor's poles, Hz; by default an ideal pixel.
+        threshold: Contrast threshold, log units.
+        speed: How much faster the scene moves than it was rendered.
+    """
+    from rich.progress import Progress
+
+    from eres_render import open_sequence
+    from tasks.study.evaluate_sequence import evaluate_sequence
+
+    with Progress(console=_err, disable=not _err.is_terminal, transient=True) as bar:
+        stage_task = bar.add_task("")
+        rows = evaluate_sequence(
+            open_sequence(sequence),
+            task,
+            methods=method,
+            width=resolution,
+            cutoff_hz=cutoff,
+            contrast_threshold=threshold,
+            speed=speed,
+            on_progress=lambda stage, done, of: bar.update(
+                stage_task, description=stage, completed=done, total=of
+            ),
+        )
+    table = Table("method", "variant", "median", "metric", "scores", "failed", box=None)
+    for (name, variant, metric), scored in _by(rows, "method", "variant", "metric").items():
+        median = float(np.median([row.value for row in scored]))
+        failed = sum(bool(row.failure) for row in scored)
+        table.add_row(name, variant, f"{median:.3f}", metric, str(len(scored)), str(failed))
+    _out.print(table)
+    _out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window")
+
+
+def _by(rows: list[Row], *fields: str) -> dict[tuple[str, ...], list[Row]]:
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(getattr(row, field) for field in fields), []).append(row)
+    return groups
+
+
+@app.command
 def study(
     out: Path,
+    file: Annotated[
+        Positional[Path | None], arg(metavar="STUDY.toml", help="a study of your own")
+    ] = None,
     preset: str = "quick",
     scenes: tuple[str, ...] = (),
     samples: int | None = None,
     spp: int | None = None,
     resolution: int | None = None,
+    method: tuple[str, ...] = (),
 ) -> None:
     """Ask which resolution serves a task best: render, simulate, evaluate, report.
 
@@ -350,26 +418,33 @@ def study(
 
     Args:
         out: Folder of the run.
-        preset: Which study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds.
+        preset: Which study, if not one of your own. "quick": carpet, 5 resolutions, 3 cutoffs, 3
+            speeds.
         scenes: Names or folders of scenes, instead of the preset's.
         samples: How many samples along each path, instead of the preset's.
         spp: Samples per pixel of the render, instead of the preset's.
         resolution: Side of the rendered frames, px, instead of the preset's; sensors that are
             finer are left out.
+        method: Methods of your own besides the preset's, each as package.module:function.
     """
     from dataclasses import replace
 
     from tasks.study.config import preset as find_preset
+    from tasks.study.config import with_method
     from tasks.study.report import write_report
     from tasks.study.run import run_study
+    from tasks.study.study_file import read_study
 
-    chosen = find_preset(preset)
+    chosen = find_preset(preset) if file is None else read_study(file)
     given = {"samples": samples, "spp": spp, "resolution": resolution}
     rendering = replace(chosen.render, **{k: v for k, v in given.items() if v is not None})
     widths = tuple(w for w in chosen.simulate.widths if w <= rendering.resolution)
     sensors = replace(chosen.simulate, widths=widths)
     looked_at = scenes or chosen.scenes
-    run_study(replace(chosen, scenes=looked_at, render=rendering, simulate=sensors), out)
+    asked = replace(chosen, scenes=looked_at, render=rendering, simulate=sensors)
+    for name in method:
+        asked = with_method(asked, name)
+    run_study(asked, out)
     _show_scores(out)
     _show_claims(out)
     _out.print(f"\nreport: {write_report(out)}", soft_wrap=True)

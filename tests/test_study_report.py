@@ -12,10 +12,10 @@ import pytest
 
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
-from tasks.study.clip import PREVIEW_S
+from tasks.study.exhibit import PREVIEW_S
 from tasks.study.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
 from tasks.study.report import MAX_BYTES, write_report
-from tasks.study.tables import Series
+from tasks.study.scores import Series
 
 EI = Series("reconstruction", "event_integration", "psnr_db")
 

@@ -5,19 +5,31 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eres_render import clips, load_scene
+from eres_render import load_scene
 from light_scenes import small_carpet_folder
 from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study import frame_cache
 from tasks.study import run as run_module
-from tasks.study.config import PRESETS, Render, Simulate, Study, preset
+from tasks.study.config import (
+    PRESETS,
+    Evaluate,
+    Flow,
+    Render,
+    Simulate,
+    Study,
+    Tracking,
+    Video,
+    preset,
+)
+from tasks.study.parts import parts
 from tasks.study.report import write_report
 from tasks.study.run import run_study
 from tasks.study.scaling import read_scaling
@@ -26,11 +38,17 @@ ROOT = Path(__file__).parent.parent
 
 
 def tiny_study(scene_folder):
+    """Every task, and a warm-up that fits no more than it must."""
     return Study(
         name="tiny",
         scenes=(str(scene_folder),),
         render=Render(resolution=96, spp=4, max_displacement_px=0.5, samples=2),
         simulate=Simulate(widths=(24, 48, 96), cutoffs_hz=(np.inf, 50.0), speeds=(1.0, 2.0)),
+        evaluate=Evaluate(
+            flow=Flow(features=3, native_patch=True, fast_methods=("initial_flow",)),
+            tracking=Tracking(sigmas_mm=(2.0, 5.0)),
+            video=Video(methods=("high_pass_filter", "blank"), duration_s=0.3, run_in_s=0.1),
+        ),
     )
 
 
@@ -48,11 +66,43 @@ def finished(scene_folder, tmp_path_factory):
 
 
 def test_rows_fill_the_grid(finished):
-    """Promise: every sample, width, cutoff, speed and method has exactly one row."""
+    """Promise: every task, method, variant, sample, item and setting has exactly one row."""
     _, rows = finished
-    cells = {(r.sample, r.width, r.cutoff_hz, r.speed, r.method) for r in rows}
-    assert len(cells) == len(rows) == 2 * 3 * 2 * 2 * 2
-    assert all(np.isfinite(r.value) and r.event_rate_hz > 0 for r in rows)
+    cells = {replace(row, value=0.0, event_rate_hz=0.0, failure="") for row in rows}
+    assert len(cells) == len(rows)
+    settings = 3 * 2 * 2
+    by_task = Counter(row.task for row in rows)
+    assert by_task["reconstruction"] == 2 * 2 * settings
+    assert by_task["flow"] == 2 * 3 * 3 * 2 * settings + 2 * 3 * 2 * settings / 2
+    assert by_task["tracking"] == 2 * 2 * 2 * settings
+    assert by_task["video"] == 2 * 4 * settings
+    assert all(np.isfinite(row.value) for row in rows)
+    assert all(row.event_rate_hz > 0 for row in rows)
+
+
+def test_every_task_has_its_truth(finished):
+    """Physics: what does nothing scores what was put in: sigma px of flow, sigma mm of path."""
+    _, rows = finished
+    flow = [r.value for r in rows if r.method == "initial_flow" and r.speed == 1.0]
+    assert 1 < np.median(flow) < 8  # sigma 3 px in two components: the median is 3.5 px
+    for sigma_mm in (2.0, 5.0):
+        path = [r.value for r in rows if r.variant == f"sigma {sigma_mm:g} mm"]
+        nothing = [
+            r.value
+            for r in rows
+            if r.variant == f"sigma {sigma_mm:g} mm" and r.method == "initial_path"
+        ]
+        assert len(path) == 2 * len(nothing)
+        assert 0.4 * sigma_mm < np.median(nothing) < 2 * sigma_mm
+    assert {r.speed for r in rows if r.task == "flow"} == {1.0, 2.0, 10.0}
+
+
+def test_flow_from_events_beats_none_at_the_finest(finished):
+    """Physics: in ideal light events tell the motion better than the initial guess does."""
+    _, rows = finished
+    where = {"width": 96, "cutoff_hz": np.inf, "speed": 1.0, "variant": "61 px patch"}
+    start = score(rows, "initial_flow", **where)
+    assert score(rows, "photometric_flow", **where) < 0.5 * start
 
 
 def score(rows, method="event_integration", **where):
@@ -81,7 +131,7 @@ def test_scaling_statistics_are_kept(finished):
     out, rows = finished
     (scaling,) = read_scaling(out / "scaling").values()
     assert {(s.width, s.cutoff_hz, s.speed) for s in scaling.intervals} == {
-        (r.width, r.cutoff_hz, r.speed) for r in rows
+        (r.width, r.cutoff_hz, r.speed) for r in rows if r.task == "reconstruction"
     }
     assert scaling.everywhere.law.low > 0
     first = min(r.sample for r in rows)
@@ -119,16 +169,17 @@ def test_more_samples_keep_the_old_ones(finished, scene_folder):
     """Promise: what decides a clip names it, so another number of samples reuses what fits."""
     study = tiny_study(scene_folder)
     scene = load_scene(scene_folder)
-    clip, other = clips(scene)[:2]
-    more = replace(study, render=replace(study.render, samples=4))
-    assert study.clip_key(scene, clip) == more.clip_key(scene, clip)
-    assert study.clip_key(scene, clip) != study.clip_key(scene, other)
+    part, other, *_ = parts(study, scene)
+    more = parts(replace(study, render=replace(study.render, samples=4)), scene)
+    assert part.key != other.key
+    assert {one.key for one in parts(study, scene)} < {one.key for one in more}
+    reconstruction = replace(study.evaluate.reconstruction, upsampling="nearest")
     for changed in (
         replace(study, render=replace(study.render, spp=9)),
         replace(study, simulate=replace(study.simulate, contrast_threshold=0.3)),
-        replace(study, evaluate=replace(study.evaluate, upsampling="nearest")),
+        replace(study, evaluate=replace(study.evaluate, reconstruction=reconstruction)),
     ):
-        assert changed.clip_key(scene, clip) != study.clip_key(scene, clip)
+        assert parts(changed, scene)[0].key != part.key
 
 
 def test_killed_run_resumes_to_the_same_rows(finished, scene_folder, tmp_path, monkeypatch):
@@ -142,7 +193,7 @@ def test_killed_run_resumes_to_the_same_rows(finished, scene_folder, tmp_path, m
     )
     process = subprocess.Popen([sys.executable, "-c", code])
     deadline = time.monotonic() + 60
-    while not list((tmp_path / "run").glob("clips/*.csv")) and time.monotonic() < deadline:
+    while not list((tmp_path / "run").glob("parts/*.csv")) and time.monotonic() < deadline:
         assert process.poll() is None, "the run ended before it could be killed"
         time.sleep(0.005)
     os.kill(process.pid, signal.SIGKILL)

@@ -30,6 +30,11 @@ METHODS = {
         "contrast_maximization": "tasks.methods.contrast_maximization:estimate",
         "initial_flow": "tasks.methods.initial_flow:estimate",
     },
+    "tracking": {
+        "photometric_tracking": "tasks.methods.photometric_tracking:estimate",
+        "photometric_tracking_with_delay": "tasks.methods.photometric_tracking:estimate_with_delay",
+        "initial_path": "tasks.methods.initial_path:estimate",
+    },
     "video": {
         "high_pass_filter": "tasks.methods.high_pass_filter:HighPassFilter",
         "high_pass_filter_no_event_decay": "tasks.methods.high_pass_filter:without_event_decay",
@@ -84,7 +89,7 @@ def task_of(name: str) -> str:
     if inspect.isclass(function):
         return "video"
     hints = get_type_hints(function)
-    first = next(iter(inspect.signature(function).parameters), None)
+    first = next(iter(inspect.signature(function).parameters), "")
     try:
         return tasks[hints[first]]
     except KeyError:

@@ -6,11 +6,11 @@ import difflib
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from eres_render import Clip, Scene
 from tasks.errors import StudyError
+from tasks.methods import task_of
 
 # Raise a stage's number when its results change, so that artefacts made before are not taken for
 # its own.
@@ -80,20 +80,114 @@ class Simulate:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluate:
-    """The tasks.
+class Reconstruction:
+    """Image reconstruction, at the end of each clip's window.
 
     Parameters
     ----------
-    reconstruction
-        Names of the image reconstruction methods.
+    methods
+        By name, or "package.module:function".
     upsampling
         How event integration brings events to the frames' resolution: "nearest", "bilinear" or
         "bicubic".
     """
 
-    reconstruction: tuple[str, ...] = ("event_integration", "no_events")
+    methods: tuple[str, ...] = ("event_integration", "no_events")
     upsampling: str = "bicubic"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Flow:
+    """Optical flow of patches, over each clip's window.
+
+    Parameters
+    ----------
+    methods
+        By name, or "package.module:function".
+    features
+        Patches in each clip.
+    native_patch
+        Also try patches of 61 px of the sensor, whatever its width.
+    initial_sigma_px
+        How far the initial flow is off the truth: a standard deviation per component, px of a
+        1280 px sensor.
+    fast_methods, fast_speed, fast_scenes
+        Methods that are also tried at one much higher speed, on these scenes; on all by default.
+    seed
+        Of the initial flows.
+    """
+
+    methods: tuple[str, ...] = ("photometric_flow", "contrast_maximization", "initial_flow")
+    features: int = 20
+    native_patch: bool = False
+    initial_sigma_px: float = 3.0
+    fast_methods: tuple[str, ...] = ()
+    fast_speed: float = 10.0
+    fast_scenes: tuple[str, ...] = ()
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracking:
+    """Camera pose tracking over the first milliseconds of each clip's window, on planar scenes.
+
+    Parameters
+    ----------
+    methods
+        By name, or "package.module:function".
+    sigmas_mm
+        How far the initial path is off the truth: standard deviations per component of each
+        control point. Each is a variant of the task.
+    max_events
+        A method gets the events of pixels drawn at random, at most so many events.
+    max_delay_us
+        By how much events may be late, for methods that look for it.
+    seed
+        Of the initial paths and of the pixels.
+    """
+
+    methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
+    sigmas_mm: tuple[float, ...] = (2.0,)
+    max_events: int = 50_000
+    max_delay_us: int = 0
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Video:
+    """Image reconstruction that goes on from window to window, on one continuous stretch.
+
+    Parameters
+    ----------
+    methods
+        By name, or "package.module:class".
+    scenes
+        On which scenes; on all by default.
+    duration_s, run_in_s
+        Length of the stretch from the path's start, and how much of it is not scored, seconds.
+    every_s
+        From one scored image to the next, seconds of the path.
+    equalisation
+        Of the histograms of prediction and truth before they are compared: "none", "global",
+        "local" or "clahe" (local, with limited contrast).
+    """
+
+    methods: tuple[str, ...] = ()
+    scenes: tuple[str, ...] = ()
+    duration_s: float = 2.0
+    run_in_s: float = 0.5
+    every_s: float = 0.05
+    equalisation: str = "local"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evaluate:
+    """The tasks. One without methods is left out."""
+
+    reconstruction: Reconstruction = field(default_factory=Reconstruction)
+    flow: Flow = field(default_factory=Flow)
+    tracking: Tracking = field(default_factory=Tracking)
+    video: Video = field(default_factory=Video)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,38 +220,13 @@ class Study:
                 f"{self.render.resolution} px"
             )
 
-    def clip_key(self, scene: Scene, clip: Clip) -> str:
-        """Name of a clip's rows: a digest of everything that decides them."""
-        return _digest(
-            {
-                "scene": scene.digest,
-                "clip": asdict(clip),
-                "render": {**asdict(self.render), "samples": None},  # other clips change nothing
-                "simulate": asdict(self.simulate),
-                "evaluate": asdict(self.evaluate),
-                "versions": STAGE_VERSIONS,
-            }
-        )
-
-    def frames_key(self, scene: Scene, clip: Clip, variant: str, mitsuba: str) -> str:
-        """Name of a clip's frames: a digest of everything that decides them."""
-        return _digest(
-            {
-                "scene": scene.digest,
-                "clip": asdict(clip),
-                "render": {**asdict(self.render), "samples": None},
-                "variant": variant,
-                "mitsuba": mitsuba,
-                "version": STAGE_VERSIONS["render"],
-            }
-        )
-
 
 PRESETS = {
     "quick": Study(
         name="quick",
         scenes=("carpet",),
         render=Render(spp=4, max_displacement_px=1.0, samples=3),
+        evaluate=Evaluate(flow=Flow(features=5)),
     ),
 }
 
@@ -177,6 +246,20 @@ def preset(name: str) -> Study:
     return PRESETS[name]
 
 
+def with_method(study: Study, name: str) -> Study:
+    """Return a study that runs one more method, "package.module:function", on the task it is for.
+
+    Raises
+    ------
+    TaskError
+        It cannot be imported, or does not say what it is for.
+    """
+    task = task_of(name)
+    section = getattr(study.evaluate, task)
+    section = replace(section, methods=(*section.methods, name))
+    return replace(study, evaluate=replace(study.evaluate, **{task: section}))
+
+
 def to_json(study: Study) -> dict[str, Any]:
     """The resolved study as plain JSON values; inf becomes "inf"."""
     return _plain(asdict(study))
@@ -190,6 +273,7 @@ def _plain(value: Any) -> Any:
     return "inf" if isinstance(value, float) and math.isinf(value) else value
 
 
-def _digest(values: dict[str, Any]) -> str:
+def digest(values: dict[str, Any]) -> str:
+    """Name of what these values decide: 20 hexadecimal digits of the SHA-256 of their JSON."""
     text = json.dumps(_plain(values), sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:20]

@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.files import write_bytes
-from tasks.study.clip import PREVIEW_S, ClipResult
-from tasks.study.config import Study
+from tasks.study.exhibit import PREVIEW_S, Exhibit
+from tasks.study.parts import Part
 from tasks.study.pictures import BRIGHTER, DARKER, NONE, middle, write_png
 
 _GAMMA = 2.2
 
 
-def write_previews(folder: Path, study: Study, scene: str, result: ClipResult) -> None:
-    """Write a scene's pictures and `<scene>.json`, which describes them, into `folder`.
+def write_previews(folder: Path, part: Part, exhibit: Exhibit) -> None:
+    """Write a part's pictures and `<scene>.json`, which describes them, into `folder`.
 
     One shows the radiance at the window's end; one for each width and cutoff shows the sum of
     polarities in the window's last 10 ms at the first speed. All show the same part of the scene.
     """
-    speed = study.simulate.speeds[0]
+    scene, speed = part.scene.name, part.simulate.speeds[0]
     index: list[dict[str, Any]] = []
 
     def write(picture: NDArray[np.uint8], entry: dict[str, Any]) -> None:
@@ -31,17 +31,17 @@ def write_previews(folder: Path, study: Study, scene: str, result: ClipResult) -
         write_png(folder / f"{file}.png", picture)
         index.append({"file": f"{file}.png", "scene": scene, "speed": speed, **entry})
 
-    light = middle(np.clip(result.keyframe, 0, 1) ** (1 / _GAMMA) * 255).astype(np.uint8)
+    light = middle(np.clip(exhibit.keyframe, 0, 1) ** (1 / _GAMMA) * 255).astype(np.uint8)
     write(
         np.repeat(light[..., None], 3, axis=2),
         {
             "kind": "frame",
-            "width": study.render.resolution,
+            "width": part.render.resolution,
             "cutoff_hz": "inf",
             "caption": "radiance at the window's end",
         },
     )
-    for (width, cutoff_hz), total in result.previews.items():
+    for (width, cutoff_hz), total in exhibit.previews.items():
         colours = np.array([DARKER, NONE, BRIGHTER], np.uint8)
         caption = f"{width} px, last {PREVIEW_S * 1e3:g} ms"
         write(

@@ -1,0 +1,118 @@
+"""The unit of work: a part's frames through every sensor of the study and every method."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import GroundTruth, RadianceSequence
+from sensor import stream_bank
+from tasks.row import Row
+from tasks.study.exhibit import Exhibit, ExhibitCollector
+from tasks.study.parts import Part, Setting
+from tasks.study.scorers import Score, Scorer
+from tasks.study.scorers.flow import FlowScorer
+from tasks.study.scorers.light import Light
+from tasks.study.scorers.reconstruction import ReconstructionScorer
+from tasks.study.scorers.tracking import TrackingScorer
+from tasks.study.scorers.video import VideoScorer
+
+# Called with what is being done, how much of it is done, and how much there is of it.
+OnProgress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PartResult:
+    """Rows of a part, and what the report shows of it if that was asked for."""
+
+    rows: list[Row]
+    exhibit: Exhibit | None
+
+
+def evaluate_part(
+    part: Part,
+    sequence: RadianceSequence,
+    truth: GroundTruth,
+    on_progress: OnProgress,
+    *,
+    shown: bool,
+) -> PartResult:
+    """Simulate every sensor of a part on its frames, and score every method of its tasks.
+
+    Parameters
+    ----------
+    part
+        What to simulate and evaluate.
+    sequence
+        The part's frames: warm-up, then the window.
+    truth
+        Of the sequence's scene.
+    on_progress
+        Called as frames and then sensors are done.
+    shown
+        Whether to collect pictures and scaling statistics too.
+    """
+    light = Light(part, sequence, truth)
+    settings = part.settings(light.dark_level)
+    scorers = [_scorers(light, setting) for setting in settings]
+    collector = ExhibitCollector(part, settings) if shown else None
+    counts = [0 for _ in settings]
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for k, frame in enumerate(sequence):
+            yield frame
+            on_progress("simulating", k + 1, len(sequence))
+
+    events_of_all = stream_bank(
+        frames(), sequence.t_s, [s.model for s in settings], speeds=[s.speed for s in settings]
+    )
+    for i, events in events_of_all:
+        counts[i] += len(events.between(settings[i].start_us, settings[i].end_us))
+        for scorer in scorers[i]:
+            scorer.push(events)
+        if collector:
+            collector.push(settings[i], events)
+
+    rows = []
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
+        scored = workers.map(lambda those: [s for one in those for s in one.scores()], scorers)
+        for done, (setting, count, scores) in enumerate(
+            zip(settings, counts, scored, strict=True), start=1
+        ):
+            rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores]
+            on_progress("scoring", done, len(settings))
+    return PartResult(rows, collector.exhibit(light) if collector else None)
+
+
+def _scorers(light: Light, setting: Setting) -> list[Scorer]:
+    evaluate = light.part.evaluate
+    wanted = (
+        (evaluate.reconstruction.methods, ReconstructionScorer),
+        (evaluate.flow.methods, FlowScorer),
+        (evaluate.tracking.methods, TrackingScorer),
+        (evaluate.video.methods, VideoScorer),
+    )
+    return [scorer(light, setting) for methods, scorer in wanted if methods]
+
+
+def _row(sequence: RadianceSequence, setting: Setting, event_rate_hz: float, score: Score) -> Row:
+    return Row(
+        scene=sequence.manifest.scene,
+        task=score.task,
+        method=score.method,
+        width=setting.model.width,
+        cutoff_hz=setting.model.cutoff_hz,
+        speed=setting.speed,
+        sample=sequence.manifest.clip if score.sample is None else score.sample,
+        metric=score.metric,
+        value=score.value,
+        event_rate_hz=event_rate_hz,
+        variant=score.variant,
+        item=score.item,
+        failure=score.failure,
+    )

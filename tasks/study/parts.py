@@ -1,0 +1,196 @@
+"""What a study consists of: stretches that are rendered once, and what is looked at there."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from eres_render import Clip, Scene, clips, continuous_stretch
+from sensor import SensorModel
+from tasks.errors import StudyError
+from tasks.methods import code_of, load_method
+from tasks.study.config import (
+    STAGE_VERSIONS,
+    Evaluate,
+    Flow,
+    Reconstruction,
+    Render,
+    Simulate,
+    Study,
+    Tracking,
+    Video,
+    digest,
+)
+
+_log = logging.getLogger(__name__)
+
+NOTHING = Evaluate(
+    reconstruction=Reconstruction(methods=()),
+    flow=Flow(methods=()),
+    tracking=Tracking(methods=()),
+    video=Video(methods=()),
+)
+"""No task at all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A sensor, how much faster than rendered things move before it, and its window.
+
+    The window is half-open, in the time of the sensor's events.
+    """
+
+    model: SensorModel
+    speed: float
+    start_us: int
+    end_us: int
+
+    @property
+    def seconds(self) -> float:
+        """Length of the window."""
+        return (self.end_us - self.start_us) * 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A stretch of a scene's path, the sensors that see it, and the tasks that use what they say.
+
+    A part is the unit of work: it is rendered, simulated and scored at one go, and its rows are
+    kept under its `key`.
+    """
+
+    scene: Scene
+    clip: Clip
+    render: Render
+    simulate: Simulate
+    evaluate: Evaluate
+
+    @property
+    def key(self) -> str:
+        """Name of the part's rows: a digest of everything that decides them."""
+        return digest(
+            {
+                "scene": self.scene.digest,
+                "clip": asdict(self.clip),
+                "render": {**asdict(self.render), "samples": None},  # others change nothing here
+                "simulate": asdict(self.simulate),
+                "evaluate": asdict(self.evaluate),
+                "methods": code_of(chain.from_iterable(_methods(self.evaluate).values())),
+                "versions": STAGE_VERSIONS,
+            }
+        )
+
+    @property
+    def frames_key(self) -> dict[str, object]:
+        """What decides the part's frames, apart from the renderer."""
+        return {
+            "scene": self.scene.digest,
+            "light": self.scene.light_digest,
+            "clip": asdict(self.clip),
+            "render": {**asdict(self.render), "samples": None},
+            "version": STAGE_VERSIONS["render"],
+        }
+
+    def settings(self, dark_level: float) -> list[Setting]:
+        """Every sensor at every speed."""
+        sensors = self.simulate
+        return [
+            Setting(
+                SensorModel(
+                    width=width,
+                    height=width,
+                    contrast_threshold=sensors.contrast_threshold,
+                    cutoff_hz=cutoff_hz,
+                    dark_level=dark_level,
+                ),
+                speed,
+                round(self.clip.t_window_start_s / speed * 1e6),
+                round(self.clip.t_window_end_s / speed * 1e6),
+            )
+            for width in sensors.widths
+            for cutoff_hz in sensors.cutoffs_hz
+            for speed in sensors.speeds
+        ]
+
+
+def parts(study: Study, scene: Scene) -> list[Part]:
+    """The parts of a study on one scene; its samples first.
+
+    Raises
+    ------
+    StudyError
+        More samples are asked for than the path has, or a stretch is longer than the path.
+    """
+    return [*_samples(study, scene), *_fast_samples(study, scene), *_video(study, scene)]
+
+
+def _samples(study: Study, scene: Scene) -> Iterator[Part]:
+    """The usual parts: a clip around each sample."""
+    evaluate = replace(
+        study.evaluate,
+        flow=replace(study.evaluate.flow, fast_methods=()),
+        video=NOTHING.video,
+    )
+    if evaluate.tracking.methods and scene.plane is None:
+        _log.info("%s is not planar: no pose tracking on it", scene.name)
+        evaluate = replace(evaluate, tracking=NOTHING.tracking)
+    for clip in _spread_clips(study, scene, study.simulate):
+        yield Part(scene, clip, study.render, study.simulate, evaluate)
+
+
+def _fast_samples(study: Study, scene: Scene) -> Iterator[Part]:
+    """The same samples, with a warm-up that is long enough for a camera that is much faster."""
+    flow = study.evaluate.flow
+    if not flow.fast_methods or scene.name not in (flow.fast_scenes or [scene.name]):
+        return
+    simulate = replace(study.simulate, speeds=(flow.fast_speed,))
+    evaluate = replace(NOTHING, flow=replace(flow, methods=flow.fast_methods, fast_methods=()))
+    for clip in _spread_clips(study, scene, simulate):
+        yield Part(scene, clip, study.render, simulate, evaluate)
+
+
+def _video(study: Study, scene: Scene) -> Iterator[Part]:
+    """One continuous stretch from the path's start."""
+    video = study.evaluate.video
+    if not video.methods or scene.name not in (video.scenes or [scene.name]):
+        return
+    clip = replace(continuous_stretch(scene, video.duration_s), t_window_start_s=video.run_in_s)
+    yield Part(scene, clip, study.render, study.simulate, replace(NOTHING, video=video))
+
+
+def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
+    """The study's samples, spread evenly over the path; all that fit where it says None."""
+    render = study.render
+    fitting = clips(
+        scene,
+        every_s=render.every_s,
+        window_s=render.window_s,
+        warmup_s=simulate.warmup_s,
+    )
+    count = len(fitting) if render.samples is None else render.samples
+    if not 1 <= count <= len(fitting):
+        raise StudyError(
+            f"render.samples: found {render.samples}, expected 1 to {len(fitting)}, which fit the "
+            f"path of {scene.name}"
+        )
+    return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
+
+
+def check_methods(evaluate: Evaluate) -> None:
+    """Raise a TaskError if a method does not exist, before anything is rendered for it."""
+    for task, names in _methods(evaluate).items():
+        for name in names:
+            load_method(task, name)
+
+
+def _methods(evaluate: Evaluate) -> dict[str, tuple[str, ...]]:
+    return {
+        "reconstruction": evaluate.reconstruction.methods,
+        "flow": (*evaluate.flow.methods, *evaluate.flow.fast_methods),
+        "tracking": evaluate.tracking.methods,
+        "video": evaluate.video.methods,
+    }

@@ -1,0 +1,61 @@
+"""Optical flow: how far patches around features move over the window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sensor import Events
+from sensor.events import concatenate
+from tasks.flow import flow_sample, initial_sigma_px, patch_mask, patch_px, rnepe_px
+from tasks.methods import load_method
+from tasks.study.parts import Setting
+from tasks.study.scorers import Score
+from tasks.study.scorers.light import Light
+
+NATIVE_PATCH = "61 px patch"
+
+
+class FlowScorer:
+    """End-point errors of all features, for each kind of patch."""
+
+    def __init__(self, light: Light, setting: Setting) -> None:
+        self._light, self._setting = light, setting
+        width = setting.model.width
+        self._features = light.features.at(width)
+        self._sides_px = {"": patch_px(width)}
+        if light.part.evaluate.flow.native_patch:
+            self._sides_px[NATIVE_PATCH] = patch_px(width, native=True)
+        largest = max(self._sides_px.values())
+        self._kept = patch_mask(self._features.centres_px, largest, width, width)
+        self._parts: list[Events] = []
+
+    def push(self, events: Events) -> None:
+        """Keep what the patches see of the window."""
+        window = events.between(self._setting.start_us, self._setting.end_us)
+        if len(window) or not self._parts:
+            self._parts.append(window.where(self._kept[window.y, window.x]))
+
+    def scores(self) -> Iterator[Score]:
+        """One score a kind of patch, feature and method."""
+        config, setting, features = self._light.part.evaluate.flow, self._setting, self._features
+        methods = {name: load_method("flow", name) for name in config.methods}
+        initial_px = features.initial_flow_px(config.initial_sigma_px)
+        events = concatenate(self._parts)
+        self._parts = []
+        for variant, side_px in self._sides_px.items():
+            for item in range(len(features)):
+                sample = flow_sample(
+                    events,
+                    setting.start_us,
+                    setting.end_us,
+                    self._light.log_images[features.width],
+                    setting.model.contrast_threshold,
+                    features.centres_px[item],
+                    side_px,
+                    initial_px[item],
+                    initial_sigma_px(features.width, config.initial_sigma_px),
+                )
+                for name, method in methods.items():
+                    estimate = method(sample)
+                    error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
+                    yield Score("flow", name, "rnepe_px", error_px, variant, item, estimate.failure)

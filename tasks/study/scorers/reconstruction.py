@@ -1,0 +1,40 @@
+"""Image reconstruction: what the sum of a window's events makes of the image at its start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sensor import Events
+from tasks.methods import load_method
+from tasks.reconstruction import ReconstructionSample, psnr_db
+from tasks.study.parts import Setting
+from tasks.study.scorers import Score
+from tasks.study.scorers.light import Light
+
+
+class ReconstructionScorer:
+    """PSNR of the image at the window's end."""
+
+    def __init__(self, light: Light, setting: Setting) -> None:
+        self._light, self._setting = light, setting
+        self._sum = np.zeros((setting.model.height, setting.model.width), np.int64)
+
+    def push(self, events: Events) -> None:
+        """Add up the window's polarities."""
+        window = events.between(self._setting.start_us, self._setting.end_us)
+        if len(window):
+            self._sum += window.polarity_sum()
+
+    def scores(self) -> Iterator[Score]:
+        """One score a method."""
+        light, config = self._light, self._light.part.evaluate.reconstruction
+        sample = ReconstructionSample(
+            light.log_start, self._sum.astype(np.float64), self._setting.model.contrast_threshold
+        )
+        for name in config.methods:
+            options = {"upsampling": config.upsampling} if name == "event_integration" else {}
+            prediction = load_method("reconstruction", name)(sample, **options)
+            value = psnr_db(prediction, light.log_end, light.log_white)
+            yield Score("reconstruction", name, "psnr_db", value)

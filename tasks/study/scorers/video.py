@@ -1,0 +1,50 @@
+"""Video: images at regular times along a continuous stretch, from events alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sensor import Events
+from tasks.methods import load_method
+from tasks.study.parts import Setting
+from tasks.study.scorers import Score
+from tasks.study.scorers.light import Light
+from tasks.video import ImageTaker, picture, psnr_db
+
+
+class VideoScorer:
+    """PSNR of each image, which is a sample of its own."""
+
+    def __init__(self, light: Light, setting: Setting) -> None:
+        self._light = light
+        self._config = light.part.evaluate.video
+        model = setting.model
+        self._samples = {round(t_s / setting.speed * 1e6): t_s for t_s in light.video_times_s}
+        self._takers = {
+            name: ImageTaker(
+                load_method("video", name)(model.width, model.height, model.contrast_threshold),
+                self._samples,
+            )
+            for name in self._config.methods
+        }
+        self._scores: list[Score] = []
+
+    def push(self, events: Events) -> None:
+        """Pass the events on, and score the images that are due: they are too large to keep."""
+        for name, taker in self._takers.items():
+            self._score(name, taker.push(events))
+
+    def scores(self) -> Iterator[Score]:
+        """One score an image and method."""
+        for name, taker in self._takers.items():
+            self._score(name, taker.finish())
+        yield from self._scores
+
+    def _score(self, name: str, taken: list) -> None:
+        for t_us, log_image in taken:
+            t_s = self._samples[t_us]
+            truth = self._light.video_picture(t_s)
+            found = picture(log_image, truth.shape, self._config.equalisation)
+            sample = self._light.video_times_s.index(t_s)
+            value = psnr_db(found, truth)
+            self._scores.append(Score("video", name, "psnr_db", value, sample=sample))

@@ -1,0 +1,81 @@
+"""A study from a TOML file: read whole, and refused by file and field."""
+
+import math
+
+import pytest
+
+from sensor import cutoff_in_light
+from tasks.errors import StudyError
+from tasks.study.config import PRESETS, Study
+from tasks.study.study_file import read_study
+
+
+def written(tmp_path, text):
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    return file
+
+
+def test_what_is_left_out_has_its_default(tmp_path):
+    study = read_study(written(tmp_path, 'scenes = ["carpet"]'))
+    assert study == Study(name="mine", scenes=("carpet",))
+
+
+def test_every_field_of_a_study_can_be_said(tmp_path):
+    text = """
+    scenes = ["rocks", "./my_scene"]
+    [render]
+    resolution = 640
+    samples = 2
+    [simulate]
+    widths = [160, 320]
+    cutoffs_hz = [inf, 100]
+    contrast_threshold = 0.3
+    [evaluate.flow]
+    methods = ["photometric_flow", "my_package.flow:estimate"]
+    features = 7
+    """
+    study = read_study(written(tmp_path, text))
+    assert study.scenes == ("rocks", f"{tmp_path}/my_scene")
+    assert (study.render.resolution, study.render.samples) == (640, 2)
+    assert study.simulate.cutoffs_hz == (math.inf, 100.0)
+    assert study.evaluate.flow.methods[1] == "my_package.flow:estimate"
+    assert study.evaluate.tracking == PRESETS["quick"].evaluate.tracking
+
+
+def test_light_stands_for_cutoffs(tmp_path):
+    text = 'scenes = ["carpet"]\n[simulate]\nilluminance_lux = [67, 17]'
+    cutoffs_hz = read_study(written(tmp_path, text)).simulate.cutoffs_hz
+    assert cutoffs_hz == (cutoff_in_light(67), cutoff_in_light(17))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("scenes = 3", r"mine.toml: scenes: found 3, expected a list"),
+        ("", r"mine.toml: scenes: missing"),
+        ('scenes = ["carpet"]\n[render]\nsppp = 4', r"mine.toml: render.sppp: unknown"),
+        ('scenes = ["carpet"]\n[render]\nspp = "4"', r"mine.toml: render.spp: found '4'"),
+        (
+            'scenes = ["carpet"]\n[simulate]\nwidths = [2560]',
+            r"mine.toml: top level: simulate.widths: found 2560 px, finer than",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [0]',
+            r"simulate.cutoffs_hz: found \[0\], expected a list of positive",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [1]\nilluminance_lux = [1]',
+            r"found both",
+        ),
+        ("scenes = [", r"mine.toml: not TOML"),
+    ],
+)
+def test_a_bad_study_is_refused_by_file_and_field(tmp_path, text, message):
+    with pytest.raises(StudyError, match=message):
+        read_study(written(tmp_path, text))
+
+
+def test_a_study_that_is_not_there(tmp_path):
+    with pytest.raises(StudyError, match="no such file"):
+        read_study(tmp_path / "none.toml")
