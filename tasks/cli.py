@@ -14,7 +14,7 @@ import tyro
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from eres_render.errors import RenderError
@@ -382,7 +382,8 @@ def evaluate(
                 stage_task, description=stage, completed=done, total=of
             ),
         )
-    table = Table("method", "variant", "median", "metric", "scores", "failed", box=None)
+    names = Column("method", no_wrap=True), Column("variant", no_wrap=True)
+    table = Table(*names, "median", "metric", "scores", "failed", box=None, pad_edge=False)
     for (name, variant, metric), scored in _by(rows, "method", "variant", "metric").items():
         median = float(np.median([row.value for row in scored]))
         failed = sum(bool(row.failure) for row in scored)

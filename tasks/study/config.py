@@ -139,9 +139,10 @@ class Tracking:
         How far the initial path is off the truth: standard deviations per component of each
         control point. Each is a variant of the task.
     max_events
-        A method gets the events of pixels drawn at random, at most so many events.
+        A method gets the events of pixels drawn at random, at most so many from the path's 14 ms.
     max_delay_us
-        By how much events may be late, for methods that look for it.
+        By how much events may be late, for methods that look for that: they get events after the
+        path's end too.
     seed
         Of the initial paths and of the pixels.
     """
@@ -149,7 +150,7 @@ class Tracking:
     methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
     sigmas_mm: tuple[float, ...] = (2.0,)
     max_events: int = 50_000
-    max_delay_us: int = 0
+    max_delay_us: int = 10_000
     seed: int = 0
 
 

@@ -28,7 +28,9 @@ class TrackingScorer:
         model = setting.model
         # The time of the path is that of the events, which the camera runs through faster.
         self._truth = path_at(self._pose, 0.0)
-        self._end_us = setting.start_us + round(self._truth.duration_s * 1e6) + config.max_delay_us
+        duration_us = round(self._truth.duration_s * 1e6)
+        self._end_us = setting.start_us + duration_us + config.max_delay_us
+        self._max_events = round(config.max_events * (1 + config.max_delay_us / duration_us))
         self._kept = np.zeros((model.height, model.width), bool)
         rng = np.random.default_rng([config.seed, light.part.clip.index])
         chosen = rng.permutation(self._kept.size)[: _PIXELS_PER_EVENT * config.max_events]
@@ -63,7 +65,7 @@ class TrackingScorer:
                 self._pose(np.zeros(1))[0],
                 perturbed(self._truth, 1e-3 * sigma_mm, seed),
                 1e-3 * sigma_mm,
-                max_events=config.max_events,
+                max_events=self._max_events,
                 max_delay_us=config.max_delay_us,
                 seed=seed,
             )
