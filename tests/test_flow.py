@@ -86,14 +86,15 @@ def samples(translating, count, sigma_px, seed=0):
 def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bound_px, warmup_s):
     """Physics: on noise-free events of a pure translation the answer is known.
 
-    The pixels' memories start at the texture's first image, or have moved on from there.
+    The pixels' memories start at the texture's first image, or have moved on from there. A search
+    that starts more than two sigma off may end in another minimum; it is counted at its start.
     """
     sigma_px = 3 * WIDTH / 1280
     moving = translating_texture(warmup_s=warmup_s) if warmup_s else translating
     errors, starts = [], []
     for sample in samples(moving, 50, sigma_px):
         answer = estimate(sample)
-        assert not answer.failure
+        assert not answer.failure or np.linalg.norm(sample.initial - FLOW) > 2 * sigma_px
         errors.append(np.linalg.norm(answer.flow - FLOW))
         starts.append(np.linalg.norm(sample.initial - FLOW))
     assert np.median(starts) > 1
@@ -293,13 +294,21 @@ def test_no_flow_scores_on_events_without_texture():
     assert np.all(moving < mean[0])
 
 
-def test_contrast_maximization_reports_its_bound(translating):
-    """Promise: an answer at four sigma of the initial flow is a failure, with the reason."""
+@pytest.mark.parametrize(
+    ("method", "reason"),
+    [
+        (contrast_maximization, "search ended at its bound"),
+        (photometric_flow, "search ended beyond its bound"),
+    ],
+)
+def test_a_search_that_goes_far_is_a_counted_failure(translating, method, reason):
+    """Promise: beyond four sigma an answer is none; the initial flow stands, with the reason."""
     (sample,) = samples(translating, 1, 1.0)
-    away = replace(sample, initial=FLOW + np.array([3.0, 0.0]), initial_sigma_px=0.4)
-    answer = contrast_maximization.estimate(away)
-    assert answer.failure == "search ended at its bound"
-    assert np.abs(answer.flow - away.initial).max() <= 1.6
+    away = replace(sample, initial=FLOW + np.array([2.0, 0.0]), initial_sigma_px=0.4)
+    answer = method.estimate(away)
+    assert answer.failure == reason
+    np.testing.assert_array_equal(answer.flow, away.initial)
+    assert not method.estimate(replace(away, initial_sigma_px=0.6)).failure
 
 
 def test_too_few_events_is_a_counted_failure(translating):

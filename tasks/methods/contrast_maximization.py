@@ -32,8 +32,7 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
     `objective` is "variance", or "gradient" for the mean squared gradient magnitude. No polarity,
     bilinear votes, Gaussian of 1 px. The image is as large as any flow within the
     bound needs, so no vote is ever lost. The search, Nelder and Mead's, stays within 4 sigma of the
-    initial flow; an answer at the bound is reported as a failure, since plain variance can run away
-    on dense texture.
+    initial flow; an answer at this bound is a failure: contrast can run away on dense texture.
     """
     if len(sample.t) < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
@@ -53,9 +52,9 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 2e-3, "fatol": np.inf, "maxfev": 200},
     )
-    flow = sample.initial + best.x
-    at_bound = np.abs(best.x).max() > 0.98 * reach
-    return FlowEstimate(flow, "search ended at its bound" if at_bound else "")
+    if np.abs(best.x).max() > 0.98 * reach:
+        return FlowEstimate(sample.initial, "search ended at its bound")
+    return FlowEstimate(sample.initial + best.x)
 
 
 class Contrast:

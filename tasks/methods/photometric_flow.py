@@ -25,15 +25,17 @@ from tasks.methods import bicubic
 MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
 DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
+BOUND_SIGMAS = 4.0
 _MAX_STEPS = 100
-_CONVERGED_PX = 1e-4
+_CONVERGED_PX = 1e-3
 
 
 def estimate(sample: FlowSample) -> FlowEstimate:
     """Flow that best explains the brightness steps between consecutive events of each pixel.
 
     Levenberg-Marquardt in two unknowns on Eq. (11) with C known. Only events with one before them
-    at their pixel in this window have a residual.
+    at their pixel in this window have a residual. An answer more than 4 sigma from the initial flow
+    is a failure: the search has run away.
     """
     return _estimate(sample, contrast_is_known=True, has_delay=False)
 
@@ -69,6 +71,9 @@ def _estimate(sample: FlowSample, *, contrast_is_known: bool, has_delay: bool) -
     found, converged = _levenberg_marquardt(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
+    reach = BOUND_SIGMAS * sample.initial_sigma_px
+    if np.abs(found[:2] - sample.initial).max() > reach:
+        return FlowEstimate(sample.initial, "search ended beyond its bound")
     return FlowEstimate(found[:2], delay=float(found[3]))
 
 
@@ -143,13 +148,13 @@ def _levenberg_marquardt(events, L, start, lower, upper):
         trial = np.minimum(np.maximum(unknowns + step, lower), upper)
         trial_cost, trial_gradient, trial_curvature = normal_equations(events, L, trial)
         if trial_cost <= cost:
-            dv, dg, dd = trial[:2] - unknowns[:2], trial[2] - unknowns[2], trial[3] - unknowns[3]
+            moved = trial - unknowns
             speed = np.hypot(trial[0], trial[1])
-            moved = max(np.hypot(dv[0], dv[1]), speed * abs(dd), speed * abs(dg) / trial[2])
+            relative = max(abs(moved[2]) / trial[2], abs(moved[3]))
             unknowns, cost = trial, trial_cost
             gradient, curvature = trial_gradient, trial_curvature
             damping = max(damping * 0.3, 1e-9)
-            if moved < _CONVERGED_PX:
+            if max(np.hypot(moved[0], moved[1]), speed * relative) < _CONVERGED_PX:
                 return unknowns, True
         else:
             damping *= 5.0
