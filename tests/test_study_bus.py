@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from sensor.presets import SENSORS
+from study_rows import paper_rows
 from tasks.study.bus import bus_loads, buses_html
 from tasks.study.judging import EVENT_INTEGRATION
-from tasks.study.tables import Scores
-from test_study_claims import paper_rows
+from tasks.study.scores import Scores
 
 
 def test_a_bus_saturates_above_its_capacity() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from tasks.row import Row
 from tasks.study.choice import choose, choose_all
-from tasks.study.tables import Scores, Series
+from tasks.study.scores import Scores, Series
 
 EI = Series("reconstruction", "event_integration", "psnr_db")
 

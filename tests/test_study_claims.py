@@ -1,62 +1,28 @@
-"""Claims hold, fail or are not measured exactly when the rows say so."""
+"""Claims on events and event integration hold, fail or are not measured as the rows say."""
 
 import math
-from collections.abc import Callable
 
 import pytest
 
+from study_rows import EI, Change, paper_rows
 from tasks.row import Row
 from tasks.study.claims import CLAIMS, judge_all
 from tasks.study.judging import Estimate, Status, Verdict, estimate
-from tasks.study.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.tables import Condition, Scores, Series
+from tasks.study.scaling_claims import SCALING_CLAIMS
+from tasks.study.scores import Condition, Scores
 
-EI = Series("reconstruction", "event_integration", "psnr_db")
 NUMBERS = (3, 4, 5, 6, 7, 8, 9)
-
-Change = Callable[[int, float, float, float], float]  # width, cutoff_hz, speed, value -> value
-
-
-def rate_hz(width: int, cutoff_hz: float) -> float:
-    """8x from 640 to 1280 px in ideal light, 6x otherwise."""
-    return 1e3 * width ** (3.0 if math.isinf(cutoff_hz) else math.log2(6.0))
-
-
-def paper_rows(
-    change: Change = lambda width, cutoff_hz, speed, value: value,
-    rate: Callable[[int, float], float] = rate_hz,
-    samples: int = 9,
-    scenes: tuple[str, ...] = ("carpet", "rocks", "room"),
-) -> list[Row]:
-    """The paper's medians, each sample shifted the same way everywhere, then `change`d."""
-    rows = []
-    for scene in scenes:
-        for width in WIDTHS:
-            for cutoff in CUTOFFS_HZ:
-                for speed in SPEEDS:
-                    median = published(scene, *EI[:2], width, cutoff, speed, EI.metric)
-                    assert median is not None
-                    value = change(width, cutoff, speed, median)
-                    for i in range(samples):
-                        shift = i - (samples - 1) / 2
-                        rows.append(
-                            Row(
-                                *(scene, *EI[:2], width, cutoff, speed, i, EI.metric),
-                                value + shift,
-                                rate(width, cutoff),
-                            )
-                        )
-    return rows
 
 
 def verdict(number: int, rows: list[Row]) -> Verdict:
     return next(v for v in judge_all(rows, {}) if v.number == number)
 
 
-def test_the_claims_are_those_of_event_integration() -> None:
+def test_every_claim_is_judged_once() -> None:
     """Each claim has its number once, in order."""
-    assert [v.number for v in judge_all(paper_rows(), {})] == [1, 2, *NUMBERS]
-    assert len(CLAIMS) == len(NUMBERS)
+    judged = [v.number for v in judge_all(paper_rows(), {})]
+    assert judged == [*range(1, 11), *range(12, 17), *range(18, 22), 24]
+    assert len(judged) == len(SCALING_CLAIMS) + len(CLAIMS)
 
 
 @pytest.mark.parametrize("number", NUMBERS)
@@ -83,7 +49,7 @@ FAILURES: dict[int, Change] = {
 @pytest.mark.parametrize("number", FAILURES)
 def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
     """Each claim's own condition is broken, and it says so."""
-    found = verdict(number, paper_rows(FAILURES[number]))
+    found = verdict(number, paper_rows(EI, FAILURES[number]))
     assert found.status is Status.DOES_NOT_HOLD
     assert "(does not hold)" in found.ours
 
@@ -98,7 +64,7 @@ def test_event_rate_that_only_follows_the_pixels_fails_claim_8() -> None:
 
 def test_daytime_margin_that_is_smaller_but_for_another_winner_fails_claim_4() -> None:
     """By day another width wins: the smaller margin alone is not enough."""
-    found = verdict(4, paper_rows(lambda w, c, s, v: v + 9 * (w == 346 and c == 200)))
+    found = verdict(4, paper_rows(EI, lambda w, c, s, v: v + 9 * (w == 346 and c == 200)))
     assert found.status is Status.DOES_NOT_HOLD
     assert "best 346 px" in found.ours
 
@@ -148,7 +114,7 @@ def _tail(r: Row) -> tuple[int, float, float, int, str, float, float]:
 def test_one_scene_that_fails_settles_it_and_one_that_lacks_rows_does_not() -> None:
     """Fails on any scene: does not hold. Holds on some and lacks rows on others: not measured."""
     carpet = paper_rows(scenes=("carpet",))
-    rocks = paper_rows(FAILURES[3], scenes=("rocks",))
+    rocks = paper_rows(EI, FAILURES[3], scenes=("rocks",))
     assert verdict(3, carpet + rocks).status is Status.DOES_NOT_HOLD
     part = [r for r in paper_rows(scenes=("rocks",)) if r.width != 1280]
     found = verdict(3, carpet + part)

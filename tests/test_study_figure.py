@@ -5,9 +5,10 @@ import math
 import cv2
 import numpy as np
 
+from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.figure import figure_files, tradeoff_figure
-from tasks.study.tables import Scores
+from tasks.study.scores import Scores
 
 
 def scores(nothing_db: float) -> Scores:
@@ -27,17 +28,17 @@ def scores(nothing_db: float) -> Scores:
 
 def test_the_files_are_whole_and_the_same_each_time() -> None:
     """A PNG that decodes, a complete SVG, and no date or random name in them."""
-    files = figure_files(scores(12.0))
+    files = figure_files(scores(12.0), EI)
     assert set(files) == {"png", "svg"}
     assert cv2.imdecode(np.frombuffer(files["png"], np.uint8), cv2.IMREAD_COLOR) is not None
     assert files["svg"].rstrip().endswith(b"</svg>")
-    assert figure_files(scores(12.0)) == files
+    assert figure_files(scores(12.0), EI) == files
 
 
 def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
     """Below, amid and above the scores: no mark within 4 points of the label's box."""
     for nothing_db in (8.0, 9.0, 12.0, 16.0):
-        figure = tradeoff_figure(scores(nothing_db))
+        figure = tradeoff_figure(scores(nothing_db), EI)
         figure.draw_without_rendering()
         for axes in figure.axes:
             legend = axes.get_legend()
@@ -50,3 +51,14 @@ def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
             for line in lines:
                 marks = axes.transData.transform(np.column_stack(line.get_data()))
                 assert not any(box.contains(x, y) for x, y in marks)
+
+
+def test_errors_have_a_logarithmic_axis_and_say_which_way_is_better() -> None:
+    """Errors span decades and less is better; PSNR is in dB already and more is better."""
+    rows = paper_rows(CM, samples=1)
+    flow = tradeoff_figure(Scores(rows + nothing_rows(rows, 3.5)), CM).axes[0]
+    assert flow.get_yscale() == "log"
+    assert flow.get_ylabel() == "RNEPE [px], less is better"
+    psnr = tradeoff_figure(scores(12.0), EI).axes[0]
+    assert psnr.get_yscale() == "linear"
+    assert psnr.get_ylabel() == "PSNR [dB]"

@@ -102,7 +102,9 @@ def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
 def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
     """The figure as PNG and SVG, and the tables as CSV, a line a cell."""
     html_of(tmp_path, paper_rows())
-    assert {p.name for p in (tmp_path / "figures").iterdir()} == {"tradeoff.png", "tradeoff.svg"}
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {
+        *("tradeoff_event_integration.png", "tradeoff_event_integration.svg")
+    }
     assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6
 
 

@@ -8,19 +8,17 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row
+from tasks.study.scores import Condition, Scores, Series
 from tasks.study.tables import (
-    Condition,
-    Scores,
-    Series,
     comparison_table,
+    main_tables,
     to_csv,
     to_html,
     to_rich,
 )
-
-EI = Series("reconstruction", "event_integration", "psnr_db")
 
 
 def row(width: int, sample: int, value: float, **changes: object) -> Row:
@@ -91,7 +89,7 @@ def test_a_condition_that_was_not_run_prints_as_missing() -> None:
     assert table.blocks[0].lines[1].entries[1].cell.median is None
     records = list(csv.DictReader(io.StringIO(to_csv([table]))))
     night_1280 = next(r for r in records if (r["width"], r["cutoff_hz"]) == ("1280", "50.0"))
-    assert (night_1280["samples"], night_1280["median"], night_1280["best"]) == ("0", "", "0")
+    assert (night_1280["values"], night_1280["median"], night_1280["best"]) == ("0", "", "0")
 
 
 def test_speeds_select_the_layout() -> None:
@@ -121,13 +119,106 @@ def test_every_rendering_has_the_same_numbers() -> None:
 
 
 def test_contradictory_rows_are_refused() -> None:
-    """The same sample twice, or a do-nothing score that depends on the sensor, is an error."""
-    with pytest.raises(ResultError, match="two rows of sample 0"):
+    """The same item of the same sample twice is an error; another item or variant is not."""
+    with pytest.raises(ResultError, match="two rows of sample 0, item 0"):
         Scores([*grid(), row(128, 0, 1.0)])
+    other = replace(row(128, 0, 1.0), variant="other")
+    assert len(Scores([*grid(), row(128, 0, 1.0, item=1), other]).series()) == 2
+
+
+def test_doing_nothing_has_a_line_for_each_width_where_they_differ() -> None:
+    """One line where all widths agree; each its own where not, none hidden."""
     rows = grid()
     rows[-1] = replace(rows[-1], value=13.0)
-    with pytest.raises(ResultError, match=r"no_events on carpet, sample 2.*expected the same"):
-        comparison_table(Scores(rows), EI)
+    rows[-2] = replace(rows[-2], value=13.0)
+    lines = comparison_table(Scores(rows), EI).blocks[0].lines[2:]
+    assert [(line.width, line.entries[0].cell.median) for line in lines] == [
+        (128, 12.0),
+        (1280, 13.0),
+    ]
+    assert "no events, 1280 px" in terminal_text(rows)
+
+
+def test_a_score_that_does_not_beat_doing_nothing_is_struck_out() -> None:
+    """128 px scores 16 dB, nothing 17 dB: struck out in HTML and 0 in the CSV; 1280 px is not."""
+    rows = [replace(r, value=17.0) if r.method == "no_events" else r for r in grid()]
+    table = comparison_table(Scores(rows), EI)
+    assert "<s>16.00</s>" in to_html(table)
+    assert "<s>25.00</s>" not in to_html(table)
+    records = list(csv.DictReader(io.StringIO(to_csv([table]))))
+    assert [r["beats_nothing"] for r in records] == ["0", "1", ""]
+
+
+def flow_rows(variant: str = "") -> list[Row]:
+    """One sample of three features at 640 px: 1, 2 and a failed one at 4 px."""
+    flow = ("carpet", "flow", "photometric_flow", 640, math.inf, 1.0, 0, "rnepe_px")
+    rows = [Row(*flow, value, 1e6, variant, i) for i, value in enumerate((1.0, 2.0, 4.0))]
+    rows[2] = replace(rows[2], failure="3 events")
+    return rows + [replace(r, method="initial_flow", value=4.0, failure="") for r in rows]
+
+
+def test_failed_items_count_and_are_shown() -> None:
+    """The median is over all three features; native px are half at 640 px; a third failed."""
+    series = Series("flow", "photometric_flow", "rnepe_px")
+    table = comparison_table(Scores(flow_rows()), series)
+    assert table.blocks[0].lines[0].entries[0].cell.median == 2.0
+    page = to_html(table)
+    for cell in ('<td class="ours"><strong>2.00', '<td class="rate">1.00</td>', ">33%</td>"):
+        assert cell in page
+    (record, nothing) = csv.DictReader(io.StringIO(to_csv([table])))
+    assert (record["native_px"], record["failure_share"]) == ("1", "0.333333")
+    assert (nothing["method"], nothing["median"], nothing["failure_share"]) == (
+        *("initial_flow", "4"),
+        "",
+    )
+    assert Scores(flow_rows()).failures(series) == {"n events": 1}
+
+
+def test_variants_are_series_of_their_own() -> None:
+    """A patch of another size has its own table, and the usual baseline if it has none."""
+    rows = flow_rows() + [r for r in flow_rows("61 px patch") if r.method == "photometric_flow"]
+    usual, native = Scores(rows).series()
+    assert (usual.variant, native.variant) == ("", "61 px patch")
+    line = comparison_table(Scores(rows), native).blocks[0].lines[-1]
+    assert line.entries[0].cell.median == 4.0
+
+
+def test_a_lost_item_leaves_a_gap() -> None:
+    """Two of three features at 1280 px: no median there, though each sample has some."""
+    finer = [replace(r, width=1280) for r in flow_rows()]
+    rows = flow_rows() + [r for r in finer if r.item != 1]
+    table = comparison_table(Scores(rows), Series("flow", "photometric_flow", "rnepe_px"))
+    assert table.blocks[0].lines[1].entries[0].cell.median is None
+    assert "– (2 of 3)" in to_html(table)
+
+
+def test_tables_fit_a_terminal() -> None:
+    """Three cutoffs with large errors and all successes: nothing is cut off at 80 columns."""
+    for series, nothing in ((EI, 12.0), (EPF, 3.5), (EPPT, 8.0)):
+        rows = paper_rows(series, samples=1, scenes=["carpet"], rate=lambda *_: 987e6)
+        scores = Scores(rows + nothing_rows(rows, nothing))
+        (table,) = main_tables(scores)
+        console = Console(width=80, file=io.StringIO(), color_system=None)
+        console.print(to_rich(table))
+        assert "…" not in console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_main_tables_leave_out_variants_and_our_changes() -> None:
+    """The paper's methods and a user's own, at base speed, tracking at the judged perturbation."""
+    methods = ("photometric_flow", "photometric_flow_with_delay", "mine.flow:estimate")
+    rows = [row for m in methods for row in paper_rows(EPF, samples=1, method=m)]
+    rows += paper_rows(EPF._replace(variant="61 px patch"), samples=1)
+    for variant in ("sigma 2 mm", "sigma 5 mm", "sigma 10 mm"):
+        failure = "no convergence" if variant == "sigma 10 mm" else ""
+        of_variant = paper_rows(EPPT._replace(variant=variant), samples=1)
+        rows += [replace(r, failure=failure) for r in of_variant]
+    tables = main_tables(Scores(rows))
+    assert [(t.series.method, t.series.variant) for t in tables] == [
+        ("photometric_flow", ""),
+        ("mine.flow:estimate", ""),
+        ("photometric_tracking", "sigma 5 mm"),
+    ]
+    assert {block.speed for t in tables for block in t.blocks} == {1.0}
 
 
 def test_unknown_names_and_empty_runs_are_refused() -> None:

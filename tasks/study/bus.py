@@ -7,16 +7,10 @@ from dataclasses import dataclass
 from html import escape
 
 from sensor.presets import SENSORS, SensorPreset
+from tasks.study.labels import MISSING, cutoff_detail, cutoff_label, rate_label
 from tasks.study.markup import scrolling
-from tasks.study.tables import (
-    MISSING,
-    Condition,
-    Scores,
-    Series,
-    cutoff_detail,
-    cutoff_label,
-    rate_label,
-)
+from tasks.study.scores import Condition, Scores, Series
+from tasks.study.tables import base_speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,22 +68,24 @@ def bus_loads(
 
 def buses_html(scores: Scores, series: Series) -> str:
     """Render a table for each scene: cameras down, cutoffs across, base speed to highest."""
-    tables = [_table(scores, series, scene) for scene in scores.scenes(series)]
-    if not any(tables):
+    tables = list(filter(None, (_table(scores, series, s) for s in scores.scenes(series))))
+    if not tables:
         return ""
+    others = f"<details><summary>Other scenes</summary>{''.join(tables[1:])}</details>"
     low, high = _speeds(scores, series)
     speeds = f"at speed {low:.2g}" if low == high else f"at speed {low:.2g} → {high:.2g}"
     return (
         "<h3>Which resolution survives its own bus</h3>"
         f'<p class="lead">Mean events a second {speeds} on the pixels of real cameras of these '
         "widths, in Mev/s, and how much of their bus that takes. Above 100&#8239;% events queue "
-        "until they are dropped; peaks do so earlier.</p>" + "".join(tables)
+        "until they are dropped; peaks do so earlier.</p>"
+        + tables[0]
+        + (others if tables[1:] else "")
     )
 
 
 def _speeds(scores: Scores, series: Series) -> tuple[float, float]:
-    speeds = scores.speeds(series)
-    return min(speeds, key=lambda speed: abs(speed - 1)), max(speeds)
+    return base_speed(scores, series), max(scores.speeds(series))
 
 
 def _table(scores: Scores, series: Series, scene: str) -> str:

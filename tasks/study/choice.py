@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, estimate
-from tasks.study.tables import METRICS, Cell, Condition, Scores, Series
+from tasks.study.scores import METRICS, Cell, Condition, Scores, Series
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,7 @@ def choose(
 ) -> Choice | None:
     """Choose a width for one condition, or None where a width has not all samples."""
     metric = METRICS[series.metric]
-    sign = 1.0 if metric.higher_is_better else -1.0
+    sign = metric.sign
     cells = {}
     medians: dict[int, float] = {}
     rates: dict[int, float] = {}
@@ -88,8 +90,8 @@ def choose(
     best = max(medians, key=lambda width: sign * medians[width])
     enough = min(w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible)
     tied = None
-    if len(cells[best].values) >= MIN_SAMPLES_FOR_INTERVAL:
-        tied = next(width for width, cell in cells.items() if _tied(cells[best], cell, scene, sign))
+    if cells[best].samples >= MIN_SAMPLES_FOR_INTERVAL:
+        tied = next(width for width, cell in cells.items() if _tied(cells[best], cell, sign))
     return Choice(
         scene=scene,
         cutoff_hz=cutoff_hz,
@@ -99,15 +101,15 @@ def choose(
         best=best,
         enough=enough,
         tied=tied,
-        nothing=scores.baseline(series, scene, cutoff_hz, speed).median,
+        nothing=scores.baseline(series, Condition(scene, best, cutoff_hz, speed)).median,
         higher_is_better=metric.higher_is_better,
     )
 
 
-def _tied(best: Cell, other: Cell, scene: str, sign: float) -> bool:
+def _tied(best: Cell, other: Cell, sign: float) -> bool:
     """Whether the interval of the paired difference of medians reaches zero."""
-    one, two = Condition(scene, 1, 0.0, 0.0), Condition(scene, 2, 0.0, 0.0)
-    lead = estimate({one: best, two: other}, lambda m: sign * (m[one] - m[two]))
+    cells = {"best": best, "other": other}
+    lead = estimate(cells, lambda m: np.asarray(sign * (m["best"] - m["other"])))
     return lead.low is None or lead.low <= 0
 
 
@@ -117,5 +119,5 @@ def choose_all(scores: Scores, series: Series) -> Choices:
         (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed)
         for scene in scores.scenes(series)
         for cutoff in scores.cutoffs_hz(series)
-        for speed in scores.speeds(series)
+        for speed in scores.speeds(series, scene)
     }

@@ -7,26 +7,28 @@ from html import escape
 
 from tasks.study.choice import Choice, Choices
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL
-from tasks.study.markup import join_words, scrolling
-from tasks.study.tables import (
-    METRICS,
+from tasks.study.labels import (
     MISSING,
-    Series,
     cutoff_detail,
     cutoff_label,
-    number_text,
     rate_label,
     speed_label,
 )
+from tasks.study.markup import join_words, scrolling
+from tasks.study.scores import METRICS, Series
 
 
-def answer_html(choices: Choices, series: Series) -> str:
-    """Say what is enough in the hardest and in the easiest condition of the run."""
+def answer_html(choices: Choices, series: Series, *, named: bool = False) -> str:
+    """Say what is enough in the hardest and in the easiest condition that all scenes have.
+
+    `named` puts the series before it, for a page that answers for several.
+    """
     scenes = list(dict.fromkeys(scene for scene, _, _ in choices))
-    cutoffs = [cutoff for _, cutoff, _ in choices]
-    speeds = [speed for _, _, speed in choices]
+    common = set.intersection(*({key[1:] for key in choices if key[0] == s} for s in scenes))
+    hardest = min(common, key=lambda one: (one[0], -one[1]))
+    easiest = min(common, key=lambda one: (-one[0], one[1]))
     sentences = []
-    for cutoff, speed in ((min(cutoffs), max(speeds)), (max(cutoffs), min(speeds))):
+    for cutoff, speed in (hardest, easiest):
         found = {scene: choices[scene, cutoff, speed] for scene in scenes}
         light = {"ideal": "In ideal light", "day": "By day", "night": "At night"}.get(
             cutoff_label(cutoff), f"At a cutoff of {cutoff:g} Hz"
@@ -37,7 +39,10 @@ def answer_html(choices: Choices, series: Series) -> str:
         answer = f"On {escape(scenes[0])}, {answer[0].lower()}{answer[1:]}"
     for unit in ("px", METRICS[series.metric].unit):
         answer = answer.replace(f" {unit}", f"&nbsp;{unit}")
-    return f'<p class="answer">{answer}</p>'
+    if not named:
+        return f'<p class="answer">{answer}</p>'
+    title = escape(series.title[0].upper() + series.title[1:])
+    return f'<p class="answer several"><span class="task">{title}</span> {answer}</p>'
 
 
 def _enough_text(found: Mapping[str, Choice | None], series: Series) -> str:
@@ -86,7 +91,7 @@ def _gain_text(choices: Iterable[Choice], series: Series) -> str:
     gains = [choice.gain for choice in choices if choice.gain is not None]
     if not gains:
         return ""
-    low, high = (number_text(gain, metric.decimals) for gain in (min(gains), max(gains)))
+    low, high = (metric.text(gain) for gain in (min(gains), max(gains)))
     return f"{low if low == high else f'{low} to {high}'} {metric.unit} better than doing nothing"
 
 
@@ -108,14 +113,13 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
     """Render a table of choices for each scene: speeds down, cutoffs across."""
     metric = METRICS[series.metric]
     parts = [
-        f'<p class="lead">{escape(series.title.capitalize())}. In each place: the smallest width '
+        f'<p class="lead">In each place: the smallest width '
         f"whose median is within {metric.negligible:g} {metric.unit} of the best, and what it "
         "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
         f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
         "Struck out: even the best does not beat doing nothing.</p>"
     ]
     cutoffs = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
-    speeds = list(dict.fromkeys(speed for _, _, speed in choices))
     heads = "".join(
         f'<th scope="col">{escape(cutoff_label(c))} <small>{escape(cutoff_detail(c))}</small></th>'
         for c in cutoffs
@@ -125,7 +129,7 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
             f'<tr><th scope="row">{escape(speed_label(scene, speed))}</th>'
             + "".join(_choice_cell(choices[scene, cutoff, speed], series) for cutoff in cutoffs)
             + "</tr>"
-            for speed in speeds
+            for speed in dict.fromkeys(speed for where, _, speed in choices if where == scene)
         )
         table = (
             f'<table class="choice"><caption><span>{escape(scene)}</span></caption>'
@@ -139,19 +143,19 @@ def _choice_cell(choice: Choice | None, series: Series) -> str:
     if choice is None:
         return f"<td>{MISSING}<br><small>not all samples measured</small></td>"
     metric = METRICS[series.metric]
-    score = number_text(choice.scores[choice.enough], metric.decimals)
+    score = metric.text(choice.scores[choice.enough])
     facts = [f"{score} {metric.unit} at {rate_label(choice.event_rates_hz[choice.enough])} Mev/s"]
     if choice.enough == choice.best:
         facts.append("the best")
     else:
         saving = choice.saving(choice.best)
         fewer = "" if saving is None else f", {_times(saving)} times the events"
-        loss = f"{number_text(choice.loss, metric.decimals)} {metric.unit}"
+        loss = f"{metric.text(choice.loss)} {metric.unit}"
         facts.append(f"best {choice.best} px: {loss} better{fewer}")
     if choice.tied is not None and choice.tied != choice.enough:
         facts.append(f"tied: {choice.tied} px")
     if choice.nothing is not None and not choice.worthwhile:
-        facts.append(f"doing nothing: {number_text(choice.nothing, metric.decimals)} {metric.unit}")
+        facts.append(f"doing nothing: {metric.text(choice.nothing)} {metric.unit}")
     kind = "" if choice.worthwhile else ' class="worthless"'
     small = "".join(f"<small>{escape(fact)}</small><br>" for fact in facts)
     return f"<td{kind}><b>{choice.enough} px</b>{small}</td>"

@@ -1,4 +1,4 @@
-"""The trade-off as a static figure, and the colours and marks of the resolutions."""
+"""The trade-offs as static figures, and the colours and marks of the resolutions."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import io
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from tasks.study.plot_data import Plot, plot_data
-from tasks.study.tables import Scores
+from tasks.study.scores import Scores, Series
 
 # One colour for each resolution, from coarse to fine: on a light and on a dark page. They differ in
 # lightness as well as in hue, and each resolution also has its own mark, the same in report.js.
@@ -27,8 +27,8 @@ COLOURS = (
 _MARKS = ("o", "s", "^", "D", "v")
 
 
-def figure_files(scores: Scores) -> dict[str, bytes]:
-    """Draw the trade-off as PNG and SVG, the same bytes for the same scores.
+def figure_files(scores: Scores, series: Series) -> dict[str, bytes]:
+    """Draw a trade-off as PNG and SVG, the same bytes for the same scores.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def figure_files(scores: Scores) -> dict[str, bytes]:
             "svg.hashsalt": "eres",
         }
     ):
-        figure = tradeoff_figure(scores)
+        figure = tradeoff_figure(scores, series)
         for kind, options in {
             "png": {"dpi": 160, "metadata": {"Software": None}},
             "svg": {"metadata": {"Date": None}},
@@ -58,13 +58,9 @@ def figure_files(scores: Scores) -> dict[str, bytes]:
     return files
 
 
-def tradeoff_figure(scores: Scores) -> Figure:
-    """Draw the trade-off: a row for every series and scene, a panel for every cutoff."""
-    plots = [
-        (scene, plot_data(scores, one, scene))
-        for one in scores.series()
-        for scene in scores.scenes(one)
-    ]
+def tradeoff_figure(scores: Scores, series: Series) -> Figure:
+    """Draw the trade-off of one series: a row for every scene, a panel for every cutoff."""
+    plots = [(scene, plot_data(scores, series, scene)) for scene in scores.scenes(series)]
     columns = max(len(plot["panels"]) for _, plot in plots)
     figure = Figure(figsize=(3.3 * columns, 3.1 * len(plots)), layout="constrained")
     grid = figure.subplots(len(plots), columns, sharex="row", sharey="row", squeeze=False)
@@ -82,7 +78,12 @@ def _draw_row(row: list[Axes], scene: str, plot: Plot) -> None:
         axes.set_xscale("log")
         axes.xaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{rate:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
-        axes.margins(x=0.08, y=0.15)  # room for the labels above and for the legend below
+        if plot["log"]:
+            axes.set_yscale("log")
+            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda score, _: f"{score:g}"))
+            axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.margins(x=0.08, y=0.15)  # room for labels at one end and the legend at the other
         axes.set_xlabel("event rate [Mev/s]")
         nothing = [
             axes.axhline(score, color="#1d2126", linestyle="--", linewidth=1)
@@ -92,7 +93,7 @@ def _draw_row(row: list[Axes], scene: str, plot: Plot) -> None:
             axes.legend(
                 nothing[:1],
                 [panel["baseline_label"]],
-                loc="lower right",
+                loc=f"{'upper' if plot['less_is_better'] else 'lower'} right",
                 frameon=False,
                 fontsize=8,
                 labelcolor="#5b646e",
@@ -111,7 +112,8 @@ def _draw_row(row: list[Axes], scene: str, plot: Plot) -> None:
             axes.annotate(
                 str(width),
                 (rates[0], values[0]),
-                xytext=(0, 6),
+                xytext=(0, -6 if plot["less_is_better"] else 6),
+                va="top" if plot["less_is_better"] else "bottom",
                 textcoords="offset points",
                 ha="center",
                 color=colour,

@@ -7,24 +7,24 @@ with the same sample indices).
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Callable, Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypeVar
 
 import numpy as np
 
+from tasks.study.labels import cutoff_label, number_text
 from tasks.study.markup import join_words
-from tasks.study.paper import BASE_SPEED_M_PER_S
-from tasks.study.tables import Cell, Condition, Scores, Series, cutoff_label, number_text
+from tasks.study.paper import BASE_SPEED_M_PER_S, WIDTHS, published
+from tasks.study.scores import Cell, Condition, Scores, Series
 
 MIN_SAMPLES_FOR_INTERVAL = 6
 """From 6 samples on, smallest and largest sample enclose the median with 95 % probability; with
 fewer, no interval made of the samples can."""
 
 EVENT_INTEGRATION = Series("reconstruction", "event_integration", "psnr_db")
-
-_DRAWS = 2000
 
 
 class Status(StrEnum):
@@ -60,6 +60,7 @@ class Verdict:
 
 Medians = Mapping[Condition, np.ndarray]  # each () from the samples, or (draws,) from resamples
 Statistic = Callable[[Medians], np.ndarray]
+Key = TypeVar("Key")
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,20 +85,21 @@ class Estimate:
 
 
 def estimate(
-    cells: Mapping[Condition, Cell],
-    statistic: Statistic,
-    of: Callable[[Cell], np.ndarray] = lambda cell: cell.values,
+    cells: Mapping[Key, Cell],
+    statistic: Callable[[Mapping[Key, np.ndarray]], np.ndarray],
+    *,
+    of_rates: bool = False,
 ) -> Estimate:
     """Evaluate a statistic of medians, with a percentile bootstrap interval over samples.
 
     Parameters
     ----------
     cells
-        Complete cells; those of one scene hold the same samples in the same order.
+        Complete cells by any key; those of one scene hold the same samples.
     statistic
         Takes the median of each cell, as an array of any shape, and returns that shape.
-    of
-        What to take the median of: the scores by default, or the event rates.
+    of_rates
+        Take the medians of the event rates instead of those of the scores.
 
     Returns
     -------
@@ -105,20 +107,24 @@ def estimate(
         Seeded by the scene's name, so independent of order; without an interval if a cell has fewer
         than `MIN_SAMPLES_FOR_INTERVAL` samples.
     """
-    value = float(statistic({where: np.median(of(cell)) for where, cell in cells.items()}))
-    if min(len(cell.values) for cell in cells.values()) < MIN_SAMPLES_FOR_INTERVAL:
+    value = float(
+        statistic(
+            {
+                where: np.array(cell.event_rate_hz if of_rates else cell.median)
+                for where, cell in cells.items()
+            }
+        )
+    )
+    if min(cell.samples for cell in cells.values()) < MIN_SAMPLES_FOR_INTERVAL:
         return Estimate(value, None, None)
-    draws = {
-        where: np.median(of(cell)[_resampled_indices(where.scene, len(cell.values))], axis=1)
-        for where, cell in cells.items()
-    }
-    low, high = np.percentile(statistic(draws), [2.5, 97.5])
+    draws = statistic(
+        {
+            where: cell.resampled_rates_hz if of_rates else cell.resampled
+            for where, cell in cells.items()
+        }
+    )
+    low, high = np.percentile(draws, [2.5, 97.5])
     return Estimate(value, float(low), float(high))
-
-
-def _resampled_indices(scene: str, samples: int) -> np.ndarray:
-    rng = np.random.default_rng([zlib.crc32(scene.encode()), samples])
-    return rng.integers(samples, size=(_DRAWS, samples))
 
 
 Check = Callable[[str, Mapping[Condition, Cell]], tuple[bool | None, str]]
@@ -126,6 +132,7 @@ Check = Callable[[str, Mapping[Condition, Cell]], tuple[bool | None, str]]
 
 def judge_scenes(
     scores: Scores,
+    series: Series,
     conditions: Iterable[tuple[int, float, float]],
     check: Check,
     *,
@@ -134,70 +141,97 @@ def judge_scenes(
     statement: str,
     paper: str,
     note: str,
+    scenes: Sequence[str] = (),
     of_samples: bool = True,
 ) -> Verdict:
-    """Judge scene by scene on event integration's rows.
+    """Judge scene by scene on the rows of one series.
 
     Parameters
     ----------
+    series
+        Whose rows.
     conditions
         The (width, cutoff, speed) whose rows `check` needs.
     check
         Takes a scene and its cells; returns whether the claim holds there (None: cannot be told)
         and our numbers in words.
+    scenes
+        The scenes that the claim is about; all of the run if empty.
     of_samples
         Whether the numbers are medians over the samples, which can be too few for an interval.
     """
     needed = list(conditions)
-    scenes = scores.scenes(EVENT_INTEGRATION)
+    run = [scene for scene in scores.scenes(series) if not scenes or scene in scenes]
     outcomes: dict[str, bool | None] = {}
     texts = []
-    for scene in scenes:
+    for scene in run:
         cells = {
-            Condition(scene, *c): scores.cell(EVENT_INTEGRATION, Condition(scene, *c))
-            for c in needed
+            where: scores.cell(series, where) for where in (Condition(scene, *c) for c in needed)
         }
-        missing = [where for where, cell in cells.items() if not cell.complete]
-        if missing:
-            outcomes[scene] = None
-            texts.append(f"{scene}: not measured, {_missing_text(missing, cells)}")
+        if missing := missing_text(cells):
+            outcomes[scene], text = None, missing
         else:
             outcomes[scene], text = check(scene, cells)
-            failed = " (does not hold)" if outcomes[scene] is False else ""
-            texts.append(f"{scene}: {text}{failed}")
-    if False in outcomes.values():
-        status = Status.DOES_NOT_HOLD
-    elif None in outcomes.values() or not outcomes:
-        status = Status.NOT_MEASURED
-    else:
-        status = Status.HOLDS
-    ours = "\n".join(texts) or "no rows of event integration"
-    judged = [scene for scene in scenes if outcomes[scene] is not None]
-    note = f"{note} {_scope_text(judged, scores, of_samples)}".strip()
-    return Verdict(number, title, statement, status, ours, paper, note)
+        failed = " (does not hold)" if outcomes[scene] is False else ""
+        texts.append(f"{scene}: {text}{failed}")
+    where = f" on {join_words(scenes, 'or')}" if scenes else ""
+    ours = "\n".join(texts) or f"no rows of {series.name}{where}"
+    judged = [scene for scene in run if outcomes[scene] is not None]
+    claimed = scenes or [scene for scene in BASE_SPEED_M_PER_S if _in_paper(scene, series)]
+    scope = _scope_text(scores, series, judged, claimed, of_samples)
+    note = f"{note} {scope}".strip()
+    return Verdict(number, title, statement, status_of(outcomes.values()), ours, paper, note)
 
 
-def _missing_text(missing: list[Condition], cells: Mapping[Condition, Cell]) -> str:
+def status_of(outcomes: Iterable[bool | None]) -> Status:
+    """One contradiction settles it; what is not measured, or nothing at all, never holds."""
+    found = set(outcomes)
+    if False in found:
+        return Status.DOES_NOT_HOLD
+    return Status.HOLDS if found == {True} else Status.NOT_MEASURED
+
+
+def missing_text(cells: Mapping[Condition, Cell]) -> str:
+    """Name the cells that are not complete; nothing where all are."""
+    missing = [where for where, cell in cells.items() if not cell.complete]
+    if not missing:
+        return ""
+
     def name(where: Condition) -> str:
         cell = cells[where]
-        found = f" has {len(cell.values)} of {cell.expected} samples" if len(cell.values) else ""
+        per_sample = "values" if len(cell.values) > cell.samples else "samples"
+        count = f" has {len(cell.values)} of {cell.expected} {per_sample}"
+        found = count if len(cell.values) else ""
         return f"{where.width} px, {cutoff_label(where.cutoff_hz)}, speed {where.speed:.2g}{found}"
 
     more = f" and {len(missing) - 2} more" if len(missing) > 2 else ""
-    return f"missing {'; '.join(name(where) for where in missing[:2])}{more}"
+    return f"not measured, missing {'; '.join(name(where) for where in missing[:2])}{more}"
 
 
-def _scope_text(judged: list[str], scores: Scores, of_samples: bool) -> str:
+def _in_paper(scene: str, series: Series) -> bool:
+    return any(
+        published(scene, series.task, series.method, width, math.inf, 1.0, series.metric)
+        for width in WIDTHS
+    )
+
+
+def _scope_text(
+    scores: Scores,
+    series: Series,
+    judged: Sequence[str],
+    claimed: Sequence[str],
+    of_samples: bool,
+) -> str:
     """Say what the verdict rests on, where that is less than the paper's."""
     if not judged:
         return ""
-    unseen = [scene for scene in BASE_SPEED_M_PER_S if scene not in judged]
-    parts = [f"on {join_words(judged)} only"] if unseen else []
-    few = min(scores.samples(EVENT_INTEGRATION, scene) for scene in judged)
+    unseen = [scene for scene in claimed if scene not in judged]
+    parts = [f"Judged on {join_words(judged)} only"] if unseen else []
+    few = min(scores.samples(series, scene) for scene in judged)
     if of_samples and few < MIN_SAMPLES_FOR_INTERVAL:
         plural = "sample" if few == 1 else "samples"
         parts.append(f"{few} {plural}, too few for an interval ({MIN_SAMPLES_FOR_INTERVAL} needed)")
-    return f"Judged {'; '.join(parts)}." if parts else ""
+    return f"{'; '.join(parts)}." if parts else ""
 
 
 def unsettled(estimated: Estimate, bound: float = 0.0) -> str:

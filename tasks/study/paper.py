@@ -92,7 +92,7 @@ _TABLES = (
     ),
     _Table(
         "tab:app:image_recons_comp",
-        "reconstruction",
+        "video",
         "e2vid",
         "psnr_db",
         SPEEDS,
@@ -108,7 +108,7 @@ _TABLES = (
     ),
     _Table(
         "tab:app:image_recons_comp",
-        "reconstruction",
+        "video",
         "high_pass_filter",
         "psnr_db",
         SPEEDS,

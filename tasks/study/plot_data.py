@@ -1,23 +1,19 @@
-"""The points of the trade-off plots, for the page's script and for the static figure."""
+"""The points of the trade-off plots, for the page's script and for the static figures."""
 
 from __future__ import annotations
 
 from typing import TypedDict
 
 from tasks.study.judging import estimate
-from tasks.study.paper import published
-from tasks.study.tables import (
-    BASELINES,
-    METRICS,
-    Condition,
-    Scores,
-    Series,
+from tasks.study.labels import (
     cutoff_detail,
     cutoff_label,
-    number_text,
     rate_label,
+    share_text,
     speed_label,
 )
+from tasks.study.paper import published
+from tasks.study.scores import METRICS, TASKS, Condition, Scores, Series, method_label
 
 
 class Point(TypedDict):
@@ -44,6 +40,8 @@ class Plot(TypedDict):
 
     title: str
     axis: str
+    less_is_better: bool  # labels then stand below the first point: errors rise with speed
+    log: bool  # the axis of the scores: errors span decades
     widths: list[int]
     panels: list[Panel]
 
@@ -51,32 +49,38 @@ class Plot(TypedDict):
 def plot_data(scores: Scores, series: Series, scene: str) -> Plot:
     """Collect one plot: a panel for each cutoff, a point wherever all samples are there."""
     metric = METRICS[series.metric]
+    panels = [_panel(scores, series, scene, cutoff) for cutoff in scores.cutoffs_hz(series)]
+    better = "" if metric.higher_is_better else ", less is better"
+    values = [point["score"] for panel in panels for point in panel["points"]]
+    values += [score for panel in panels for score in panel["baselines"]]
     return {
         "title": f"{scene}, {series.title}",
-        "axis": f"{metric.label} [{metric.unit}]",
+        "axis": f"{metric.label} [{metric.unit}]{better}",
+        "less_is_better": not metric.higher_is_better,
+        "log": not metric.higher_is_better and min(values, default=0.0) > 0,
         "widths": scores.widths(series),
-        "panels": [_panel(scores, series, scene, cutoff) for cutoff in scores.cutoffs_hz(series)],
+        "panels": panels,
     }
 
 
 def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Panel:
-    baselines = _baselines(scores, series, scene, cutoff_hz)
-    values = [number_text(score, METRICS[series.metric].decimals) for score in baselines]
-    points = [
-        _point(scores, series, index, Condition(scene, width, cutoff_hz, speed))
-        for index, width in enumerate(scores.widths(series))
-        for speed in scores.speeds(series)
+    where = [
+        Condition(scene, width, cutoff_hz, speed)
+        for width in scores.widths(series)
+        for speed in scores.speeds(series, scene)
     ]
+    baselines = _baselines(scores, series, where)
+    points = [_point(scores, series, condition) for condition in where]
     return {
         "label": cutoff_label(cutoff_hz),
         "detail": cutoff_detail(cutoff_hz),
         "points": [point for point in points if point],
         "baselines": baselines,
-        "baseline_label": f"{BASELINES[series.task].replace('_', ' ')} {', '.join(values)}",
+        "baseline_label": _baseline_label(series, baselines),
     }
 
 
-def _point(scores: Scores, series: Series, index: int, where: Condition) -> Point | None:
+def _point(scores: Scores, series: Series, where: Condition) -> Point | None:
     """Collect one point, or None where samples are missing or there were no events."""
     cell = scores.cell(series, where)
     if cell.median is None or not cell.event_rate_hz:
@@ -92,12 +96,23 @@ def _point(scores: Scores, series: Series, index: int, where: Condition) -> Poin
     scene, width, cutoff_hz, speed = where
     paper = published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
     if paper is not None:
-        lines.append(f"paper: {number_text(paper, metric.decimals)} {metric.unit}")
+        lines.append(f"paper: {metric.text(paper)} {metric.unit}")
+    if cell.failed.any():
+        lines.append(f"failed: {share_text(cell.failure_share)}")
+    index = scores.widths(series).index(width)
     rate_mev_s = cell.event_rate_hz / 1e6
     return {"series": index, "rate": rate_mev_s, "score": cell.median, "lines": lines}
 
 
-def _baselines(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> list[float]:
-    """The different medians of doing nothing over the speeds; usually one."""
-    cells = [scores.baseline(series, scene, cutoff_hz, s) for s in scores.speeds(series)]
+def _baselines(scores: Scores, series: Series, where: list[Condition]) -> list[float]:
+    """The different medians of doing nothing over widths and speeds; usually one."""
+    cells = [scores.baseline(series, condition) for condition in where]
     return sorted({round(cell.median, 3) for cell in cells if cell.median is not None})
+
+
+def _baseline_label(series: Series, baselines: list[float]) -> str:
+    label = method_label(TASKS[series.task].baseline)
+    texts = [METRICS[series.metric].text(score) for score in baselines]
+    if len(texts) > 3:
+        texts = [f"{texts[0]} to {texts[-1]}"]
+    return f"{label} {', '.join(texts)}"

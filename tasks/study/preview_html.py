@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tasks.errors import ResultError
+from tasks.study.labels import cutoff_detail, cutoff_label, speed_label
 from tasks.study.markup import scrolling
-from tasks.study.tables import cutoff_detail, cutoff_label, speed_label
 
 _LEGEND = (
     '<p class="lead">Blue: brighter, red: darker, by the sum of polarities over the last 10 ms of '

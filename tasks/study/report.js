@@ -1,5 +1,6 @@
 "use strict";
-// Draws the trade-off plots from the JSON in #plot-data, and enlarges previews.
+// Draws the trade-off plots from the JSON in #plot-data, shows those of the chosen method, and
+// enlarges previews.
 
 const SVG = "http://www.w3.org/2000/svg";
 const MARKS = [
@@ -11,7 +12,7 @@ const MARKS = [
 ];
 const HEIGHT = 310;
 const MARGIN = { left: 46, right: 12, top: 12, bottom: 42 };
-const LABEL_ROOM = 26; // above the highest point its label, below the lowest that of the dashed line
+const LABEL_ROOM = 26; // at one end for the label of a width, at the other for that of the dashed line
 
 function svg(name, attributes, parent, text) {
   const element = document.createElementNS(SVG, name);
@@ -46,12 +47,14 @@ function niceTicks([low, high], count) {
   return ticks;
 }
 
-function logTicks([low, high]) {
+function logTicks([low, high], every = false) {
   const ticks = [];
+  const narrow = every && high - low < 0.7;
   for (let decade = Math.floor(low); decade <= high; decade++)
-    for (const m of [1, 2, 5]) {
+    for (const m of narrow ? [1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9] : [1, 2, 5]) {
       const at = decade + Math.log10(m);
-      if (at >= low && at <= high) ticks.push([at, m === 1 ? String(Number((10 ** decade).toPrecision(1))) : ""]);
+      const label = m === 1 || every ? String(Number((m * 10 ** decade).toPrecision(2))) : "";
+      if (at >= low && at <= high) ticks.push([at, label]);
     }
   return ticks;
 }
@@ -74,7 +77,7 @@ class Plot {
       return { figure, box, tip, panel };
     });
     this.draw();
-    new ResizeObserver(() => this.draw()).observe(this.panels);
+    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(this.panels);
   }
 
   controls() {
@@ -108,9 +111,14 @@ class Plot {
       group.classList.toggle("on", Number(group.dataset.series) === series);
   }
 
+  height(score) {
+    return this.data.log ? Math.log10(score) : score;
+  }
+
   heights(panels) {
     const points = panels.flatMap((p) => p.points.filter((q) => !this.hidden.has(q.series)));
-    const values = [...points.map((q) => q.score), ...panels.flatMap((p) => p.baselines)];
+    const scores = [...points.map((q) => q.score), ...panels.flatMap((p) => p.baselines)];
+    const values = scores.map((score) => this.height(score));
     const share = LABEL_ROOM / (HEIGHT - MARGIN.top - MARGIN.bottom - 2 * LABEL_ROOM);
     return values.length ? extent(values, share) : [0, 1];
   }
@@ -135,7 +143,8 @@ class Plot {
     const root = svg("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, tabindex: 0, role: "img" });
     root.setAttribute("aria-label", `${panel.label}: ${panel.points.length} points, arrow keys read them`);
     svg("rect", { class: "frame", x: MARGIN.left, y: MARGIN.top, width: right - MARGIN.left, height: bottom - MARGIN.top }, root);
-    for (const [at, label] of niceTicks(yDomain, 9)) {
+    const ticks = this.data.log ? logTicks(yDomain, true) : niceTicks(yDomain, 9);
+    for (const [at, label] of ticks) {
       svg("line", { class: "grid", x1: MARGIN.left, x2: right, y1: y(at), y2: y(at) }, root);
       svg("text", { x: MARGIN.left - 6, y: y(at) + 4, "text-anchor": "end" }, root, label);
     }
@@ -146,10 +155,11 @@ class Plot {
     svg("text", { x: (MARGIN.left + right) / 2, y: HEIGHT - 8, "text-anchor": "middle" }, root, "event rate [Mev/s]");
     svg("text", { transform: `translate(11 ${(MARGIN.top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, root, this.data.axis);
     for (const score of panel.baselines)
-      svg("line", { class: "baseline", x1: MARGIN.left, x2: right, y1: y(score), y2: y(score) }, root);
+      svg("line", { class: "baseline", x1: MARGIN.left, x2: right, y1: y(this.height(score)), y2: y(this.height(score)) }, root);
     if (panel.baselines.length) {
-      svg("line", { class: "baseline", x1: right - 30, x2: right - 6, y1: bottom - 9, y2: bottom - 9 }, root);
-      svg("text", { x: right - 36, y: bottom - 5, "text-anchor": "end" }, root, panel.baseline_label);
+      const at = this.data.less_is_better ? MARGIN.top + 11 : bottom - 9; // where no width's label is
+      svg("line", { class: "baseline", x1: right - 30, x2: right - 6, y1: at, y2: at }, root);
+      svg("text", { x: right - 36, y: at + 4, "text-anchor": "end" }, root, panel.baseline_label);
     }
     const places = [];
     this.data.widths.forEach((px, series) => {
@@ -157,12 +167,12 @@ class Plot {
       const points = panel.points.filter((q) => q.series === series);
       if (!points.length) return;
       const group = svg("g", { class: "series", "data-series": series }, root);
-      const placed = points.map((q) => ({ q, x: x(Math.log10(q.rate)), y: y(q.score) }));
+      const placed = points.map((q) => ({ q, x: x(Math.log10(q.rate)), y: y(this.height(q.score)) }));
       svg("path", { class: "line", d: `M${placed.map((p) => `${p.x} ${p.y}`).join("L")}`, stroke: colour(series) }, group);
       for (const p of placed)
         svg("path", { class: "mark", d: mark(series), transform: `translate(${p.x} ${p.y})`, fill: colour(series) }, group);
       const first = placed[0];
-      svg("text", { x: first.x, y: first.y - 10, "text-anchor": "middle", style: `fill:${colour(series)}` }, group, px);
+      svg("text", { x: first.x, y: first.y + (this.data.less_is_better ? 18 : -10), "text-anchor": "middle", style: `fill:${colour(series)}` }, group, px);
       places.push(...placed);
     });
     const ring = svg("circle", { class: "ring", r: 8, visibility: "hidden" }, root);
@@ -212,6 +222,14 @@ class Plot {
 
 const plots = JSON.parse(document.getElementById("plot-data").textContent);
 document.querySelectorAll(".plot").forEach((root, i) => new Plot(root, plots[i]));
+
+const pick = document.getElementById("pick");
+if (pick) {
+  const groups = document.querySelectorAll(".plots");
+  const choose = () => groups.forEach((group, i) => (group.hidden = i !== Number(pick.value)));
+  pick.addEventListener("change", choose);
+  choose(); // a browser may restore an earlier choice
+}
 
 const zoom = document.getElementById("zoom");
 document.querySelectorAll(".shot").forEach((button) =>

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import re
 from collections.abc import Mapping
 from html import escape
 from pathlib import Path
@@ -12,26 +12,29 @@ from typing import Any
 
 from tasks.errors import ResultError
 from tasks.files import write_bytes
-from tasks.row import Row, read_rows
+from tasks.row import read_rows
 from tasks.study.bus import buses_html
-from tasks.study.choice import choose_all
+from tasks.study.choice import Choices, choose_all
 from tasks.study.choice_html import answer_html, choice_tables_html
 from tasks.study.claims import judge_all as judge_claims
 from tasks.study.figure import COLOURS, figure_files
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, Status, Verdict
 from tasks.study.markup import join_words, scrolling
-from tasks.study.plot_data import plot_data
+from tasks.study.perturbation import is_main, shown_series
+from tasks.study.plot_data import Plot, plot_data
 from tasks.study.preview_html import previews_html
 from tasks.study.scaling import read_scaling
 from tasks.study.scaling_html import scaling_html
-from tasks.study.tables import ComparisonTable, Scores, Series, comparison_table, to_csv, to_html
+from tasks.study.scores import TASKS, Scores, Series
+from tasks.study.tables import ComparisonTable, base_speed, comparison_table, to_csv, to_html
+from tasks.study.tracking_html import convergence_html
 
 MAX_BYTES = 15_000_000
 """A report is never larger than this."""
 
 
 def write_report(run_dir: Path) -> Path:
-    """Write ``report.html``, ``tables.csv`` and ``figures/tradeoff.png`` and ``.svg``.
+    """Write ``report.html``, ``tables.csv`` and ``figures/tradeoff_METHOD.png`` and ``.svg``.
 
     Parameters
     ----------
@@ -51,14 +54,13 @@ def write_report(run_dir: Path) -> Path:
         A file is missing or damaged, the rows contradict each other, or the report would be larger
         than `MAX_BYTES`.
     """
-    rows = read_rows(run_dir / "rows.csv")
+    scores = Scores(read_rows(run_dir / "rows.csv"))
     environment = _read_json(run_dir / "environment.json", dict)
     config = _read_json(run_dir / "study.json", dict)
-    scores = Scores(rows)
     if not scores.series():
         raise ResultError(f"{run_dir / 'rows.csv'}: only do-nothing rows, no method to report on")
 
-    page = _page(run_dir, rows, scores, environment, config).encode()
+    page = _page(run_dir, scores, environment, config).encode()
     if len(page) > MAX_BYTES:
         raise ResultError(
             f"{run_dir}: the report would have {len(page) / 1e6:.1f} MB, more than "
@@ -66,8 +68,10 @@ def write_report(run_dir: Path) -> Path:
         )
     tables = [comparison_table(scores, series) for series in scores.series()]
     write_bytes(run_dir / "tables.csv", to_csv(tables).encode())
-    for kind, image in figure_files(scores).items():
-        write_bytes(run_dir / "figures" / f"tradeoff.{kind}", image)
+    for series in filter(is_main, shown_series(scores)):
+        for kind, image in figure_files(scores, series).items():
+            name = re.sub(r"\W+", "_", series.method)
+            write_bytes(run_dir / "figures" / f"tradeoff_{name}.{kind}", image)
     report = run_dir / "report.html"
     write_bytes(report, page)
     return report
@@ -87,20 +91,19 @@ def _read_json(path: Path, kind: type) -> Any:
 
 def _page(
     run_dir: Path,
-    rows: list[Row],
     scores: Scores,
     environment: dict[str, str],
     config: dict[str, Any],
 ) -> str:
     here = Path(__file__).parent
-    series = scores.series()
+    series = shown_series(scores)
     choices = {one: choose_all(scores, one) for one in series}
     scaling = read_scaling(run_dir / "scaling")
-    verdicts = judge_claims(rows, scaling)
+    verdicts = judge_claims(scores, scaling)
     previews = run_dir / "previews"
     index = previews / "index.json"
     entries = _read_json(index, list) if index.is_file() else []
-    plots = [plot_data(scores, one, scene) for one in series for scene in scores.scenes(one)]
+    plots = {one: [plot_data(scores, one, scene) for scene in scores.scenes(one)] for one in series}
     template = Template((here / "report.html").read_text())
     return template.substitute(
         title="Which event-camera resolution is enough?",
@@ -108,21 +111,63 @@ def _page(
         css=(here / "report.css").read_text(),
         js=(here / "report.js").read_text(),
         kicker=_kicker(scores, environment),
-        answer="".join(answer_html(choices[one], one) for one in series) + _caution(scores),
-        plots="".join(
-            f'<div class="plot"><h3>{escape(plot["title"])}</h3></div>' for plot in plots
-        ),
+        answer=_answers(choices) + _caution(scores),
+        picker=_picker(series),
+        plots="".join(_plots(plots[one], shown=one is series[0]) for one in series),
         buses=buses_html(scores, series[0]),
         scaling=scaling_html(run_dir / "scaling", scaling, _scenes(scores)),
-        tables="".join(_tables(scores, one) for one in series),
+        tables="".join(_tables(scores, one, opened=one is series[0]) for one in series),
+        convergence=convergence_html(scores)
+        or "<p>This run has no optical flow and no pose tracking.</p>",
         tally=_tally(verdicts),
         claims=_claims(verdicts),
-        choice="".join(choice_tables_html(choices[one], one) for one in series),
+        choice="".join(
+            _folded(one, choice_tables_html(choices[one], one), opened=one is series[0])
+            for one in series
+        ),
         previews=previews_html(previews, entries),
         provenance=_provenance(environment, config),
         reproduce=_reproduce(environment),
-        plot_data=json.dumps(plots, ensure_ascii=False).replace("<", "\\u003c"),
+        plot_data=json.dumps(
+            [plot for one in series for plot in plots[one]], ensure_ascii=False
+        ).replace("<", "\\u003c"),
     )
+
+
+def _answers(choices: Mapping[Series, Choices]) -> str:
+    """The answer of the first method on each task."""
+    firsts: dict[str, Series] = {}
+    for one in choices:
+        firsts.setdefault(one.task, one)
+    named = len(firsts) > 1
+    return "".join(answer_html(choices[one], one, named=named) for one in firsts.values())
+
+
+def _picker(series: list[Series]) -> str:
+    """A choice of task and method, where there are several."""
+    if len(series) == 1:
+        return ""
+    groups: dict[str, list[str]] = {}
+    for i, one in enumerate(series):
+        groups.setdefault(one.task, []).append(f'<option value="{i}">{escape(one.name)}</option>')
+    options = "".join(
+        f'<optgroup label="{escape(TASKS[task].title.capitalize())}">{"".join(found)}</optgroup>'
+        for task, found in groups.items()
+    )
+    return (
+        f'<p class="picker"><label>Task and method <select id="pick">{options}</select></label></p>'
+    )
+
+
+def _plots(plots: list[Plot], *, shown: bool) -> str:
+    hidden = "" if shown else " hidden"
+    places = "".join(f'<div class="plot"><h3>{escape(plot["title"])}</h3></div>' for plot in plots)
+    return f'<div class="plots"{hidden}>{places}</div>'
+
+
+def _folded(series: Series, content: str, *, opened: bool) -> str:
+    title = escape(series.title[0].upper() + series.title[1:])
+    return f"<details{' open' * opened}><summary>{title}</summary>{content}</details>"
 
 
 def _colour_css() -> str:
@@ -166,21 +211,19 @@ def _caution(scores: Scores) -> str:
     )
 
 
-def _tables(scores: Scores, series: Series) -> str:
-    base = comparison_table(scores, series, [min(scores.speeds(series), key=_from_base)])
+def _tables(scores: Scores, series: Series, *, opened: bool) -> str:
+    base = comparison_table(scores, series, [base_speed(scores, series)])
     every = comparison_table(scores, series)
-    return (
+    return _folded(
+        series,
         f"{_table(base)}<p class='note'>{escape(base.footnote)}</p>"
-        f"<details><summary>All speeds</summary>{_table(every)}</details>"
+        f"<details><summary>All speeds</summary>{_table(every)}</details>",
+        opened=opened,
     )
 
 
 def _table(table: ComparisonTable) -> str:
     return scrolling(table.title, to_html(table))
-
-
-def _from_base(speed: float) -> float:
-    return abs(math.log(speed))
 
 
 _SIGNS = {

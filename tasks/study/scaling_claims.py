@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from tasks.study.judging import Medians, Verdict, estimate, judge_scenes
+from tasks.study.judging import EVENT_INTEGRATION, Medians, Verdict, estimate, judge_scenes
+from tasks.study.labels import cutoff_label, number_text
 from tasks.study.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.scaling import FIT_PX, Scaling
-from tasks.study.tables import Cell, Condition, Scores, cutoff_label, number_text
+from tasks.study.scores import Cell, Condition, Scores
 
 _IDEAL = CUTOFFS_HZ[0]
 _NO_SCALING = "not measured, the run has no scaling statistics of this scene"
@@ -33,9 +34,9 @@ def pixels_of_finer_sensors_fire_more(scores: Scores, scaling: Mapping[str, Scal
         grows = estimate(
             cells,
             lambda rates: np.tensordot(line, np.log(per_pixel(rates)), axes=1),
-            of=lambda cell: cell.event_rates_hz,
+            of_rates=True,
         )
-        medians = {where: np.median(cell.event_rates_hz) for where, cell in cells.items()}
+        medians = {where: np.array(cell.event_rate_hz) for where, cell in cells.items()}
         each = per_pixel(medians)
         laws = scaling[scene].everywhere.law, scaling[scene].edges.law
         gammas = [
@@ -51,6 +52,7 @@ def pixels_of_finer_sensors_fire_more(scores: Scores, scaling: Mapping[str, Scal
 
     return judge_scenes(
         scores,
+        EVENT_INTEGRATION,
         [(width, _IDEAL, 1.0) for width in WIDTHS],
         check,
         number=1,
@@ -97,6 +99,7 @@ def intervals_shorten_with_resolution(scores: Scores, scaling: Mapping[str, Scal
 
     return judge_scenes(
         scores,
+        EVENT_INTEGRATION,
         [],
         check,
         number=2,

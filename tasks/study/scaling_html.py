@@ -10,8 +10,8 @@ import numpy as np
 
 from tasks.errors import ResultError
 from tasks.study.chart import Chart
+from tasks.study.labels import cutoff_detail, cutoff_label, number_text
 from tasks.study.scaling import FIT_PX, Intervals, Scaling, Slopes
-from tasks.study.tables import cutoff_detail, cutoff_label, number_text
 
 _LEAD = (
     '<p class="lead">A pixel’s log brightness L changes where contrast passes by (a). Pixels that '

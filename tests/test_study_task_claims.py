@@ -1,0 +1,291 @@
+"""Claims on video, flow and tracking hold, fail or are not measured as the rows say."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows
+from tasks.row import Row
+from tasks.study.bootstrap import DRAWS, resampled_medians
+from tasks.study.claims import CLAIMS
+from tasks.study.judging import Status, Verdict, estimate
+from tasks.study.perturbation import judged_series, shown_series
+from tasks.study.scores import Condition, Scores, Series
+
+SERIES = {10: HF, 12: EPF, 13: EPF, 14: EPF, 15: CM, 16: CM, 18: EPPT, 19: EPPT, 20: EPPT}
+INF = math.inf
+
+
+def rows_for(number: int, change: Change = lambda w, c, s, v: v, **options: object) -> list[Row]:
+    """The rows that a claim needs, with the paper's medians."""
+    if number == 21:
+        return paper_rows(EPF, **options) + paper_rows(CM, change, **options)  # type: ignore[arg-type]
+    return paper_rows(SERIES[number], change, **options)  # type: ignore[arg-type]
+
+
+def verdict(number: int, rows: list[Row]) -> Verdict:
+    scores = Scores(rows)
+    (found,) = (v for claim in CLAIMS if (v := claim(scores)).number == number)
+    return found
+
+
+@pytest.mark.parametrize("number", [*SERIES, 21])
+def test_the_papers_own_numbers_uphold_its_claims(number: int) -> None:
+    """Rows with the paper's medians, three items a sample: each claim holds, with an interval."""
+    found = verdict(number, rows_for(number, samples=7, items=3))
+    assert found.status is Status.HOLDS
+    assert "[" in found.ours
+    assert "too few" not in found.note
+    assert "Judged on" not in found.note
+
+
+FAILURES: dict[int, Change] = {
+    10: lambda w, c, s, v: v + 3 * (w == 346 and c == 50),
+    12: lambda w, c, s, v: v / (3 if w == 1280 and c == INF and s == 2 else 1),
+    13: lambda w, c, s, v: v / (5 if w == 1280 and c == 200 else 1),
+    14: lambda w, c, s, v: v / (9 if w == 1280 and c == 50 else 1),
+    15: lambda w, c, s, v: v / (9 if w == 640 and c == 200 and s == 2 else 1),
+    16: lambda w, c, s, v: v / (2 if w == 1280 and s == FAST else 1),
+    18: lambda w, c, s, v: v / (9 if w == 640 and c == INF else 1),
+    19: lambda w, c, s, v: v / (9 if w == 640 and c == 50 else 1),
+    20: lambda w, c, s, v: v / (99 if w == 1280 and s == 2 else 1),
+    21: lambda w, c, s, v: v * (9 if w == 240 and c == 50 else 1),
+}
+
+
+@pytest.mark.parametrize("number", FAILURES)
+def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
+    """Each claim's own condition is broken, and it says so."""
+    found = verdict(number, rows_for(number, FAILURES[number]))
+    assert found.status is Status.DOES_NOT_HOLD
+    assert "(does not hold)" in found.ours
+
+
+def test_tracking_that_never_suffers_at_night_fails_claim_19() -> None:
+    """346 px is still best on rocks at night, but 1280 px is no worse there than in ideal light."""
+    found = verdict(19, rows_for(19, lambda w, c, s, v: 20 if w == 1280 else v))
+    assert found.status is Status.DOES_NOT_HOLD
+    assert "best at night 346 px; grows 1.0" in found.ours
+
+
+def test_room_where_coarse_wins_fails_claim_14() -> None:
+    """The claim has both signs: at night coarse wins on planes and loses in the room."""
+    rows = rows_for(14, lambda w, c, s, v: v / (99 if w == 128 else 1))
+    found = verdict(14, rows)
+    assert found.status is Status.DOES_NOT_HOLD
+    assert [line.endswith("(does not hold)") for line in found.ours.splitlines()] == [
+        *(False, False, True)
+    ]
+
+
+NEEDED: dict[int, tuple[str, int, float, float]] = {
+    10: ("carpet", 240, 50.0, 1.0),
+    12: ("room", 128, INF, 2.0),
+    13: ("carpet", 1280, 200.0, 1.0),
+    14: ("rocks", 346, 50.0, 1.0),
+    15: ("carpet", 640, 50.0, 4 / 3),
+    16: ("carpet", 1280, 50.0, FAST),
+    18: ("carpet", 240, INF, 1.0),
+    19: ("rocks", 1280, INF, 1.0),
+    20: ("carpet", 640, 50.0, 2.0),
+    21: ("carpet", 346, 50.0, 1.0),
+}
+
+
+@pytest.mark.parametrize("number", NEEDED)
+@pytest.mark.parametrize("lost", ["cell", "item"])
+def test_not_measured_is_never_holds(number: int, lost: str) -> None:
+    """A needed cell is gone, or one item of one of its samples: not measured, and it is named."""
+    method = CM.method if number == 21 else SERIES[number].method
+    rows = [
+        r
+        for r in rows_for(number, samples=7, items=3)
+        if (r.scene, r.width, r.cutoff_hz, r.speed) != NEEDED[number]
+        or r.method != method
+        or (lost == "item" and (r.sample, r.item) != (4, 1))
+    ]
+    found = verdict(number, rows)
+    assert found.status is Status.NOT_MEASURED
+    assert f"missing {NEEDED[number][1]} px" in found.ours
+    assert ("has 20 of 21 values" in found.ours) == (lost == "item")
+
+
+@pytest.mark.parametrize("number", [*SERIES, 21])
+def test_rows_of_another_task_measure_nothing(number: int) -> None:
+    """A run of event integration alone says so for every other method."""
+    found = verdict(number, paper_rows(EI, samples=1))
+    assert found.status is Status.NOT_MEASURED
+    assert found.ours.startswith("no rows of ")
+
+
+@pytest.mark.parametrize("number", [10, 13, 15, 16, 19, 20, 21])
+def test_a_claim_about_one_scene_is_judged_there_only(number: int) -> None:
+    """The paper's numbers on another scene neither uphold nor break it."""
+    here = [NEEDED[number][0]]
+    elsewhere = [replace(r, scene="garden") for r in rows_for(number, scenes=here)]
+    assert verdict(number, elsewhere).status is Status.NOT_MEASURED
+    contrary = rows_for(number, FAILURES[number], scenes=here)
+    broken = [replace(r, scene="garden") for r in contrary]
+    assert verdict(number, rows_for(number) + broken).status is Status.HOLDS
+
+
+@pytest.mark.parametrize("number", [*SERIES, 21])
+def test_few_samples_say_so_instead_of_an_interval(number: int) -> None:
+    """Three samples of five items are three samples: no interval, and the note says why."""
+    found = verdict(number, rows_for(number, samples=3, items=5))
+    assert found.status is Status.HOLDS
+    assert "[" not in found.ours
+    assert "3 samples, too few for an interval (6 needed)" in found.note
+
+
+def test_the_papers_contradictions_are_told() -> None:
+    """Each note says which reading of the paper was taken."""
+    notes = {number: verdict(number, rows_for(number)).note for number in (12, 14, 16, 20)}
+    assert "9 of 9" in notes[12]
+    assert "6 of 8" in notes[14]
+    assert "0.2 px" in notes[16]
+    assert "0.12 px" in notes[16]
+    assert "1.2, 1.6 and 2.4 m/s" in notes[20]
+    assert "193.6" in notes[20]
+
+
+@pytest.mark.parametrize("number", [13, 19])
+def test_a_delay_is_reported_beside_and_does_not_decide(number: int) -> None:
+    """With the delay as an unknown nothing depends on the light: told, but the verdict stays."""
+    method = f"{SERIES[number].method}_with_delay"
+    delayed = paper_rows(SERIES[number], lambda w, c, s, v: w / 1280, method=method)
+    found = verdict(number, rows_for(number) + delayed)
+    assert found.status is Status.HOLDS
+    assert "with a delay as one more unknown: 1.00" in found.ours
+
+
+def test_what_beats_the_initial_flow_is_told() -> None:
+    """Claim 14's best at night is set beside the initial flow."""
+    rows = rows_for(14)
+    better = verdict(14, rows + nothing_rows(rows, 20.0)).ours
+    worse = verdict(14, rows + nothing_rows(rows, 0.1)).ours
+    assert better.count(", better than the initial flow's 20.00 px") == 3
+    assert worse.count("no better than the initial flow's 0.10 px") == 3
+
+
+# ---- the perturbation at which tracking is judged ----------------------------------------------
+
+
+def swept(failures: dict[str, Callable[[Row], bool]]) -> list[Row]:
+    """Tracking rows for each perturbation, failed where the predicate says so."""
+    return [
+        replace(r, failure="no convergence" if fails(r) else "")
+        for variant, fails in failures.items()
+        for r in paper_rows(EPPT._replace(variant=variant), samples=5)
+    ]
+
+
+def test_tracking_is_judged_at_the_largest_perturbation_that_converges() -> None:
+    """4 of 5 widths is enough, in ideal light at base speed only; 3 of 5 is not; 10 is after 5."""
+    rows = swept(
+        {
+            "sigma 20 mm": lambda r: r.width < 300,
+            "sigma 5 mm": lambda r: False,
+            "sigma 10 mm": lambda r: r.width == 128 or r.cutoff_hz < INF or r.speed > 1,
+        }
+    )
+    scores = Scores(rows)
+    assert judged_series(scores) == EPPT._replace(variant="sigma 10 mm")
+    assert [one.variant for one in shown_series(scores)] == ["sigma 10 mm"]
+    note = verdict(18, rows).note
+    assert "sigma 10 mm" in note
+    assert "80\u202f%" in note
+
+
+def test_no_perturbation_that_converges_measures_nothing() -> None:
+    """Where tracking hardly converges no claim about it is judged, and the rates are told."""
+    rows = swept({"sigma 2 mm": lambda r: r.width < 300, "sigma 5 mm": lambda r: True})
+    for number in (18, 19, 20):
+        found = verdict(number, rows)
+        assert found.status is Status.NOT_MEASURED
+        assert "sigma 2 mm 60\u202f%, sigma 5 mm 0\u202f%" in found.ours
+    assert [one.variant for one in shown_series(Scores(rows))] == ["sigma 2 mm"]
+
+
+# ---- every method beats doing nothing ----------------------------------------------------------
+
+
+def test_every_method_that_beats_doing_nothing_upholds_claim_24() -> None:
+    """Higher is better for PSNR, lower for errors; each series is counted."""
+    psnr, errors = paper_rows(EI), paper_rows(EPF)
+    rows = psnr + nothing_rows(psnr, 5.0) + errors + nothing_rows(errors, 20.0)
+    found = verdict(24, rows)
+    assert found.status is Status.HOLDS
+    assert "reconstruction by event integration: 135 of 135" in found.ours
+    assert "optical flow by photometric flow: 150 of 150" in found.ours
+
+
+def test_cells_that_do_not_beat_doing_nothing_are_listed() -> None:
+    """One cell as good as nothing is enough to fail, and it is named."""
+    rows = paper_rows(EI, lambda w, c, s, v: 5.0 if (w, c, s) == (240, 50, 2) else 20.0)
+    found = verdict(24, rows + nothing_rows(rows, 10.0))
+    assert found.status is Status.DOES_NOT_HOLD
+    assert "132 of 135; not carpet night (240 px at speed 2); rocks night" in found.ours
+    rows = paper_rows(EI, lambda w, c, s, v: 5.0 if c == 50 else 20.0, scenes=["carpet"])
+    assert "30 of 45; not carpet night" in verdict(24, rows + nothing_rows(rows, 10.0)).ours
+
+
+def test_a_lead_over_nothing_that_the_samples_do_not_settle_is_counted() -> None:
+    """Nothing scores within the samples' spread; the median is better all the same."""
+    rows = paper_rows(EI, lambda w, c, s, v: 20.0, scenes=["carpet"])
+    found = verdict(24, rows + nothing_rows(rows, 19.9))
+    assert found.status is Status.HOLDS
+    assert "45 of 45 (45 not settled)" in found.ours
+
+
+def test_without_the_rows_of_doing_nothing_claim_24_is_not_measured() -> None:
+    """No baseline, or one that lacks a sample, in one cell."""
+    rows = paper_rows(EI, scenes=["carpet"])
+    assert verdict(24, rows).status is Status.NOT_MEASURED
+    nothing = nothing_rows([r for r in rows if r.cutoff_hz > 50 or r.sample], 5.0)
+    found = verdict(24, rows + nothing)
+    assert found.status is Status.NOT_MEASURED
+    assert "30 of 30, 15 not measured" in found.ours
+
+
+# ---- the bootstrap over samples with several items ---------------------------------------------
+
+
+def test_the_bootstrap_draws_samples_with_all_their_items() -> None:
+    """The same draws as an explicit concatenation of whole samples, of uneven sizes."""
+    rng = np.random.default_rng(3)
+    sample = np.repeat(np.arange(7), [1, 4, 2, 3, 5, 2, 2])
+    values = rng.normal(size=sample.size) + 3 * rng.normal(size=7)[sample]
+    medians = resampled_medians(values, sample, "carpet")
+    assert medians.shape == (DRAWS,)
+
+    from zlib import crc32
+
+    drawn = np.random.default_rng([crc32(b"carpet"), 7]).integers(7, size=(DRAWS, 7))
+    for k in range(0, DRAWS, 97):
+        pooled = np.concatenate([values[sample == i] for i in drawn[k]])
+        assert medians[k] == pytest.approx(np.median(pooled))
+
+
+def test_items_of_one_sample_do_not_pass_for_independent() -> None:
+    """Items that repeat their sample's value leave the interval as wide as without them."""
+    intervals = []
+    for items in (1, 5):
+        rows = paper_rows(EPF, samples=9, items=1, scenes=["carpet"])
+        repeated = [replace(r, item=k) for r in rows for k in range(items)]
+        where = Condition("carpet", 640, INF, 1.0)
+        cell = Scores(repeated).cell(EPF, where)
+        assert (cell.samples, len(cell.values)) == (9, 9 * items)
+        intervals.append(estimate({where: cell}, lambda m, at=where: m[at]))
+    assert intervals[0] == intervals[1]
+
+
+def test_a_series_of_another_variant_has_its_own_samples() -> None:
+    """Fewer samples of a variant do not make the usual one incomplete."""
+    native = paper_rows(EPF._replace(variant="61 px patch"), samples=3)
+    scores = Scores(paper_rows(EPF, samples=7) + native)
+    assert scores.samples(EPF, "carpet") == 7
+    assert scores.samples(Series(*EPF[:3], "61 px patch"), "carpet") == 3
