@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene
+from eres_render.cache import cache_dir
 from light_scenes import small_carpet_folder
 from tasks.errors import StudyError
 from tasks.row import read_rows
@@ -29,6 +30,7 @@ from tasks.study.config import (
     Video,
     preset,
 )
+from tasks.study.cost import cost
 from tasks.study.parts import parts
 from tasks.study.report import write_report
 from tasks.study.run import run_study
@@ -60,9 +62,11 @@ def scene_folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def finished(scene_folder, tmp_path_factory):
     """A run, with a cache of its own."""
-    out = tmp_path_factory.mktemp("run") / "tiny"
-    rows = run_study(tiny_study(scene_folder), out)
-    return out, rows
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ERES_CACHE", str(tmp_path_factory.mktemp("cache")))
+        out = tmp_path_factory.mktemp("run") / "tiny"
+        rows = run_study(tiny_study(scene_folder), out)
+        yield out, rows
 
 
 def test_rows_fill_the_grid(finished):
@@ -180,6 +184,19 @@ def test_more_samples_keep_the_old_ones(finished, scene_folder):
         replace(study, evaluate=replace(study.evaluate, reconstruction=reconstruction)),
     ):
         assert parts(changed, scene)[0].key != part.key
+
+
+def test_cost_is_said_before_the_start(finished, scene_folder):
+    """Promise: frames are estimated to a factor of two, and twice the work costs twice."""
+    work = parts(tiny_study(scene_folder), load_scene(scene_folder))
+    rendered = len(list((cache_dir() / "frames").rglob("*.exr")))
+    said = cost(work)
+    assert said.parts == len(work)
+    assert 0.5 * rendered < said.frames < 2 * rendered
+    twice = cost([*work, *work], cores=1)
+    assert twice.seconds == pytest.approx(2 * cost(work, cores=1).seconds)
+    assert twice.seconds == pytest.approx(2 * cost([*work, *work], cores=2).seconds)
+    assert said.text().startswith(f"{len(work)} parts to do: about {said.frames} frames")
 
 
 def test_killed_run_resumes_to_the_same_rows(finished, scene_folder, tmp_path, monkeypatch):

@@ -227,7 +227,32 @@ PRESETS = {
         name="quick",
         scenes=("carpet",),
         render=Render(spp=4, max_displacement_px=1.0, samples=3),
-        evaluate=Evaluate(flow=Flow(features=5)),
+        evaluate=Evaluate(flow=Flow(features=5), tracking=Tracking(max_events=20_000)),
+    ),
+    "paper": Study(
+        name="paper",
+        scenes=("carpet", "rocks", "room"),
+        evaluate=Evaluate(
+            flow=Flow(
+                methods=(
+                    "photometric_flow",
+                    "photometric_flow_with_delay",
+                    "contrast_maximization",
+                    "initial_flow",
+                ),
+                native_patch=True,
+                fast_methods=("contrast_maximization", "initial_flow"),
+                fast_scenes=("carpet",),
+            ),
+            tracking=Tracking(
+                methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
+                sigmas_mm=(2.0, 5.0, 10.0, 20.0, 50.0, 200.0),
+            ),
+            video=Video(
+                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
+                scenes=("carpet",),
+            ),
+        ),
     ),
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -25,12 +26,15 @@ from tasks.errors import StudyError
 from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, digest, to_json
+from tasks.study.cost import cost
 from tasks.study.environment import environment
 from tasks.study.evaluate_part import evaluate_part
 from tasks.study.frame_cache import frames_folder, make_room
 from tasks.study.parts import Part, check_methods, parts
 from tasks.study.previews import write_previews
 from tasks.study.scaling import scaling_file, write_scaling
+
+_log = logging.getLogger(__name__)
 
 _BYTES_PER_PX_S = 4500  # of 2250 half-float frames a second of path: what make_room is asked for
 
@@ -66,6 +70,9 @@ def run_study(study: Study, out: Path) -> list[Row]:
         raise StudyError(f"{out}: found a file, expected a folder for the run")
     rows_files = [out / "parts" / f"{part.key}.csv" for part in work]
     write_bytes(out / "study.json", _json(to_json(study)))
+    to_do = [part for part, file in zip(work, rows_files, strict=True) if not file.exists()]
+    if to_do:
+        _log.info("%s", cost(to_do).text())
     light: _SceneLight | None = None
     with _progress(len(work)) as on_progress:
         for k, (part, file) in enumerate(zip(work, rows_files, strict=True)):
