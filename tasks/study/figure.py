@@ -93,7 +93,7 @@ def _draw_row(row: list[Axes], scene: str, plot: Plot) -> None:
             axes.legend(
                 nothing[:1],
                 [panel["baseline_label"]],
-                loc=f"{'upper' if plot['less_is_better'] else 'lower'} right",
+                loc="upper right" if plot["less_is_better"] else "lower right",
                 frameon=False,
                 fontsize=8,
                 labelcolor="#5b646e",

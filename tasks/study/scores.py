@@ -73,6 +73,7 @@ TASKS = {
 }
 
 EXTENSIONS = {
+    "photometric_flow_unknown_contrast": "photometric_flow",
     "high_pass_filter_no_event_decay": "high_pass_filter",
     "photometric_flow_with_delay": "photometric_flow",
     "photometric_tracking_with_delay": "photometric_tracking",
@@ -135,7 +136,8 @@ class Cell:
     event_rates_hz : (N,) float64
         Events per second of the whole sensor, for the same values.
     failed : (N,) bool
-        Where the method gave up: the value is then that of its starting point, and counts.
+        Where the method gave up, whose value is that of its starting point, or ended far off.
+        These count too.
     sample : (N,) int64
         Which of its samples each value is of, from 0.
     expected : int
@@ -171,7 +173,7 @@ class Cell:
 
     @property
     def failure_share(self) -> float | None:
-        """Share of the values where the method gave up, or None as `median`."""
+        """Share of the values where the method failed, or None as `median`."""
         return float(np.mean(self.failed)) if self.complete else None
 
     @cached_property
@@ -287,7 +289,7 @@ class Scores:
         return self._baselines[key]
 
     def failures(self, series: Series) -> Counter[str]:
-        """How often a series gave up, by reason; numbers in the reasons are written as n."""
+        """How often a series failed, by reason; numbers in the reasons are written as n."""
         return Counter(
             re.sub(r"\d+(\.\d+)?", "n", row.failure)
             for values in self._rows.get(series, {}).values()

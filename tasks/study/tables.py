@@ -88,8 +88,8 @@ class ComparisonTable:
         marks = {
             "reconstruction": "M/s: million events a second",
             "video": "M/s: million events a second",
-            "flow": "fail: share of features on which the method gave up",
-            "tracking": "ok: share of trials that converge",
+            "flow": "fail: share of features that failed",
+            "tracking": "ok: share of trials that succeed",
         }
         return (
             f"paper: {paper}; Δ: ours minus the paper's; bold: best of the column; struck out: no "

@@ -69,7 +69,7 @@ def _judge(
         ]
         ours = (
             f"not measured, no perturbation succeeds {share_text(REQUIRED_SUCCESS)} of the time in "
-            f"ideal light: {', '.join(found)}"
+            f"ideal light at the median width: {', '.join(found)}"
             if found
             else f"no rows of {TRACKING.name}"
         )
@@ -85,8 +85,8 @@ def _judge(
         statement=statement,
         paper=paper,
         note=f"{note} Judged from a perturbation of {series.variant}, the largest that succeeds at "
-        f"least {share_text(REQUIRED_SUCCESS)} of the time in ideal light at base speed (over all "
-        f"scenes and widths: {rate}); the paper's is 200 mm.",
+        f"least {share_text(REQUIRED_SUCCESS)} of the time in ideal light at base speed at the "
+        f"median width ({rate}); the paper's is 200 mm.",
         scenes=scenes,
     )
 

@@ -1,4 +1,4 @@
-"""The report's section on how far off pose tracking may start, and on methods that give up."""
+"""The report's section on how far off pose tracking may start, and on who fails."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def _lead(scores: Scores) -> str:
     return (
         "<h3>How far off pose tracking may start</h3>"
         '<p class="lead">The initial path is off by a random shift of every control point, with '
-        "this standard deviation in each component. A trial succeeds if it converges; one that "
-        f"does not keeps its initial path, and counts. {what} in ideal light at base speed, over "
-        f"all scenes and widths ({rates}).</p>"
+        "this standard deviation in each component. A trial succeeds if it ends nearer than half "
+        f"of the initial error; the others count too. {what} in ideal light at base speed at "
+        f"the median width ({rates}).</p>"
     )
 
 
@@ -74,7 +74,7 @@ def _chart(scores: Scores, found: list[Series], cutoff_hz: float) -> str:
         (min(sigmas) / 1.3, max(sigmas) * 1.3),
         (-4, 104),
         "standard deviation of the perturbation [mm]",
-        "trials that converge [%]",
+        "trials that succeed [%]",
         log_y=False,
     )
     for i, width in enumerate(scores.widths(found[0])):
@@ -126,7 +126,7 @@ def _table(scores: Scores, found: list[Series], scene: str) -> str:
                 )
             body.append(f'<tr><th scope="row">{escape(one.variant)}</th>{"".join(cells)}</tr>')
     table = (
-        f'<table class="sweep"><caption><span>{escape(scene)}: trials that converge, and the '
+        f'<table class="sweep"><caption><span>{escape(scene)}: trials that succeed, and the '
         f"median error of all</span></caption><thead><tr><th></th>{heads}</tr></thead>"
         f"<tbody>{''.join(body)}</tbody></table>"
     )
@@ -152,13 +152,13 @@ def _failures_html(scores: Scores) -> str:
         )
     table = (
         '<table class="failures"><thead><tr><th scope="col">method</th>'
-        '<th scope="col">gave up</th><th scope="col">share</th>'
+        '<th scope="col">failed</th><th scope="col">share</th>'
         '<th scope="col" class="why">why</th></tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table>"
     )
     return (
-        "<h3>Who gave up, and why</h3>"
-        '<p class="lead">Features and trials on which a method gave up, under all conditions '
-        "together. They are never dropped: each counts with the error of its starting point.</p>"
-        + scrolling("Failures", table)
+        "<h3>Who failed, and why</h3>"
+        '<p class="lead">Features and trials on which a method gave up or ended far off, under all '
+        "conditions together. None is dropped: where a method gave up, the error of its starting "
+        "point counts.</p>" + scrolling("Failures", table)
     )
