@@ -1,0 +1,155 @@
+"""Speed of the methods on one thread: events a second, and for flow fits a second.
+
+    python benchmarks/bench_methods.py [--runs 5] [--patches 20]
+
+A texture with a natural spectrum and edges moves along a diagonal, seen by an ideal sensor with
+C = 0.2 over a window of 50 ms: by 13.75 px at 640 px and by 27.5 px at 1280 px, which is what
+550 px/s at 1280 px are. EI and HF get the events of a whole sensor, and EI also enlarges its sum to
+1280 px; flow methods get patches at random places, from starts that are off as in the study.
+Minimum of the runs; kinds are measured in turn, so that a busy machine troubles all of them alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from bench_sensor import moving_texture
+
+from sensor import Events, SensorModel, simulate
+from tasks.flow import FlowSample, flow_sample, initial_sigma_px, patch_px
+from tasks.methods import METHODS, load_method
+from tasks.reconstruction import ReconstructionSample
+
+WINDOW_S, C, FRAMES = 0.05, 0.2, 56
+RENDER_PX = 1280
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Something to be measured.
+
+    Parameters
+    ----------
+    name, where
+        What is run, and on what.
+    events
+        That one call goes through.
+    fits
+        Solutions that one call finds; 0 where it is not a matter of solutions.
+    call
+        Runs it.
+    """
+
+    name: str
+    where: str
+    events: int
+    fits: int
+    call: Callable[[], object]
+
+
+def window(size: int, flow_px: float) -> tuple[Events, np.ndarray]:
+    """Events of a window and the log intensity at its start, of a sensor of `size` px."""
+    frames = moving_texture(size, FRAMES, flow_px / (FRAMES - 1))
+    model = SensorModel(width=size, height=size, contrast_threshold=C, dark_level=0.0)
+    events = simulate(frames, np.linspace(0, WINDOW_S, FRAMES), model)
+    return events, np.log(frames[0].astype(np.float64))
+
+
+def flow_samples(width: int, count: int, seed: int = 0) -> list[FlowSample]:
+    """Patches of a sensor of that width, cut from a part of its view that is 240 px wide."""
+    size, flow_px = 240, 27.5 * width / RENDER_PX
+    events, log_image = window(size, flow_px)
+    rng = np.random.default_rng(seed)
+    side_px, sigma_px = patch_px(width), initial_sigma_px(width)
+    truth = np.full(2, -flow_px / math.sqrt(2))
+    return [
+        flow_sample(
+            events,
+            0,
+            round(WINDOW_S * 1e6),
+            log_image,
+            C,
+            rng.uniform(side_px, size - side_px, 2),
+            side_px,
+            truth + rng.normal(0, sigma_px, 2),
+            sigma_px,
+        )
+        for _ in range(count)
+    ]
+
+
+def reconstruction_kinds() -> Iterator[Kind]:
+    """Event integration and the high-pass filter over whole sensors."""
+    for width in (346, RENDER_PX):
+        events, _ = window(width, 27.5 * width / RENDER_PX)
+        end_us = round(WINDOW_S * 1e6)
+        keyframe = np.zeros((RENDER_PX, RENDER_PX))
+        integrate = load_method("reconstruction", "event_integration")
+
+        def ei(events=events, keyframe=keyframe, integrate=integrate):
+            total = events.polarity_sum().astype(np.float64)
+            return integrate(ReconstructionSample(keyframe, total, C))
+
+        def hf(name, events=events, width=width, end_us=end_us):
+            method = load_method("video", name)(width, width, C)
+            method.push(events)
+            return method.image(end_us)
+
+        yield Kind("event_integration", f"{width} px", len(events), 0, ei)
+        for name in METHODS["video"]:
+            if name.startswith("high_pass"):
+                yield Kind(name, f"{width} px", len(events), 0, lambda n=name, f=hf: f(n))
+
+
+def flow_kinds(patches: int) -> Iterator[Kind]:
+    """Every flow method on patches of two sensors."""
+    for width in (640, RENDER_PX):
+        samples = flow_samples(width, patches)
+        events = sum(len(sample.t) for sample in samples)
+        where = f"{patch_px(width)} px of {width}"
+        names = {name: {} for name in METHODS["flow"] if name != "initial_flow"}
+        names["contrast_maximization, gradient"] = {"objective": "gradient"}
+        for name, options in names.items():
+            method = load_method("flow", name.split(",")[0])
+            yield Kind(
+                name,
+                where,
+                events,
+                patches,
+                lambda s=samples, m=method, o=options: [m(sample, **o) for sample in s],
+            )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=5, help="runs of each kind; the least counts")
+    parser.add_argument("--patches", type=int, default=20, help="patches of each sensor")
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    kinds = [*reconstruction_kinds(), *flow_kinds(args.patches)]
+    for kind in kinds:  # compile first
+        kind.call()
+    best = [math.inf] * len(kinds)
+    for _ in range(args.runs):
+        for k, kind in enumerate(kinds):
+            start = time.perf_counter()
+            kind.call()
+            best[k] = min(best[k], time.perf_counter() - start)
+    print(f"{'method':36s} {'on':>14s} {'k events':>9s} {'Mev/s':>8s} {'fits/s':>8s}")
+    for kind, seconds in zip(kinds, best, strict=True):
+        fits = f"{kind.fits / seconds:8.1f}" if kind.fits else f"{'-':>8s}"
+        thousands = kind.events / max(kind.fits, 1) / 1e3
+        rate = kind.events / seconds / 1e6
+        print(f"{kind.name:36s} {kind.where:>14s} {thousands:9.1f} {rate:8.2f} {fits}")
+
+
+if __name__ == "__main__":
+    main()
