@@ -138,7 +138,7 @@ def path_at(
         From (M,) seconds to (M, 4, 4) T_world_cam, such as `Trajectory.pose`. It is asked for one
         knot interval before `start_s` and one after the spline's end.
     """
-    knots_s = knot_interval_s * np.arange(-1, control_poses - 1)
+    knots_s = knot_interval_s * np.arange(-1.0, control_poses - 1)
     return Trajectory(knots_s, pose(start_s + knots_s))
 
 

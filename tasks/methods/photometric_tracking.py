@@ -36,8 +36,9 @@ Float64 = NDArray[np.float64]
 RESIDUALS_PER_UNKNOWN = 10  # at least, else there are too few events
 _HUBER_IN_C = 0.5
 _COARSEST_PX = 16  # of the reference view at its coarsest
-_MAX_PASSES = 40  # on one level
-_CONVERGED_PX = 1e-3  # a step that moves no point in the image by more, on average, is the last
+_MAX_PASSES = 60  # on one level
+_CONVERGED_PX = 0.02  # a step of less is the last, by the control poses' root mean square
+_CONVERGED_NOISE = 0.1  # and one that gains less than so much of what noise does to the minimum
 _LEAST_INSIDE = 0.5
 
 
@@ -46,8 +47,8 @@ def estimate(sample: TrackingSample) -> TrackingEstimate:
 
     Coarse to fine: the reference view is blurred and halved until the perturbation of the initial
     path moves it by less than a pixel, then the search runs from the coarsest view to the view
-    itself. Blurring takes contrast away, so on a coarse level C is less in the same proportion,
-    `contrast_kept`.
+    itself. Events know nothing of the blur. So on level k, Eq. (14) is added up over 2^k events at
+    a time, whose sum carries less of the fine detail, and the blurred view is scaled by its `gain`.
 
     Raises
     ------
@@ -124,7 +125,7 @@ class _Problem:
     y: NDArray[np.uint16]
     t_us: NDArray[np.int32]
     t_before_us: NDArray[np.int32]
-    p: NDArray[np.int8]
+    p: NDArray[np.integer]
     rays: tuple[float, float, float, float]  # focal lengths and principal point of the sensor, px
     reference: tuple[Float64, Float64]  # rotation and position of T_0
     plane: Float64  # (4,) n_x, n_y, n_z, offset
@@ -137,14 +138,16 @@ def _duration_us(sample: TrackingSample) -> int:
 
 
 def _problem(sample: TrackingSample, duration_us: int) -> tuple[_Problem, str]:
-    columns = (sample.x, sample.y, sample.t_us, sample.t_before_us, sample.p)
-    if sample.max_delay_us:  # there are events after the path's end
-        inside = sample.t_us < duration_us
-        columns = tuple(column[inside] for column in columns)
-    residuals = int(np.count_nonzero(columns[3] >= 0))
+    inside = sample.t_us < duration_us  # not all, where there are events after the path's end
+    t_before_us = sample.t_before_us[inside]
+    residuals = int(np.count_nonzero(t_before_us >= 0))
     wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
     problem = _Problem(
-        *columns,
+        sample.x[inside],
+        sample.y[inside],
+        sample.t_us[inside],
+        t_before_us,
+        sample.p[inside],
         _intrinsics(sample.camera.K),
         (np.ascontiguousarray(sample.T_0[:3, :3]), sample.T_0[:3, 3].copy()),
         np.array([*sample.plane.normal, sample.plane.offset_m]),
@@ -160,6 +163,31 @@ def _intrinsics(K: Float64) -> tuple[float, float, float, float]:
     return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
 
 
+def _joined(problem: _Problem, events: int) -> _Problem:
+    """Take so many consecutive events at a pixel as one, with the sum of their polarities.
+
+    What is left over at a pixel's end is one more.
+    """
+    if events == 1:
+        return problem
+    number = np.arange(len(problem.t_us))
+    first = problem.t_before_us < 0
+    since_first = number - np.maximum.accumulate(np.where(first, number, 0))
+    last = np.append(first[1:], True)
+    kept = np.flatnonzero((since_first % events == 0) | last)
+    first, t_us = first[kept], problem.t_us[kept]
+    total = np.cumsum(problem.p, dtype=np.int64)[kept]
+    return replace(
+        problem,
+        x=problem.x[kept],
+        y=problem.y[kept],
+        t_us=t_us,
+        t_before_us=np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
+        p=np.diff(total, prepend=0).astype(np.int16),
+        residuals=int(np.count_nonzero(~first)),
+    )
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class _Level:
     """A reference view, coarser or not.
@@ -170,13 +198,13 @@ class _Level:
         (h, w) float64, log intensity.
     intrinsics
         Focal lengths and principal point of this view, in its pixels.
-    contrast_kept
-        Part of a contrast in the reference view that is left on this level.
+    events
+        How many at a pixel are taken as one.
     """
 
     image: Float64
     intrinsics: tuple[float, float, float, float]
-    contrast_kept: float
+    events: int
 
 
 def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[_Level]:
@@ -184,26 +212,34 @@ def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[_Lev
 
     Each level is the one below it, blurred by a Gaussian of 1 px, at half the size by area.
     """
-    images = [log_image]
+    images: list[Float64] = [log_image]
     while 2 ** len(images) <= 2 * coarsest_px and min(images[-1].shape) >= 2 * _COARSEST_PX:
         blurred = cv2.GaussianBlur(images[-1], (0, 0), 1.0, borderType=cv2.BORDER_REFLECT)
         half = (round(blurred.shape[1] / 2), round(blurred.shape[0] / 2))
-        images.append(cv2.resize(blurred, half, interpolation=cv2.INTER_AREA))
-    for image in reversed(images):
+        images.append(np.asarray(cv2.resize(blurred, half, interpolation=cv2.INTER_AREA)))
+    for level in reversed(range(len(images))):
+        image = images[level]
         scale = np.array([image.shape[1] / log_image.shape[1], image.shape[0] / log_image.shape[0]])
-        kept = 1.0 if image is log_image else contrast_kept(log_image, image)
-        yield _Level(image, _intrinsics(np.diag([*scale, 1.0]) @ K), kept)
+        if level > 0:
+            image = image * gain(log_image, image)
+        yield _Level(image, _intrinsics(np.diag([*scale, 1.0]) @ K), 2**level)
 
 
-def contrast_kept(log_image: Float64, coarse: Float64) -> float:
-    """Regression of a coarse view's gradient on that of the view itself: 1 if nothing is lost."""
+def gain(log_image: Float64, coarse: Float64) -> float:
+    """Factor on a blurred view with which its gradient best predicts that of the view itself.
+
+    It is the regression of the fine on the coarse gradient, at least 1. The other one, of the
+    coarse on the fine, tells how much contrast the blur takes away. To take that off C instead
+    looks the same, but what the blur hides then makes every path look too long, and the search ends
+    millimetres beside the path.
+    """
     size = (log_image.shape[1], log_image.shape[0])
     blurred = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
     both = total = 0.0
     for axis in (0, 1):
-        fine = np.diff(log_image, axis=axis)
-        both += float(np.vdot(np.diff(blurred, axis=axis), fine))
-        total += float(np.vdot(fine, fine))
+        change = np.diff(blurred, axis=axis)
+        both += float(np.vdot(change, np.diff(log_image, axis=axis)))
+        total += float(np.vdot(change, change))
     return both / total if total > 0 else 1.0
 
 
@@ -225,7 +261,6 @@ def _accumulate(
     turns = Rotation.from_matrix(R)
     omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
     segment, table = cumulative_spline.tabulate(R, p, omega, interval_us, problem.duration_us)
-    C = C * level.contrast_kept
     return _Sum(
         *normal_equations(
             problem.x,
@@ -258,7 +293,12 @@ def _solve(
     state = _Sum(math.nan, np.empty(0), np.empty((0, 0)), 0)
     for level in pyramid(sample.log_image, sample.camera.K, blur_px):
         path, state, used, converged = _levenberg_marquardt(
-            problem, level, sample.contrast_threshold, path, knots.interval_us, distance_m
+            _joined(problem, level.events),
+            level,
+            sample.contrast_threshold,
+            path,
+            knots.interval_us,
+            distance_m,
         )
         passes += used
     diagnostics = TrackingDiagnostics(
@@ -301,9 +341,12 @@ def _levenberg_marquardt(
             np.mean(np.sum(step[:, :3] ** 2, axis=1)) / distance_m**2
         )
         if trial.cost <= state.cost:
+            # Noise lowers a sum of N squares at its minimum by its mean for each unknown.
+            noise = len(state.gradient) * state.cost / problem.residuals
+            small = state.cost - trial.cost < _CONVERGED_NOISE * noise
             path, state = trial_path, trial
             damping = max(0.2 * damping, 1e-9)
-            if moved_px < _CONVERGED_PX:
+            if small or moved_px < _CONVERGED_PX:
                 return path, state, passes + 1, True
         else:
             damping *= 8.0
@@ -330,7 +373,7 @@ def _extended(path: Trajectory, knots: _Knots, by_us: int) -> Trajectory:
     controls[:, :3, 3] += share * (last[:3, 3] - first[:3, 3])
     controls[:, :3, :3] = Rotation.from_rotvec(share * turn).as_matrix() @ last[:3, :3]
     interval_s = 1e-6 * knots.interval_us
-    knots_s = interval_s * np.arange(-1, len(path.controls) + more - 1)
+    knots_s = interval_s * np.arange(-1.0, len(path.controls) + more - 1)
     return Trajectory(knots_s, np.concatenate([path.controls, controls]))
 
 
@@ -349,7 +392,7 @@ def normal_equations(
     y,  # (N,)
     t_us,  # (N,)
     t_before_us,  # (N,)
-    p,  # (N,)
+    p,  # (N,), or sums of several
     segment,  # (T,) and
     table,  # (T, 52), the spline at every microsecond, of `cumulative_spline.tabulate`
     controls,  # M
@@ -410,9 +453,9 @@ def normal_equations(
         inside_1 = (
             Z > 0.0
             and Y_z > 0.0
-            and 0.5 <= u
+            and u >= 0.5
             and u <= width - 0.5
-            and 0.5 <= v
+            and v >= 0.5
             and v <= height - 0.5
         )
         if inside_1:
@@ -445,7 +488,7 @@ def normal_equations(
             outside += 1
             cost += flat
             continue
-        r = p[k] * (L_1 - L_0) - C  # Eq. (14)
+        r = L_1 - L_0 - p[k] * C  # Eq. (14) times p_k
         size = abs(r)
         if size <= huber:
             weight = 1.0
@@ -457,9 +500,9 @@ def normal_equations(
         first, count = 6 * s_0, 6 * (s_1 - s_0) + 24
         J[:count] = 0.0
         for i in range(24):
-            J[count - 24 + i] = p[k] * J_1[i]
+            J[count - 24 + i] = J_1[i]
         for i in range(24):
-            J[i] -= p[k] * J_0[i]
+            J[i] -= J_0[i]
         for i in range(count):
             J_i = weight * J[i]
             gradient[first + i] += J_i * r

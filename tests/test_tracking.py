@@ -1,0 +1,427 @@
+"""Pose tracking: the spline and its derivatives, the metric, and a made-up case with known path."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.spatial.transform import Rotation
+
+from eres_render import Camera, Plane, Trajectory, path_through
+from sensor import Events, SensorModel, simulate
+from tasks.errors import TaskError
+from tasks.methods import bicubic, cumulative_spline, initial_path, load_method
+from tasks.methods import photometric_tracking as eppt
+from tasks.tracking import (
+    TrackingEstimate,
+    path_at,
+    perturbed,
+    position_error_mm,
+    succeeded,
+    tracking_sample,
+)
+
+WIDTH = 640
+C = 0.2
+SPEED_MPS = 0.9
+DURATION_S = 0.014
+START_US = 2000  # of the path; there are events before it, and after its end
+FLOOR = Plane((0.0, 0.0, 1.0), 0.0)
+CAMERA = Camera(WIDTH, WIDTH, math.radians(60))
+
+
+def band_limited(seed, size):
+    """Periodic texture with no detail below 4 of its texels."""
+    rng = np.random.default_rng(seed)
+    fy, fx = np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size), indexing="ij")
+    radius = np.hypot(fx, fy)
+    keep = np.where((radius > 0) & (radius < 0.25), 1 / np.maximum(radius, 1 / size), 0)
+    image = np.fft.ifft2(np.fft.fft2(rng.standard_normal((size, size))) * keep).real
+    return 0.7 * image / image.std()
+
+
+def moving_camera(seed):
+    """Pose over time: 1 m above the floor, at 0.9 m/s, accelerating and turning."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(-0.01, 0.04, 6)
+    way = rng.normal(size=3) * [1.0, 1.0, 0.3]
+    T = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (len(t), 1, 1))
+    turn = rng.normal(0.0, 0.05, 3) + np.outer(t, [0.3, -0.2, 0.4])
+    T[:, :3, :3] = Rotation.from_euler("xyz", turn).as_matrix() @ T[:, :3, :3]
+    T[:, :3, 3] = 0.02, -0.03, 1.0
+    T[:, :3, 3] += np.outer(t, SPEED_MPS * way / np.linalg.norm(way))
+    T[:, :3, 3] += 0.5 * np.outer(t**2, rng.normal(0.0, 5.0, 3))
+    path = path_through(t, T)
+    return lambda t_s: path.pose(np.asarray(t_s) - t[0])
+
+
+def made_up(seed):
+    """Exact sensor above a known texture: (events, log image at 0, pose over time)."""
+    pose = moving_camera(seed)
+    texel_m = 1.0 / CAMERA.focal_px
+    texture = ndimage.spline_filter(band_limited(seed, 1024), mode="grid-wrap")
+    rays = CAMERA.rays(CAMERA.centres())
+    t_s = np.arange(-2, 17) * 1e-3
+    log_frames = np.empty((len(t_s), WIDTH, WIDTH))
+    for image, T in zip(log_frames, pose(t_s), strict=True):
+        points = FLOOR.intersect(T[:3, 3], rays @ T[:3, :3].T)
+        at = points[:, 1::-1].T / texel_m
+        image.ravel()[:] = ndimage.map_coordinates(texture, at, prefilter=False, mode="grid-wrap")
+    model = SensorModel(width=WIDTH, height=WIDTH, contrast_threshold=C, dark_level=0.0)
+    events = simulate(np.exp(log_frames), t_s - t_s[0], model)
+    return events, log_frames[2], pose
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return made_up(3)
+
+
+def sample_of(scene, sigma_m, trial, **options):
+    events, log_image, pose = scene
+    truth = path_at(pose, 0.0)
+    initial = perturbed(truth, sigma_m, trial)
+    options = {"max_events": 60_000} | options
+    return tracking_sample(
+        events, START_US, log_image, C, CAMERA, FLOOR, pose(0.0), initial, sigma_m, **options
+    )
+
+
+def error_mm(path, scene):
+    return position_error_mm(path, scene[2], 0.0, DURATION_S)
+
+
+def winding_path():
+    """Ten control poses that turn far, so that no small-angle shortcut could pass."""
+    rng = np.random.default_rng(0)
+    controls = np.tile(np.eye(4), (10, 1, 1))
+    controls[:, :3, :3] = Rotation.from_rotvec(rng.normal(0.0, 0.8, (10, 3))).as_matrix()
+    controls[:, :3, 3] = rng.normal(size=(10, 3))
+    return Trajectory(0.002 * np.arange(-1, 9), controls)
+
+
+def tabulated(path):
+    R = np.ascontiguousarray(path.controls[:, :3, :3])
+    turns = Rotation.from_matrix(R)
+    omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
+    return cumulative_spline.tabulate(R, path.controls[:, :3, 3].copy(), omega, 2000, 14_000)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_recovers_a_known_path(scene, seed):
+    """Physics: with exact events of a band-limited plane at 1 m, the path is known to 0.5 mm."""
+    sample = sample_of(scene, 0.002, seed)
+    answer = eppt.estimate(sample)
+    start, end = error_mm(sample.initial, scene), error_mm(answer.path, scene)
+    assert not answer.failure
+    assert start > 1.0
+    assert end < 0.5
+    assert succeeded(answer, end, start)
+    assert 0 < answer.diagnostics.outside < 0.05 * answer.diagnostics.residuals
+
+
+def test_coarse_to_fine_reaches_ten_pixels(scene):
+    """Promise: blurring finds the path from 20 mm off, 11 px, where the sharp view alone fails."""
+    sample = sample_of(scene, 0.02, 0, max_events=20_000)
+    assert error_mm(eppt.estimate(sample).path, scene) < 0.5
+    sharp = eppt.estimate(replace(sample, initial_sigma_m=0.0))
+    assert error_mm(sharp.path, scene) > 5.0
+
+
+@pytest.mark.slow
+def test_recovers_a_known_path_in_every_trial():
+    """Physics: as above, 20 trials on each of two textures and motions."""
+    for scene_seed in (4, 5):
+        scene = made_up(scene_seed)
+        for seed in range(20):
+            answer = eppt.estimate(sample_of(scene, 0.002, seed))
+            assert not answer.failure
+            assert error_mm(answer.path, scene) < 0.5
+
+
+def test_spline_is_that_of_the_trajectories():
+    """Promise: the tabulated spline agrees with `eres_render.Trajectory` at every microsecond."""
+    path = winding_path()
+    segment, table = tabulated(path)
+    T = path.pose(1e-6 * np.arange(14_000))
+    np.testing.assert_allclose(table[:, :9].reshape(-1, 3, 3), T[:, :3, :3], atol=1e-12)
+    np.testing.assert_allclose(table[:, 9:12], T[:, :3, 3], atol=1e-12)
+    np.testing.assert_array_equal(segment, np.arange(14_000) // 2000)
+    np.testing.assert_allclose(table[:, 12:16].sum(axis=1), 1.0)
+
+
+def test_spline_derivatives_are_those_of_its_values():
+    """Promise: how each control pose turns and moves the pose agrees with differences."""
+    path, h = winding_path(), 1e-6
+    segment, table = tabulated(path)
+    for row in (0, 700, 3999, 4000, 9123, 13_999):
+        for control in range(4):
+            for axis in range(3):
+                step = np.zeros((10, 6))
+                step[segment[row] + control, 3 + axis] = h
+                there, back = (eppt._moved(path, s).pose(1e-6 * row) for s in (step, -step))
+                turn = Rotation.from_matrix(there[:3, :3] @ back[:3, :3].T).as_rotvec() / (2 * h)
+                D = table[row, 16:].reshape(4, 3, 3)[control]
+                np.testing.assert_allclose(D[:, axis], turn, atol=1e-8)
+                step = np.roll(step, -3, axis=1)
+                there, back = (eppt._moved(path, s).pose(1e-6 * row) for s in (step, -step))
+                moved = (there - back)[axis, 3] / (2 * h)
+                assert table[row, 12 + control] == pytest.approx(moved, abs=1e-8)
+
+
+def sum_at(sample, path, huber_in_c):
+    """Cost, gradient, Hessian and events outside at a path."""
+    problem, _ = eppt._problem(sample, 14_000)
+    (level,) = eppt.pyramid(sample.log_image, sample.camera.K, 0.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eppt, "_HUBER_IN_C", huber_in_c)
+        return eppt._accumulate(problem, level, C, path, 2000)
+
+
+@pytest.mark.parametrize("huber_in_c", [0.5, 1e6])
+def test_gradient_is_that_of_the_cost(scene, huber_in_c):
+    """Promise: the gradient in all 60 unknowns agrees with differences of the cost."""
+    sample, h = sample_of(scene, 0.002, 0, max_events=300), 1e-7
+    path = sample.initial
+    gradient = sum_at(sample, path, huber_in_c).gradient
+    numeric = np.empty(60)
+    for i in range(60):
+        step = np.zeros(60)
+        step[i] = h
+        there, back = (
+            sum_at(sample, eppt._moved(path, s.reshape(10, 6)), huber_in_c).cost
+            for s in (step, -step)
+        )
+        numeric[i] = (there - back) / (2 * h)
+    scale = np.abs(gradient).max()
+    assert scale > 0
+    np.testing.assert_allclose(gradient, numeric, atol=1e-5 * scale)
+
+
+def test_hessian_of_one_residual_is_the_square_of_its_jacobian(scene):
+    """Promise: for one residual, J^T J is g g^T / r^2, since g = J r and the cost is r^2 / 2."""
+    sample = sample_of(scene, 0.002, 0)
+    segments_apart = sample.t_us // 2000 - sample.t_before_us // 2000
+    k = int(np.flatnonzero((sample.t_before_us >= 0) & (segments_apart == 2))[0])
+    names = ("x", "y", "t_us", "t_before_us", "p")
+    pair = replace(sample, **{name: getattr(sample, name)[k - 1 : k + 1] for name in names})
+    pair.t_before_us[0] = -1
+    total = sum_at(pair, pair.initial, 1e6)
+    expected = np.outer(total.gradient, total.gradient) / (2 * total.cost)
+    assert np.count_nonzero(total.gradient) == 36  # of six control poses
+    np.testing.assert_allclose(total.hessian, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_all_directions_are_seen(scene):
+    """Physics: relative to the reference view of a texture no pose is free, so nothing is fixed."""
+    sample = sample_of(scene, 0.0, 0)
+    hessian = sum_at(sample, sample.initial, 0.5).hessian
+    scale = 1 / np.sqrt(np.diag(hessian))
+    eigenvalues = np.linalg.eigvalsh(scale[:, None] * hessian * scale)
+    assert eigenvalues[0] > 1e-6 * eigenvalues[-1]
+
+
+def test_looking_away_is_counted_and_does_not_pay(scene):
+    """Promise: events that see nothing of the reference view pull nowhere, and cost rho(C)."""
+    sample = sample_of(scene, 0.0, 0, max_events=2000)
+    away = np.zeros((10, 6))
+    away[:, 0] = 5.0
+    total = sum_at(sample, eppt._moved(sample.initial, away), 0.5)
+    residuals = np.count_nonzero(sample.t_before_us >= 0)
+    assert total.outside == residuals
+    assert total.cost == pytest.approx(residuals * 0.5 * C * (C - 0.25 * C))
+    assert not total.gradient.any()
+    below = np.zeros((10, 6))
+    below[:, 2] = -2.0  # beyond the plane
+    assert sum_at(sample, eppt._moved(sample.initial, below), 0.5).outside == residuals
+
+
+def test_a_delay_is_told_apart_by_the_reference_view(scene):
+    """Physics: events late by d fit the path moved by d; where it passes T_0 gives d back."""
+    events, log_image, pose = scene
+    late_us = 1000
+    late = Events(events.t_us + late_us, events.x, events.y, events.p, WIDTH, WIDTH, events.model)
+    sample = sample_of((late, log_image, pose), 0.002, 0, max_delay_us=2000)
+    plain, compensated = eppt.estimate(sample), eppt.estimate_with_delay(sample)
+    assert error_mm(plain.path, scene) == pytest.approx(1e-3 * late_us * SPEED_MPS, rel=0.2)
+    assert not compensated.failure
+    assert compensated.diagnostics.delay_us == pytest.approx(late_us, abs=150)
+    assert error_mm(compensated.path, scene) < 0.2
+    with pytest.raises(TaskError, match="max_delay_us"):
+        eppt.estimate_with_delay(sample_of(scene, 0.002, 0))
+    bounded = eppt.estimate_with_delay(replace(sample, max_delay_us=500))
+    assert "bound" in bounded.failure
+    assert bounded.path is sample.initial
+
+
+def test_a_random_part_keeps_pixels_whole(scene):
+    """Promise: a kept pixel has all its events, so each knows the right one before it."""
+    whole = sample_of(scene, 0.002, 0, max_events=None)
+    part = sample_of(scene, 0.002, 0, max_events=50_000)
+    again = sample_of(scene, 0.002, 0, max_events=50_000)
+    other = sample_of(scene, 0.002, 0, max_events=50_000, seed=1)
+    assert 49_000 < len(part.t_us) <= 50_000
+    np.testing.assert_array_equal(part.x, again.x)
+    assert not np.array_equal(part.x[:100], other.x[:100])
+    events = scene[0].between(START_US, START_US + 14_000)
+    assert len(whole.t_us) == len(events)
+    for sample in (whole, part):
+        pixel = sample.y.astype(int) * WIDTH + sample.x
+        assert np.all(np.diff(pixel) >= 0)
+        same = np.diff(pixel, prepend=-1) == 0
+        np.testing.assert_array_equal(sample.t_before_us >= 0, same)
+        np.testing.assert_array_equal(sample.t_before_us[same], sample.t_us[:-1][same[1:]])
+    everywhere = np.bincount(events.y.astype(int) * WIDTH + events.x, minlength=WIDTH**2)
+    kept = np.bincount(part.y.astype(int) * WIDTH + part.x, minlength=WIDTH**2)
+    np.testing.assert_array_equal(kept[kept > 0], everywhere[kept > 0])
+
+
+def test_joined_events_add_up(scene):
+    """Promise: joining keeps each pixel's sum of polarities, its first event and its last."""
+    sample = sample_of(scene, 0.002, 0, max_events=20_000)
+    problem, _ = eppt._problem(sample, 14_000)
+    joined = eppt._joined(problem, 4)
+    assert joined.residuals < 0.6 * problem.residuals
+    for p in (problem, joined):
+        assert p.residuals == np.count_nonzero(p.t_before_us >= 0)
+
+    def by_pixel(p, values):
+        return np.bincount(p.y.astype(int) * WIDTH + p.x, values, WIDTH**2)
+
+    later, joined_later = problem.t_before_us >= 0, joined.t_before_us >= 0
+    np.testing.assert_array_equal(
+        by_pixel(problem, problem.p * later), by_pixel(joined, joined.p * joined_later)
+    )
+    np.testing.assert_array_equal(
+        by_pixel(problem, np.where(later, problem.t_us - problem.t_before_us, 0)),
+        by_pixel(joined, np.where(joined_later, joined.t_us - joined.t_before_us, 0)),
+    )
+
+
+def test_what_fails_keeps_the_initial_path_and_says_why(scene):
+    """Promise: too few events or a search that goes astray is a counted failure."""
+    starved = sample_of(scene, 0.002, 0, max_events=200)
+    answer = eppt.estimate(starved)
+    assert "events" in answer.failure
+    assert answer.path is starved.initial
+    assert answer.diagnostics is None
+    astray = sample_of(scene, 0.002, 0)
+    away = np.zeros((10, 6))
+    away[:, 0] = 5.0
+    astray = replace(astray, initial=eppt._moved(astray.initial, away))
+    answer = eppt.estimate(astray)
+    assert "left the reference view" in answer.failure
+    assert answer.path is astray.initial
+    assert not succeeded(answer, 1.0, 5.0)
+
+
+def test_bad_input_is_refused(scene):
+    """Promise: what cannot be tracked is named."""
+    events, log_image, pose = scene
+    initial = path_at(pose, 0.0)
+    good = [events, START_US, log_image, C, CAMERA, FLOOR, pose(0.0), initial, 0.002]
+    for place, bad, message in (
+        (5, None, "depth"),
+        (2, log_image[:-1], "log_image"),
+        (4, Camera(320, 320, 1.0), "camera"),
+        (6, np.eye(3), "T_0"),
+    ):
+        arguments = list(good)
+        arguments[place] = bad
+        with pytest.raises(TaskError, match=message):
+            tracking_sample(*arguments)
+    sample = tracking_sample(*good, max_events=20_000)
+    uneven = Trajectory(np.array([-0.001, 0.0, 0.002, 0.004, 0.006]), initial.controls[:5])
+    with pytest.raises(TaskError, match="even intervals"):
+        eppt.estimate(replace(sample, initial=uneven))
+
+
+def test_the_error_is_the_mean_distance_and_the_baseline_keeps_it(scene):
+    """Promise: a path moved by 3 mm is 3 mm off; doing nothing returns the initial path."""
+    pose = scene[2]
+    truth = path_at(pose, 0.0)
+    controls = truth.controls.copy()
+    controls[:, :3, 3] += [0.001, 0.002, 0.002]
+    moved = Trajectory(truth.knots_s, controls)
+    assert error_mm(moved, scene) == pytest.approx(3.0, abs=0.02)
+    assert error_mm(truth, scene) < 0.02
+    sample = sample_of(scene, 0.002, 0, max_events=2000)
+    assert initial_path.estimate(sample).path is sample.initial
+    assert load_method("tracking", "photometric_tracking") is eppt.estimate
+    assert succeeded(TrackingEstimate(moved), 0.9, 2.0)
+    assert not succeeded(TrackingEstimate(moved), 1.1, 2.0)
+
+
+@pytest.mark.slow
+def test_the_optimum_is_that_of_ceres(scene):
+    """Promise: Ceres, on residuals written down apart from ours, ends at the same path."""
+    pyceres = pytest.importorskip("pyceres")
+    sample = sample_of(scene, 0.0005, 0, max_events=6000)
+    sample = replace(sample, initial_sigma_m=0.0)  # one level
+    huber = 0.5 * C
+    later = np.flatnonzero(sample.t_before_us >= 0)
+    pixels = np.stack([sample.x, sample.y], axis=1)[later] + 0.5
+    rays = CAMERA.rays(pixels)
+    to_reference = np.linalg.inv(sample.T_0)
+    inner = np.all((pixels > 20) & (pixels < WIDTH - 20), axis=1)
+
+    def seen(path, t_us):
+        T = path.pose(1e-6 * t_us)
+        points = FLOOR.intersect(T[:, :3, 3], np.einsum("nij,nj->ni", T[:, :3, :3], rays))
+        at = CAMERA.project(points @ to_reference[:3, :3].T + to_reference[:3, 3])
+        return np.array([bicubic.sample(sample.log_image, *point)[0] for point in at])
+
+    def residuals(step):
+        """Whose squares sum to twice the robust cost."""
+        path = eppt._moved(sample.initial, step.reshape(10, 6))
+        change = seen(path, sample.t_us[later]) - seen(path, sample.t_before_us[later])
+        r = sample.p[later] * change - C
+        size = np.abs(r)
+        robust = np.where(size > huber, np.sqrt(np.maximum(huber * (2 * size - huber), 0)), size)
+        return (np.sign(r) * robust)[inner]
+
+    class Events60(pyceres.CostFunction):
+        def __init__(self):
+            super().__init__()
+            self.set_num_residuals(int(inner.sum()))
+            self.set_parameter_block_sizes([60])
+
+        def Evaluate(self, parameters, out, jacobians):
+            step = np.array(parameters[0])
+            out[:] = residuals(step)
+            if jacobians is not None:
+                h = 1e-6
+                J = np.empty((len(out), 60))
+                for i in range(60):
+                    e = np.zeros(60)
+                    e[i] = h
+                    J[:, i] = (residuals(step + e) - residuals(step - e)) / (2 * h)
+                jacobians[0][:] = J.ravel()
+            return True
+
+    step = np.zeros(60)
+    problem = pyceres.Problem()
+    problem.add_residual_block(Events60(), None, [step])
+    options = pyceres.SolverOptions()
+    options.max_num_iterations = 60
+    options.minimizer_progress_to_stdout = False
+    options.function_tolerance = 1e-12
+    summary = pyceres.SolverSummary()
+    pyceres.solve(options, problem, summary)
+    ceres = eppt._moved(sample.initial, step.reshape(10, 6))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eppt, "_CONVERGED_PX", 1e-6)
+        patch.setattr(eppt, "_CONVERGED_NOISE", 0.0)
+        names = ("x", "y", "t_us", "t_before_us", "p")
+        kept = np.zeros(len(sample.t_us), bool)
+        kept[later[inner]] = True
+        kept[later[inner] - 1] = True
+        ours = eppt.estimate(
+            replace(sample, **{name: getattr(sample, name)[kept] for name in names})
+        )
+    assert not ours.failure
+    assert error_mm(sample.initial, scene) > 0.3
+    apart = np.linalg.norm(ours.path.controls[:, :3, 3] - ceres.controls[:, :3, 3], axis=1)
+    assert 1e3 * apart.max() < 0.01
