@@ -1,10 +1,11 @@
-"""The speed of rendering clips to disk, against rendering the same frames and writing nothing.
+"""The speed of rendering clips to disk, against a bare loop of Mitsuba's own `mi.render`.
 
-Run: python benchmarks/bench_render.py [SIDE_PX [SPP]]
+Run: python benchmarks/bench_render.py [SCENE ...]
 
-Three ways to render the same poses of the baked carpet, turn by turn: `render_clip`, our renderer
-without the writing, and a bare loop of Mitsuba's own `mi.render` with its path tracer at depth 1.
-The figures are medians of the ratios of frame rates.
+At 1280 px and 16 samples per pixel, each round renders the same poses of a baked scene twice:
+`render_clip`, which also finds the frame times and writes EXR frames, poses and checksums; and
+`mi.render` with the path tracer at depth 1, which writes nothing. Prints a Markdown table: medians
+over the rounds of M samples/s, and of the ratio within a round. At least 0.85 is wanted.
 """
 
 from __future__ import annotations
@@ -17,57 +18,55 @@ from pathlib import Path
 
 import numpy as np
 
-from eres_render import Clip, Renderer, load_scene, render_clip
+from eres_render import Clip, Renderer, list_scenes, load_scene, render_clip
 
+_WIDTH, _SPP = 1280, 16
 _ROUNDS = 5
 _WINDOW_S = 0.008  # at 0.5 px a frame: about 10 frames a round
 
 
 def main() -> None:
-    width, spp = (int(word) for word in (sys.argv[1:] + ["1280", "16"][len(sys.argv) - 1 :]))
-    renderer = Renderer(load_scene("carpet"), width, spp)
-    print(f"{width} px, {spp} spp, {renderer.variant}, white level {renderer.white_level:.3f}")
+    print("| scene | `render_clip` with EXR, M samples/s | `mi.render`, M samples/s | ratio |")
+    print("|---|---|---|---|")
+    for name in sys.argv[1:] or list_scenes():
+        ours, bare = samples_per_s(Renderer(load_scene(name), _WIDTH, _SPP))
+        ratio = statistics.median(a / b for a, b in zip(ours, bare, strict=True))
+        medians = (statistics.median(rates) / 1e6 for rates in (ours, bare))
+        print(f"| {name} | " + " | ".join(f"{rate:.1f}" for rate in medians) + f" | {ratio:.2f} |")
 
+
+def samples_per_s(renderer: Renderer) -> tuple[list[float], list[float]]:
+    """Return the rate of `render_clip` and that of `mi.render`, round by round."""
     import mitsuba as mi
 
     world, camera, integrator = renderer._world, renderer._sensor, renderer._tracer
     parameters = mi.traverse(camera)
+    # Mitsuba's camera looks along z with x to the left and y up.
+    from_mitsuba = np.diag([-1.0, -1.0, 1.0, 1.0])
 
     def mitsuba_frame(pose: np.ndarray) -> None:
-        parameters["to_world"] = mi.ScalarTransform4f(pose.tolist())
+        parameters["to_world"] = mi.ScalarTransform4f((pose @ from_mitsuba).tolist())
         parameters.update()
-        np.asarray(mi.render(world, sensor=camera, integrator=integrator, spp=spp, seed=0))
+        np.asarray(mi.render(world, sensor=camera, integrator=integrator, spp=_SPP, seed=0))
 
-    rates: dict[str, list[float]] = {"render_clip": [], "without writing": [], "mi.render": []}
-    mitsuba_frame(np.eye(4))  # compile
+    pose = renderer.trajectory.pose(0.0)
+    mitsuba_frame(pose)  # compile
+    renderer.frame(pose)
+    _ = renderer.white_level  # once a scene, not once a clip
+    ours, bare = [], []
     with tempfile.TemporaryDirectory() as folder:
         for k in range(_ROUNDS):
-            t_s = 0.7 + 0.5 * k
+            t_s = 0.7 + 1.7 * k
             clip = Clip(k, t_s, t_s, t_s + _WINDOW_S)
             start = time.perf_counter()
             sequence = render_clip(renderer, clip, Path(folder) / str(k), 0.5)
-            rates["render_clip"].append(len(sequence) / (time.perf_counter() - start))
-
+            samples = len(sequence) * _WIDTH**2 * _SPP
+            ours.append(samples / (time.perf_counter() - start))
             start = time.perf_counter()
             for pose in sequence.T_world_cam:
-                renderer.frame(pose)
-            rates["without writing"].append(len(sequence) / (time.perf_counter() - start))
-
-            # Mitsuba's camera looks along z with x to the left and y up.
-            poses = sequence.T_world_cam @ np.diag([-1.0, -1.0, 1.0, 1.0])
-            start = time.perf_counter()
-            for pose in poses:
                 mitsuba_frame(pose)
-            rates["mi.render"].append(len(sequence) / (time.perf_counter() - start))
-
-    samples = width**2 * spp / 1e6
-    for name, rate in rates.items():
-        best = max(rate)
-        print(f"{name:16s} {best:6.2f} frames/s, {samples * best:6.1f} M samples/s (best)")
-    for name in ("without writing", "mi.render"):
-        ratios = [a / b for a, b in zip(rates["render_clip"], rates[name], strict=True)]
-        print(f"render_clip / {name:16s} {statistics.median(ratios):.3f}")
-    print("at least 0.85 of mi.render is wanted")
+            bare.append(samples / (time.perf_counter() - start))
+    return ours, bare
 
 
 if __name__ == "__main__":

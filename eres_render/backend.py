@@ -102,9 +102,12 @@ def select_variant() -> str:
         raise BackendError(
             f"ERES_VARIANT: {name} does not work here: {verdict.reason} ({_ADVICE[name]})"
         )
+    import drjit as dr
     import mitsuba as mi
 
     mi.set_variant(name)
+    if dr.thread_count() < 2:  # with one, Mitsuba 3.9 waits for itself for ever on an EXR image
+        dr.set_thread_count(2)
     return name
 
 

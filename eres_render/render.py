@@ -17,11 +17,7 @@ from eres_render.bakeable import reason_not_to_bake, surfaces
 from eres_render.camera import Camera
 from eres_render.clearance import check_clearance
 from eres_render.errors import RenderError
-from eres_render.frame_times import (
-    ImageMotion,
-    depth_image_motion,
-    plane_image_motion,
-)
+from eres_render.frame_times import ImageMotion, depth_image_motion, plane_image_motion
 from eres_render.raycast import RayCaster
 from eres_render.scene import Scene
 from eres_render.trajectory import Trajectory
@@ -31,6 +27,8 @@ Float64 = NDArray[np.float64]
 Integrator = Literal["baked", "path"]
 
 _log = logging.getLogger(__name__)
+
+_WHITE_SPP = 4  # averaging more would move the 99.9th percentile by far less than white matters
 
 # Mitsuba's camera looks along z with x to the left and y up; ours has x right and y down.
 _CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -50,10 +48,10 @@ class Renderer:
         Side of the square image in pixels.
     spp
         Samples per pixel, stratified and spread evenly over the pixel's area (a box filter: any
-        other would blur resolution in). A product the multijittered sampler can lay out, best a
-        square: 4, 9, 16, ...
+        other would blur resolution in). Best a square: 1, 4, 9, 16, ...; else it must be a multiple
+        of its square root, rounded down, for the multijittered sampler to lay it out.
     seed
-        Of the sampler.
+        Of the sampler, 0 to 2^32 - 1.
     integrator
         "baked" (one ray per sample, Lambertian surfaces) or "path" (path tracing in every frame,
         which is noisy: see `measure_noise`). By default baked where that is possible, else path.
@@ -61,7 +59,7 @@ class Renderer:
     Raises
     ------
     RenderError
-        If the sampler cannot lay out `spp` samples.
+        If the sampler cannot lay out `spp` samples, or the image or the seed cannot be.
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
@@ -76,6 +74,8 @@ class Renderer:
         seed: int = 0,
         integrator: Integrator | None = None,
     ) -> None:
+        if not 0 <= seed < 1 << 32:
+            raise RenderError(f"seed: found {seed}, expected 0 to 2^32 - 1")
         self.scene = scene
         self.seed = seed
         self.variant = select_variant()
@@ -103,6 +103,7 @@ class Renderer:
             Render only the middle of the image, a square of so many of its pixels, at most all.
         """
         other = copy.copy(self)
+        other.white_level = self.white_level  # of the whole image, also for a crop
         camera = self.camera
         if crop_px is not None and crop_px < camera.width:
             other.__dict__.pop("image_motion", None)  # it looks at the whole image
@@ -114,13 +115,11 @@ class Renderer:
     def _use_camera(self, camera: Camera, spp: int) -> None:
         import mitsuba as mi
 
+        rows = math.isqrt(max(spp, 0))  # the multijittered sampler's, so many columns in each
+        if rows == 0 or spp % rows:
+            raise RenderError(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")
         self.camera, self.spp = camera, spp
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
-        if (laid_out := self._sensor.sampler().sample_count()) != spp:
-            raise RenderError(
-                f"spp: found {spp}, which the multijittered sampler would turn into {laid_out}; "
-                "use a square such as 4, 9, 16 or 64"
-            )
         self._camera_parameters = mi.traverse(self._sensor)
 
     def frame(self, T_world_cam: Float64, seed: int | None = None) -> NDArray[np.float32]:
@@ -138,11 +137,11 @@ class Renderer:
     def white_level(self) -> float:
         """The scene's white: 99.9th percentile of the radiance along its whole path.
 
-        Over five frames of this renderer, evenly spaced in time, at 4 samples per pixel. It does
-        not depend on which clips are rendered.
+        Over five frames of the whole image, evenly spaced in time, at 4 samples per pixel whatever
+        `spp` is. It does not depend on which clips are rendered, nor on how many threads render.
         """
         t_s = np.linspace(0.0, self.scene.duration_s, 5)
-        frames = [self._render(T, min(4, self.spp), self.seed) for T in self.trajectory.pose(t_s)]
+        frames = [self._render(T, _WHITE_SPP, self.seed) for T in self.trajectory.pose(t_s)]
         return float(np.percentile(np.stack(frames), 99.9))
 
     @cached_property

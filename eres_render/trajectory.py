@@ -156,7 +156,9 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64) -> Trajectory:
     """
     t = np.asarray(t_s, dtype=np.float64)
     if t.shape != (len(T_world_cam),) or len(t) < 2 or not np.all(np.diff(t) > 0):
-        raise TrajectoryError("path_through: expected two or more poses at increasing times")
+        raise TrajectoryError(
+            f"found {len(T_world_cam)} poses, expected two or more at increasing times"
+        )
     knots = _evenly_extended(t - t[0])
     extended = _evenly_extended(knots)
     n = len(t)

@@ -28,13 +28,15 @@ def read_tum(path: Path) -> tuple[Float64, Float64]:
     Raises
     ------
     TrajectoryError
-        If the file is missing, a line does not hold 8 numbers with a quaternion of length 1 to
-        1e-3 (what is nearer is normalised), or times do not increase.
+        If the file is missing or no text, a line does not hold 8 numbers with a quaternion of
+        length 1 to 1e-3 (what is nearer is normalised), or times do not increase.
     """
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise TrajectoryError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise TrajectoryError(f"{path}: not a text file: {error.reason}") from error
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):

@@ -41,6 +41,7 @@ class Setting:
 
 FINEST = Setting(spp=max(SPP), max_displacement_px=min(DISPLACEMENTS_PX))
 USUAL = Setting(spp=16, max_displacement_px=0.5)
+QUICK = Setting(spp=4, max_displacement_px=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,11 +63,11 @@ class Outcome:
 
 
 def settings() -> list[Setting]:
-    """The finest first, then samples at the usual displacement, then the other way round."""
+    """The finest first, then samples at the usual displacement, the other way round, and quick."""
     by_spp = [replace(USUAL, spp=spp) for spp in SPP]
     by_displacement = [replace(USUAL, max_displacement_px=px) for px in DISPLACEMENTS_PX]
-    both = dict.fromkeys([*by_spp, *by_displacement])  # the usual one is in both
-    return [FINEST, *(replace(s, fresh_seeds=fresh) for fresh in (False, True) for s in both)]
+    each = dict.fromkeys([*by_spp, *by_displacement, QUICK])  # the usual one is there twice
+    return [FINEST, *(replace(s, fresh_seeds=fresh) for fresh in (False, True) for s in each)]
 
 
 def converge(

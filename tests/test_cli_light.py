@@ -51,6 +51,16 @@ def write_poses(folder, positions=((3, 0, 0), (2.8, 1, 0.1), (2.5, 1.5, 0)), t_s
     return file
 
 
+def missing_texture(folder):
+    """Let a scene folder's scene.xml name an image that is not there."""
+    xml = (folder / "scene.xml").read_text()
+    wall = """<shape type="rectangle"><bsdf type="diffuse">
+        <texture type="bitmap" name="reflectance">
+        <string name="filename" value="wallpaper.png"/></texture></bsdf></shape></scene>"""
+    (folder / "scene.xml").write_text(xml.replace("</scene>", wall))
+    return folder
+
+
 def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     """Promise: any Mitsuba file with poses renders; info and truth speak about the result."""
     xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path)
@@ -83,10 +93,10 @@ def test_convergence_prints_each_setting(eres, tmp_path):
     code, out, _ = eres("convergence", folder, "--resolution", "24", "--duration", "0.02")
     assert code == 0
     lines = out.splitlines()
-    assert len(lines) == 1 + 1 + 2 * 7
+    assert len(lines) == 1 + 1 + 2 * 8
     assert "64 spp" in lines[1]
     assert "+0.0 %" in lines[1]
-    assert sum("fresh" in line for line in lines) == 7
+    assert sum("fresh" in line for line in lines) == 8
 
 
 BAD_SCENES = [
@@ -109,6 +119,18 @@ BAD_POSES = [
     ("0 0 0 0.2 0 0 0 1\n1 0 0 0.1 0 0 0 1\n", "is inside a solid or behind a wall, shape 'ball'"),
     ("0 3 0 0 0 0 0 1\n1 -3 0 0 0 0 0 1\n", "of shape 'ball'"),
     ("hello\n", "line 1: found 'hello', expected 8 numbers"),
+    ("0 3 0 0 0 0 0 1\n", "found 1 poses, expected two or more"),
+    ("", "found no pose"),
+    (b"\x92\xff\x00", "poses.txt: not a text file"),
+]
+BAD_NUMBERS = [
+    (("--spp", "0"), "spp: found 0, expected a square"),
+    (("--spp", "7"), "spp: found 7, expected a square"),
+    (("--seed", "-1"), "seed: found -1"),
+    (("--resolution", "0"), "the image must have pixels, got 0x0"),
+    (("--duration", "9"), "duration_s: found 9.0, expected (0, 0.4] s"),
+    (("--max-displacement", "0"), "max_displacement_px must be positive"),
+    (("--integrator", "baked"), "shape 'mirror' is not Lambertian"),
 ]
 
 
@@ -122,11 +144,19 @@ def test_bad_scenes_are_refused_and_leave_nothing(eres, tmp_path, parts, text):
 @pytest.mark.parametrize(("poses", "text"), BAD_POSES)
 def test_bad_poses_are_refused_and_leave_nothing(eres, tmp_path, poses, text):
     xml = write_scene(tmp_path, CAMERA, SCENE)
-    (tmp_path / "poses.txt").write_text(poses)
+    data = poses if isinstance(poses, bytes) else poses.encode()
+    (tmp_path / "poses.txt").write_bytes(data)
     refused(
         eres, tmp_path, text, "render", xml, "--trajectory", tmp_path / "poses.txt", "--out",
         tmp_path / "out",
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(("options", "text"), BAD_NUMBERS)
+def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text):
+    xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path)
+    usual = ("--out", tmp_path / "out", "--resolution", "8", "--spp", "1", "--continuous")
+    refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, *usual, *options)
 
 
 @pytest.mark.parametrize(
@@ -139,6 +169,10 @@ def test_bad_poses_are_refused_and_leave_nothing(eres, tmp_path, poses, text):
         (
             lambda folder: room_folder(folder, ("[1.0, 0.0, 1.5]", "[0.1, 0.0, 1.5]")),
             "inside a solid or behind a wall, shape 'ball'",
+        ),
+        (
+            lambda folder: missing_texture(room_folder(folder)),
+            "names 'wallpaper.png', but",
         ),
         (
             lambda folder: edit_scene(folder, ("distance_m = 1.83", "distance_m = 3.0")),

@@ -97,13 +97,29 @@ def test_seeds_differ_only_by_noise(small_carpet, renderer, pose):
     assert other.mean() == pytest.approx(frame.mean(), rel=0.01)
 
 
-def test_spp_that_the_sampler_would_round_are_refused(small_carpet):
-    with pytest.raises(RenderError, match=r"spp: found 7, .* turn into 8; use a square"):
-        Renderer(small_carpet, 16, 7)
+@pytest.mark.parametrize("spp", [-4, 0, 7])
+def test_samples_that_cannot_be_laid_out_are_refused(small_carpet, spp):
+    """Mitsuba would end the process, raise an error of its own, or take another number."""
+    with pytest.raises(RenderError, match=f"spp: found {spp}, expected a square"):
+        Renderer(small_carpet, 16, spp)
+
+
+def test_the_sampler_lays_out_what_is_let_through(small_carpet):
+    for spp in (1, 2, 4, 6, 8, 12, 16, 20):
+        assert Renderer(small_carpet, 4, spp)._sensor.sampler().sample_count() == spp
+
+
+@pytest.mark.parametrize("seed", [-1, 1 << 32])
+def test_seeds_that_the_sampler_does_not_take_are_refused(small_carpet, seed):
+    with pytest.raises(RenderError, match=f"seed: found {seed}, expected 0 to"):
+        Renderer(small_carpet, 16, 4, seed=seed)
 
 
 def test_white_is_a_property_of_the_scene_not_of_the_clip(renderer, small_carpet):
+    """It does not depend on the samples, a crop, or when it is first asked for."""
     assert renderer.white_level == Renderer(small_carpet, 64, 9).white_level
+    assert renderer.white_level == Renderer(small_carpet, 64, 1).white_level
+    assert renderer.white_level == Renderer(small_carpet, 64, 9).at(crop_px=8, spp=4).white_level
     frame = renderer.frame(small_carpet.trajectory().pose(0.0))
     assert 0.5 < renderer.white_level / frame.max() < 2
 
@@ -130,6 +146,28 @@ def test_a_scalar_machine_does_the_whole_job(tmp_path):
     error = np.log(scalar.frame(0)) - np.log(here)
     assert abs(error.mean()) < 0.01
     assert error.std() < 0.12
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cannot ask for one core")
+def test_one_core_renders_the_same_frame_and_white(small_carpet, renderer, pose):
+    """Another process, on a single core: bit by bit the same, and Mitsuba does not lock up."""
+    code = (
+        "import os, sys; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "from eres_render import *\n"
+        "r = Renderer(load_scene(sys.argv[1]), 64, 9)\n"
+        "print(r.white_level.hex(), r.frame(r.trajectory.pose(1.0)).tobytes().hex())"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(small_carpet.folder)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    white, frame = run.stdout.split()
+    assert white == renderer.white_level.hex()
+    assert frame == renderer.frame(pose).tobytes().hex()
 
 
 def test_a_clip_holds_what_was_asked_for(uninterrupted, renderer):
