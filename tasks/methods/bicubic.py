@@ -18,30 +18,40 @@ def sample(image, x_px, y_px):
     x0 = int(column) if column >= 0 else int(column) - 1
     y0 = int(row) if row >= 0 else int(row) - 1
     fx, fy = column - x0, row - y0
+    wx0, wx1, wx2, wx3 = _weights(fx)
+    gx0, gx1, gx2, gx3 = _slopes(fx)
+    wy = _weights(fy)
+    gy = _slopes(fy)
     value, dx, dy = 0.0, 0.0, 0.0
+    xa, xb = min(max(x0 - 1, 0), width - 1), min(max(x0, 0), width - 1)
+    xc, xd = min(max(x0 + 1, 0), width - 1), min(max(x0 + 2, 0), width - 1)
     for j in range(4):
-        if j == 0:
-            wy = ((-0.5 * fy + 1.0) * fy - 0.5) * fy
-            gy = (-1.5 * fy + 2.0) * fy - 0.5
-        elif j == 1:
-            wy = (1.5 * fy - 2.5) * fy * fy + 1.0
-            gy = (4.5 * fy - 5.0) * fy
-        elif j == 2:
-            wy = ((-1.5 * fy + 2.0) * fy + 0.5) * fy
-            gy = (-4.5 * fy + 4.0) * fy + 0.5
-        else:
-            wy = (0.5 * fy - 0.5) * fy * fy
-            gy = (1.5 * fy - 1.0) * fy
         y = min(max(y0 + j - 1, 0), height - 1)
-        a = image[y, min(max(x0 - 1, 0), width - 1)]
-        b = image[y, min(max(x0, 0), width - 1)]
-        c = image[y, min(max(x0 + 1, 0), width - 1)]
-        d = image[y, min(max(x0 + 2, 0), width - 1)]
-        k1 = 0.5 * (c - a)
-        k2 = a - 2.5 * b + 2.0 * c - 0.5 * d
-        k3 = 0.5 * (d - a) + 1.5 * (b - c)
-        line = ((k3 * fx + k2) * fx + k1) * fx + b
-        value += wy * line
-        dx += wy * ((3.0 * k3 * fx + 2.0 * k2) * fx + k1)
-        dy += gy * line
+        a, b, c, d = image[y, xa], image[y, xb], image[y, xc], image[y, xd]
+        line = a * wx0 + b * wx1 + c * wx2 + d * wx3
+        value += wy[j] * line
+        dy += gy[j] * line
+        dx += wy[j] * (a * gx0 + b * gx1 + c * gx2 + d * gx3)
     return value, dx, dy
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _weights(f):
+    """Catmull-Rom's weights of the four pixels around, f beyond the second."""
+    return (
+        ((-0.5 * f + 1.0) * f - 0.5) * f,
+        (1.5 * f - 2.5) * f * f + 1.0,
+        ((-1.5 * f + 2.0) * f + 0.5) * f,
+        (0.5 * f - 0.5) * f * f,
+    )
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _slopes(f):
+    """Derivatives of the weights."""
+    return (
+        (-1.5 * f + 2.0) * f - 0.5,
+        (4.5 * f - 5.0) * f,
+        (-4.5 * f + 4.0) * f + 0.5,
+        (1.5 * f - 1.0) * f,
+    )
