@@ -48,7 +48,7 @@ def bake_scene(scene: Scene, folder: Path | None = None) -> list[Path]:
     Returns
     -------
     files
-        The lightmaps, half-float EXR, irradiance in W m^-2.
+        The lightmaps, half-float EXR, irradiance in W m^-2, rounded to 0.2 % rms.
 
     Raises
     ------
@@ -58,14 +58,21 @@ def bake_scene(scene: Scene, folder: Path | None = None) -> list[Path]:
         If a surface is not Lambertian.
     """
     folder = folder or scene.folder
-    folder.mkdir(parents=True, exist_ok=True)
     settings = scene.settings.bake
+    maps = irradiance_maps(scene, settings.cell_m, settings.spp)
+    folder.mkdir(parents=True, exist_ok=True)
     files = []
-    for shape_id, irradiance in irradiance_maps(scene, settings.cell_m, settings.spp).items():
+    for shape_id, irradiance in maps.items():
         path = folder / _lightmap_name(shape_id)
-        write_luminance(path, irradiance, {_DIGEST_ATTRIBUTE: scene.light_digest})
+        write_luminance(path, _rounded(irradiance), {_DIGEST_ATTRIBUTE: scene.light_digest})
         files.append(path)
     return files
+
+
+def _rounded(irradiance: Float32) -> Float32:
+    """Return values with 8 binary digits: a third less to store, and an error below the noise."""
+    mantissa, exponent = np.frexp(irradiance)
+    return np.ldexp(np.round(mantissa * 256) / 256, exponent).astype(np.float32, copy=False)
 
 
 def lightmaps(scene: Scene) -> dict[str, Float32]:

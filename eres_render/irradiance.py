@@ -7,6 +7,7 @@ light can be carried from surface to surface by the cells of their lightmaps.
 from __future__ import annotations
 
 import logging
+import math
 import sys
 import time
 from collections.abc import Callable
@@ -41,6 +42,7 @@ _SAMPLES_AT_ONCE = 1 << 22  # bounds the memory of one wavefront
 _BOUNCES = 8  # of light between surfaces; what half of it survives has lost 99.6 % by then
 _FEWEST_SAMPLES = 4
 _PROBES = 1 << 14  # points at which a UV square is measured
+_PROBES_PER_POINT = 4  # rays that tell whether a point is covered
 _LEAST_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
 
 
@@ -50,15 +52,16 @@ def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]
     First comes what every cell gets from the lamps, by rays to each of them. Then every surface
     glows by what it reflects of that, and all cells gather the light of the glowing surfaces;
     this is repeated, once for each bounce, with few samples, and the last time with all.
-    Points inside a solid, such as those of a floor under a table's leg, see nothing and count for
-    nothing. Cells without any point that counts take over the nearest cell that has some.
+    Points that something covers, such as those of a floor under a table's leg, count for nothing.
+    Cells without any point that counts take over the nearest cell that has some.
 
     Parameters
     ----------
     cell_m
         Side of a cell on the surface, about: a UV square has a whole number of them each way.
     spp
-        Samples in each cell: positions, each with a ray to every lamp and a ray to gather.
+        Samples in each cell, rounded up to a square: positions, each with a ray to every lamp, a
+        ray to gather, and rays that find out whether it is covered.
 
     Returns
     -------
@@ -82,7 +85,7 @@ def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]
         for name, shape in shapes.items()
     }
     glowing = _glowing(scene, {name: np.zeros(a.shape, np.float32) for name, a in albedo.items()})
-    few = max(_FEWEST_SAMPLES, spp // 16)
+    spp, few = _square(spp), _square(max(_FEWEST_SAMPLES, spp // 16))
     work = sum(u * v for u, v in sides.values()) * (2 * spp + (_BOUNCES - 1) * few)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
@@ -108,6 +111,11 @@ def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]
                 break  # no surface sees another
     _log.info("baked %s in %.1f s", scene.name, time.perf_counter() - start)
     return maps
+
+
+def _square(spp: int) -> int:
+    """Return the least square that is no smaller: what the multijittered sampler lays out best."""
+    return (math.isqrt(spp - 1) + 1) ** 2
 
 
 def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[int, int]:
@@ -183,7 +191,6 @@ def _per_cell(
 
     n_u, n_v = sides
     sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
-    spp = sampler.sample_count()  # it lays them out in a rectangle
     sampler.set_samples_per_wavefront(spp)
     cells_at_once = max(1, _SAMPLES_AT_ONCE // spp)
     total, count = np.zeros(n_u * n_v), np.zeros(n_u * n_v)
@@ -218,15 +225,30 @@ def _per_cell(
     return _fill(mean, known).astype(np.float32)
 
 
+def _outside(world: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
+    """Return which points lie on no covered part of a surface, such as a floor under a table's leg.
+
+    Rays from a covered point all meet the back of something. A few backs alone may be seen through
+    the open side of a hollow thing, and are as black as they look.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    covered = valid
+    for _ in range(_PROBES_PER_POINT):
+        towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
+        seen = world.ray_intersect(point.spawn_ray(towards), active=covered)
+        covered = covered & seen.is_valid() & (dr.dot(seen.n, towards) > 0)
+    return valid & ~covered
+
+
 def _light_of_lamps(world: mi.Scene) -> Light:
     """Return the irradiance that comes straight from the emitters, by one ray to each."""
     import drjit as dr
     import mitsuba as mi
 
     def light(point: Any, sampler: Any, valid: Any) -> tuple[Any, Any]:
-        # What a ray leaves through its back is a solid that the point lies in.
-        out = world.ray_intersect(point.spawn_ray(point.n), active=valid)
-        counts = valid & ~(out.is_valid() & (dr.dot(out.n, point.n) > 0))
+        counts = _outside(world, point, sampler, valid)
         irradiance = mi.Float(0)
         for emitter in world.emitters():
             sample, weight = emitter.sample_direction(point, sampler.next_2d(), counts)
@@ -247,11 +269,10 @@ def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> Light:
     lamps = [mi.ShapePtr(shape) for shape in glowing.shapes() if shape.id() not in names]
 
     def light(point: Any, sampler: Any, valid: Any) -> tuple[Any, Any]:
+        counts = _outside(glowing, point, sampler, valid)
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-        ray = point.spawn_ray(towards)
-        seen = glowing.ray_intersect(ray, active=valid)
-        counts = valid & ~(seen.is_valid() & (dr.dot(seen.n, towards) > 0))
-        surface = counts & seen.is_valid()
+        seen = glowing.ray_intersect(point.spawn_ray(towards), active=counts)
+        surface = counts & seen.is_valid()  # whose emitter is black from behind
         for lamp in lamps:
             surface &= seen.shape != lamp
         radiance = seen.emitter(glowing).eval(seen, surface)

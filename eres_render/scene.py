@@ -29,7 +29,7 @@ from eres_render.trajectory import Trajectory, path_through
 from eres_render.tum import read_tum
 from eres_render.typed_reader import Vector3, read_typed
 
-BAKE_VERSION = 2  # counts every change of the baking code that alters a lightmap
+BAKE_VERSION = 3  # counts every change of the baking code that alters a lightmap
 
 _TUM_CLEARANCE_M = 0.01  # of a path that was given as poses, ten times what the camera can see
 

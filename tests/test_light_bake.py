@@ -103,6 +103,39 @@ def test_cells_under_a_solid_take_their_neighbours_light(tmp_path):
     np.testing.assert_array_equal(floor[:, 4:], np.repeat(floor[:, 3:4], 4, axis=1))
 
 
+def test_what_is_seen_through_an_open_side_is_black_and_hides_the_light_behind(tmp_path):
+    """A box open below hangs 1 m over the floor, 2 m wide, under a sky of radiance 1.
+
+    Expected in the middle below it, where nothing but the opening hides the sky:
+    E = pi (1 - F) = 1.40, F = 0.554 the form factor of a square at half its width (Howell, B-4).
+    """
+    folder = edit_scene(tmp_path / "hood")
+    sides = {
+        "top": '<translate z="3"/>',
+        "east": '<rotate y="1" angle="90"/><translate x="1" z="2"/>',
+        "west": '<rotate y="1" angle="-90"/><translate x="-1" z="2"/>',
+        "south": '<rotate x="1" angle="90"/><translate y="-1" z="2"/>',
+        "north": '<rotate x="1" angle="-90"/><translate y="1" z="2"/>',
+    }
+    shapes = "".join(
+        f"""<shape type="rectangle" id="{name}"><transform name="to_world">{place}</transform>
+          <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf></shape>"""
+        for name, place in sides.items()
+    )
+    (folder / "scene.xml").write_text(
+        f"""<scene version="3.0.0">
+        <emitter type="constant"><rgb name="radiance" value="1"/></emitter>
+        <shape type="rectangle" id="floor">
+          <transform name="to_world"><scale value="0.45"/></transform>
+          <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
+        </shape>{shapes}</scene>"""
+    )
+    drop_textures(folder)
+    floor = irradiance_maps(load_scene(folder), cell_m=0.1, spp=4096)["floor"]
+    form_factor = 4 / (2 * np.pi) * 2 * np.sqrt(0.5) * np.arctan(np.sqrt(0.5))
+    np.testing.assert_allclose(floor[4, 4], np.pi * (1 - form_factor), rtol=0.03)
+
+
 def test_a_scene_of_meshes_is_found_bakeable(tmp_path, monkeypatch):
     """Mitsuba ends the process when a mesh is asked for its UV after its scene has gone."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
@@ -118,12 +151,12 @@ def test_a_scene_of_meshes_is_found_bakeable(tmp_path, monkeypatch):
 
 
 def test_cells_line_up_with_the_texels_of_an_atlas():
-    """The room's textures say how large their UV squares are: 2 cm parts, 1 cm cells."""
+    """The room's textures say how large their UV squares are: 2 cm parts, 5 mm cells."""
     scene = load_scene("room")
     for name in ("plant", "floor_lamp", "chairs"):
         lightmap, _ = read_luminance(scene.folder / f"lightmap_{name}.exr")
         atlas = PIECES[name].atlas()
-        assert lightmap.shape == (2 * atlas.rows, 2 * atlas.columns)
+        assert lightmap.shape == (4 * atlas.rows, 4 * atlas.columns)
 
 
 def test_baked_and_path_traced_views_agree():

@@ -62,32 +62,41 @@ def test_packaged_lightmaps_belong_to_the_scene(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "t_s"), [("rocks", 3.3), ("room", 1.0), ("room", 3.5), ("room", 7.5)]
+    ("name", "t_s"),
+    [("carpet", (3.3, 7.0)), ("rocks", (3.3, 7.0)), ("room", (1.0, 3.5, 5.5, 7.5))],
 )
 def test_baked_and_path_traced_views_agree(name, t_s):
-    """16384 paths a pixel: log radiance to 40 dB (peak 1, 1 % rms), noise included."""
+    """Log radiance to 40 dB with peak 1, that is to 1 % rms, at 128 px over several poses.
+
+    The path tracer's own noise is taken out: the mean square error is the mean product of the
+    errors against two traces of 1024 independent paths a pixel, whose noise has no correlation.
+    What is left of it in the mean is 5 % of the limit.
+    """
     if backend.select_variant().startswith("scalar"):
         pytest.skip("path tracing so many paths needs a vectorised variant")
     scene = load_scene(name)
-    pose = scene.trajectory().pose(t_s)
-    baked = Renderer(scene, 32, 16384, integrator="baked").frame(pose)
-    path = Renderer(scene, 32, 1024, integrator="path")
-    traced = np.zeros_like(baked)
-    for path.seed in range(16):
-        traced += path.frame(pose) / 16
-    error = np.log(baked) - np.log(traced)
-    assert -10 * np.log10(np.mean(error**2)) >= 40
-    assert abs(error.mean()) < 2e-3
+    baked = Renderer(scene, 128, 1024, integrator="baked")
+    traced = Renderer(scene, 128, 1024, integrator="path")
+    squares, means = [], []
+    for pose in scene.trajectory().pose(t_s):
+        log_baked = np.log(baked.frame(pose).astype(np.float64))
+        one, other = (log_baked - np.log(traced.frame(pose, seed=k)) for k in (1, 2))
+        squares.append(np.mean(one * other))
+        means.append(np.mean(one + other) / 2)
+    assert -10 * np.log10(np.mean(squares)) >= 40, squares
+    assert abs(np.mean(means)) < 2e-3
 
 
-def test_no_part_of_the_room_is_black_or_white(renderers):
-    """A leak or a hole would show as radiance 0; only lamps and window outshine the walls."""
+def test_no_part_of_the_room_is_black_and_no_lamp_in_view(renderers):
+    """A leak or a hole would show as radiance 0; a lamp or bright window would set the white.
+
+    White is then 40 times the median, and all of the room but the lamp nearly black in its units.
+    """
     renderer = renderers["room"]
     for T in renderer.trajectory.pose(np.linspace(0, 10, 6)):
         frame = renderer.frame(T)
         assert frame.min() > 1e-3
-        assert np.median(frame) < 1
-        assert np.mean(frame > 2) < 0.2
+        assert np.median(frame) > 0.1 * renderer.white_level
 
 
 def test_packaged_meshes_are_what_the_code_makes(tmp_path, pieces):

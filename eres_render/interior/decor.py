@@ -125,28 +125,22 @@ def _leaf(length_m: float, rise: float) -> list[Chart]:
     return both_sides(grid(points[:, ::-1], leaf, t, s), apart_m=0.0015)
 
 
+# Middles of the ceiling lamps, x and y; scene.xml has the glowing rectangle 5 mm below each.
+_CEILING_LAMPS_M = ((3.15, 1.2), (4.75, 3.3))
+
+
 def lamps() -> list[Chart]:
-    """Return the housings of the ceiling panels and of the lamp over the table."""
+    """Return the housings of two ceiling lamps, and a lamp over the table, not lit."""
     charts = []
-    for x, y, half_x, half_y, low, high in LAMPS_M:
-        corners = (x - half_x, y - half_y, low), (x + half_x, y + half_y, high)
-        charts += box(
-            *corners, lacquered(0.6), ("bottom",) if high < HEIGHT_M else ("bottom", "top")
-        )
-    x, y = LAMPS_M[-1][:2]
+    for x, y in _CEILING_LAMPS_M:
+        low, high = (x - 0.6, y - 0.25, HEIGHT_M - 0.05), (x + 0.6, y + 0.25, HEIGHT_M)
+        charts += box(low, high, lacquered(0.6), ("bottom", "top"))
+    x, y = 2.0, 3.75
+    charts += box((x - 0.6, y - 0.12, 1.95), (x + 0.6, y + 0.12, 2.0), lacquered(0.6))
     for dx in (-0.5, 0.5):
-        cord = (x + dx - 0.004, y - 0.004, LAMPS_M[-1][5]), (x + dx + 0.004, y + 0.004, HEIGHT_M)
-        charts += box(*cord, lacquered(0.1), ("bottom", "top"))
+        low, high = (x + dx - 0.004, y - 0.004, 2.0), (x + dx + 0.004, y + 0.004, HEIGHT_M)
+        charts += box(low, high, lacquered(0.1), ("bottom", "top"))
     return charts
-
-
-# Middle x and y, half the sides, lower and upper end of each lamp's housing; scene.xml has the
-# glowing rectangle 5 mm below each.
-LAMPS_M = (
-    (3.15, 1.2, 0.60, 0.25, HEIGHT_M - 0.05, HEIGHT_M),
-    (4.75, 3.3, 0.60, 0.25, HEIGHT_M - 0.05, HEIGHT_M),
-    (2.0, 3.75, 0.60, 0.12, 1.95, 2.00),
-)
 
 
 def things() -> list[Chart]:

@@ -55,14 +55,15 @@ def peel(
 def garden_view(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
     """Return the radiance, W m^-2 sr^-1, of a hazy garden: sky, tree line, hedge, leaves.
 
-    Its mean is about 3: an overcast afternoon, for which the lamps are on already.
+    It is the hour at which lamps are lit, an overcast day about sunset: the sky, 0.4, is little
+    brighter than a wall by lamplight (some 75 against 30 cd/m^2 in a real room).
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
     y = np.linspace(0, 1, height_px, dtype=np.float32)[:, None]
     clouds = fractal_noise(shape, 0.4 / texel_m, 2, rng)
-    view = np.float32(5.0) * np.exp(0.16 * clouds - 0.25 * y, dtype=np.float32)
-    layers = ((0.55, 0.10, 2.2, 0.30), (0.66, 0.06, 1.4, 0.40), (0.82, 0.05, 0.8, 0.55))
+    view = np.float32(0.5) * np.exp(0.16 * clouds - 0.25 * y, dtype=np.float32)
+    layers = ((0.55, 0.10, 0.22, 0.30), (0.66, 0.06, 0.14, 0.40), (0.82, 0.05, 0.08, 0.55))
     for level, reach, radiance, contrast in layers:
         outline = fractal_noise((4, width_px), 0.5 / texel_m, 2, rng, fall=0.75)[0]
         leaves = fractal_noise(shape, 0.06 / texel_m, 1, rng)

@@ -37,7 +37,7 @@ class Texture:
 TEXTURES: dict[str, Texture] = {
     "carpet": Texture(3, bokhara),
     "stones": Texture(3, pebble_bed),
-    "garden_view": Texture(1, garden_view),
+    "garden_view": Texture(2, garden_view),
     **{name: Texture(1, painter(name)) for name in PIECES},
 }
 
