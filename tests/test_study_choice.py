@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
+from study_rows import EI, EPF, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.choice import choose, choose_all
-from tasks.study.scores import Scores, Series
-
-EI = Series("reconstruction", "event_integration", "psnr_db")
+from tasks.study.choice_html import answer_html
+from tasks.study.scores import Scores
 
 
 def row(width: int, sample: int, value: float) -> Row:
@@ -63,3 +63,22 @@ def test_a_width_with_lost_samples_leaves_no_choice() -> None:
     faster = [replace(r, speed=2.0) for r in rows[1:]]
     choices = choose_all(Scores(rows + faster), EI)
     assert [choice is None for choice in choices.values()] == [False, True]
+
+
+def test_for_errors_the_smallest_is_best() -> None:
+    """640 px has the least error, 346 px is within 0.05 px of it; 3.5 px is what doing nothing has.
+
+    Failed features count with their starting error, and a speed that only one scene has is chosen
+    for on that scene alone.
+    """
+    errors = {128: 2.0, 346: 0.40, 640: 0.36, 1280: 0.48}
+    rows = paper_rows(EPF, lambda width, c, s, v: errors.get(width, 1.0), items=3)
+    choices = choose_all(Scores(rows + nothing_rows(rows, 3.5)), EPF)
+    choice = choices["carpet", math.inf, 10.0]
+    assert choice is not None
+    assert (choice.best, choice.enough) == (640, 346)
+    assert choice.gain == pytest.approx(3.14)
+    assert choice.worthwhile
+    assert ("rocks", math.inf, 10.0) not in choices
+    assert "It takes" not in answer_html(choices, EPF)
+    assert "<b>346&nbsp;px</b> is enough" in answer_html(choices, EPF)

@@ -10,14 +10,13 @@ import cv2
 import numpy as np
 import pytest
 
+from study_rows import CM, EI, EPF, EPPT, HF, nothing_rows
+from study_rows import paper_rows as task_rows
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
 from tasks.study.exhibit import PREVIEW_S
 from tasks.study.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
 from tasks.study.report import MAX_BYTES, write_report
-from tasks.study.scores import Series
-
-EI = Series("reconstruction", "event_integration", "psnr_db")
 
 
 def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
@@ -216,6 +215,51 @@ def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:
     rows = [r for r in paper_rows(samples=1) if r.method == "no_events"]
     with pytest.raises(ResultError, match="only do-nothing rows"):
         write_report(make_run(tmp_path, rows))
+
+
+def all_tasks() -> list[Row]:
+    """One sample of everything; tracking from 2 mm succeeds, from 20 mm 240 px does not."""
+    rows = [r for one in (EI, HF, EPF, CM) for r in task_rows(one, samples=1, scenes=["carpet"])]
+    rows += task_rows(EPF._replace(variant="61 px patch"), samples=1, scenes=["carpet"])
+    rows += task_rows(EPF, samples=1, scenes=["carpet"], method="photometric_flow_with_delay")
+    for variant in ("sigma 2 mm", "sigma 20 mm"):
+        for r in task_rows(EPPT._replace(variant=variant), samples=1, scenes=["carpet"]):
+            lost = variant == "sigma 20 mm" and r.width != 240
+            rows.append(replace(r, failure="no convergence in 9 passes" if lost else ""))
+    once = {one.method for one in (EI, HF, EPF, EPPT)}  # a method of each task
+    return rows + nothing_rows([r for r in rows if r.method in once], 1.0)
+
+
+def test_every_task_has_its_place(tmp_path: Path) -> None:
+    """A selector with the plots of all but one hidden, answers, tables, failures; few figures."""
+    page = html_of(tmp_path, all_tasks())
+    options = re.findall(r'<option value="(\d+)">([^<]*)</option>', page)
+    assert [name for _, name in options] == [
+        *("event integration", "high-pass filter", "photometric flow", "contrast maximization"),
+        *("photometric flow, 61 px patch", "photometric flow with delay"),
+        "photometric tracking, sigma 2 mm",
+    ]
+    assert [int(value) for value, _ in options] == list(range(len(options)))
+    assert page.count('<div class="plots" hidden>') == len(options) - 1
+    data = re.search(r'id="plot-data">(.*?)</script>', page, re.DOTALL)
+    assert data
+    assert page.count('<div class="plot">') == len(json.loads(data[1])) == len(options)
+    assert page.count('<p class="answer several">') == 4
+    for _, name in options:
+        assert len(re.findall(rf"<summary>[^<]* by {re.escape(name)}</summary>", page)) == 2
+    assert "2 mm: 100\u202f%, 20 mm: 0\u202f%" in page
+    assert "no convergence in n passes (36)" in page
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == {
+        f"tradeoff_{one.method}" for one in (EI, HF, EPF, CM, EPPT)
+    }
+
+
+def test_a_run_of_one_task_needs_no_selector(tmp_path: Path) -> None:
+    """Event integration alone: its plots are shown, and nothing is said to choose from."""
+    page = html_of(tmp_path, paper_rows(samples=1))
+    assert "<select" not in page
+    assert '<div class="plots" hidden>' not in page
+    assert "no optical flow and no pose tracking" in page
 
 
 def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:

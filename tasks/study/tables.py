@@ -84,7 +84,7 @@ class ComparisonTable:
     def footnote(self) -> str:
         """What the columns and marks mean."""
         label = source(self.series.task, self.series.method)
-        paper = f"its {label}" if label else "has no such table"
+        paper = f"paper: its {label}; Δ: ours minus the paper's" if label else "not in the paper"
         marks = {
             "reconstruction": "M/s: million events a second",
             "video": "M/s: million events a second",
@@ -92,7 +92,7 @@ class ComparisonTable:
             "tracking": "ok: share of trials that succeed",
         }
         return (
-            f"paper: {paper}; Δ: ours minus the paper's; bold: best of the column; struck out: no "
+            f"{paper}; bold: best of the column; struck out: no "
             f"better than doing nothing; {marks[self.series.task]}; {MISSING}: missing, or not all "
             "samples there (n of N)"
         )
@@ -233,11 +233,12 @@ def _columns(series: Series) -> list[_Column]:
     def rate(entry: Entry, line: Line) -> str:
         return rate_label(None if line.nothing else entry.cell.event_rate_hz)
 
-    columns = [
-        _Column("ours", "ours", ours),
-        _Column("paper", "paper", lambda entry, _: number(entry.paper)),
-        _Column("Δ", "difference", lambda entry, _: number(entry.difference, "+")),
-    ]
+    columns = [_Column("ours", "ours", ours)]
+    if source(series.task, series.method) is not None:
+        columns += [
+            _Column("paper", "paper", lambda entry, _: number(entry.paper)),
+            _Column("Δ", "difference", lambda entry, _: number(entry.difference, "+")),
+        ]
     if metric.reference_width_px is not None:
         columns.append(_Column("native px", "rate", native, in_terminal=False))
     if series.task == "flow":
