@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from eres_render.cache import cache_dir
 from eres_render.errors import SceneError
-from eres_render.image_file import read_luminance, write_luminance
+from eres_render.image_file import read_attributes, read_luminance, write_luminance
 from eres_render.irradiance import bakeable_surfaces, irradiance_maps, reflectance
 from eres_render.scene import BAKE_VERSION, Scene
 from eres_render.world import load_world
@@ -85,19 +85,27 @@ def lightmaps(scene: Scene) -> dict[str, Float32]:
     BackendError
         If they would have to be baked and the selected variant is scalar.
     """
-    cached = _cached_lightmaps(scene)
-    for folder in (scene.folder, cached):
-        if maps := _read_lightmaps(folder, scene.light_digest):
-            return maps
-    _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
-    bake_scene(scene, cached)
-    return _read_lightmaps(cached, scene.light_digest)
+    files = _lightmap_files(scene)
+    if not files:
+        cached = _cached_lightmaps(scene)
+        _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
+        files = bake_scene(scene, cached)
+    return {path.stem.removeprefix("lightmap_"): read_luminance(path) for path in files}
 
 
 def has_lightmaps(scene: Scene) -> bool:
     """Whether lightmaps of the scene as it is are packaged or cached."""
-    folders = (scene.folder, _cached_lightmaps(scene))
-    return any(_read_lightmaps(folder, scene.light_digest) for folder in folders)
+    return bool(_lightmap_files(scene))
+
+
+def _lightmap_files(scene: Scene) -> list[Path]:
+    """Return the files of a folder all of whose lightmaps belong to the scene as it is."""
+    for folder in (scene.folder, _cached_lightmaps(scene)):
+        files = sorted(folder.glob(_lightmap_name("*")))
+        digests = {read_attributes(path).get(_DIGEST_ATTRIBUTE) for path in files}
+        if digests == {scene.light_digest}:
+            return files
+    return []
 
 
 def _cached_lightmaps(scene: Scene) -> Path:
@@ -107,17 +115,6 @@ def _cached_lightmaps(scene: Scene) -> Path:
 
 def _lightmap_name(shape_id: str) -> str:
     return f"lightmap_{shape_id}.exr"
-
-
-def _read_lightmaps(folder: Path, light_digest: str) -> dict[str, Float32]:
-    """Return the lightmaps in a folder, or none if any of them belongs to another scene."""
-    maps = {}
-    for path in sorted(folder.glob(_lightmap_name("*"))):
-        image, attributes = read_luminance(path)
-        if attributes.get(_DIGEST_ATTRIBUTE) != light_digest:
-            return {}
-        maps[path.stem.removeprefix("lightmap_")] = image
-    return maps
 
 
 def baked_scene(scene: Scene) -> mi.Scene:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -36,21 +37,38 @@ def write_luminance(
     write_whole(path, lambda unfinished: file.write(str(unfinished)))
 
 
-def read_luminance(path: Path) -> tuple[NDArray[np.float32], dict[str, str]]:
-    """Read the (H, W) image of channel Y as float32, and the text attributes of the header.
+def read_luminance(path: Path) -> NDArray[np.float32]:
+    """Read the (H, W) image of channel Y as float32.
 
     Raises
     ------
     RenderError
         If the file is missing, truncated or not an image with a channel Y.
     """
+    with _open(path) as file:
+        return np.asarray(file.channels()["Y"].pixels, dtype=np.float32)
+
+
+def read_attributes(path: Path) -> dict[str, str]:
+    """Read the text attributes of an image's header.
+
+    Raises
+    ------
+    RenderError
+        If the file is missing or not an image.
+    """
+    with _open(path, header_only=True) as file:
+        return {k: v for k, v in file.header().items() if isinstance(v, str)}
+
+
+@contextmanager
+def _open(path: Path, header_only: bool = False) -> Iterator[OpenEXR.File]:
+    """Open an image; what goes wrong with it is told as a RenderError that names it."""
     if not path.is_file():
         raise RenderError(f"{path}: missing")
     try:
-        with OpenEXR.File(str(path)) as file:
-            pixels = file.channels()["Y"].pixels
-            attributes = {k: v for k, v in file.header().items() if isinstance(v, str)}
-            return np.asarray(pixels, dtype=np.float32), attributes
+        with OpenEXR.File(str(path), header_only=header_only) as file:
+            yield file
     except (RuntimeError, ValueError, KeyError, TypeError) as error:
         found = f"{path.stat().st_size} bytes that OpenEXR cannot read"
         raise RenderError(f"{path}: found {found}, expected an image with a channel Y") from error

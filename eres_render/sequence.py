@@ -218,7 +218,7 @@ def _read_frame(
 ) -> NDArray[np.float32]:
     path = _frame_file(folder, i)
     try:
-        radiance, _ = read_luminance(path)
+        radiance = read_luminance(path)
     except RenderError as error:
         raise SequenceError(str(error)) from error
     if radiance.shape != (manifest.height, manifest.width):

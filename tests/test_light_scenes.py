@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eres_render import Renderer, backend, list_scenes, load_scene
-from eres_render.image_file import read_luminance
+from eres_render.image_file import read_attributes, read_luminance
 from eres_render.interior.atlas import CELL_M
 from eres_render.interior.pieces import PIECES
 
@@ -54,8 +54,8 @@ def test_packaged_lightmaps_belong_to_the_scene(name):
     files = sorted(scene.folder.glob("lightmap_*.exr"))
     assert files
     for file in files:
-        image, attributes = read_luminance(file)
-        assert attributes["eresLightDigest"] == scene.light_digest
+        image = read_luminance(file)
+        assert read_attributes(file)["eresLightDigest"] == scene.light_digest
         assert np.isfinite(image).all()
         assert image.min() >= 0
 

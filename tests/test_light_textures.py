@@ -76,7 +76,7 @@ def test_a_recipe_makes_its_file_once(tmp_path, monkeypatch):
     assert recipe.file() == file
     assert file.stat().st_mtime_ns == made_ns
     assert recipe.make().shape == (64, 128)
-    np.testing.assert_array_equal(read_luminance(file)[0], recipe.make().astype(np.float16))
+    np.testing.assert_array_equal(read_luminance(file), recipe.make().astype(np.float16))
     assert TextureRecipe("carpet", 128, 0.01, 3, height_px=64).file() != file
     assert TextureRecipe("carpet", 128, 0.01, 2).file() != file
 
@@ -96,7 +96,7 @@ def test_a_piece_of_the_room_has_the_size_of_its_atlas():
 GOLDEN = {
     "carpet": (3, 0.2487, 0.0026, -0.0059),
     "stones": (3, 0.2469, 0.0027, -0.0035),
-    "garden_view": (1, 3.2138, 0.0692, -0.8375),
+    "garden_view": (2, 0.3214, 0.0069, -0.0838),
     "floor": (1, 0.2913, -0.0009, 0.0000),
     "ceiling": (1, 0.7780, 0.0012, -0.0017),
     "beams": (1, 0.3841, 0.0309, -0.0530),
@@ -115,7 +115,7 @@ GOLDEN = {
     "curtains": (1, 0.4815, 0.0096, -0.0028),
     "floor_lamp": (1, 0.3485, 0.0547, 0.0791),
     "plant": (1, 0.2678, 0.0256, -0.0184),
-    "lamps": (1, 0.4929, 0.0339, 0.0584),
+    "lamps": (1, 0.5072, 0.0292, 0.0552),
     "things": (1, 0.4462, 0.0029, 0.0302),
 }
 
