@@ -221,12 +221,15 @@ class Plot {
 }
 
 const plots = JSON.parse(document.getElementById("plot-data").textContent);
-document.querySelectorAll(".plot").forEach((root, i) => new Plot(root, plots[i]));
+const drawn = [...document.querySelectorAll(".plot")].map((root, i) => new Plot(root, plots[i]));
 
 const pick = document.getElementById("pick");
 if (pick) {
   const groups = document.querySelectorAll(".plots");
-  const choose = () => groups.forEach((group, i) => (group.hidden = i !== Number(pick.value)));
+  const choose = () => {
+    groups.forEach((group, i) => (group.hidden = i !== Number(pick.value)));
+    drawn.forEach((plot) => plot.draw()); // those that were hidden had no width
+  };
   pick.addEventListener("change", choose);
   choose(); // a browser may restore an earlier choice
 }
