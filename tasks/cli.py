@@ -512,13 +512,13 @@ def _print_pairs(pairs: dict[str, str]) -> None:
 
 
 def _show_scores(run: Path) -> None:
-    """Print each method's scores at the base speed, beside the paper's where it has them."""
+    """Print the main methods' scores at the base speed, beside the paper's where it has them."""
     from tasks.row import read_rows
-    from tasks.study.tables import Scores, comparison_table, to_rich
+    from tasks.study.scores import Scores
+    from tasks.study.tables import main_tables, to_rich
 
-    scores = Scores(read_rows(run / "rows.csv"))
-    for series in scores.series():
-        _out.print(to_rich(comparison_table(scores, series, speeds=scores.speeds(series)[:1])))
+    for table in main_tables(Scores(read_rows(run / "rows.csv"))):
+        _out.print(to_rich(table))
 
 
 def _show_claims(run: Path) -> None:
