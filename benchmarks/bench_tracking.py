@@ -1,0 +1,101 @@
+"""Speed of pose tracking on one thread: microseconds an event and pass, and seconds a fit.
+
+    python benchmarks/bench_tracking.py [--width 1280] [--runs 3]
+
+A texture moves along a diagonal by 7.7 px at 1280 px in 14 ms, 550 px/s, seen by an ideal sensor
+1.83 m from it with C = 0.2. Initial control poses are 2 and 10 mm off. A pass is what the
+Levenberg-Marquardt search does once a step: the spline's table, and cost, gradient and Hessian of
+all events. Minimum of the runs. The frames are interpolated, so their blur changes with time: the
+errors tell event counts apart, not what the method can do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from bench_sensor import moving_texture
+
+from eres_render import Camera, Plane
+from sensor import SensorModel, simulate
+from tasks.methods import photometric_tracking as eppt
+from tasks.tracking import path_at, perturbed, position_error_mm, tracking_sample
+
+FRAMES, DURATION_S, DISTANCE_M, C = 17, 0.014, 1.83, 0.2
+MAX_EVENTS = (20_000, 50_000, 100_000, 300_000, 1_000_000)
+
+
+def seconds(call: Callable[[], object], runs: int) -> float:
+    """Least time of several runs."""
+    best = math.inf
+    for _ in range(runs):
+        start = time.perf_counter()
+        call()
+        best = min(best, time.perf_counter() - start)
+    return best
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--width", type=int, default=1280, help="sensor side in pixels")
+    parser.add_argument("--runs", type=int, default=3, help="runs of each kind; the least counts")
+    args = parser.parse_args()
+    width = args.width
+    camera = Camera(width, width, math.radians(60))
+    plane = Plane((0.0, 0.0, 1.0), DISTANCE_M)
+    step_px = 7.7 * width / 1280 / (FRAMES - 1)
+    frames = moving_texture(width, FRAMES, step_px)
+    model = SensorModel(width=width, height=width, contrast_threshold=C, dark_level=0.0)
+    events = simulate(frames, np.linspace(0.0, DURATION_S, FRAMES), model, threads=1)
+    log_image = np.log(frames[0].astype(np.float64))
+    print(f"{width} px, {len(events)} events in 14 ms, 1 thread, minimum of {args.runs}")
+
+    def pose(t_s: np.ndarray) -> np.ndarray:
+        """Of a camera that moves so that the texture moves as it does."""
+        T = np.tile(np.eye(4), (len(t_s), 1, 1))
+        moved_px = step_px * (FRAMES - 1) / DURATION_S * t_s[:, None]
+        T[:, :2, 3] = moved_px / math.sqrt(2) * DISTANCE_M / camera.focal_px
+        return T
+
+    truth = path_at(pose, 0.0)
+    print("max events    used  us/event and pass  sigma mm  passes  s a fit  error mm")
+    for max_events in MAX_EVENTS:
+        for sigma_m in (0.002, 0.01):
+            sample = tracking_sample(
+                events,
+                0,
+                log_image,
+                C,
+                camera,
+                plane,
+                np.eye(4),
+                perturbed(truth, sigma_m, 0),
+                sigma_m,
+                max_events=max_events,
+            )
+            problem, _ = eppt._problem(sample, 14_000)
+            (view,) = eppt.pyramid(log_image, camera.K, 0.0)
+            answer = eppt.estimate(sample)  # also compiles
+            one = seconds(
+                lambda p=problem, v=view, s=sample: eppt._accumulate(p, v, C, s.initial, 2000),
+                args.runs,
+            )
+            fit = seconds(lambda s=sample: eppt.estimate(s), args.runs)
+            error_mm = position_error_mm(answer.path, pose, 0.0, DURATION_S)
+            found = answer.failure or f"{error_mm:.3f}"
+            used = len(sample.t_us)
+            print(
+                f"{max_events:10} {used:7} {1e6 * one / used:18.2f} {1e3 * sigma_m:9.0f} "
+                f"{answer.diagnostics.passes:7} {fit:8.2f}  {found}"
+            )
+            if used == len(events):
+                return
+
+
+if __name__ == "__main__":
+    main()
