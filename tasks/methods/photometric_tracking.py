@@ -309,6 +309,9 @@ def _solve(
     if state.outside > (1 - _LEAST_INSIDE) * problem.residuals:
         left = f"{state.outside} of {problem.residuals} events left the reference view"
         return path, diagnostics, left
+    huber = _HUBER_IN_C * sample.contrast_threshold
+    if diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
+        return path, diagnostics, "explains the events no better than standing still"
     return path, diagnostics, "" if converged else f"no convergence in {passes} passes"
 
 
