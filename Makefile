@@ -28,6 +28,8 @@ bench: .venv/.ready .venv/.llvm
 	$(BIN)/python benchmarks/bench_sensor.py
 	$(BIN)/python benchmarks/bench_render.py
 	$(BIN)/python benchmarks/bench_formats.py
+	$(BIN)/python benchmarks/bench_methods.py
+	$(BIN)/python benchmarks/bench_tracking.py
 
 clean:
 	rm -rf .venv runs

@@ -48,7 +48,7 @@ def tiny_study(scene_folder):
         simulate=Simulate(widths=(24, 48, 96), cutoffs_hz=(np.inf, 50.0), speeds=(1.0, 2.0)),
         evaluate=Evaluate(
             flow=Flow(features=3, native_patch=True, fast_methods=("initial_flow",)),
-            tracking=Tracking(sigmas_mm=(2.0, 5.0)),
+            tracking=Tracking(sigmas_mm=(2.0, 5.0), max_events=5000),
             video=Video(methods=("high_pass_filter", "blank"), duration_s=0.3, run_in_s=0.1),
         ),
     )

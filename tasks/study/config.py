@@ -148,8 +148,8 @@ class Tracking:
     """
 
     methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
-    sigmas_mm: tuple[float, ...] = (2.0,)
-    max_events: int = 50_000
+    sigmas_mm: tuple[float, ...] = (10.0,)
+    max_events: int = 100_000
     max_delay_us: int = 10_000
     seed: int = 0
 
@@ -227,7 +227,7 @@ PRESETS = {
         name="quick",
         scenes=("carpet",),
         render=Render(spp=4, max_displacement_px=1.0, samples=3),
-        evaluate=Evaluate(flow=Flow(features=5), tracking=Tracking(max_events=20_000)),
+        evaluate=Evaluate(flow=Flow(features=5), tracking=Tracking(max_events=50_000)),
     ),
     "paper": Study(
         name="paper",
