@@ -6,17 +6,21 @@ A texture with a natural spectrum and edges moves by 0.97 px a frame, frames 1 m
 "dense" fires about 0.2 events a pixel and frame, "sparse" a tenth of that (frames 0.1 ms apart).
 Minimum of the runs; kinds are measured in turn, so that a busy machine troubles all of them alike.
 The numpy column is what it takes to read the same frames once and take their logarithm,
-`np.log(frame + dark)`. Then nine settings that share the frames, against nine runs.
+`np.log(frame + dark)`. Then nine settings that share the frames, against nine runs: with the frames
+in memory, and with each run reading them from OpenEXR files as a render leaves them.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
+from eres_render.image_file import read_luminance, write_luminance
 from sensor import SensorModel, simulate, stream, stream_bank
 
 
@@ -100,26 +104,34 @@ def compare_bank(frames: np.ndarray, t_s: np.ndarray, runs: int) -> None:
     frames, t_s = frames[:17], t_s[:17]
     speeds = [1.0, 4 / 3, 2.0] * 3
     print("\nbank of 9 settings, 1 thread: one by one / together, median of the runs' ratios")
-    for width in (128, 240, 346, 640, 1280):
-        if width > frames.shape[1]:
-            continue
-        models = [
-            SensorModel(width=width, height=width, cutoff_hz=cutoff_hz)
-            for cutoff_hz in (math.inf, 200.0, 50.0)
-            for _ in range(3)
-        ]
-        ratios, together_s = [], []
-        for _ in range(runs):
-            start = time.perf_counter()
-            for model, speed in zip(models, speeds, strict=True):
-                for _ in stream(frames, t_s / speed, model, threads=1):
-                    pass
-            middle = time.perf_counter()
-            for _ in stream_bank(frames, t_s, models, speeds=speeds, threads=1):
-                pass
-            together_s.append(time.perf_counter() - middle)
-            ratios.append((middle - start) / together_s[-1])
-        print(f"{width:5} px  {np.median(ratios):5.2f}x  together {min(together_s):6.3f} s")
+    print("         frames in memory             frames as OpenEXR on disk")
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder) / f"{k}.exr" for k in range(len(frames))]
+        for file, frame in zip(files, frames, strict=True):
+            write_luminance(file, frame)
+        for width in (128, 240, 346, 640, 1280):
+            if width > frames.shape[1]:
+                continue
+            models = [
+                SensorModel(width=width, height=width, cutoff_hz=cutoff_hz)
+                for cutoff_hz in (math.inf, 200.0, 50.0)
+                for _ in range(3)
+            ]
+            cells = []
+            for frames_again in (lambda: frames, lambda: map(read_luminance, files)):
+                ratios, together_s = [], []
+                for _ in range(runs):
+                    start = time.perf_counter()
+                    for model, speed in zip(models, speeds, strict=True):
+                        for _ in stream(frames_again(), t_s / speed, model, threads=1):
+                            pass
+                    middle = time.perf_counter()
+                    for _ in stream_bank(frames_again(), t_s, models, speeds=speeds, threads=1):
+                        pass
+                    together_s.append(time.perf_counter() - middle)
+                    ratios.append((middle - start) / together_s[-1])
+                cells.append(f"{np.median(ratios):5.2f}x  together {min(together_s):6.3f} s")
+            print(f"{width:5} px  {cells[0]}   {cells[1]}")
 
 
 if __name__ == "__main__":

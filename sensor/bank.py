@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +21,12 @@ from sensor.model import SensorModel
 from sensor.optics import integrate
 
 DARK_FRACTION = 1e-3  # of the white level, where a model leaves its dark level open
-_BLOCK_PX = 4096  # pixels taken through several frames at a time: their state fits the L2 cache
+# Pixels taken through several frames at a time: their state fits the L2 cache, and its rows, which
+# are no power of two apart, do not fall on the same lines of the L1 cache.
+_BLOCK_PX = 4040
 _CHUNK_FRAMES = 8
+_BANDS_A_THREAD = 4  # so that a thread that is held up leaves its share to the others
+_POOL_EVENTS = 1 << 22  # 32 MiB of addresses; memory is taken as it is filled
 _CHUNK_WORK = 1 << 26  # pixels x frames x settings at a time: bounds the memory of unsorted events
 
 
@@ -41,6 +46,7 @@ class _Group:
     electronics: NDArray[np.float64]  # (S, pixel.ELECTRONICS_SIZE)
     noisy: NDArray[np.bool_]  # (S,)
     filtered: NDArray[np.bool_]  # (S,)
+    leader: NDArray[np.int64]  # (S,) see `_leaders`
     speed: NDArray[np.float64]  # (S,)
     u: NDArray[np.float64]  # (height * width,) log intensity
     v1: NDArray[np.float64]  # (S, height * width), or (S, 0) where no member has a filter
@@ -84,7 +90,12 @@ class Bank:
         self.models = list(models)
         self.seed = seed
         self.threads = threads or len(os.sched_getaffinity(0))
-        self._pools = [np.empty(1 << 16, np.uint64) for _ in range(self.threads)]
+        # Room for the kernels' events, one a band; and for each thread that sorts, room to do so.
+        self._bands = 1 if self.threads == 1 else _BANDS_A_THREAD * self.threads
+        self._pools = [np.empty(_POOL_EVENTS, np.uint64) for _ in range(self._bands)]
+        self._scratch: SimpleQueue[NDArray[np.uint64]] = SimpleQueue()
+        for _ in range(self.threads):
+            self._scratch.put(np.empty((2, 0), np.uint64))
 
     def _default_dark_level(self) -> float:
         white = float(np.percentile(self.reader.first, 99.9))
@@ -158,6 +169,7 @@ class Bank:
             electronics=np.array([_electronics(m) for m in models]),
             noisy=np.array([m.shot_noise_hz > 0 for m in models]) | hot,
             filtered=filtered,
+            leader=_leaders(models),
             speed=np.array([self.speeds[i] for i in members]),
             u=u,
             v1=v,
@@ -220,16 +232,16 @@ class Bank:
                 for row, model in zip(t_s, group.models, strict=True)
             ]
         )
-        edges = np.linspace(0, group.u.size, self.threads + 1).astype(int).tolist()
+        edges = np.linspace(0, group.u.size, self._bands + 1).astype(int).tolist()
         bands = [(k, *band) for k, band in enumerate(itertools.pairwise(edges)) if len({*band}) > 1]
 
         def advance_band(band: tuple[int, int, int]) -> NDArray[np.int64]:
             k, pixel_start, pixel_stop = band
             blocks = -(-(pixel_stop - pixel_start) // _BLOCK_PX)
-            segment = np.zeros(blocks * S * F + 1, np.int64)
-            outcome, block, setting = pixel.FULL, 0, 0
+            segment = np.zeros((blocks, S, F, 2), np.int64)
+            outcome, block, setting, used = pixel.FULL, 0, 0, 0
             while outcome == pixel.FULL:
-                outcome, block, setting = pixel.advance_pixels(
+                outcome, block, setting, used = pixel.advance_pixels(
                     radiance.reshape(F, -1),
                     group.dark,
                     group.width,
@@ -246,6 +258,7 @@ class Bank:
                     group.electronics,
                     group.filtered,
                     group.noisy,
+                    group.leader,
                     np.uint64(self.seed),
                     index - 1,
                     steps,
@@ -253,6 +266,7 @@ class Bank:
                     frame_us,
                     block,
                     setting,
+                    used,
                     self._pools[k],
                     segment,
                 )
@@ -266,12 +280,10 @@ class Bank:
 
         segments = list(workers.map(advance_band, bands))
         pools = [self._pools[k] for k, *_ in bands]
-        counts = np.zeros((S, F), np.int64)
-        for segment in segments:
-            pixel.count_events(segment, counts)
+        counts = sum(np.diff(segment, axis=3)[..., 0].sum(axis=0) for segment in segments)
         for s, i in enumerate(group.members):
-            intervals = _Unsorted(pools, segments, counts[s], frame_us[s], S, s)
-            events = intervals.sort(group.held[s], workers)
+            intervals = _Unsorted(pools, segments, counts[s], frame_us[s], s)
+            events = intervals.sort(group.held[s], workers, self._scratch)
             last_us = int(frame_us[s, -1])
             group.held[s] = events.between(last_us, last_us + 1).copy()
             yield i, _after_refractory(group, s, events[: len(events) - len(group.held[s])])
@@ -285,10 +297,14 @@ class _Unsorted:
     segments: list[NDArray[np.int64]]
     counts: NDArray[np.int64]  # (F,)
     frame_us: NDArray[np.int64]  # (F + 1,)
-    settings: int
     setting: int
 
-    def sort(self, held: Events, workers: ThreadPoolExecutor) -> Events:
+    def sort(
+        self,
+        held: Events,
+        workers: ThreadPoolExecutor,
+        scratch: SimpleQueue[NDArray[np.uint64]],
+    ) -> Events:
         """All of them after the events held back before, by time, ties by (y, x)."""
         starts = len(held) + np.concatenate(([0], np.cumsum(self.counts)))
         size = int(starts[-1])
@@ -299,15 +315,17 @@ class _Unsorted:
             column[: len(held)] = old
 
         def sort_interval(f: int) -> None:
-            words = np.empty(self.counts[f], np.uint64)
+            room = scratch.get()
+            if room.shape[1] < self.counts[f]:
+                room = np.empty((2, self.counts[f]), np.uint64)
+            words, other = room[:, : self.counts[f]]
             used = 0
             for pool, segment in zip(self.pools, self.segments, strict=True):
-                used = pixel.gather(
-                    pool, segment, self.settings, len(self.counts), self.setting, f, words, used
-                )
+                used = pixel.gather(pool, segment, self.setting, f, words, used)
             start_us, end_us = self.frame_us[f : f + 2]
-            part = slice(starts[f], starts[f + 1])
-            pixel.sort_by_time(words, end_us - start_us, start_us, *(c[part] for c in columns))
+            part = (column[starts[f] : starts[f + 1]] for column in columns)
+            pixel.sort_by_time(words, other, end_us - start_us, start_us, *part)
+            scratch.put(room)
 
         list(workers.map(sort_interval, range(len(self.counts))))
         # A frame's microsecond holds events of the interval before it and of the one after it.
@@ -331,6 +349,22 @@ class _Draw:
     """Which random numbers: each kind has its own stream of the seed."""
 
     START, C_ON, C_OFF, HOT = range(4)
+
+
+def _leaders(models: list[SensorModel]) -> NDArray[np.int64]:
+    """For each model the first that fires the same events, times apart; as a rule that is itself.
+
+    What an ideal pixel fires between two frames depends on their light alone. A filter, a leak and
+    noise depend on the time between them as well.
+    """
+    first: dict[tuple, int] = {}
+    leaders = []
+    for i, m in enumerate(models):
+        timeless = m.cutoff_hz == math.inf and m.leak_hz == m.shot_noise_hz == 0
+        timeless &= m.hot_pixel_fraction == 0
+        comparator = m.contrast_threshold, m.threshold_mismatch, m.random_start
+        leaders.append(first.setdefault(comparator, i) if timeless else i)
+    return np.array(leaders)
 
 
 def _electronics(model: SensorModel) -> list[float]:

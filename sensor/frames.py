@@ -59,6 +59,7 @@ class FrameReader:
                 raise SensorError(f"frames: found none, expected {count}") from None
         self.shape: tuple[int, ...] = first.shape
         self.first = self._checked(first[None], 0)[0]
+        self._room: NDArray[np.floating] = np.empty((0, *self.shape), self.first.dtype)
         refuse_bad_radiance(self.first[None], 0)
 
     def chunks(self, size: int) -> Iterator[NDArray[np.floating]]:
@@ -76,23 +77,34 @@ class FrameReader:
             if self._array is not None:
                 chunk = self._array[done : done + wanted]
             else:
-                parts = [np.asarray(f) for f in itertools.islice(self._rest, wanted)]
-                for k, part in enumerate(parts):
-                    if part.shape != self.shape:
-                        raise SensorError(
-                            f"frame {done + k}: found shape {part.shape}, "
-                            f"expected {self.shape} as the first"
-                        )
-                if len(parts) < wanted:
-                    raise SensorError(
-                        f"frames: ended after {done + len(parts)}, "
-                        f"expected {self._count}, one for each entry of t_s"
-                    )
-                chunk = np.stack(parts)
+                chunk = self._read(done, wanted)
             yield self._checked(chunk, done)
             done += wanted
         if next(self._rest, None) is not None:
             raise SensorError(f"frames: found more than {self._count}, the length of t_s")
+
+    def _read(self, index: int, wanted: int) -> NDArray[np.floating]:
+        """The next frames, in memory that is used again for those after them."""
+        if len(self._room) < wanted:
+            self._room = np.empty((wanted, *self.shape), self.first.dtype)
+        found = 0
+        for frame in map(np.asarray, itertools.islice(self._rest, wanted)):
+            self._checked(frame[None], index + found)
+            if frame.shape != self.shape:
+                raise SensorError(
+                    f"frame {index + found}: found shape {frame.shape}, "
+                    f"expected {self.shape} as the first"
+                )
+            if frame.dtype.itemsize > self._room.dtype.itemsize:
+                self._room = self._room.astype(np.float64)
+            self._room[found] = frame
+            found += 1
+        if found < wanted:
+            raise SensorError(
+                f"frames: ended after {index + found}, "
+                f"expected {self._count}, one for each entry of t_s"
+            )
+        return self._room[:wanted]
 
     def _checked(self, chunk: NDArray[np.floating], index: int) -> NDArray[np.floating]:
         if chunk.ndim != 3 or chunk.size == 0:

@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.extending import intrinsic
+from numba.extending import intrinsic, overload
 
 # "contract" lets a * b + c become one rounding; nothing else about float64 is relaxed.
 jit = numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
@@ -31,8 +31,6 @@ TIME_SHIFT = np.uint64(33)
 POLARITY_SHIFT = np.uint64(32)
 ROW_SHIFT = np.uint64(16)
 COORDINATE_MASK = np.uint64(0xFFFF)
-BRIGHTER = np.uint64(1) << POLARITY_SHIFT
-DARKER = np.uint64(0)
 PLACE_MASK = np.uint64(0xFFFFFFFF)
 MAX_INTERVAL_US = (1 << 31) - 2
 
@@ -90,14 +88,15 @@ def log(x):
 
 
 @jit
-def exp_minus(y):
-    """exp(-y) for y >= 0, to 1 ulp or so, in a form that vectorises.
+def exp(x):
+    """exp(x) for |x| <= 700, to 1 ulp or so, in a form that vectorises; beyond, exp(+-700).
 
-    exp(-y) = 2^-k exp(r) with k an integer and |r| <= ln(2) / 2; exp(r) by its Taylor series.
+    exp(x) = 2^k exp(r) with k an integer and |r| <= ln(2) / 2; exp(r) by its Taylor series.
     """
-    shifted = min(y, 700.0) * 1.4426950408889634 + 6755399441055744.0  # k in the lowest bits
+    x = max(min(x, 700.0), -700.0)
+    shifted = x * 1.4426950408889634 + 6755399441055744.0  # k in the lowest bits
     k = shifted - 6755399441055744.0
-    r = (k * 6.93147180369123816490e-01 - min(y, 700.0)) + k * 1.90821492927058770002e-10
+    r = (x - k * 6.93147180369123816490e-01) - k * 1.90821492927058770002e-10
     p = 1.0 / 479001600.0
     p = p * r + 1.0 / 39916800.0
     p = p * r + 1.0 / 3628800.0
@@ -111,7 +110,7 @@ def exp_minus(y):
     p = p * r + 0.5
     p = p * r + 1.0
     p = p * r + 1.0
-    return p * _float_of((1023 - (_bits_of(shifted) & 0x7FF)) << 52)
+    return p * _float_of(((_bits_of(shifted) + 1023) & 0x7FF) << 52)
 
 
 @jit
@@ -187,26 +186,25 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> np.ndar
 
 
 @jit
-def poles_to_end(u0, u1, v1, v2, step, v1_end, v2_end, x, e):
-    """Take the poles over one interval; x and e of every pixel are the step's."""
-    step_x, step_e = step[X], step[E]
+def poles_to_end(n, u0, u1, v1, v2, step, v1_end, v2_end):
+    """Take the poles over one interval."""
+    step_e = step[E]
     v1_u0, v1_u1 = step[V1_U0], step[V1_U1]
     v2_v1, v2_u0, v2_u1 = step[V2_V1], step[V2_U0], step[V2_U1]
-    for i in range(u0.size):
+    for i in range(n):
         v1_end[i] = step_e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
         v2_end[i] = step_e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
-        x[i] = step_x
-        e[i] = step_e
 
 
 @jit
-def poles_to_end_in_own_light(u0, u1, v1, v2, dt_s, electronics, v1_end, v2_end, x, e):
+def poles_to_end_in_own_light(n, u0, u1, v1, v2, dt_s, electronics, v1_end, v2_end, x, e):
     """As `poles_to_end`, for a cutoff proportional to the light: a = LIGHT_A (I + I_dark).
 
-    Over an interval the cutoff is held at that of the middle of its log intensity.
+    Over an interval the cutoff is held at that of the middle of its log intensity, which sets each
+    pixel's own x and e.
     """
     two = electronics[POLES] == 2.0
-    for i in range(u0.size):
+    for i in range(n):
         xi = electronics[LIGHT_A] * dt_s * math.exp(0.5 * (u0[i] + u1[i]))
         ei = math.exp(-xi)
         phi = -math.expm1(-xi) / xi
@@ -222,19 +220,54 @@ def poles_to_end_in_own_light(u0, u1, v1, v2, dt_s, electronics, v1_end, v2_end,
             v2_end[i] = ei * v2[i] + (phi - ei) * u0[i] + (1.0 - phi) * u1[i]
 
 
-@jit
-def flag_ideal(u1, drift, memory, C_on, C_off, flag):
-    """Flag the pixels whose straight line ends outside (memory - C_off, memory + C_on).
+# Float32 bounds on the light are drawn in by this much, and held within what float32 does well.
+BOUND_MARGIN = 1e-6
+LEAST_BOUND = 1e-30
+GREATEST_BOUND = 1e38
 
-    `drift` is what the memory leaks away over the interval, seen as a rise of the light.
+
+@jit
+def light_bound(log_light, margin):
+    """exp(log_light) (1 + margin) in float32: a bound that errs towards a flag."""
+    light = exp(log_light) * (1.0 + margin)
+    if margin > 0.0:
+        return np.float32(max(light, LEAST_BOUND))
+    return np.float32(min(light, GREATEST_BOUND) if light > LEAST_BOUND else 0.0)
+
+
+@jit
+def band_of_light(n, memory, C_on, C_off, leaked, darkest, brightest):
+    """Between which I + I_dark n ideal pixels keep silent, before the memory has leaked at all."""
+    for i in range(n):
+        darkest[i] = light_bound(memory[i] + leaked - C_off[i], BOUND_MARGIN)
+        brightest[i] = light_bound(memory[i] + leaked + C_on[i], -BOUND_MARGIN)
+
+
+@jit
+def flag_ideal(radiance, dark, fade, darkest, brightest, flag):
+    """Flag ideal pixels whose light is not within their band, or is no light; no logarithm needed.
+
+    `fade` is what the leaks since the band was set have left of its bounds.
     """
-    for i in range(flag.size):
-        end = u1[i] + drift - memory[i]
-        flag[i] = (end >= C_on[i]) | (-end >= C_off[i])
+    for i in range(radiance.size):
+        light = radiance[i] + dark
+        silent = (light > darkest[i] * fade) & (light < brightest[i] * fade)
+        flag[i] = not (silent & (radiance[i] >= 0.0))
+
+
+def each(value, i):
+    """The i-th pixel's of an array, or the number that all pixels share."""
+
+
+@overload(each)
+def _each(value, i):
+    if isinstance(value, types.Array):
+        return lambda value, i: value[i]
+    return lambda value, i: value
 
 
 @jit
-def flag_filtered(u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C_off, flag):
+def flag_filtered(n, u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C_off, flag):
     """Flag the pixels where v2 may leave (memory - C_off, memory + C_on) during an interval.
 
     v2 can leave the band in mid-interval and come back, so its end alone does not decide; but it
@@ -249,24 +282,25 @@ def flag_filtered(u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C_of
     No flag is proof of no event.
     """
     second = poles - 1.0
-    for i in range(flag.size):
-        inverse_x = 1.0 / x[i]
+    for i in range(n):
+        xi, ei = each(x, i), each(e, i)
+        inverse_x = 1.0 / xi
         S = (u1[i] - u0[i]) * inverse_x
         A = second * (v1[i] - u0[i] + S)
         B = v2[i] - u0[i] + poles * S
-        Ax = A * x[i]
+        Ax = A * xi
         rise = S + drift * inverse_x
         slope_start = rise + A - B
-        slope_end = rise + (A - B - Ax) * e[i]
+        slope_end = rise + (A - B - Ax) * ei
         curvature_start = B - 2.0 * A
         curvature_end = curvature_start + Ax  # times e^{-x}, which is at most 1
         fourth = B - 4.0 * A
         start = v2[i] - memory[i]
         end = v2_end[i] + drift - memory[i]
-        third = x[i] * (1.0 / 3.0)
+        third = xi * (1.0 / 3.0)
         inner_0 = start + third * slope_start
         inner_1 = end - third * slope_end
-        square = x[i] * x[i]
+        square = xi * xi
         off_chord = square * (1.0 / 8.0) * max(abs(curvature_start), abs(curvature_end))
         off_cubic = square * square * (1.0 / 384.0) * max(abs(fourth), abs(fourth + Ax))
         top = max(start, end)
@@ -286,32 +320,33 @@ def flag_filtered(u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C_of
 # RISE is S plus what the memory leaks.
 BASE, RISE, POLE_A, POLE_B, LEVEL, LOW, HIGH, V_LOW, V_HIGH, INVERSE_A, ROOT = range(11)
 CROSSING_SIZE = 11
-CROSSING_BATCH = 512
+CROSSING_BATCH = 520  # no power of two: the columns must not fall on the same lines of the cache
 
 
 @jit
 def v2_at(y, base, rise, A, B):
     """v2 at y = a t."""
-    return base + rise * y + (B + A * y) * exp_minus(y)
+    return base + rise * y + (B + A * y) * exp(-y)
 
 
 @jit
 def v2_slope_at(y, rise, A, B):
     """dv2/dy at y = a t."""
-    return rise + (A - B - A * y) * exp_minus(y)
+    return rise + (A - B - A * y) * exp(-y)
 
 
 @jit
-def turning_point(low, high, slope_low, slope_high, rise, A, B):
+def turning_point(low, high, rise, A, B):
     """Root of v2's slope between low and high, where it changes its sign exactly once.
 
     Newton's method from the chord's root, kept inside a shrinking bracket. It doubles the digits,
     and v2 is flat here: a step below 1e-4 leaves v2 with an error near 1e-16.
     """
+    slope_low, slope_high = v2_slope_at(low, rise, A, B), v2_slope_at(high, rise, A, B)
     falling = slope_low > 0.0
     y = low + (high - low) * (slope_low / (slope_low - slope_high))
     for _ in range(60):
-        decay = exp_minus(y)
+        decay = exp(-y)
         slope = rise + (A - B - A * y) * decay
         if (slope > 0.0) == falling:
             low = y
@@ -335,7 +370,7 @@ def halley(y, level, base, rise, A, B):
     leaves about d^3 (v2'' / v2')^2, here below 1e-9, of 1/a. The step's own length would not do:
     it is short near any turn of v2, wherever the level is.
     """
-    decay = exp_minus(y)
+    decay = exp(-y)
     error = base + rise * y + (B + A * y) * decay - level
     slope = rise + (A - B - A * y) * decay
     curvature = (B - 2.0 * A + A * y) * decay
@@ -416,42 +451,125 @@ def list_flagged(flag, n, index):
     return count
 
 
+# Where the events of one block, setting and interval lie in the pool.
+START, STOP = range(2)
+
+# A level that an ideal pixel crosses, one column each: u is LEVEL_RISE above the interval's start
+# there, of WHOLE_RISE over all of it.
+LEVEL_RISE, WHOLE_RISE = range(2)
+
+
+@jit
+def fire_lines(
+    todo, todo_words, count, setting, leader, interval, t_s, steps, base_us, pool, segment
+):
+    """Append the listed levels as events to the part of the pool of each setting that fires so."""
+    for m in range(setting, leader.size):
+        if leader[m] != setting:
+            continue
+        t0_s, dt_s = t_s[m, interval], steps[m, interval, DT_S]
+        start_us, end_us = base_us[m, interval], base_us[m, interval + 1]
+        out = pool[segment[m, STOP] : segment[m, STOP] + count]
+        for j in range(count):
+            event_s = t0_s + todo[LEVEL_RISE, j] * (dt_s / todo[WHOLE_RISE, j])
+            out[j] = pack(event_s, start_us, end_us, todo_words[j])
+        segment[m, STOP] += count
+
+
 @jit
 def events_of_lines(
     flagged,
-    u0,
+    u0,  # (len(flagged),) log intensity of the flagged pixels at the interval's ends
     u1,
     drift,
+    leaked,
     memory,
     C_on,
     C_off,
-    t0_s,
-    dt_s,
-    start_us,
-    end_us,
+    darkest,
+    brightest,
+    setting,
+    leader,
+    interval,
+    t_s,
+    steps,
+    base_us,
     position,
+    todo,
+    todo_words,
     pool,
     used,
+    segment,  # (S, 2) out: where in the pool each setting's events start and stop
 ):
-    """Fire the flagged ideal pixels over one interval: u is a straight line.
+    """Fire the flagged ideal pixels over one interval, for all settings that fire alike.
 
-    Returns how much of the pool is used, or -1 when it is full.
+    u is a straight line. What time it crosses a level is the only thing in which those settings
+    differ. Returns how much of the pool is used, or -1 when it has not room enough.
     """
-    for i in flagged:
+    # Settings that fire alike fill parts of the pool side by side, so these need an end.
+    alike = 0
+    for m in range(setting, leader.size):
+        alike += leader[m] == setting
+    room = pool.size - used
+    if alike > 1:
+        room = 0
+        for k in range(flagged.size):
+            i = flagged[k]
+            room += np.int64(abs(u1[k] + drift - memory[i]) / min(C_on[i], C_off[i])) + 2
+        if used + alike * room > pool.size:
+            return -1
+    for m in range(setting, leader.size):
+        if leader[m] == setting:
+            segment[m, START] = segment[m, STOP] = used
+            used += room
+    count = 0
+    for k in range(flagged.size):
+        i = flagged[k]
         level = memory[i]
-        v_low, v_high = u0[i], u1[i] + drift
-        scale = dt_s / (v_high - v_low)
-        sign = 1.0 if v_high > level else -1.0
-        C = C_on[i] if v_high > level else C_off[i]
-        polarity = BRIGHTER if v_high > level else DARKER
+        v_low, v_high = u0[k], u1[k] + drift
+        sign = math.copysign(1.0, v_high - level)
+        on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+        C = on if sign > 0.0 else off
+        word = position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
         while (v_high - level) * sign >= C:
-            if used == pool.size:
-                return -1
             level += sign * C
-            t_s = t0_s + (level - v_low) * scale
-            pool[used] = pack(t_s, start_us, end_us, polarity | position[i])
-            used += 1
+            todo[LEVEL_RISE, count] = level - v_low
+            todo[WHOLE_RISE, count] = v_high - v_low
+            todo_words[count] = word
+            count += 1
+            room -= 1
+            if room < 0:
+                return -1
+            if count == CROSSING_BATCH:
+                fire_lines(
+                    todo,
+                    todo_words,
+                    count,
+                    setting,
+                    leader,
+                    interval,
+                    t_s,
+                    steps,
+                    base_us,
+                    pool,
+                    segment,
+                )
+                count = 0
         memory[i] = level
+        u0[k] = level + leaked - C_off[i]
+        u1[k] = level + leaked + C_on[i]
+    fire_lines(
+        todo, todo_words, count, setting, leader, interval, t_s, steps, base_us, pool, segment
+    )
+    for k in range(flagged.size):
+        u0[k] = light_bound(u0[k], BOUND_MARGIN)
+        u1[k] = light_bound(u1[k], -BOUND_MARGIN)
+    for k in range(flagged.size):
+        darkest[flagged[k]] = u0[k]
+        brightest[flagged[k]] = u1[k]
+    for m in range(setting, leader.size):
+        if leader[m] == setting:
+            used = segment[m, STOP]
     return used
 
 
@@ -467,6 +585,39 @@ def fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used):
     return used + count
 
 
+# A flagged pixel's v2 over an interval, one column each, in the terms of a crossing; FLAT is where
+# its slope has its own turning point, or else the interval's end, WHOLE = a dt.
+U_START, U_END, V1_START, V2_START, V2_STOP, WHOLE, DECAY = range(7)
+CURVE_BASE, CURVE_RISE, CURVE_A, CURVE_B, FLAT, TURNS_BEFORE, TURNS_AFTER = range(7, 14)
+CURVE_SIZE = 14
+
+
+@jit
+def describe_curves(curve, count, poles, drift):
+    """From the state of the first `count` columns to their curves, in vectors."""
+    u0, u1, v1, v2 = curve[U_START], curve[U_END], curve[V1_START], curve[V2_START]
+    whole, decay = curve[WHOLE], curve[DECAY]
+    for k in range(count):
+        S = (u1[k] - u0[k]) / whole[k]
+        A = (poles - 1.0) * (v1[k] - u0[k] + S)
+        B = v2[k] - u0[k] + poles * S
+        rise = S + drift / whole[k]
+        slope_start = rise + A - B
+        slope_end = rise + (A - B - A * whole[k]) * decay[k]
+        flat = (2.0 * A - B) / A
+        inside = (flat > 0.0) & (flat < whole[k])  # never where A is 0
+        flat = flat if inside else whole[k]
+        slope_flat = v2_slope_at(flat, rise, A, B) if inside else slope_end
+        curve[V2_STOP, k] += drift
+        curve[CURVE_BASE, k] = u0[k] - poles * S
+        curve[CURVE_RISE, k] = rise
+        curve[CURVE_A, k] = A
+        curve[CURVE_B, k] = B
+        curve[FLAT, k] = flat
+        curve[TURNS_BEFORE, k] = slope_start * slope_flat < 0.0
+        curve[TURNS_AFTER, k] = slope_flat * slope_end < 0.0
+
+
 @jit
 def events_of_curves(
     flagged,
@@ -476,6 +627,7 @@ def events_of_curves(
     v2,
     v2_end,
     x,
+    e,
     poles,
     drift,
     memory,
@@ -486,6 +638,7 @@ def events_of_curves(
     start_us,
     end_us,
     position,
+    curve,
     todo,
     todo_words,
     pool,
@@ -497,37 +650,39 @@ def events_of_curves(
     crosses are listed; `fire` finds the times. Returns how much of the pool is used, or -1 when it
     is full.
     """
+    for k in range(flagged.size):
+        i = flagged[k]
+        curve[U_START, k], curve[U_END, k] = u0[i], u1[i]
+        curve[V1_START, k], curve[V2_START, k], curve[V2_STOP, k] = v1[i], v2[i], v2_end[i]
+        curve[WHOLE, k], curve[DECAY, k] = each(x, i), each(e, i)
+    describe_curves(curve, flagged.size, poles, drift)
     count = 0
-    for i in flagged:
-        whole = x[i]
-        S = (u1[i] - u0[i]) / whole
-        A = (poles - 1.0) * (v1[i] - u0[i] + S)
-        B = v2[i] - u0[i] + poles * S
-        base = u0[i] - poles * S
-        rise = S + drift / whole
-        slope_start = rise + A - B
-        slope_end = v2_slope_at(whole, rise, A, B)
+    for k in range(flagged.size):
+        i = flagged[k]
+        base, rise, A, B = (
+            curve[CURVE_BASE, k],
+            curve[CURVE_RISE, k],
+            curve[CURVE_A, k],
+            curve[CURVE_B, k],
+        )
+        whole, flat = curve[WHOLE, k], curve[FLAT, k]
         # v2's slope has at most one turning point of its own; on both sides it is monotone.
         cut_0, cut_1 = 0.0, whole
-        y_flat = (2.0 * A - B) / A if A != 0.0 else whole
-        if 0.0 < y_flat < whole:
-            slope_flat = v2_slope_at(y_flat, rise, A, B)
-            if slope_start * slope_flat < 0.0:
-                cut_0 = turning_point(0.0, y_flat, slope_start, slope_flat, rise, A, B)
-            if slope_flat * slope_end < 0.0:
-                cut_1 = turning_point(y_flat, whole, slope_flat, slope_end, rise, A, B)
-        elif slope_start * slope_end < 0.0:
-            cut_0 = turning_point(0.0, whole, slope_start, slope_end, rise, A, B)
+        if curve[TURNS_BEFORE, k] != 0.0:
+            cut_0 = turning_point(0.0, flat, rise, A, B)
+        if curve[TURNS_AFTER, k] != 0.0:
+            cut_1 = turning_point(flat, whole, rise, A, B)
         level = memory[i]
-        low, v_low = 0.0, v2[i]
+        low, v_low = 0.0, curve[V2_START, k]
         for piece in range(3):
             high = cut_0 if piece == 0 else (cut_1 if piece == 1 else whole)
             if high <= low:
                 continue
-            v_high = v2_end[i] + drift if high == whole else v2_at(high, base, rise, A, B)
-            sign = 1.0 if v_high > level else -1.0
-            C = C_on[i] if v_high > level else C_off[i]
-            polarity = BRIGHTER if v_high > level else DARKER
+            v_high = curve[V2_STOP, k] if high == whole else v2_at(high, base, rise, A, B)
+            sign = math.copysign(1.0, v_high - level)
+            on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+            C = on if sign > 0.0 else off
+            word = position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
             while (v_high - level) * sign >= C:
                 if count == CROSSING_BATCH:
                     used = fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used)
@@ -545,7 +700,7 @@ def events_of_curves(
                 todo[V_LOW, count] = v_low
                 todo[V_HIGH, count] = v_high
                 todo[INVERSE_A, count] = dt_s / whole
-                todo_words[count] = polarity | position[i]
+                todo_words[count] = word
                 count += 1
             low, v_low = high, v_high
         memory[i] = level
@@ -634,6 +789,14 @@ def noise_events(
     return used
 
 
+@jit
+def log_of_flagged(flagged, radiance, dark, light, u):
+    """u = log(I + I_dark) of the flagged pixels. Returns whether their radiance is radiance."""
+    for k in range(flagged.size):
+        light[k] = radiance[flagged[k]]
+    return log_intensity(light[: flagged.size], dark, u)
+
+
 DONE, FULL, BAD = range(3)
 
 
@@ -655,6 +818,7 @@ def advance_pixels(
     electronics,  # (S, ELECTRONICS_SIZE)
     filtered,  # (S,) bool
     noisy,  # (S,) bool
+    leader,  # (S,) the first setting that fires as this one does, but for the times: or itself
     seed,
     first_frame,  # number of the first interval since the start, for the draws
     steps,  # (S, F, STEP_SIZE)
@@ -662,27 +826,34 @@ def advance_pixels(
     base_us,  # (S, F + 1) frame times, rounded to microseconds
     first_block,
     first_setting,  # where to go on after the pool was enlarged
+    used,  # how much of the pool is used there
     pool,  # (capacity,) uint64 packed events
-    segment,  # (blocks * S * F + 1,) int64: where in the pool each block, setting, interval starts
+    segment,  # (blocks, S, F, 2) int64: where in the pool each one's events start and stop
 ):
     """Take a band of pixels through F frame intervals of S settings.
 
-    Returns (outcome, block, setting). When the pool is FULL, nothing of that block and setting has
-    been changed, and the call can be repeated from there with a larger pool. BAD is radiance that
-    is negative or not finite.
+    Returns (outcome, block, setting, used). When the pool is FULL, nothing of that block and
+    setting has been changed, and the call can be repeated from there with a larger pool. BAD is
+    radiance that is negative or not finite.
     """
     F = radiance.shape[0]
     S = memory.shape[0]
     size = block_px
+    every_u = filtered.any() or noisy.any()
     u = np.empty((F + 1, size))
     memory_now = np.empty(size)
     v1_now = np.empty((2, size))
     v2_now = np.empty((2, size))
     flag = np.zeros((size + 15) // 8 * 8, np.bool_)  # whole words, and one that ends the last
     index = np.empty(flag.size, np.int64)
+    curve = np.empty((CURVE_SIZE, size))
     todo = np.empty((CROSSING_SIZE, CROSSING_BATCH))
     todo_words = np.empty(CROSSING_BATCH, np.uint64)
     position = np.empty(size, np.uint64)
+    light = np.empty(size, radiance.dtype)
+    u_flagged = np.empty((2, size))
+    darkest = np.empty(size, np.float32)
+    brightest = np.empty(size, np.float32)
     x_now = np.empty(size)
     e_now = np.empty(size)
     C_on_now = np.empty(size)
@@ -701,12 +872,15 @@ def advance_pixels(
                 x = 0
                 y += 1
         u[0, :n] = u_start[pixels]
-        for f in range(F):
+        # Ideal pixels that are silent need no logarithm before the chunk's end.
+        for f in range(0 if every_u else F - 1, F):
             if not log_intensity(radiance[f, pixels], dark, u[f + 1, :n]):
-                return BAD, block, 0
+                return BAD, block, 0, 0
         for s in range(first_setting if block == first_block else 0, S):
-            cell = (block * S + s) * F
-            used = segment[cell]
+            if leader[s] != s:
+                continue
+            used_before = used
+            leaked = 0.0
             memory_now[:n] = memory[s, pixels]
             if C_on.shape[1] == 1:
                 C_on_now[:n] = C_on[s, 0]
@@ -717,101 +891,94 @@ def advance_pixels(
             if filtered[s]:
                 v1_now[0, :n] = v1[s, pixels]
                 v2_now[0, :n] = v2[s, pixels]
+            else:
+                band_of_light(n, memory_now, C_on_now, C_off_now, leaked, darkest, brightest)
             for f in range(F):
                 now, end = f & 1, (f & 1) ^ 1
                 dt_s = steps[s, f, DT_S]
                 drift = electronics[s, LEAK_PER_S] * dt_s
                 begin = used
                 if filtered[s]:
+                    before = u[f], u[f + 1], v1_now[now], v2_now[now]
+                    poles, step = electronics[s, POLES], steps[s, f]
+                    band = drift, memory_now, C_on_now, C_off_now
+                    interval = t_s[s, f], dt_s, base_us[s, f], base_us[s, f + 1]
+                    work = position, curve, todo, todo_words, pool, used
+                    v2_end = v2_now[end]
                     if electronics[s, LIGHT_A] > 0.0:
                         poles_to_end_in_own_light(
-                            u[f, :n],
-                            u[f + 1, :n],
-                            v1_now[now, :n],
-                            v2_now[now, :n],
-                            dt_s,
-                            electronics[s],
-                            v1_now[end, :n],
-                            v2_now[end, :n],
-                            x_now[:n],
-                            e_now[:n],
+                            n, *before, dt_s, electronics[s], v1_now[end], v2_end, x_now, e_now
+                        )
+                        flag_filtered(n, *before, v2_end, x_now, e_now, poles, *band, flag)
+                        flagged = index[: list_flagged(flag, n, index)]
+                        used = events_of_curves(
+                            flagged, *before, v2_end, x_now, e_now, poles, *band, *interval, *work
                         )
                     else:
-                        poles_to_end(
-                            u[f, :n],
-                            u[f + 1, :n],
-                            v1_now[now, :n],
-                            v2_now[now, :n],
-                            steps[s, f],
-                            v1_now[end, :n],
-                            v2_now[end, :n],
-                            x_now[:n],
-                            e_now[:n],
+                        poles_to_end(n, *before, step, v1_now[end], v2_end)
+                        flag_filtered(n, *before, v2_end, step[X], step[E], poles, *band, flag)
+                        flagged = index[: list_flagged(flag, n, index)]
+                        used = events_of_curves(
+                            flagged,
+                            *before,
+                            v2_end,
+                            step[X],
+                            step[E],
+                            poles,
+                            *band,
+                            *interval,
+                            *work,
                         )
-                    flag_filtered(
-                        u[f, :n],
-                        u[f + 1, :n],
-                        v1_now[now, :n],
-                        v2_now[now, :n],
-                        v2_now[end, :n],
-                        x_now[:n],
-                        e_now[:n],
-                        electronics[s, POLES],
-                        drift,
-                        memory_now[:n],
-                        C_on_now[:n],
-                        C_off_now[:n],
-                        flag[:n],
+                else:
+                    fade = exp(-leaked - drift)
+                    flag_ideal(
+                        radiance[f, pixels],
+                        radiance.dtype.type(dark),
+                        radiance.dtype.type(fade),
+                        darkest,
+                        brightest,
+                        flag,
                     )
-                    flagged = list_flagged(flag, n, index)
-                    used = events_of_curves(
-                        index[:flagged],
-                        u[f],
-                        u[f + 1],
-                        v1_now[now],
-                        v2_now[now],
-                        v2_now[end],
-                        x_now,
-                        electronics[s, POLES],
+                    flagged = index[: list_flagged(flag, n, index)]
+                    now_u, end_u = u_flagged[0, : flagged.size], u_flagged[1, : flagged.size]
+                    if f == 0:
+                        for k in range(flagged.size):
+                            now_u[k] = u[0, flagged[k]]
+                    else:
+                        log_of_flagged(flagged, radiance[f - 1, pixels], dark, light, now_u)
+                    if not log_of_flagged(flagged, radiance[f, pixels], dark, light, end_u):
+                        return BAD, block, s, 0
+                    used = events_of_lines(
+                        flagged,
+                        now_u,
+                        end_u,
                         drift,
+                        leaked,
                         memory_now,
                         C_on_now,
                         C_off_now,
-                        t_s[s, f],
-                        dt_s,
-                        base_us[s, f],
-                        base_us[s, f + 1],
+                        darkest,
+                        brightest,
+                        s,
+                        leader,
+                        f,
+                        t_s,
+                        steps,
+                        base_us,
                         position,
                         todo,
                         todo_words,
                         pool,
                         used,
-                    )
-                else:
-                    flag_ideal(
-                        u[f + 1, :n], drift, memory_now[:n], C_on_now[:n], C_off_now[:n], flag[:n]
-                    )
-                    flagged = list_flagged(flag, n, index)
-                    used = events_of_lines(
-                        index[:flagged],
-                        u[f],
-                        u[f + 1],
-                        drift,
-                        memory_now,
-                        C_on_now,
-                        C_off_now,
-                        t_s[s, f],
-                        dt_s,
-                        base_us[s, f],
-                        base_us[s, f + 1],
-                        position,
-                        pool,
-                        used,
+                        segment[block, :, f],
                     )
                 if used < 0:
-                    return FULL, block, s
+                    return FULL, block, s, used_before
+                if filtered[s]:
+                    segment[block, s, f, START], segment[block, s, f, STOP] = begin, used
                 if drift != 0.0:
                     memory_now[:n] -= drift
+                    leaked += drift
                 if noisy[s]:
                     used = noise_events(
                         n,
@@ -832,43 +999,32 @@ def advance_pixels(
                         used,
                     )
                     if used < 0:
-                        return FULL, block, s
-                segment[cell + f + 1] = used
+                        return FULL, block, s, used_before
+                    segment[block, s, f, STOP] = used
             memory[s, pixels] = memory_now[:n]
             if filtered[s]:
                 v1[s, pixels] = v1_now[F & 1, :n]
                 v2[s, pixels] = v2_now[F & 1, :n]
         u_start[pixels] = u[F, :n]
-    return DONE, blocks, 0
+    return DONE, blocks, 0, used
 
 
 @jit
-def count_events(segment, counts):
-    """Add each setting's and interval's number of events in one band to counts, (S, F)."""
-    S, F = counts.shape
-    for cell in range((segment.size - 1) // (S * F)):
-        for s in range(S):
-            for f in range(F):
-                k = (cell * S + s) * F + f
-                counts[s, f] += segment[k + 1] - segment[k]
-
-
-@jit
-def gather(pool, segment, S, F, s, f, words, used):
+def gather(pool, segment, s, f, words, used):
     """Append one setting's and interval's events in one band, in raster order. Returns used."""
-    for cell in range((segment.size - 1) // (S * F)):
-        k = (cell * S + s) * F + f
-        for j in range(segment[k], segment[k + 1]):
+    for block in range(segment.shape[0]):
+        for j in range(segment[block, s, f, START], segment[block, s, f, STOP]):
             words[used] = pool[j]
             used += 1
     return used
 
 
 @jit
-def sort_by_time(words, interval_us, start_us, t_us, x, y, p):
+def sort_by_time(words, other, interval_us, start_us, t_us, x, y, p):
     """Sort packed events by time, keeping raster order within a microsecond, and unpack them.
 
-    A stable counting sort, digit by digit: one pass for intervals up to 4 ms.
+    A stable counting sort, digit by digit: one pass for intervals up to 4 ms. `other` is room for
+    as many words again.
     """
     bits = 1
     while interval_us >> bits:
@@ -877,8 +1033,7 @@ def sort_by_time(words, interval_us, start_us, t_us, x, y, p):
     digit_bits = np.uint64((bits + passes - 1) // passes)
     mask = (np.uint64(1) << digit_bits) - np.uint64(1)
     starts = np.empty((1 << digit_bits) + 1, np.int64)
-    source = words
-    target = np.empty_like(words)
+    source, target = words, other
     for k in range(passes):
         shift = TIME_SHIFT + np.uint64(k) * digit_bits
         starts[:] = 0

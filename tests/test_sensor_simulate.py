@@ -101,7 +101,9 @@ def test_bank_equals_single_runs(scene):
     frames, t_s = scene
     models = [model(s, c) for s in (48, 13, 30) for c in (math.inf, 200.0, 50.0)]
     models.append(model(13, 50.0, contrast_threshold=0.1, random_start=True, dark_level=0.5))
-    speeds = [1.0, 4 / 3, 2.0] * 3 + [1.0]
+    models += [model(30, math.inf, leak_hz=3.0), model(30, math.inf, refractory_s=2e-3)]
+    models += [model(30, math.inf, shot_noise_hz=50.0), model(30, math.inf, random_start=True)]
+    speeds = [1.0, 4 / 3, 2.0] * 3 + [1.0, 0.5, 0.7, 3.0, 2.0]
     together = simulate_bank(frames, t_s, models, speeds=speeds)
     for m, speed, events in zip(models, speeds, together, strict=True):
         assert_same(events, simulate(frames, t_s / speed, m))
@@ -180,14 +182,48 @@ BAD_FRAMES = {
 }
 
 
+@pytest.mark.parametrize(("size", "cutoff_hz"), [(48, math.inf), (48, 200.0), (13, math.inf)])
 @pytest.mark.parametrize("case", BAD_FRAMES)
-def test_bad_frames_are_named(scene, case):
+def test_bad_frames_are_named(scene, case, size, cutoff_hz):
     """Promise: unusable input gives one clear error that says where, never a result."""
     spoil, text = BAD_FRAMES[case]
     frames, t_s = spoil(*scene)
     with pytest.raises(SensorError) as error:
-        simulate(frames, t_s, model())
+        simulate(frames, t_s, model(size, cutoff_hz))
     assert text in str(error.value)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_faintest_negative_light_is_refused(dtype):
+    """Promise: less than nothing is an error for an ideal pixel too, which needs no logarithm of
+    light that fires nothing."""
+    frames = np.ones((4, 3, 3), dtype)
+    frames[2, 1, 0] = -np.finfo(dtype).smallest_subnormal
+    with pytest.raises(SensorError, match="frame 2, pixel x=0 y=1"):
+        simulate(frames, np.arange(4.0), model(3, math.inf, dark_level=2.0))
+
+
+@pytest.mark.parametrize(("dtype", "decades"), [(np.float32, 37), (np.float64, 300)])
+@pytest.mark.parametrize("leak_hz", [0.0, 0.1])
+def test_ideal_pixels_fire_in_the_faintest_and_in_the_brightest_light(dtype, decades, leak_hz):
+    """Physics: |change of log intensity| / C events, whatever the light that a float can hold."""
+    rng = np.random.default_rng(0)
+    scale = 10.0 ** rng.uniform(-decades, decades, (1, 40, 40))
+    steps = np.exp(np.cumsum(rng.normal(0, 0.15, (30, 40, 40)), axis=0))
+    frames = (scale * steps).astype(dtype)
+    C = 0.2
+    events = simulate(frames, np.arange(30.0), model(40, math.inf, dark_level=0.0, leak_hz=leak_hz))
+    level = np.log(frames[0].astype(np.float64))
+    count = np.zeros((40, 40), int)
+    for k, frame in enumerate(frames[1:], 1):
+        gone = np.log(frame.astype(np.float64)) + C * leak_hz * k - level
+        fired = np.trunc(gone / C)
+        count += np.abs(fired).astype(int)
+        level += C * fired
+    ours = np.zeros((40, 40), int)
+    np.add.at(ours, (events.y, events.x), 1)
+    np.testing.assert_array_equal(ours, count)
+    assert count.sum() > 5000
 
 
 @pytest.mark.parametrize(
