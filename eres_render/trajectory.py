@@ -157,7 +157,7 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64) -> Trajectory:
     t = np.asarray(t_s, dtype=np.float64)
     if t.shape != (len(T_world_cam),) or len(t) < 2 or not np.all(np.diff(t) > 0):
         raise TrajectoryError(
-            f"found {len(T_world_cam)} poses, expected two or more at increasing times"
+            f"found {len(T_world_cam)}, expected two or more poses at increasing times"
         )
     knots = _evenly_extended(t - t[0])
     extended = _evenly_extended(knots)
