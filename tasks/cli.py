@@ -260,6 +260,7 @@ def simulate(
     speed: float = 1.0,
     seed: int = 0,
     format: str | None = None,
+    truth: float | None = None,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
     bus: OmitArgPrefixes[BusOptions] = NO_BUS,
 ) -> None:
@@ -277,6 +278,7 @@ def simulate(
         speed: How much faster the scene moves than it was rendered.
         seed: Of everything random in the sensor.
         format: dsec, evt3, evt2, npz or text, in place of what the file's extension says.
+        truth: Add true depth, flow and poses to a DSEC file, this many seconds apart.
     """
     from rich.progress import track
 
@@ -298,6 +300,7 @@ def simulate(
         speed=speed,
         seed=seed,
         readout=bus.readout(),
+        truth_step_s=truth,
         format=format,
         watch=lambda frames: track(
             frames,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -10,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
-from sensor import Readout, ReadoutReport, SensorModel, read_out, stream
+from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.bank import DARK_FRACTION
 from sensor.formats import find_format, read_events, read_header, write_events
 from sensor.formats.header import Header, Value, model_to_json
 from sensor.model import MAX_SIDE_PX
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
+from tasks.event_truth import with_truth
 from tasks.sensor_options import IDEAL_PIXEL, PixelOptions
 
 Frames = Iterable[NDArray[np.float32]]
@@ -70,6 +72,7 @@ def simulate_sequence(
     speed: float = 1.0,
     seed: int = 0,
     readout: Readout | None = None,
+    truth_step_s: float | None = None,
     format: str | None = None,
     watch: Callable[[Frames], Frames] = lambda frames: frames,
 ) -> tuple[int, ReadoutReport | None]:
@@ -88,6 +91,8 @@ def simulate_sequence(
     readout
         The bus that the events leave by; without one, all leave when they fire. The second result
         is then its report, else None.
+    truth_step_s
+        Add ground truth of the window to the file, this far apart; see `with_truth`.
     watch
         Passes the frames on, and may show how far they are.
     """
@@ -108,12 +113,16 @@ def simulate_sequence(
     }
     rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
     frames = (frame[rows, columns] for frame in watch(sequence))
-    parts = stream(frames, sequence.t_s / speed, model, seed=seed)
-    if readout is None:
-        return write_events(out, parts, format=format, origin=origin), None
-    origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
-    leaving = read_out(parts, readout)
-    return write_events(out, leaving, format=format, origin=origin), leaving.report
+    parts: Iterable[Events] = stream(frames, sequence.t_s / speed, model, seed=seed)
+    leaving = None
+    if readout is not None:
+        origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
+        parts = leaving = read_out(parts, readout)
+    with ExitStack() as stack:
+        if truth_step_s is not None:
+            out = stack.enter_context(with_truth(out, sequence, model, speed, truth_step_s, format))
+        count = write_events(out, parts, format=format, origin=origin)
+    return count, leaving.report if leaving is not None else None
 
 
 def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:

@@ -4,10 +4,11 @@ import shutil
 import sys
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 
-from eres_render import load_scene, render_scene
+from eres_render import ground_truth, load_scene, render_scene, window_times
 from event_streams import SUFFIXES, assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
 from sensor import Readout, SensorModel, presets, read_out, simulate
@@ -149,6 +150,30 @@ def test_a_cameras_bus_by_name(eres, sequence, tmp_path):
     assert read_header(out).origin["readout_max_rate_hz"] == 12e6
 
 
+def test_truth_in_the_same_file(eres, sequence, tmp_path):
+    """Promise: --truth adds depth, flow and poses on the events' clock, and changes no event."""
+    plain, out = tmp_path / "plain.h5", tmp_path / "out.h5"
+    arguments = ["--resolution", 16, "--speed", 2]
+    assert eres("simulate", sequence.folder, "--out", plain, *arguments)[0] == 0
+    assert eres("simulate", sequence.folder, "--out", out, "--truth", 0.02, *arguments)[0] == 0
+    assert_same(load_events(out), load_events(plain))
+    truth, times_s = ground_truth(sequence), window_times(sequence, 0.02)
+    assert len(times_s) == 4
+    with h5py.File(out) as file:
+        group = file["truth"]
+        np.testing.assert_allclose(group["t_us"][:], times_s / 2 * 1e6, atol=0.5)
+        origin = read_header(out).origin
+        ends = [origin["window_start_us"], origin["window_end_us"]]
+        assert group["t_us"][[0, -1]].tolist() == ends
+        np.testing.assert_array_equal(group["T_world_cam"], truth.trajectory.pose(times_s))
+        np.testing.assert_array_equal(group["K"], truth.camera(16).K)
+        np.testing.assert_array_equal(group["depth"][1], truth.depth(times_s[1], 16))
+        flow = truth.flow(times_s[1], times_s[2], 16)
+        np.testing.assert_array_equal(group["flow"][1], flow.flow_px)
+        np.testing.assert_array_equal(group["flow_valid"][1], flow.valid)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.h5", "plain.h5"]
+
+
 def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkeypatch):
     """Promise: a sensor that is wider than the frames are has square pixels all the same."""
     wide = presets.SensorPreset(
@@ -278,6 +303,13 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ([*SIMULATE, "--bus", "atis"], 1, "no bandwidth is known of 'atis'"),
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
         ([*SIMULATE, "--fifo", "9"], 1, "expected a bus beside"),
+        ([*SIMULATE, "--truth", "0"], 1, "step_s: found 0"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "finer"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/a.npz", "--resolution", "8", "--truth", "1"],
+            1,
+            "truth has a place in DSEC's format",
+        ),
         (["convert", "{tmp}/none.h5", "{tmp}/a.raw"], 1, "none.h5: No such file"),
         (["convert", "{tmp}/bad.raw", "{tmp}/a.h5"], 1, "bad.raw: byte 0"),
         (["convert", "{tmp}/bad.raw", "{tmp}/a.h5", "--input-format", "x"], 1, "found 'x'"),
