@@ -86,7 +86,13 @@ def test_the_bank_is_the_same_to_the_bit(seed, interval_s, order, threads, chunk
     members = [
         (SensorModel(width=w, height=h, cutoff_hz=c, dark_level=DARK, random_start=w == 30), speed)
         for w, h in ((30, 24), (13, 11))
-        for c, speed in ((math.inf, 1.0), (math.inf, 10.0), (200.0, 10.0), (50.0, 1.0), (50.0, 10.0))
+        for c, speed in (
+            (math.inf, 1.0),
+            (math.inf, 10.0),
+            (200.0, 10.0),
+            (50.0, 1.0),
+            (50.0, 10.0),
+        )
     ]
     models, speeds = zip(*members, strict=True)
     plain = simulate_bank(frames, t_s, models, speeds=speeds, seed=seed, threads=1)
