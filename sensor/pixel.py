@@ -236,11 +236,11 @@ def light_bound(log_light, margin):
 
 
 @jit
-def band_of_light(n, memory, C_on, C_off, leaked, darkest, brightest):
-    """Between which I + I_dark n ideal pixels keep silent, before the memory has leaked at all."""
+def band_of_light(n, memory, C_on, C_off, darkest, brightest):
+    """Between which I + I_dark ideal pixels keep silent, as long as their memory does not leak."""
     for i in range(n):
-        darkest[i] = light_bound(memory[i] + leaked - C_off[i], BOUND_MARGIN)
-        brightest[i] = light_bound(memory[i] + leaked + C_on[i], -BOUND_MARGIN)
+        darkest[i] = light_bound(memory[i] - C_off[i], BOUND_MARGIN)
+        brightest[i] = light_bound(memory[i] + C_on[i], -BOUND_MARGIN)
 
 
 @jit
@@ -479,10 +479,10 @@ def fire_lines(
 @jit
 def events_of_lines(
     flagged,
-    u0,  # (len(flagged),) log intensity of the flagged pixels at the interval's ends
+    u0,  # (len(flagged),) log intensity of the flagged pixels at the interval's ends; overwritten
     u1,
     drift,
-    leaked,
+    leaked,  # drift of the intervals since the band was set
     memory,
     C_on,
     C_off,
@@ -880,7 +880,7 @@ def advance_pixels(
             if leader[s] != s:
                 continue
             used_before = used
-            leaked = 0.0
+            leaked = 0.0  # what memory_now has sunk by since the band of light was set
             memory_now[:n] = memory[s, pixels]
             if C_on.shape[1] == 1:
                 C_on_now[:n] = C_on[s, 0]
@@ -892,7 +892,7 @@ def advance_pixels(
                 v1_now[0, :n] = v1[s, pixels]
                 v2_now[0, :n] = v2[s, pixels]
             else:
-                band_of_light(n, memory_now, C_on_now, C_off_now, leaked, darkest, brightest)
+                band_of_light(n, memory_now, C_on_now, C_off_now, darkest, brightest)
             for f in range(F):
                 now, end = f & 1, (f & 1) ^ 1
                 dt_s = steps[s, f, DT_S]
