@@ -175,7 +175,7 @@ def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text
             "names 'wallpaper.png', but",
         ),
         (
-            lambda folder: edit_scene(folder, ("distance_m = 1.83", "distance_m = 3.0")),
+            lambda folder: edit_scene(folder, ("distance_m = 1.82", "distance_m = 3.0")),
             "expected at most plane.half_width_m = 2.5 m",
         ),
     ],
