@@ -1,6 +1,10 @@
 """What every test shares."""
 
+import sys
+
 import pytest
+
+from tasks import cli
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -9,3 +13,22 @@ def own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
+
+
+@pytest.fixture
+def eres(monkeypatch, capsys):
+    """Run the command in this process; returns (exit code, stdout, stderr)."""
+
+    def run(*args):
+        monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
+        monkeypatch.setattr(cli, "_out", cli.Console(width=250))
+        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=250))
+        code = 0
+        try:
+            cli.main()
+        except SystemExit as stop:
+            code = stop.code or 0
+        output = capsys.readouterr()
+        return code, output.out, output.err
+
+    return run

@@ -1,12 +1,9 @@
 """The command line: help, exit codes, one clear line for every mistake, nothing half-written."""
 
 import errno
-import sys
 from pathlib import Path
 
 import pytest
-
-from tasks import cli
 
 COMMANDS = [
     "doctor",
@@ -19,30 +16,12 @@ COMMANDS = [
     "convergence",
     "simulate",
     "convert",
+    "evaluate",
     "study",
     "report",
     "claims",
     "info",
 ]
-
-
-@pytest.fixture
-def eres(monkeypatch, capsys):
-    """Run the command in this process; returns (exit code, stdout, stderr)."""
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
-        monkeypatch.setattr(cli, "_out", cli.Console(width=200))
-        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=200))
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        output = capsys.readouterr()
-        return code, output.out, output.err
-
-    return run
 
 
 def test_version_and_lists(eres):
@@ -72,6 +51,9 @@ def test_every_command_explains_itself(eres, command):
         (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "simulate.widths"),
         (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),
         (["study", "--out", "{tmp}/file/r"], 1, "file"),
+        (["study", "{tmp}/none.toml", "--out", "{tmp}/r"], 1, "none.toml: no such file"),
+        (["study", "--method", "nowhere:f", "--out", "{tmp}/r"], 1, "cannot be imported"),
+        (["evaluate", "{tmp}/none", "--task", "flow"], 1, "none"),
         (["claims", "{tmp}/none"], 1, "none/rows.csv: no such file"),
         (["report", "{tmp}/none"], 1, "none/rows.csv: no such file"),
         (["info", "{tmp}/none"], 1, "none"),

@@ -1,7 +1,5 @@
 """The light side of the command line: any scene, truth, convergence; bad input is refused."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from eres_render import open_sequence
 from eres_render.paths import look_at
 from eres_render.tum import tum_text
 from light_scenes import edit_scene, room_folder
-from tasks import cli
 
 CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'
 SCENE = """<emitter type="constant"/>
@@ -17,25 +14,6 @@ SCENE = """<emitter type="constant"/>
 <shape type="sphere" id="mirror">
   <point name="center" value="0 0 1"/><float name="radius" value="0.3"/><bsdf type="conductor"/>
 </shape>"""
-
-
-@pytest.fixture
-def eres(monkeypatch, capsys):
-    """Run the command in this process; returns (exit code, stdout, stderr)."""
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
-        monkeypatch.setattr(cli, "_out", cli.Console(width=200))
-        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=200))
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        output = capsys.readouterr()
-        return code, output.out, output.err
-
-    return run
 
 
 def write_scene(folder, *parts):

@@ -1,7 +1,6 @@
 """`eres simulate`, `convert`, `info` and `sensors`: from a render to any file of events."""
 
 import shutil
-import sys
 from dataclasses import replace
 
 import h5py
@@ -14,27 +13,7 @@ from light_scenes import small_carpet_folder
 from sensor import Readout, SensorModel, presets, read_out, simulate
 from sensor.events import concatenate
 from sensor.formats import FORMATS, load_events, read_header, write_events
-from tasks import cli
 from tasks.event_files import middle
-
-
-@pytest.fixture
-def eres(monkeypatch, capsys):
-    """Run the command in this process; returns (exit code, stdout, stderr)."""
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
-        monkeypatch.setattr(cli, "_out", cli.Console(width=250))
-        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=250))
-        code = 0
-        try:
-            cli.main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        output = capsys.readouterr()
-        return code, output.out, output.err
-
-    return run
 
 
 @pytest.fixture(scope="module")
