@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from eres_render.textures import TextureRecipe
+from eres_render.textures.recipe import TextureRecipe
 from eres_render.typed_reader import Vector3
 
 

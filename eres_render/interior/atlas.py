@@ -37,7 +37,10 @@ class Atlas:
     rows: int
 
     def paint(self, texels_per_cell: int, seed: int) -> Float32:
-        """Return the texture, (rows, columns) x texels_per_cell; around charts it goes on."""
+        """Return the texture, (rows, columns) x texels_per_cell.
+
+        Paint goes on over the empty cells around a chart, so that filtered look-ups stay inside it.
+        """
         k = texels_per_cell
         texels = np.full((self.rows * k, self.columns * k), 0.5, dtype=np.float32)
         for i, (chart, at) in enumerate(zip(self.charts, self.places, strict=True)):
@@ -62,10 +65,10 @@ class Atlas:
             c, d = number[1:, :-1][chart.solid], number[1:, 1:][chart.solid]
             triangles += [np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)]
             first += rows * columns
-        write_mesh(file, np.concatenate(vertices), np.concatenate(triangles))
+        _write_mesh(file, np.concatenate(vertices), np.concatenate(triangles))
 
 
-def write_mesh(
+def _write_mesh(
     file: Path,
     vertices: NDArray[np.float64],  # (N, 8) x y z nx ny nz u v
     triangles: NDArray[np.int64],  # (M, 3)
@@ -85,7 +88,7 @@ def layout(charts: Sequence[Chart], columns: int) -> Atlas:
     """Place charts on a rectangle so many cells wide, tallest first, shelf upon shelf."""
     sides = [tuple(max(1, round(side / CELL_M)) for side in chart.size_m) for chart in charts]
     columns = max(columns, max(width for width, _ in sides) + 2)
-    places: list[Place | None] = [None] * len(charts)
+    places: dict[int, Place] = {}
     left, top, shelf = 0, 0, 0
     for i in sorted(range(len(charts)), key=lambda i: (-sides[i][1], -sides[i][0], i)):
         width, height = sides[i]
@@ -93,4 +96,4 @@ def layout(charts: Sequence[Chart], columns: int) -> Atlas:
             left, top, shelf = 0, top + shelf, 0
         places[i] = Place(left + 1, top + 1, width, height)
         left, shelf = left + width + 2, max(shelf, height + 2)
-    return Atlas(charts, [place for place in places if place is not None], columns, top + shelf)
+    return Atlas(charts, [places[i] for i in range(len(charts))], columns, top + shelf)

@@ -49,17 +49,17 @@ class Chart:
     paint: Painter
     solid: NDArray[np.bool_]
 
-    def moved(self, turn_rad: float, shift_m: ArrayLike) -> Chart:
-        """Return the chart turned about the z axis, then shifted."""
-        c, s = np.cos(turn_rad), np.sin(turn_rad)
-        R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-        points = self.points @ R.T + np.asarray(shift_m)
-        return replace(self, points=points, normals=self.normals @ R.T)
-
 
 def moved(charts: Iterable[Chart], turn_deg: float, shift_m: ArrayLike) -> list[Chart]:
     """Return charts turned about the z axis, then shifted."""
-    return [chart.moved(np.deg2rad(turn_deg), shift_m) for chart in charts]
+    turn_rad = np.deg2rad(turn_deg)
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    shift_m = np.asarray(shift_m)
+    return [
+        replace(chart, points=chart.points @ R.T + shift_m, normals=chart.normals @ R.T)
+        for chart in charts
+    ]
 
 
 def grid(points: ArrayLike, paint: Painter, t: ArrayLike, s: ArrayLike) -> Chart:
@@ -117,16 +117,18 @@ def box(
     low: ArrayLike, high: ArrayLike, paint: FacePainter, without: tuple[str, ...] = ()
 ) -> list[Chart]:
     """Return the faces of a box between two corners, seen from outside."""
+    return [face(name, low, high, paint) for name in _FACES if name not in without]
+
+
+def face(name: str, low: ArrayLike, high: ArrayLike, paint: FacePainter) -> Chart:
+    """Return one face of a box: west, east, south, north, top or bottom."""
     ends = np.array([low, high], dtype=np.float64)
     size = ends[1] - ends[0]
-    charts = []
-    for name, (corner, (u, u_sign), (v, v_sign)) in _FACES.items():
-        if name not in without:
-            start = ends[list(corner), [0, 1, 2]]
-            right, down = np.zeros(3), np.zeros(3)
-            right[u], down[v] = u_sign * size[u], v_sign * size[v]
-            charts.append(rectangle(start, right, down, paint(bool(size[u] >= size[v]))))
-    return charts
+    corner, (u, u_sign), (v, v_sign) = _FACES[name]
+    right, down = np.zeros(3), np.zeros(3)
+    right[u], down[v] = u_sign * size[u], v_sign * size[v]
+    start = ends[list(corner), [0, 1, 2]]
+    return rectangle(start, right, down, paint(bool(size[u] >= size[v])))
 
 
 def rounded_box(

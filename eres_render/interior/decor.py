@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from eres_render.interior.chart import Chart, Painter, both_sides, box, grid, lathe, moved
+from eres_render.interior.chart import Chart, Painter, both_sides, box, face, grid, lathe, moved
 from eres_render.interior.paints import everywhere, glazed, lacquered, wooden
 from eres_render.interior.shell import (
     EAST_M,
@@ -33,8 +33,7 @@ def _picture(width_m: float, height_m: float, paint: Painter, frame_tone: float)
     """Return a framed picture that hangs south of the plane y = 0, its middle at the origin."""
     x, z, edge = 0.5 * width_m, 0.5 * height_m, 0.04
     frame = wooden(frame_tone)
-    charts = box((-x, -0.012, -z), (x, 0, z), everywhere(paint), ("north",))[1:]
-    charts = [c for c in charts if c.size_m[0] > 0.1 and c.size_m[1] > 0.1]
+    charts = [face("south", (-x, -0.012, -z), (x, 0, z), everywhere(paint))]
     for low, high in (
         ((-x - edge, z), (x + edge, z + edge)),
         ((-x - edge, -z - edge), (x + edge, -z)),
@@ -192,7 +191,7 @@ def _vase() -> list[Chart]:
 
 def _paper(width_m: float, height_m: float) -> list[Chart]:
     low, high = (-0.5 * width_m, -0.5 * height_m, 0), (0.5 * width_m, 0.5 * height_m, 0.003)
-    return box(low, high, everywhere(text_page), ("bottom", "south", "north", "east", "west"))
+    return [face("top", low, high, everywhere(text_page))]
 
 
 def _pile_of_books(count: int, seed: int) -> list[Chart]:
@@ -202,13 +201,9 @@ def _pile_of_books(count: int, seed: int) -> list[Chart]:
     for _ in range(count):
         thick = rng.uniform(0.025, 0.05)
         low, high = (-0.5 * width, -0.5 * depth, z), (0.5 * width, 0.5 * depth, z + thick)
-        sides = ("west", "east", "south", "north", "top", "bottom")
-        book: list[Chart] = []
-        paints = {"top": book_cover, "west": book_spine}
-        for name in sides[:5]:
-            paint = paints.get(name, book_pages)
-            hidden = tuple(other for other in sides if other != name)
-            book += box(low, high, everywhere(paint), hidden)
+        sides = {"west": book_spine, "east": book_pages, "south": book_pages, "north": book_pages}
+        paints = sides | {"top": book_cover}
+        book = [face(name, low, high, everywhere(paint)) for name, paint in paints.items()]
         charts += moved(book, rng.uniform(-14, 14), (0, 0, 0))
         z += thick
         width, depth = 0.93 * width, 0.93 * depth

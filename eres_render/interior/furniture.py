@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
-from eres_render.interior.chart import Chart, box, grid, moved, rectangle, rounded_box
+from eres_render.interior.chart import Chart, box, face, grid, moved, rectangle, rounded_box
 from eres_render.interior.paints import cushion, everywhere, lacquered, upholstered, wooden
 from eres_render.interior.shell import EAST_M, NORTH_M
 from eres_render.textures.cloth import kilim, striped
@@ -101,9 +102,15 @@ def _pillow(tones: tuple[float, ...]) -> list[Chart]:
 
 
 def rug() -> list[Chart]:
-    """Return a kilim; its fringes are left to the eye."""
+    """Return a kilim, not quite straight."""
     low, high = (-1.25, -0.85, 0), (1.25, 0.85, 0.012)
     return moved(box(low, high, lambda _: kilim, ("bottom",)), 4, (4.0, 2.45, 0))
+
+
+# The bookcase: its width, depth and height, how thick its boards are; where it stands; its shelves.
+_CASE = (1.8, 0.30, 2.05, 0.022)
+_CASE_AT = (3.9, NORTH_M - 0.30, 0.0)
+_SHELVES_M = (0.09, 0.50, 0.88, 1.26, 1.64, 2.05)
 
 
 def bookcase() -> list[Chart]:
@@ -124,11 +131,6 @@ def bookcase() -> list[Chart]:
     return moved(charts, 0, _CASE_AT)
 
 
-_CASE = (1.8, 0.30, 2.05, 0.022)
-_CASE_AT = (3.9, NORTH_M - 0.30, 0.0)
-_SHELVES_M = (0.09, 0.50, 0.88, 1.26, 1.64, 2.05)
-
-
 def books() -> list[Chart]:
     """Return the books, shelf by shelf, a few missing and a few lying."""
     width, depth, _, board = _CASE
@@ -141,10 +143,17 @@ def books() -> list[Chart]:
     return moved(charts, 0, _CASE_AT)
 
 
+class _Book(NamedTuple):
+    left: float
+    thick: float
+    high: float
+    deep: float
+
+
 def _row_of_books(
     left: float, right: float, z: float, room: float, depth: float, rng: np.random.Generator
 ) -> list[Chart]:
-    sizes: list[tuple[float, float, float, float]] = []
+    row: list[_Book] = []
     x = left
     stop = right - rng.uniform(0.0, 0.22)
     series = (0.0, 0.0, 0.0)
@@ -153,26 +162,26 @@ def _row_of_books(
         if left_in_series == 0:
             series = (rng.uniform(0.025, 0.06), rng.uniform(0.62, 0.94), rng.uniform(0.15, 0.22))
             left_in_series = int(rng.integers(1, 5))
-        thick, high, deep = series
+        thick, share, deep = series
         if x + thick > stop:
             break
-        sizes.append((x, thick, high * room, deep))
+        row.append(_Book(x, thick, share * room, deep))
         x += thick + 0.001
         left_in_series -= 1
     charts: list[Chart] = []
-    for k, (x, thick, high, deep) in enumerate(sizes):
-        front = depth - 0.03 - deep
-        low, top = (x, front, z), (x + thick, depth - 0.03, z + high)
+    back = depth - 0.03
+    for k, book in enumerate(row):
+        low = (book.left, back - book.deep, z)
+        high = (book.left + book.thick, back, z + book.high)
         # Covers show only beside a gap or a smaller neighbour.
-        beside = {"west": sizes[k - 1 : k], "east": sizes[k + 1 : k + 2]}
+        beside = {"west": row[k - 1 : k], "east": row[k + 1 : k + 2]}
         paints = {"south": book_spine, "top": book_pages, "west": book_cover, "east": book_cover}
         for name, paint in paints.items():
-            if any(other[2] >= high and other[3] >= deep for other in beside.get(name, ())):
+            if any(b.high >= book.high and b.deep >= book.deep for b in beside.get(name, ())):
                 continue
             if name == "west" and k == 0:
                 continue  # leans on the bookcase
-            others = tuple(face for face in (*paints, "north", "bottom") if face != name)
-            charts += box(low, top, everywhere(paint), others)
+            charts.append(face(name, low, high, everywhere(paint)))
     return charts
 
 

@@ -27,7 +27,7 @@ def upholstered(tone: float) -> FacePainter:
 
 
 def lacquered(tone: float) -> FacePainter:
-    """Return brushed lacquer: plaster's relief, fainter than on a wall by its tone."""
+    """Return brushed lacquer, which has the fine relief and grain of plaster."""
     return everywhere(partial(plaster, tone=tone))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -79,8 +78,3 @@ def paint(name: str, width_px: int, height_px: int, texel_m: float, seed: int) -
     if abs(texel_m * k - CELL_M) > 1e-9:
         raise SceneError(f"texture {name}: found texel_m {texel_m}, expected {CELL_M / k:.9g}")
     return atlas.paint(k, seed)
-
-
-def painter(name: str) -> Callable[[int, int, float, int], Float32]:
-    """Return the function that makes a piece's texture."""
-    return functools.partial(paint, name)

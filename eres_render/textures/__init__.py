@@ -4,7 +4,3 @@ Detail at all scales is not decoration. How much a low-resolution sensor misses 
 share of contrast that lives below its pixel pitch, so a texture that ends at a centimetre would
 hide the very effect that is under study.
 """
-
-from eres_render.textures.recipe import TEXTURES, TextureRecipe
-
-__all__ = ["TEXTURES", "TextureRecipe"]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.textures.noise import Float32
+from eres_render.textures.reflectance import saturated
 
 Bool = NDArray[np.bool_]
 
@@ -61,12 +62,7 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     log_reflectance += 0.08 * _fading(shape, rng)
     log_reflectance += _pile(shape, rng)
     middle = math.log(_RED)
-    log_reflectance = middle + _CONTRAST * (log_reflectance - middle)
-    # Bright yarn saturates softly: no dye or wool reflects more than 0.85.
-    x = np.exp(log_reflectance, out=log_reflectance)
-    x *= 1 / 0.85
-    reflectance = 0.85 * x / np.sqrt(np.sqrt(1 + np.square(np.square(x))))
-    return np.maximum(reflectance, 0.02, dtype=np.float32)
+    return saturated(middle + _CONTRAST * (log_reflectance - middle))
 
 
 def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float, float]) -> Float32:
@@ -173,7 +169,7 @@ def _dye_lots(n_rows: int, rng: np.random.Generator) -> Float32:
 
 
 def _fading(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Return noise with equal variance in every octave from the whole carpet down to 16 texels."""
+    """Return noise, the same variance in each octave from a quarter of the width to 16 texels."""
     height, width = shape
     total = np.zeros(shape, dtype=np.float32)
     cells = 4

@@ -42,7 +42,7 @@ def striped(
 
 
 def kilim(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a flat-woven rug: bands of stepped diamonds between plain borders, with fringes."""
+    """Return a flat-woven rug: bands of stepped diamonds in a plain border with a toothed line."""
     yarn_m = 0.005
     rows, columns = (int(np.ceil(n * texel_m / yarn_m)) for n in shape)
     y, x = np.arange(rows)[:, None], np.arange(columns)[None, :]

@@ -6,12 +6,13 @@ import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 from eres_render.cache import cache_dir
 from eres_render.errors import SceneError
 from eres_render.image_file import write_luminance
-from eres_render.interior.pieces import PIECES, painter
+from eres_render.interior.pieces import PIECES, paint
 from eres_render.textures.carpet import bokhara
 from eres_render.textures.nature import garden_view
 from eres_render.textures.noise import Float32
@@ -38,7 +39,7 @@ TEXTURES: dict[str, Texture] = {
     "carpet": Texture(3, bokhara),
     "stones": Texture(3, pebble_bed),
     "garden_view": Texture(2, garden_view),
-    **{name: Texture(1, painter(name)) for name in PIECES},
+    **{name: Texture(1, partial(paint, name)) for name in PIECES},
 }
 
 
@@ -48,8 +49,14 @@ class TextureRecipe:
 
     Parameters
     ----------
+    kind
+        One of `TEXTURES`.
     size_px
         Texels along u.
+    texel_m
+        Size of a texel, metres.
+    seed
+        Of everything that is random.
     height_px
         Texels along v; `size_px` by default.
     """

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.textures.noise import Float32, fractal_noise
+from eres_render.textures.reflectance import saturated
 
-# Radii of stones: from a fist to a grain of two texels. The number of stones tried per area goes
+# Radii of stones: from a small boulder to a grain of sand. The number of stones tried per area goes
 # with radius^-2 per octave, the scale-free law of a dead-leaves mosaic; what finds no room is
 # dropped, so that large stones lie whole and small ones fill what is left between them.
 _LARGEST_M = 0.16
@@ -86,17 +87,12 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     swirl = fractal_noise(shape, 256, 24, rng)
     speckle = rng.standard_normal(shape, dtype=np.float32)
     relief = 0.6 * sand
-    log_reflectance = -1.7 + 0.25 * sand + 0.60 * speckle
+    log_reflectance: Float32 = -1.7 + 0.25 * sand + 0.60 * speckle
     owner = np.full(shape, -1, dtype=np.int32)
     stones = (radius_px, numbers, mean, kind, outlines)
     _lay_stones(owner, relief, log_reflectance, stones, (grain, swirl, speckle))
     log_reflectance += _log_shading(relief + 0.12 * speckle + 0.25 * grain)
-    log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - _MIDDLE_FROM)
-    # Bright rock saturates softly: none reflects more than 0.85.
-    x = np.exp(log_reflectance, out=log_reflectance)
-    x *= 1 / 0.85
-    reflectance = 0.85 * x / np.sqrt(np.sqrt(1 + np.square(np.square(x))))
-    return np.maximum(reflectance, 0.02, dtype=np.float32)
+    return saturated(_MIDDLE_TO + _CONTRAST * (log_reflectance - _MIDDLE_FROM))
 
 
 def _radii(shape: tuple[int, int], largest_px: float, rng: np.random.Generator) -> Float32:

@@ -49,7 +49,7 @@ def planks(
     width_m: float = 0.13,
     length_m: float = 1.3,
 ) -> Float32:
-    """Return a floor of boards that run along u, each with its own colour, dark joints between."""
+    """Return a floor of boards that run along u, each of its own shade, dark joints between."""
     height, width = shape
     board, length = round(width_m / texel_m), round(length_m / texel_m)
     joint = max(1, round(0.002 / texel_m))
