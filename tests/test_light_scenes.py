@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eres_render import Renderer, backend, list_scenes, load_scene
+from eres_render import Renderer, backend, clips, list_scenes, load_scene
 from eres_render.image_file import read_attributes, read_luminance
 from eres_render.interior.atlas import CELL_M
 from eres_render.interior.pieces import PIECES
@@ -22,18 +22,23 @@ def pieces():
     return {name: (piece, piece.atlas()) for name, piece in PIECES.items()}
 
 
-def mean_motion_px_per_s(renderer, times=24, dt_s=1e-4):
-    """Return the mean speed of image points, in pixels of a 1280-pixel view."""
-    camera = renderer.camera
+def follow(renderer, times_s):
+    """Return where points of the first image go, (T, N, 2) pixels of a 1280-pixel view."""
+    camera, poses = renderer.camera, renderer.trajectory.pose(times_s)
     points = camera.grid(9)
+    depth = 1 / renderer.inverse_depth(poses[0], points)
+    world = poses[0, :3, 3] + depth[:, None] * (camera.rays(points) @ poses[0, :3, :3].T)
+    moved = [camera.project((world - T[:3, 3]) @ T[:3, :3]) for T in poses]
+    return np.array(moved) * 1280 / camera.width
+
+
+def mean_motion_px_per_s(renderer, times=24, dt_s=1e-4):
+    """Return the mean speed of image points."""
     speeds = []
     for t in (np.arange(times) + 0.5) * renderer.scene.duration_s / times:
-        T_0, T_1 = renderer.trajectory.pose([t, t + dt_s])
-        depth = 1 / renderer.inverse_depth(T_0, points)
-        seen = T_0[:3, 3] + depth[:, None] * (camera.rays(points) @ T_0[:3, :3].T)
-        moved = camera.project((seen - T_1[:3, 3]) @ T_1[:3, :3])
-        speeds.append(np.linalg.norm(moved - points, axis=1).mean() / dt_s)
-    return np.mean(speeds) * 1280 / camera.width
+        first, second = follow(renderer, [t, t + dt_s])
+        speeds.append(np.linalg.norm(second - first, axis=1).mean() / dt_s)
+    return np.mean(speeds)
 
 
 def test_three_scenes_are_packaged():
@@ -46,6 +51,20 @@ def test_path_is_calibrated_and_keeps_clear(renderers, name):
     renderer = renderers[name]
     assert renderer.trajectory.mean_speed_mps(10.0) == pytest.approx(SPEEDS_MPS[name], rel=1e-9)
     assert mean_motion_px_per_s(renderer) == pytest.approx(550, rel=0.05)
+
+
+@pytest.mark.parametrize("name", SPEEDS_MPS)
+def test_flow_is_even_within_a_window(renderers, name):
+    """Tasks take flow as constant within a window: half-way, points are where that puts them.
+
+    To a third of a pixel at 1280 px, in the median clip.
+    """
+    off_px = []
+    for clip in clips(renderers[name].scene):
+        window_s = np.linspace(clip.t_window_start_s, clip.t_window_end_s, 3)
+        start, middle, end = follow(renderers[name], window_s)
+        off_px.append(np.linalg.norm(middle - 0.5 * (start + end), axis=1).mean())
+    assert np.median(off_px) < 1 / 3
 
 
 @pytest.mark.parametrize("name", SPEEDS_MPS)
