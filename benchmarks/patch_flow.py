@@ -76,7 +76,7 @@ def main() -> None:
         and (row.cutoff_hz, row.speed) == (math.inf, 1.0)
     ]
     median = np.median(list(departure.values()))
-    print(f"{args.scene}: {len(departure)} patches, median departure {median:.2f} px; median RNEPE, px:")
+    print(f"{args.scene}: {len(departure)} patches, median departure {median:.2f} px")
     print(
         f"{'sensor':>8s} {'all':>8s} {f'under {EVEN_PX} px':>14s} {'the rest':>10s}   median RNEPE"
     )

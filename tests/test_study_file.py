@@ -6,7 +6,7 @@ import pytest
 
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
-from tasks.study.config import PRESETS, Study
+from tasks.study.config import Evaluate, Study
 from tasks.study.study_file import read_study
 
 
@@ -40,7 +40,7 @@ def test_every_field_of_a_study_can_be_said(tmp_path):
     assert (study.render.resolution, study.render.samples) == (640, 2)
     assert study.simulate.cutoffs_hz == (math.inf, 100.0)
     assert study.evaluate.flow.methods[1] == "my_package.flow:estimate"
-    assert study.evaluate.tracking == PRESETS["quick"].evaluate.tracking
+    assert study.evaluate.tracking == Evaluate().tracking
 
 
 def test_light_stands_for_cutoffs(tmp_path):
