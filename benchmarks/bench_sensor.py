@@ -5,10 +5,11 @@
 A texture with a natural spectrum and edges moves by 0.97 px a frame, frames 1 ms apart, C = 0.2.
 "dense" fires about 0.2 events a pixel and frame, "sparse" a tenth of that (frames 0.1 ms apart).
 Events come from `stream`, a part at a time: `simulate` also asks for memory for all of them, which
-on a virtual machine can take as long as the rest. Minimum of the runs; kinds are measured in turn, so that a busy machine troubles all of them alike.
-The numpy column is what it takes to read the same frames once and take their logarithm,
-`np.log(frame + dark)`. Then nine settings that share the frames, against nine runs: with the frames
-in memory, and with each run reading them from OpenEXR files as a render leaves them.
+on a virtual machine can take as long as the rest. Minimum of the runs; kinds are measured in turn,
+so that a busy machine troubles all of them alike. The numpy column is what it takes to read the
+same frames once and take their logarithm, `np.log(frame + dark)`. Then nine settings that share the
+frames, against nine runs: with the frames in memory, and with each run reading them from OpenEXR
+files as a render leaves them.
 """
 
 from __future__ import annotations
