@@ -246,7 +246,8 @@ PRESETS = {
             ),
             tracking=Tracking(
                 methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
-                sigmas_mm=(2.0, 5.0, 10.0, 20.0, 50.0, 200.0),
+                sigmas_mm=(2.0, 5.0, 10.0, 20.0),  # from 50 mm on most searches fail, slowly
+                max_events=50_000,
             ),
             video=Video(
                 methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
