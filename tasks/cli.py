@@ -423,7 +423,7 @@ def study(
     Args:
         out: Folder of the run.
         preset: Which study, if not one of your own. "quick": carpet, 5 resolutions, 3 cutoffs, 3
-            speeds.
+            speeds, a few samples. "paper": three scenes, 20 samples of each, all methods; hours.
         scenes: Names or folders of scenes, instead of the preset's.
         samples: How many samples along each path, instead of the preset's.
         spp: Samples per pixel of the render, instead of the preset's.
