@@ -60,8 +60,9 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
             "package.module:function"
         )
     module, _, function = listed.get(name, name).partition(":")
+    import_module = importlib.import_module if name in listed else _imported
     try:
-        found = getattr(_imported(module), function, None)
+        found = getattr(import_module(module), function, None)
     except ImportError as error:
         raise TaskError(f"{task}, method {name!r}: cannot be imported: {error}") from error
     if not callable(found):
@@ -115,7 +116,7 @@ def code_of(names: Iterable[str]) -> dict[str, str]:
 
 
 def _imported(module: str) -> ModuleType:
-    """Import a module, also one in the working directory, as `python -m` would find it."""
+    """Import a module of the user's, also from the working directory, as `python -m` would."""
     if "" not in sys.path and os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
     return importlib.import_module(module)

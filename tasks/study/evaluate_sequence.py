@@ -9,11 +9,11 @@ from typing import Literal
 
 from eres_render import Clip, RadianceSequence, ground_truth, load_scene
 from tasks.errors import TaskError
-from tasks.methods import METHODS, load_method
+from tasks.methods import METHODS
 from tasks.row import Row
 from tasks.study.config import Evaluate, Render, Simulate
 from tasks.study.evaluate_part import OnProgress, evaluate_part
-from tasks.study.parts import NOTHING, Part
+from tasks.study.parts import NOTHING, Part, check_methods
 
 Task = Literal["reconstruction", "flow", "tracking", "video"]
 
@@ -53,9 +53,9 @@ def evaluate_sequence(
     TaskError
         A method does not exist, or the scene does not suit the task.
     """
-    chosen = tuple(methods) or tuple(METHODS[task])
-    for name in chosen:
-        load_method(task, name)
+    wanted = replace(getattr(Evaluate(), task), methods=tuple(methods) or tuple(METHODS[task]))
+    evaluate = replace(NOTHING, **{task: wanted})
+    check_methods(evaluate)
     if width > sequence.manifest.width:
         raise TaskError(
             f"resolution: found {width} px, finer than the frames of {sequence.manifest.width} px"
@@ -65,7 +65,6 @@ def evaluate_sequence(
         raise TaskError(
             f"{scene.name}: pose tracking needs a planar scene, one whose scene.toml has a [plane]"
         )
-    wanted = replace(getattr(Evaluate(), task), methods=chosen)
     clip = Clip(sequence.manifest.clip, float(sequence.t_s[0]), *sequence.window_s)
     part = Part(
         scene,
@@ -77,6 +76,6 @@ def evaluate_sequence(
             speeds=(speed,),
             contrast_threshold=contrast_threshold,
         ),
-        replace(NOTHING, **{task: wanted}),
+        evaluate,
     )
     return evaluate_part(part, sequence, ground_truth(sequence), on_progress, shown=False).rows

@@ -74,9 +74,7 @@ class Part:
         """Name of the part's rows: a digest of everything that decides them."""
         return digest(
             {
-                "scene": self.scene.digest,
-                "clip": asdict(self.clip),
-                "render": {**asdict(self.render), "samples": None},  # others change nothing here
+                **self._stretch,
                 "simulate": asdict(self.simulate),
                 "evaluate": asdict(self.evaluate),
                 "methods": code_of(chain.from_iterable(_methods(self.evaluate).values())),
@@ -85,14 +83,17 @@ class Part:
         )
 
     @property
-    def frames_key(self) -> dict[str, object]:
+    def frames_decided_by(self) -> dict[str, object]:
         """What decides the part's frames, apart from the renderer."""
+        light = self.scene.light_digest
+        return {**self._stretch, "light": light, "version": STAGE_VERSIONS["render"]}
+
+    @property
+    def _stretch(self) -> dict[str, object]:
         return {
             "scene": self.scene.digest,
-            "light": self.scene.light_digest,
             "clip": asdict(self.clip),
-            "render": {**asdict(self.render), "samples": None},
-            "version": STAGE_VERSIONS["render"],
+            "render": {**asdict(self.render), "samples": None},  # others change nothing here
         }
 
     def settings(self, dark_level: float) -> list[Setting]:

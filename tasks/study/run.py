@@ -28,7 +28,7 @@ from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, digest, to_json
 from tasks.study.cost import cost
 from tasks.study.environment import environment
-from tasks.study.evaluate_part import evaluate_part
+from tasks.study.evaluate_part import OnProgress, evaluate_part
 from tasks.study.frame_cache import frames_folder, make_room
 from tasks.study.parts import Part, check_methods, parts
 from tasks.study.previews import write_previews
@@ -40,9 +40,6 @@ _BYTES_PER_PX_S = 4500  # of 2250 half-float frames a second of path: what make_
 
 # Where each stage begins in a part's time, and its share of it; for the progress bar alone.
 _STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0.3)}
-
-# Called with what is being done, and how much of the part is done, 0 to 1.
-OnProgress = Callable[[str, float], None]
 
 
 def run_study(study: Study, out: Path) -> list[Row]:
@@ -110,13 +107,11 @@ class _SceneLight:
         self.renderer = Renderer(part.scene, render.resolution, render.spp, render.seed)
         self._truth: GroundTruth | None = None
 
-    def look(
-        self, part: Part, on_progress: Callable[[str, int, int], None]
-    ) -> tuple[RadianceSequence, GroundTruth]:
+    def look(self, part: Part, on_progress: OnProgress) -> tuple[RadianceSequence, GroundTruth]:
         """The part's frames, from the cache or rendered into it, and the truth behind them."""
         renderer = self.renderer
         decided_by = {
-            **part.frames_key,
+            **part.frames_decided_by,
             "white_level": renderer.white_level,
             "integrator": renderer.integrator,
             "variant": renderer.variant,
