@@ -26,6 +26,7 @@ class Row:
     method: str  # such as "event_integration"; every task has a do-nothing baseline
     width: int  # px, sensor width
     cutoff_hz: float  # photoreceptor cutoff; inf = ideal
+    contrast_threshold: float  # C, log units
     speed: float  # factor on the camera's base speed
     sample: int  # index of the sample along the path
     metric: str  # "psnr_db", "rnepe_px" or "position_error_mm"
@@ -40,6 +41,10 @@ class Row:
             raise ResultError(f"Row.width must be positive, got {self.width}")
         if not self.cutoff_hz > 0:
             raise ResultError(f"Row.cutoff_hz must be positive or inf, got {self.cutoff_hz}")
+        if not (self.contrast_threshold > 0 and math.isfinite(self.contrast_threshold)):
+            raise ResultError(
+                f"Row.contrast_threshold must be positive, got {self.contrast_threshold}"
+            )
         if not (self.speed > 0 and math.isfinite(self.speed)):
             raise ResultError(f"Row.speed must be positive, got {self.speed}")
 

@@ -55,7 +55,9 @@ def paper_rows(
                             small = 0.01 * (k - (items - 1) / 2)
                             rows.append(
                                 Row(
-                                    *(scene, series.task, method or series.method, *where, i),
+                                    *(scene, series.task, method or series.method),
+                                    *(width, cutoff, 0.2),
+                                    *(speed, i),
                                     series.metric,
                                     value + shift + small
                                     if series.metric == "psnr_db"
@@ -72,8 +74,8 @@ def nothing_rows(rows: Iterable[Row], value: float) -> list[Row]:
     """The do-nothing rows beside these, all with one value."""
     return [
         Row(
-            *(r.scene, r.task, TASKS[r.task].baseline, r.width, r.cutoff_hz, r.speed, r.sample),
-            *(r.metric, value, 0.0, r.variant, r.item),
+            *(r.scene, r.task, TASKS[r.task].baseline, r.width, r.cutoff_hz),
+            *(r.contrast_threshold, r.speed, r.sample, r.metric, value, 0.0, r.variant, r.item),
         )
         for r in rows
     ]

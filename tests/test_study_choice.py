@@ -13,7 +13,7 @@ from tasks.study.scores import Scores
 
 
 def row(width: int, sample: int, value: float) -> Row:
-    return Row("carpet", *EI[:2], width, math.inf, 1.0, sample, "psnr_db", value, float(width))
+    return Row("carpet", *EI[:2], width, math.inf, 0.2, 1.0, sample, "psnr_db", value, float(width))
 
 
 def test_the_choice_is_the_smallest_width_that_is_as_good() -> None:
@@ -48,7 +48,7 @@ def test_doing_nothing_is_what_a_choice_is_worth() -> None:
     rows = [row(w, i, v + i) for w, v in {640: 20.0, 1280: 21.0}.items() for i in range(3)]
     for nothing, worthwhile in ((20.5, True), (21.5, False)):
         idle = [
-            Row("carpet", EI.task, "no_events", 640, math.inf, 1.0, i, "psnr_db", nothing + i, 0.0)
+            replace(row(640, i, nothing + i), method="no_events", event_rate_hz=0.0)
             for i in range(3)
         ]
         choice = choose(Scores(rows + idle), EI, "carpet", math.inf, 1.0)

@@ -107,8 +107,9 @@ def test_rows_of_another_method_measure_nothing(number: int) -> None:
     assert found.ours == "no rows of event integration"
 
 
-def _tail(r: Row) -> tuple[int, float, float, int, str, float, float]:
-    return r.width, r.cutoff_hz, r.speed, r.sample, r.metric, r.value, r.event_rate_hz
+def _tail(r: Row) -> tuple[int, float, float, float, int, str, float, float]:
+    where = r.width, r.cutoff_hz, r.contrast_threshold, r.speed
+    return *where, r.sample, r.metric, r.value, r.event_rate_hz
 
 
 def test_one_scene_that_fails_settles_it_and_one_that_lacks_rows_does_not() -> None:
@@ -160,7 +161,7 @@ def test_the_bootstrap_is_paired_and_seeded() -> None:
 def test_an_interval_on_both_sides_of_the_bound_is_called_unsettled() -> None:
     """The night's best width leads by less than the samples scatter."""
     rows = [
-        Row(*(r.scene, r.task, r.method, *_tail(r)[:5]), r.value + 0.3 * (-1) ** r.sample, 1.0)
+        Row(*(r.scene, r.task, r.method, *_tail(r)[:6]), r.value + 0.3 * (-1) ** r.sample, 1.0)
         if r.width == 640
         else r
         for r in paper_rows(scenes=("carpet",), samples=12)

@@ -17,7 +17,7 @@ def scores(nothing_db: float) -> Scores:
     for width in (128, 1280):
         for cutoff_hz in (math.inf, 50.0):
             for speed in (1.0, 2.0):
-                at = (width, cutoff_hz, speed, 0, "psnr_db")
+                at = (width, cutoff_hz, 0.2, speed, 0, "psnr_db")
                 gain_db = math.log2(width / 128) / speed
                 value = 12.0 + (gain_db if math.isinf(cutoff_hz) else -gain_db)
                 rate = speed * width**3

@@ -30,7 +30,7 @@ def test_every_field_of_a_study_can_be_said(tmp_path):
     [simulate]
     widths = [160, 320]
     cutoffs_hz = [inf, 100]
-    contrast_threshold = 0.3
+    contrast_thresholds = [0.3]
     [evaluate.flow]
     methods = ["photometric_flow", "my_package.flow:estimate"]
     features = 7

@@ -28,7 +28,7 @@ def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
                 median = published("carpet", *EI[:2], width, cutoff, speed, EI.metric)
                 assert median is not None
                 for i in range(samples):
-                    at = (width, cutoff, speed, i, "psnr_db")
+                    at = (width, cutoff, 0.2, speed, i, "psnr_db")
                     shift = i - samples // 2
                     rows.append(Row("carpet", *EI[:2], *at, median + shift, speed * width**3))
                     rows.append(Row("carpet", EI.task, "no_events", *at, nothing_db + shift, 0.0))

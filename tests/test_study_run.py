@@ -180,7 +180,7 @@ def test_more_samples_keep_the_old_ones(finished, scene_folder):
     reconstruction = replace(study.evaluate.reconstruction, upsampling="nearest")
     for changed in (
         replace(study, render=replace(study.render, spp=9)),
-        replace(study, simulate=replace(study.simulate, contrast_threshold=0.3)),
+        replace(study, simulate=replace(study.simulate, contrast_thresholds=(0.3,))),
         replace(study, evaluate=replace(study.evaluate, reconstruction=reconstruction)),
     ):
         assert parts(changed, scene)[0].key != part.key

@@ -23,7 +23,7 @@ from tasks.study.tables import (
 
 def row(width: int, sample: int, value: float, **changes: object) -> Row:
     base = Row(
-        "carpet", *EI[:2], width, math.inf, 1.0, sample, "psnr_db", value, 1e6 * (1 + sample)
+        "carpet", *EI[:2], width, math.inf, 0.2, 1.0, sample, "psnr_db", value, 1e6 * (1 + sample)
     )
     return replace(base, **changes)  # type: ignore[arg-type]
 
@@ -151,7 +151,7 @@ def test_a_score_that_does_not_beat_doing_nothing_is_struck_out() -> None:
 
 def flow_rows(variant: str = "") -> list[Row]:
     """One sample of three features at 640 px: 1, 2 and a failed one at 4 px."""
-    flow = ("carpet", "flow", "photometric_flow", 640, math.inf, 1.0, 0, "rnepe_px")
+    flow = ("carpet", "flow", "photometric_flow", 640, math.inf, 0.2, 1.0, 0, "rnepe_px")
     rows = [Row(*flow, value, 1e6, variant, i) for i, value in enumerate((1.0, 2.0, 4.0))]
     rows[2] = replace(rows[2], failure="3 events")
     return rows + [replace(r, method="initial_flow", value=4.0, failure="") for r in rows]

@@ -48,7 +48,7 @@ class Render:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulate:
-    """The sensors: every width with every cutoff at every speed.
+    """The sensors: every width with every cutoff and contrast threshold at every speed.
 
     Parameters
     ----------
@@ -56,10 +56,10 @@ class Simulate:
         Sensor sides, px.
     cutoffs_hz
         Photoreceptor cutoffs; inf is ideal.
+    contrast_thresholds
+        C, log units.
     speeds
         Factors on the camera's base speed.
-    contrast_threshold
-        C, log units.
     dark_fraction
         Dark level as a fraction of the scene's white level.
     warmup_time_constants
@@ -68,8 +68,8 @@ class Simulate:
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
     cutoffs_hz: tuple[float, ...] = (math.inf, 200.0, 50.0)
+    contrast_thresholds: tuple[float, ...] = (0.2,)
     speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
-    contrast_threshold: float = 0.2
     dark_fraction: float = 1e-3
     warmup_time_constants: float = 6.0
 
@@ -209,7 +209,7 @@ class Study:
 
     def __post_init__(self) -> None:
         sensors = self.simulate
-        for name in ("widths", "cutoffs_hz", "speeds"):
+        for name in ("widths", "cutoffs_hz", "contrast_thresholds", "speeds"):
             values = getattr(sensors, name)
             if not values or not all(value > 0 for value in values):
                 raise StudyError(

@@ -7,6 +7,7 @@ progress bar corrects them as it goes.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -78,7 +79,10 @@ def _frames(part: Part) -> int:
 
 def _sensor_pixels(part: Part) -> int:
     sensors = part.simulate
-    return sum(w * w for w in sensors.widths) * len(sensors.cutoffs_hz) * len(sensors.speeds)
+    settings = math.prod(
+        len(axis) for axis in (sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
+    )
+    return settings * sum(width**2 for width in sensors.widths)
 
 
 def _score_s(part: Part) -> float:

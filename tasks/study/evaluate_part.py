@@ -107,6 +107,7 @@ def _row(sequence: RadianceSequence, setting: Setting, event_rate_hz: float, sco
         method=score.method,
         width=setting.model.width,
         cutoff_hz=setting.model.cutoff_hz,
+        contrast_threshold=setting.model.contrast_threshold,
         speed=setting.speed,
         sample=sequence.manifest.clip if score.sample is None else score.sample,
         metric=score.metric,

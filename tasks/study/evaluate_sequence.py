@@ -74,7 +74,7 @@ def evaluate_sequence(
             widths=(width,),
             cutoffs_hz=(cutoff_hz,),
             speeds=(speed,),
-            contrast_threshold=contrast_threshold,
+            contrast_thresholds=(contrast_threshold,),
         ),
         evaluate,
     )

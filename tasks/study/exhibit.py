@@ -38,10 +38,14 @@ class Exhibit:
 
 
 class ExhibitCollector:
-    """Watches all sensors of a part: pictures at the first speed, intervals at the extremes."""
+    """Watches a part's sensors of the first contrast threshold, as they stand for the others.
+
+    Pictures are taken at the first speed, intervals between events at the lowest and the highest.
+    """
 
     def __init__(self, part: Part, settings: list[Setting]) -> None:
         speeds = part.simulate.speeds
+        self._contrast_threshold = part.simulate.contrast_thresholds[0]
         self._picture_speed = speeds[0]
         self._previews = {
             (s.model.width, s.model.cutoff_hz): np.zeros((s.model.height, s.model.width), np.int64)
@@ -57,6 +61,8 @@ class ExhibitCollector:
 
     def push(self, setting: Setting, events: Events) -> None:
         """Take in the next events of one sensor, warm-up included."""
+        if setting.model.contrast_threshold != self._contrast_threshold:
+            return
         key = setting.model.width, setting.model.cutoff_hz
         if histogram := self._histograms.get((*key, setting.speed)):
             histogram.add(events)

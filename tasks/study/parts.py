@@ -104,7 +104,7 @@ class Part:
                 SensorModel(
                     width=width,
                     height=width,
-                    contrast_threshold=sensors.contrast_threshold,
+                    contrast_threshold=contrast_threshold,
                     cutoff_hz=cutoff_hz,
                     dark_level=dark_level,
                 ),
@@ -114,6 +114,7 @@ class Part:
             )
             for width in sensors.widths
             for cutoff_hz in sensors.cutoffs_hz
+            for contrast_threshold in sensors.contrast_thresholds
             for speed in sensors.speeds
         ]
 

@@ -187,6 +187,20 @@ class Cell:
         return resampled_medians(self.event_rates_hz, self.sample, self.scene)
 
 
+def by_threshold(rows: Iterable[Row]) -> dict[float, Scores]:
+    """Scores of each contrast threshold, in the order of the rows: the study's own comes first.
+
+    Raises
+    ------
+    ResultError
+        As `Scores` raises it.
+    """
+    found: dict[float, list[Row]] = {}
+    for row in rows:
+        found.setdefault(row.contrast_threshold, []).append(row)
+    return {threshold: Scores(of_one) for threshold, of_one in (found or {0.0: []}).items()}
+
+
 _Values = dict[tuple[int, int], Row]  # by sample and item
 
 
@@ -196,19 +210,29 @@ class Scores:
     Parameters
     ----------
     rows
-        Result rows in any order. A row whose value is not finite counts as missing.
+        Result rows of one contrast threshold, in any order. A row whose value is not finite counts
+        as missing.
 
     Raises
     ------
     ResultError
-        There are no rows, a task or metric is unknown, or two rows are of the same item of the
-        same sample of the same cell.
+        There are no rows, a task or metric is unknown, two rows are of the same item of the same
+        sample of the same cell, or they are of more than one contrast threshold.
     """
 
     def __init__(self, rows: Iterable[Row]) -> None:
+        rows = list(rows)
+        if not rows:
+            raise ResultError("there are no rows to make tables, claims or a report from")
+        self.contrast_threshold = rows[0].contrast_threshold
         self._rows: dict[Series, dict[Condition, _Values]] = {}
         cells: dict[tuple[str | int | float, ...], _Values] = {}
         for row in rows:
+            if row.contrast_threshold != self.contrast_threshold:
+                raise ResultError(
+                    f"rows of several contrast thresholds: {self.contrast_threshold:g} and "
+                    f"{row.contrast_threshold:g}"
+                )
             key = (row.task, row.method, row.metric, row.variant)
             where = (row.scene, row.width, row.cutoff_hz, row.speed)
             values = cells.get(key + where)
@@ -222,8 +246,6 @@ class Scores:
                     f"{Condition(*where)}"
                 )
             values[row.sample, row.item] = row
-        if not cells:
-            raise ResultError("there are no rows to make tables, claims or a report from")
         self._expected: dict[tuple[Series, str], list[tuple[int, int]]] = {}
         for series, conditions in self._rows.items():
             for scene in {condition.scene for condition in conditions}:
