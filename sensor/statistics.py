@@ -1,10 +1,10 @@
 """What the paper's Fig. 2 counts: times between events, log-brightness slopes, their scaling law.
 
 - `event_rates_hz`: the event rate of every pixel.
-- `IntervalHistogram`: times between consecutive events of a pixel, from a stream, Eq. (6).
+- `IntervalHistogram`: times between consecutive events of a pixel, from a stream, Eq. (7).
 - `log_slope`: L_t, the slope of log intensity in time at every pixel, Eq. (5).
 - `slopes_by_pixel_size`: |L_t| at the image's edges, seen by pixels of growing size.
-- `fit_power_law`: the exponent gamma of |L_t| ~ p^-gamma, with a bootstrap interval.
+- `fit_power_law`: the exponent gamma of |L_t| ~ p^-gamma, Eq. (6), with a bootstrap interval.
 """
 
 from __future__ import annotations

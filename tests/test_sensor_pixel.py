@@ -40,7 +40,7 @@ def test_constant_light_makes_no_event(cutoff_hz):
 
 
 def test_log_ramp_ideal_fires_at_equal_intervals():
-    """Physics: log intensity rising at s crosses a threshold every C / s seconds, Eq. (6)."""
+    """Physics: log intensity rising at s crosses a threshold every C / s seconds, Eq. (7)."""
     s, C = 37.0, 0.2
     t_s = np.linspace(0, 0.1, 12)
     events = one_pixel(1.0 + s * t_s, t_s)

@@ -56,7 +56,7 @@ def test_intervals_are_those_of_each_pixel(seed, n, every_row, cut):
 
 
 def test_a_steady_ramp_has_one_interval():
-    """Physics: log intensity rising at s fires every C / s, Eq. (6); s is doubled, it is halved."""
+    """Physics: log intensity rising at s fires every C / s, Eq. (7); s is doubled, it is halved."""
     t_s = np.linspace(0, 0.2, 5)
     modes = []
     for s in (40.0, 80.0):

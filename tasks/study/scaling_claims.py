@@ -69,7 +69,7 @@ def pixels_of_finer_sensors_fire_more(scores: Scores, scaling: Mapping[str, Scal
 
 
 def intervals_shorten_with_resolution(scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
-    """Claim 2: times between events shift to shorter with resolution (Fig. 2 c, Eq. 6)."""
+    """Claim 2: times between events shift to shorter with resolution (Fig. 2 c, Eq. 7)."""
 
     def check(scene: str, cells: Mapping[Condition, Cell]) -> tuple[bool | None, str]:
         if scene not in scaling:
