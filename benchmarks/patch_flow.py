@@ -33,7 +33,7 @@ def departures_px(run: Path, scene_name: str) -> dict[tuple[int, int], float]:
     scene = load_scene(scene_name)
     renderer = Renderer(scene, render["resolution"], render["spp"], render["seed"])
     truth = GroundTruth(renderer.trajectory, renderer.camera, surface_distance(scene), scene.plane)
-    samples = {row.sample for row in read_rows(run / "rows.csv") if row.scene == scene_name}
+    samples = {row.sample for row in read_rows(run / "rows.parquet") if row.scene == scene_name}
     width = renderer.camera.width
     offset = np.linspace(-0.5, 0.5, 13) * PATCH_PX * width / 1280
     offsets = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)
@@ -71,7 +71,7 @@ def main() -> None:
     departure = departures_px(args.run, args.scene)
     rows = [
         row
-        for row in read_rows(args.run / "rows.csv")
+        for row in read_rows(args.run / "rows.parquet")
         if (row.scene, row.method, row.variant) == (args.scene, METHOD, "")
         and (row.cutoff_hz, row.speed) == (math.inf, 1.0)
     ]

@@ -520,7 +520,7 @@ def _show_scores(run: Path) -> None:
     from tasks.study.scores import Scores
     from tasks.study.tables import main_tables, to_rich
 
-    for table in main_tables(Scores(read_rows(run / "rows.csv"))):
+    for table in main_tables(Scores(read_rows(run / "rows.parquet"))):
         _out.print(to_rich(table))
 
 
@@ -536,7 +536,7 @@ def _show_claims(run: Path) -> None:
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
     table = Table("", "claim", "here", "ours", "paper", box=None, pad_edge=False)
-    for verdict in judge_all(read_rows(run / "rows.csv"), read_scaling(run / "scaling")):
+    for verdict in judge_all(read_rows(run / "rows.parquet"), read_scaling(run / "scaling")):
         cells = (verdict.title, marks[verdict.status], escape(verdict.ours), escape(verdict.paper))
         table.add_row(str(verdict.number), *cells)
     _out.print(table)

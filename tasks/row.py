@@ -1,16 +1,18 @@
-"""`Row`: one tidy result line, and the CSV file that holds many of them."""
+"""`Row`: one tidy result line, and the Parquet file that holds many of them."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tasks.errors import ResultError
 from tasks.files import write_bytes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,47 +51,76 @@ class Row:
             raise ResultError(f"Row.speed must be positive, got {self.speed}")
 
 
-_TYPES = {"str": str, "int": int, "float": float}
-_FIELDS = {f.name: _TYPES[str(f.type)] for f in fields(Row)}
+_ARROW_TYPES = {"str": "string", "int": "int64", "float": "double"}
+_COLUMNS = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row)}
 
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """Write rows as CSV; the file appears under its name only when it is whole."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(_FIELDS), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
-    write_bytes(path, text.getvalue().encode())
+    """Write rows as Parquet; the file appears under its name only when it is whole."""
+    import pyarrow as pa  # here, as it takes longer to load than `eres --help` to answer
+    import pyarrow.parquet as pq
+
+    schema = pa.schema(
+        pa.field(name, pa.type_for_alias(kind), nullable=False) for name, kind in _COLUMNS.items()
+    )
+    rows = list(rows)
+    table = pa.table({name: [getattr(row, name) for row in rows] for name in _COLUMNS}, schema)
+    data = pa.BufferOutputStream()
+    pq.write_table(
+        table,
+        data,
+        compression="zstd",
+        use_dictionary=[name for name in _COLUMNS if name != "value"],  # whose values are all new
+        column_encoding={"value": "BYTE_STREAM_SPLIT"},
+        write_page_checksum=True,
+        store_schema=False,  # Parquet's own says it all
+    )
+    write_bytes(path, data.getvalue().to_pybytes())
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Read a CSV of rows.
+    """Read a Parquet file of rows.
 
     Raises
     ------
     ResultError
-        The file is missing, a column is missing, or a cell is not of its type; the text names the
-        file, the line and the field.
+        The file is missing, truncated or damaged, or a column is missing, unknown, not of its type
+        or incomplete; the text names the file and the field.
     """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
     try:
-        with path.open(newline="") as file:
-            reader = csv.DictReader(file)
-            missing = set(_FIELDS) - set(reader.fieldnames or ())
-            if missing:
-                raise ResultError(f"{path}: no column {', '.join(sorted(missing))}")
-            return [_parse(path, reader.line_num, record) for record in reader]
+        data = pa.BufferReader(path.read_bytes())
+        table = pq.ParquetFile(data, page_checksum_verification=True).read()
+        table.validate(full=True)
     except FileNotFoundError:
         raise ResultError(f"{path}: no such file; is this the folder of a finished run?") from None
-
-
-def _parse(path: Path, line: int, record: dict[str, str]) -> Row:
-    values = {}
-    for name, kind in _FIELDS.items():
-        try:
-            values[name] = kind(record[name])
-        except (TypeError, ValueError):
+    except (pa.ArrowException, OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise ResultError(f"{path}: not a whole Parquet file of rows: {reason}") from None
+    _check_columns(path, table.schema)
+    for name in _COLUMNS:
+        if missing := table[name].null_count:
             raise ResultError(
-                f"{path}, line {line}, field {name}: found {record[name]!r}, "
-                f"expected {kind.__name__}"
-            ) from None
-    return Row(**values)
+                f"{path}, field {name}: found {missing} of {len(table)} rows without a value"
+            )
+    rows = []
+    for number, values in enumerate(
+        zip(*(table[name].to_pylist() for name in _COLUMNS), strict=True)
+    ):
+        try:
+            rows.append(Row(*values))
+        except ResultError as error:
+            raise ResultError(f"{path}, row {number}: {error}") from None
+    return rows
+
+
+def _check_columns(path: Path, schema: pa.Schema) -> None:
+    found = {field.name: str(field.type) for field in schema}
+    for name in _COLUMNS | found:
+        if found.get(name) != _COLUMNS.get(name):
+            raise ResultError(
+                f"{path}, field {name}: found {found.get(name, 'no such column')}, "
+                f"expected {_COLUMNS.get(name, 'no such column')}"
+            )

@@ -18,7 +18,7 @@ def test_a_method_of_ones_own_is_scored_beside_ours(page):
     """Promise: a function outside the project takes part in `eres evaluate` and `eres study`."""
     folder, said = page
     assert "my_flow:estimate" in said
-    rows = [r for r in read_rows(folder / "run" / "rows.csv") if r.method == "my_flow:estimate"]
+    rows = [r for r in read_rows(folder / "run" / "rows.parquet") if r.method == "my_flow:estimate"]
     assert {row.task for row in rows} == {"flow"}
     assert len({(row.width, row.cutoff_hz, row.speed) for row in rows}) == 9
 

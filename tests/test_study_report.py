@@ -36,7 +36,7 @@ def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
 
 
 def make_run(folder: Path, rows: list[Row]) -> Path:
-    write_rows(folder / "rows.csv", rows)
+    write_rows(folder / "rows.parquet", rows)
     environment = {"command": "eres study --preset quick", "Mitsuba variant": "llvm <mono>"}
     (folder / "environment.json").write_text(json.dumps(environment))
     (folder / "study.json").write_text(json.dumps({"render": {"spp": 16}}))
@@ -77,7 +77,7 @@ def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
     assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|<link", page)
     assert page.count("data:image/png;base64,") == 6
     assert {p.name for p in tmp_path.iterdir()} == {
-        *("rows.csv", "environment.json", "study.json", "previews"),
+        *("rows.parquet", "environment.json", "study.json", "previews"),
         *("report.html", "tables.csv", "figures"),
     }
 
@@ -179,7 +179,7 @@ def test_a_scene_with_markup_in_its_name_stays_text(tmp_path: Path) -> None:
     assert "</script><b>x" not in page
 
 
-@pytest.mark.parametrize("file", ["rows.csv", "environment.json", "study.json"])
+@pytest.mark.parametrize("file", ["rows.parquet", "environment.json", "study.json"])
 def test_a_missing_file_is_named(tmp_path: Path, file: str) -> None:
     """Without one of its files a run has no report, and the error names the file."""
     make_run(tmp_path, paper_rows(samples=1))

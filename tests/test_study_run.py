@@ -210,12 +210,12 @@ def test_killed_run_resumes_to_the_same_rows(finished, scene_folder, tmp_path, m
     )
     process = subprocess.Popen([sys.executable, "-c", code])
     deadline = time.monotonic() + 60
-    while not list((tmp_path / "run").glob("parts/*.csv")) and time.monotonic() < deadline:
+    while not list((tmp_path / "run").glob("parts/*.parquet")) and time.monotonic() < deadline:
         assert process.poll() is None, "the run ended before it could be killed"
         time.sleep(0.005)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
-    assert not (tmp_path / "run" / "rows.csv").exists()
+    assert not (tmp_path / "run" / "rows.parquet").exists()
     assert run_study(tiny_study(scene_folder), tmp_path / "run") == rows
 
 
@@ -226,7 +226,7 @@ def test_report_of_a_real_run(finished):
     assert "96 px" in page
     assert page.count("data:image/png") >= 8  # radiance, slope, and each width by each cutoff
     assert "γ = " in page
-    assert read_rows(out / "rows.csv") == rows
+    assert read_rows(out / "rows.parquet") == rows
 
 
 def test_study_refuses_what_cannot_be(scene_folder, tmp_path):

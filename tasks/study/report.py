@@ -39,9 +39,10 @@ def write_report(run_dir: Path) -> Path:
     Parameters
     ----------
     run_dir
-        Folder of a run, with ``rows.csv``, ``environment.json`` (strings by name), ``study.json``
-        (the resolved configuration) and, if the run made any, ``previews/index.json`` with the PNG
-        files that it lists and ``scaling/`` with a JSON and a PNG file for each scene.
+        Folder of a run, with ``rows.parquet``, ``environment.json`` (strings by name),
+        ``study.json`` (the resolved configuration) and, if the run made any,
+        ``previews/index.json`` with the PNG files that it lists and ``scaling/`` with a JSON and a
+        PNG file for each scene.
 
     Returns
     -------
@@ -54,11 +55,12 @@ def write_report(run_dir: Path) -> Path:
         A file is missing or damaged, the rows contradict each other, or the report would be larger
         than `MAX_BYTES`.
     """
-    scores = Scores(read_rows(run_dir / "rows.csv"))
+    scores = Scores(read_rows(run_dir / "rows.parquet"))
     environment = _read_json(run_dir / "environment.json", dict)
     config = _read_json(run_dir / "study.json", dict)
     if not scores.series():
-        raise ResultError(f"{run_dir / 'rows.csv'}: only do-nothing rows, no method to report on")
+        rows_file = run_dir / "rows.parquet"
+        raise ResultError(f"{rows_file}: only do-nothing rows, no method to report on")
 
     page = _page(run_dir, scores, environment, config).encode()
     if len(page) > MAX_BYTES:

@@ -45,7 +45,7 @@ _STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0
 def run_study(study: Study, out: Path) -> list[Row]:
     """Render, simulate and score every part of a study; what `out` holds already is kept.
 
-    Writes into `out`: `rows.csv` (every score), `study.json` (the resolved study),
+    Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
     `environment.json` (where the last part was computed), `previews/` and `scaling/` (pictures and
     scaling statistics of each scene's first clip), and `parts/` with the rows of each part, by
     which a run that was stopped goes on where it was.
@@ -65,7 +65,7 @@ def run_study(study: Study, out: Path) -> list[Row]:
     shown = {part.scene.name: part for part in reversed(work)}  # each scene's first part
     if out.exists() and not out.is_dir():
         raise StudyError(f"{out}: found a file, expected a folder for the run")
-    rows_files = [out / "parts" / f"{part.key}.csv" for part in work]
+    rows_files = [out / "parts" / f"{part.key}.parquet" for part in work]
     write_bytes(out / "study.json", _json(to_json(study)))
     to_do = [part for part, file in zip(work, rows_files, strict=True) if not file.exists()]
     if to_do:
@@ -95,7 +95,7 @@ def run_study(study: Study, out: Path) -> list[Row]:
             write_rows(file, result.rows)
     _write_preview_index(out / "previews", list(shown))
     rows = list(chain.from_iterable(read_rows(file) for file in rows_files))
-    write_rows(out / "rows.csv", rows)
+    write_rows(out / "rows.parquet", rows)
     return rows
 
 
