@@ -517,18 +517,28 @@ def _print_pairs(pairs: dict[str, str]) -> None:
 def _show_scores(run: Path) -> None:
     """Print the main methods' scores at the base speed, beside the paper's where it has them."""
     from tasks.row import read_rows
-    from tasks.study.scores import Scores
+    from tasks.study.markup import join_words
+    from tasks.study.scores import by_threshold
     from tasks.study.tables import main_tables, to_rich
 
-    for table in main_tables(Scores(read_rows(run / "rows.parquet"))):
+    scores, *others = by_threshold(read_rows(run / "rows.parquet"))
+    for table in main_tables(scores):
         _out.print(to_rich(table))
+    if others:
+        named = join_words([f"{other.contrast_threshold:g}" for other in others])
+        _out.print(
+            f"contrast threshold {scores.contrast_threshold:g}; those of {named} are in the report "
+            "and in tables.csv",
+            highlight=False,
+        )
 
 
 def _show_claims(run: Path) -> None:
     from tasks.row import read_rows
     from tasks.study.claims import judge_all
-    from tasks.study.judging import Status
+    from tasks.study.judging import Status, threshold_note
     from tasks.study.scaling import read_scaling
+    from tasks.study.scores import by_threshold
 
     marks = {
         Status.HOLDS: "[green]holds[/green]",
@@ -536,10 +546,13 @@ def _show_claims(run: Path) -> None:
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
     table = Table("", "claim", "here", "ours", "paper", box=None, pad_edge=False)
-    for verdict in judge_all(read_rows(run / "rows.parquet"), read_scaling(run / "scaling")):
+    found = by_threshold(read_rows(run / "rows.parquet"))
+    for verdict in judge_all(found[0], read_scaling(run / "scaling")):
         cells = (verdict.title, marks[verdict.status], escape(verdict.ours), escape(verdict.paper))
         table.add_row(str(verdict.number), *cells)
     _out.print(table)
+    if note := threshold_note(found):
+        _out.print(note, highlight=False)
 
 
 def main() -> None:

@@ -127,7 +127,7 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
     for scene in dict.fromkeys(scene for scene, _, _ in choices):
         body = "".join(
             f'<tr><th scope="row">{escape(speed_label(scene, speed))}</th>'
-            + "".join(_choice_cell(choices[scene, cutoff, speed], series) for cutoff in cutoffs)
+            + "".join(choice_cell(choices[scene, cutoff, speed], series) for cutoff in cutoffs)
             + "</tr>"
             for speed in dict.fromkeys(speed for where, _, speed in choices if where == scene)
         )
@@ -139,7 +139,8 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
     return "".join(parts)
 
 
-def _choice_cell(choice: Choice | None, series: Series) -> str:
+def choice_cell(choice: Choice | None, series: Series) -> str:
+    """Render one place of a table of choices."""
     if choice is None:
         return f"<td>{MISSING}<br><small>not all samples measured</small></td>"
     metric = METRICS[series.metric]

@@ -17,7 +17,7 @@ import numpy as np
 
 from tasks.study.labels import cutoff_label, number_text
 from tasks.study.markup import join_words
-from tasks.study.paper import BASE_SPEED_M_PER_S, WIDTHS, published
+from tasks.study.paper import BASE_SPEED_M_PER_S, CONTRAST_THRESHOLD, WIDTHS, published
 from tasks.study.scores import Cell, Condition, Scores, Series
 
 MIN_SAMPLES_FOR_INTERVAL = 6
@@ -181,6 +181,19 @@ def judge_scenes(
     scope = _scope_text(scores, series, judged, claimed, of_samples)
     note = f"{note} {scope}".strip()
     return Verdict(number, title, statement, status_of(outcomes.values()), ours, paper, note)
+
+
+def threshold_note(found: Sequence[Scores]) -> str:
+    """Say at which contrast threshold claims are judged, the first of a run's; nothing where that
+    is the paper's and the only one."""
+    judged = found[0].contrast_threshold
+    if judged == CONTRAST_THRESHOLD:
+        if not found[1:]:
+            return ""
+        whose = ", that of the paper's sensors"
+    else:
+        whose = f"; the paper's sensors have {CONTRAST_THRESHOLD:g}"
+    return f"Judged at a contrast threshold of {judged:g}{whose}."
 
 
 def status_of(outcomes: Iterable[bool | None]) -> Status:

@@ -23,6 +23,9 @@ CUTOFFS_HZ = (math.inf, 200.0, 50.0)
 SPEEDS = (1.0, 4 / 3, 2.0)
 """Factors on the base speed. The paper prints 4/3 as 1.3 (0.9, 1.2 and 1.8 m/s on carpet)."""
 
+CONTRAST_THRESHOLD = 0.2
+"""C of all its sensors, log units ("a realistic contrast threshold of 0.2 for all experiments")."""
+
 BASE_SPEED_M_PER_S = {"carpet": 0.9, "rocks": 0.7, "room": 1.2}
 """Camera speed at factor 1, m/s, as headed in `tab:app:image_recons_ei`.
 

@@ -12,7 +12,6 @@ from tasks.study.labels import (
     share_text,
     speed_label,
 )
-from tasks.study.paper import published
 from tasks.study.scores import METRICS, TASKS, Condition, Scores, Series, method_label
 
 
@@ -93,13 +92,12 @@ def _point(scores: Scores, series: Series, where: Condition) -> Point | None:
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",
     ]
-    scene, width, cutoff_hz, speed = where
-    paper = published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
+    paper = scores.published(series, where)
     if paper is not None:
         lines.append(f"paper: {metric.text(paper)} {metric.unit}")
     if cell.failed.any():
         lines.append(f"failed: {share_text(cell.failure_share)}")
-    index = scores.widths(series).index(width)
+    index = scores.widths(series).index(where.width)
     rate_mev_s = cell.event_rate_hz / 1e6
     return {"series": index, "rate": rate_mev_s, "score": cell.median, "lines": lines}
 

@@ -18,15 +18,16 @@ from tasks.study.choice import Choices, choose_all
 from tasks.study.choice_html import answer_html, choice_tables_html
 from tasks.study.claims import judge_all as judge_claims
 from tasks.study.figure import COLOURS, figure_files
-from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, Status, Verdict
+from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, Status, Verdict, threshold_note
 from tasks.study.markup import join_words, scrolling
 from tasks.study.perturbation import is_main, shown_series
 from tasks.study.plot_data import Plot, plot_data
 from tasks.study.preview_html import previews_html
 from tasks.study.scaling import read_scaling
 from tasks.study.scaling_html import scaling_html
-from tasks.study.scores import TASKS, Scores, Series
+from tasks.study.scores import TASKS, Scores, Series, by_threshold
 from tasks.study.tables import ComparisonTable, base_speed, comparison_table, to_csv, to_html
+from tasks.study.threshold_html import threshold_html
 from tasks.study.tracking_html import convergence_html
 
 MAX_BYTES = 15_000_000
@@ -55,20 +56,21 @@ def write_report(run_dir: Path) -> Path:
         A file is missing or damaged, the rows contradict each other, or the report would be larger
         than `MAX_BYTES`.
     """
-    scores = Scores(read_rows(run_dir / "rows.parquet"))
+    found = by_threshold(read_rows(run_dir / "rows.parquet"))
+    scores = found[0]
     environment = _read_json(run_dir / "environment.json", dict)
     config = _read_json(run_dir / "study.json", dict)
     if not scores.series():
         rows_file = run_dir / "rows.parquet"
         raise ResultError(f"{rows_file}: only do-nothing rows, no method to report on")
 
-    page = _page(run_dir, scores, environment, config).encode()
+    page = _page(run_dir, found, environment, config).encode()
     if len(page) > MAX_BYTES:
         raise ResultError(
             f"{run_dir}: the report would have {len(page) / 1e6:.1f} MB, more than "
             f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
         )
-    tables = [comparison_table(scores, series) for series in scores.series()]
+    tables = [comparison_table(one, series) for one in found for series in one.series()]
     write_bytes(run_dir / "tables.csv", to_csv(tables).encode())
     for series in filter(is_main, shown_series(scores)):
         for kind, image in figure_files(scores, series).items():
@@ -93,11 +95,12 @@ def _read_json(path: Path, kind: type) -> Any:
 
 def _page(
     run_dir: Path,
-    scores: Scores,
+    found: list[Scores],
     environment: dict[str, str],
     config: dict[str, Any],
 ) -> str:
     here = Path(__file__).parent
+    scores = found[0]
     series = shown_series(scores)
     choices = {one: choose_all(scores, one) for one in series}
     scaling = read_scaling(run_dir / "scaling")
@@ -113,7 +116,7 @@ def _page(
         css=(here / "report.css").read_text(),
         js=(here / "report.js").read_text(),
         kicker=_kicker(scores, environment),
-        answer=_answers(choices) + _caution(scores),
+        answer=_answers(choices) + _caution(scores) + _which_threshold(found),
         picker=_picker(series),
         plots="".join(_plots(plots[one], shown=one is series[0]) for one in series),
         buses=buses_html(scores, series[0]),
@@ -121,12 +124,14 @@ def _page(
         tables="".join(_tables(scores, one, opened=one is series[0]) for one in series),
         convergence=convergence_html(scores)
         or "<p>This run has no optical flow and no pose tracking.</p>",
-        tally=_tally(verdicts),
+        tally=f"{_tally(verdicts)} {threshold_note(found)}".strip(),
         claims=_claims(verdicts),
         choice="".join(
             _folded(one, choice_tables_html(choices[one], one), opened=one is series[0])
             for one in series
         ),
+        threshold_link=' <a href="#threshold">Threshold</a>' if found[1:] else "",
+        threshold=_threshold(found, list(filter(is_main, series))) if found[1:] else "",
         previews=previews_html(previews, entries),
         provenance=_provenance(environment, config),
         reproduce=_reproduce(environment),
@@ -185,6 +190,7 @@ def _kicker(scores: Scores, environment: Mapping[str, str]) -> str:
         f"eres {environment.get('eres', '')}".strip(),
         join_words(_scenes(scores)),
         _samples_text(scores),
+        f"contrast threshold {scores.contrast_threshold:g}",
     ]
     return escape(" · ".join(parts))
 
@@ -210,6 +216,27 @@ def _caution(scores: Scores) -> str:
     return (
         f"<p>These are medians of {_samples_text(scores)}, too few to say how sure they are: "
         f"an interval needs {MIN_SAMPLES_FOR_INTERVAL}.</p>"
+    )
+
+
+def _which_threshold(found: list[Scores]) -> str:
+    """Say which contrast threshold the page is about, where the run has several."""
+    if not found[1:]:
+        return ""
+    first, *others = (f"{scores.contrast_threshold:g}" for scores in found)
+    return (
+        f"<p>All this is for a contrast threshold of {first}, as is the rest of the page; "
+        f'<a href="#threshold">one section</a> compares it with {join_words(others)}.</p>'
+    )
+
+
+def _threshold(found: list[Scores], series: list[Series]) -> str:
+    sections = "".join(
+        _folded(one, threshold_html(found, one), opened=one is series[0]) for one in series
+    )
+    return (
+        '<section id="threshold" aria-labelledby="h-threshold">\n'
+        f'<h2 id="h-threshold">Contrast threshold</h2>\n{sections}\n</section>\n'
     )
 
 

@@ -17,6 +17,7 @@ from tasks.errors import ResultError
 from tasks.row import Row
 from tasks.study.bootstrap import resampled_medians
 from tasks.study.labels import number_text
+from tasks.study.paper import CONTRAST_THRESHOLD, published
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,8 +188,8 @@ class Cell:
         return resampled_medians(self.event_rates_hz, self.sample, self.scene)
 
 
-def by_threshold(rows: Iterable[Row]) -> dict[float, Scores]:
-    """Scores of each contrast threshold, in the order of the rows: the study's own comes first.
+def by_threshold(rows: Iterable[Row]) -> list[Scores]:
+    """Scores of each contrast threshold, in the order of the rows: the study's first comes first.
 
     Raises
     ------
@@ -196,9 +197,16 @@ def by_threshold(rows: Iterable[Row]) -> dict[float, Scores]:
         As `Scores` raises it.
     """
     found: dict[float, list[Row]] = {}
-    for row in rows:
+    for row in _some(rows):
         found.setdefault(row.contrast_threshold, []).append(row)
-    return {threshold: Scores(of_one) for threshold, of_one in (found or {0.0: []}).items()}
+    return [Scores(of_one) for of_one in found.values()]
+
+
+def _some(rows: Iterable[Row]) -> list[Row]:
+    found = list(rows)
+    if not found:
+        raise ResultError("there are no rows to make tables, claims or a report from")
+    return found
 
 
 _Values = dict[tuple[int, int], Row]  # by sample and item
@@ -213,6 +221,11 @@ class Scores:
         Result rows of one contrast threshold, in any order. A row whose value is not finite counts
         as missing.
 
+    Attributes
+    ----------
+    contrast_threshold
+        C of all rows, log units.
+
     Raises
     ------
     ResultError
@@ -221,9 +234,7 @@ class Scores:
     """
 
     def __init__(self, rows: Iterable[Row]) -> None:
-        rows = list(rows)
-        if not rows:
-            raise ResultError("there are no rows to make tables, claims or a report from")
+        rows = _some(rows)
         self.contrast_threshold = rows[0].contrast_threshold
         self._rows: dict[Series, dict[Condition, _Values]] = {}
         cells: dict[tuple[str | int | float, ...], _Values] = {}
@@ -309,6 +320,13 @@ class Scores:
             rows = self._nothing(series, condition)
             self._baselines[key] = self._cell_of(rows, series, condition.scene)
         return self._baselines[key]
+
+    def published(self, series: Series, condition: Condition) -> float | None:
+        """Return the paper's score under a condition; it has one contrast threshold only."""
+        if self.contrast_threshold != CONTRAST_THRESHOLD:
+            return None
+        scene, width, cutoff_hz, speed = condition
+        return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
 
     def failures(self, series: Series) -> Counter[str]:
         """How often a series failed, by reason; numbers in the reasons are written as n."""

@@ -21,7 +21,7 @@ from tasks.study.labels import (
     share_text,
     speed_label,
 )
-from tasks.study.paper import published, source
+from tasks.study.paper import CONTRAST_THRESHOLD, source
 from tasks.study.perturbation import is_main, shown_series
 from tasks.study.scores import METRICS, TASKS, Cell, Condition, Scores, Series, method_label
 
@@ -70,6 +70,7 @@ class ComparisonTable:
     """Rows: scene x speed x width; columns: cutoffs; in each place ours and the paper's."""
 
     series: Series
+    contrast_threshold: float
     cutoffs_hz: tuple[float, ...]
     blocks: tuple[Block, ...]
 
@@ -81,10 +82,19 @@ class ComparisonTable:
         return f"{name}: median {metric.label} [{metric.unit}] {metric.arrow}"
 
     @property
+    def source(self) -> str | None:
+        """The paper's table to compare with, None where it has none."""
+        if self.contrast_threshold != CONTRAST_THRESHOLD:
+            return None
+        return source(self.series.task, self.series.method)
+
+    @property
     def footnote(self) -> str:
         """What the columns and marks mean."""
-        label = source(self.series.task, self.series.method)
+        label = self.source
         paper = f"paper: its {label}; Δ: ours minus the paper's" if label else "not in the paper"
+        if self.contrast_threshold != CONTRAST_THRESHOLD:
+            paper += f" at a contrast threshold of {self.contrast_threshold:g}"
         marks = {
             "reconstruction": "M/s: million events a second",
             "video": "M/s: million events a second",
@@ -135,7 +145,7 @@ def comparison_table(
         for speed in shown
         if speed in scores.speeds(series, scene)
     )
-    return ComparisonTable(series, cutoffs_hz, blocks)
+    return ComparisonTable(series, scores.contrast_threshold, cutoffs_hz, blocks)
 
 
 def _block(
@@ -147,10 +157,7 @@ def _block(
         where = [Condition(scene, width, cutoff_hz, speed) for width in widths]
         cells = [scores.cell(series, condition) for condition in where]
         nothing = [scores.baseline(series, condition) for condition in where]
-        paper = [
-            published(scene, series.task, series.method, width, cutoff_hz, speed, series.metric)
-            for width in widths
-        ]
+        paper = [scores.published(series, condition) for condition in where]
         best = _best([cell.median for cell in cells], series.metric)
         paper_best = _best(paper, series.metric)
         columns.append(
@@ -206,7 +213,8 @@ class _Column:
     in_terminal: bool = True  # 80 columns have no room for all
 
 
-def _columns(series: Series) -> list[_Column]:
+def _columns(table: ComparisonTable) -> list[_Column]:
+    series = table.series
     metric = METRICS[series.metric]
 
     def number(value: float | None, sign: str = "") -> str:
@@ -234,7 +242,7 @@ def _columns(series: Series) -> list[_Column]:
         return rate_label(None if line.nothing else entry.cell.event_rate_hz)
 
     columns = [_Column("ours", "ours", ours)]
-    if source(series.task, series.method) is not None:
+    if table.source is not None:
         columns += [
             _Column("paper", "paper", lambda entry, _: number(entry.paper)),
             _Column("Δ", "difference", lambda entry, _: number(entry.difference, "+")),
@@ -279,7 +287,7 @@ def to_rich(table: ComparisonTable) -> rich.console.Group:
 def _rich_block(block: Block, table: ComparisonTable) -> rich.table.Table:
     shown = rich.table.Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     shown.add_column("", no_wrap=True)
-    columns = [column for column in _columns(table.series) if column.in_terminal]
+    columns = [column for column in _columns(table) if column.in_terminal]
     for cutoff_hz in table.cutoffs_hz:
         for column in columns:
             head = cutoff_label(cutoff_hz) if column.kind == "ours" else column.head
@@ -303,7 +311,7 @@ def _style(best: bool, idle: bool) -> str:
 
 def to_html(table: ComparisonTable) -> str:
     """Render as one ``<table>``, each block a ``<tbody>``."""
-    columns = _columns(table.series)
+    columns = _columns(table)
     groups = "".join(
         f'<th scope="colgroup" colspan="{len(columns)}">{html.escape(cutoff_label(c))} '
         f"<small>{html.escape(cutoff_detail(c))}</small></th>"
@@ -345,7 +353,8 @@ def _html_cell(column: _Column, entry: Entry, line: Line) -> str:
 
 
 _CSV_COLUMNS = (
-    *("scene", "task", "method", "variant", "metric", "width", "cutoff_hz", "speed"),
+    *("scene", "task", "method", "variant", "metric"),
+    *("width", "cutoff_hz", "contrast_threshold", "speed"),
     *("values", "expected_values", "median", "paper", "difference", "event_rate_mev_s", "best"),
     *("native_px", "failure_share", "beats_nothing"),
 )
@@ -360,14 +369,14 @@ def to_csv(tables: Iterable[ComparisonTable]) -> str:
         for block in table.blocks:
             for line in block.lines:
                 for cutoff_hz, entry in zip(table.cutoffs_hz, line.entries, strict=True):
-                    writer.writerow(_csv_line(table.series, block, line, cutoff_hz, entry))
+                    writer.writerow(_csv_line(table, block, line, cutoff_hz, entry))
     return file.getvalue()
 
 
 def _csv_line(
-    series: Series, block: Block, line: Line, cutoff_hz: float, entry: Entry
+    table: ComparisonTable, block: Block, line: Line, cutoff_hz: float, entry: Entry
 ) -> list[str | int | float]:
-    cell = entry.cell
+    cell, series = entry.cell, table.series
     rate = None if line.nothing else cell.event_rate_hz
     failed = None if line.nothing else cell.failure_share
 
@@ -377,7 +386,8 @@ def _csv_line(
     return [
         *(block.scene, series.task),
         TASKS[series.task].baseline if line.nothing else series.method,
-        *(series.variant, series.metric, line.width or "", cutoff_hz, block.speed),
+        *(series.variant, series.metric),
+        *(line.width or "", cutoff_hz, table.contrast_threshold, block.speed),
         *(len(cell.values), cell.expected),
         *(text(cell.median), text(entry.paper), text(entry.difference)),
         *(text(rate and rate / 1e6), int(entry.best)),
