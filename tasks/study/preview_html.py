@@ -88,7 +88,7 @@ def _shot(folder: Path, entry: Mapping[str, Any]) -> str:
     caption = escape(entry["caption"] + note)
     return (
         f'<figure class="{kind}"><button class="shot" type="button" title="Enlarge">'
-        f'<img src="{uri}" alt="{caption}" loading="lazy"{sharp}></button>'
+        f'<img src="{uri}" alt="{caption}"{sharp}></button>'
         f"<figcaption>{caption}</figcaption></figure>"
     )
 

@@ -29,6 +29,7 @@ function html(name, properties, parent) {
 }
 
 const colour = (series) => `var(--series-${series % 8})`;
+const inkOf = (series) => `color-mix(in srgb, ${colour(series)} 62%, var(--ink))`; // to be read
 const mark = (series) => MARKS[series % MARKS.length];
 
 function extent(values, share) {
@@ -73,7 +74,7 @@ class Plot {
       html("small", { textContent: panel.detail }, caption);
       const box = html("div", {}, figure);
       const tip = html("div", { className: "tip", hidden: true }, figure);
-      tip.setAttribute("role", "status");
+      tip.setAttribute("aria-hidden", "true"); // its words are the label of the point it is for
       return { figure, box, tip, panel };
     });
     this.draw();
@@ -140,8 +141,8 @@ class Plot {
     const right = width - MARGIN.right, bottom = HEIGHT - MARGIN.bottom;
     const x = (v) => MARGIN.left + ((v - xDomain[0]) / (xDomain[1] - xDomain[0])) * (right - MARGIN.left);
     const y = (v) => bottom - ((v - yDomain[0]) / (yDomain[1] - yDomain[0])) * (bottom - MARGIN.top);
-    const root = svg("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, tabindex: 0, role: "img" });
-    root.setAttribute("aria-label", `${panel.label}: ${panel.points.length} points, arrow keys read them`);
+    const root = svg("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, role: "group" });
+    root.setAttribute("aria-label", `${this.data.title}, ${panel.label} (${panel.detail}): ${this.data.axis} against event rate. Dashed line: ${panel.baseline_label}. Arrow keys go from point to point.`);
     svg("rect", { class: "frame", x: MARGIN.left, y: MARGIN.top, width: right - MARGIN.left, height: bottom - MARGIN.top }, root);
     const ticks = this.data.log ? logTicks(yDomain, true) : niceTicks(yDomain, 9);
     for (const [at, label] of ticks) {
@@ -169,16 +170,26 @@ class Plot {
       const group = svg("g", { class: "series", "data-series": series }, root);
       const placed = points.map((q) => ({ q, x: x(Math.log10(q.rate)), y: y(this.height(q.score)) }));
       svg("path", { class: "line", d: `M${placed.map((p) => `${p.x} ${p.y}`).join("L")}`, stroke: colour(series) }, group);
-      for (const p of placed)
-        svg("path", { class: "mark", d: mark(series), transform: `translate(${p.x} ${p.y})`, fill: colour(series) }, group);
+      for (const p of placed) {
+        p.mark = svg("path", { class: "mark", d: mark(series), transform: `translate(${p.x} ${p.y})`, fill: colour(series), role: "img", tabindex: -1 }, group);
+        p.mark.setAttribute("aria-label", p.q.lines.join(", "));
+      }
       const first = placed[0];
-      svg("text", { x: first.x, y: first.y + (this.data.less_is_better ? 18 : -10), "text-anchor": "middle", style: `fill:${colour(series)}` }, group, px);
+      svg("text", { x: first.x, y: first.y + (this.data.less_is_better ? 18 : -10), "text-anchor": "middle", "aria-hidden": true, style: `fill:${inkOf(series)}` }, group, px);
       places.push(...placed);
     });
-    const ring = svg("circle", { class: "ring", r: 8, visibility: "hidden" }, root);
+    const ring = svg("circle", { class: "ring", r: 9, visibility: "hidden" }, root);
+    const hadFocus = box.contains(document.activeElement);
     box.replaceChildren(root);
     tip.hidden = true;
 
+    // One point of a panel is a stop of the Tab key, arrow keys go on from it.
+    let stop = Math.max(0, Math.min(one.stop ?? 0, places.length - 1));
+    const stopAt = (index) => {
+      places[stop].mark.setAttribute("tabindex", -1);
+      one.stop = stop = index;
+      places[stop].mark.setAttribute("tabindex", 0);
+    };
     let current = -1;
     const show = (index) => {
       current = index;
@@ -209,14 +220,30 @@ class Plot {
     root.addEventListener("pointermove", pick);
     root.addEventListener("pointerdown", pick);
     root.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && show(-1));
-    root.addEventListener("blur", () => show(-1));
-    root.addEventListener("keydown", (event) => {
-      const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
-      if (event.key === "Escape") show(-1);
-      if (!step || !places.length) return;
-      event.preventDefault();
-      show(current < 0 ? 0 : (current + step + places.length) % places.length);
+    places.forEach((p, i) => {
+      p.mark.addEventListener("focus", () => {
+        stopAt(i);
+        show(i);
+      });
+      p.mark.addEventListener("blur", () => show(-1));
     });
+    root.addEventListener("keydown", (event) => {
+      const last = places.length - 1;
+      const to = {
+        ArrowRight: stop < last ? stop + 1 : 0,
+        ArrowLeft: stop > 0 ? stop - 1 : last,
+        Home: 0,
+        End: last,
+      };
+      to.ArrowUp = to.ArrowRight;
+      to.ArrowDown = to.ArrowLeft;
+      if (event.key === "Escape") show(-1);
+      if (!(event.key in to)) return;
+      event.preventDefault();
+      places[to[event.key]].mark.focus();
+    });
+    if (places.length) stopAt(stop);
+    if (places.length && hadFocus) places[stop].mark.focus();
   }
 }
 

@@ -14,9 +14,10 @@ from tasks.study.labels import cutoff_detail, cutoff_label, number_text
 from tasks.study.scaling import FIT_PX, Intervals, Scaling, Slopes
 
 _LEAD = (
-    '<p class="lead">A pixel’s log brightness L changes where contrast passes by (a). Pixels that '
-    "gather less of the image see more of that slope: |L<sub>t</sub>| grows as a power of 1/p (b). "
-    "So they fire at shorter intervals (c), until a slow photoreceptor holds them back.</p>"
+    '<p class="lead">A pixel’s log brightness L changes where contrast passes by (a, in the middle '
+    "quarter of the image’s side). Pixels that gather less of the image see more of that slope: "
+    "|L<sub>t</sub>| grows as a power of 1/p (b). So they fire at shorter intervals (c), until a "
+    "slow photoreceptor holds them back.</p>"
 )
 
 
@@ -81,7 +82,7 @@ def _picture(folder: Path, one: Scaling) -> str:
         f'<img class="slope pixels" src="data:image/png;base64,{data}" '
         f'alt="Log-brightness slope of {escape(one.scene)}, semi-dense along contrasts">'
     )
-    detail = "blue: brighter, red: darker; middle quarter of the side"
+    detail = "blue: brighter, red: darker"
     return _figure("(a) L<sub>t</sub>", detail, image)
 
 
@@ -92,7 +93,7 @@ def _slopes_figure(one: Scaling) -> str:
         (min(one.sizes_px) / 1.25, max(one.sizes_px) * 1.25),
         (min(values) / 1.5, max(values) * 1.8),
         "pixel size p [px of the render]",
-        "|L_t| [1/s]",
+        "|Lₜ| [1/s]",
         log_y=True,
     )
     for k, (name, (slopes, colour)) in enumerate(curves.items()):
@@ -136,6 +137,7 @@ def _interval_figures(one: Scaling) -> list[str]:
             "share of the intervals [% a bin]",
             log_y=False,
         )
+        modes = []
         for width in _widths(one):
             share = shares[width, cutoff_hz, speed][first : last + 1]
             middles = np.sqrt(edges[first : last + 1] * edges[first + 1 : last + 2])
@@ -143,8 +145,9 @@ def _interval_figures(one: Scaling) -> list[str]:
             if (mode := one.mode_us(width, cutoff_hz, speed)) is not None:
                 k = int(np.argmin(np.abs(np.log(middles / (mode * 1e-3)))))
                 chart.dots([middles[k]], [share[k]], _colour(one, width))
+                modes.append(f"{width} px: {mode * 1e-3:.2g} ms")
         detail = f"{cutoff_detail(cutoff_hz)}, speed {speed:.2g}; dots: the mode"
-        label = f"Intervals between events, {one.scene}, {detail}"
+        label = f"Intervals between events, {one.scene}, {detail}: {'; '.join(modes)}"
         figures.append(_figure(f"(c) {cutoff_label(cutoff_hz)}", detail, chart.svg(label)))
     return figures
 
