@@ -144,10 +144,10 @@ class Bank:
         pixel.log_intensity(radiance.ravel(), dark, u)
         C_on, C_off = (self._thresholds(models, draw) for draw in (_Draw.C_ON, _Draw.C_OFF))
         memory = np.tile(u, (len(models), 1))
-        for row, model in zip(memory, models, strict=True):
+        for row, model, on, off in zip(memory, models, C_on, C_off, strict=True):
             if model.random_start:
                 share = self._uniform(_Draw.START, pixels)
-                row -= model.contrast_threshold * (2.0 * share - 1.0)
+                row += off - share * (on + off)
         filtered = np.array([math.isfinite(m.cutoff_hz) for m in models])
         v = np.tile(u, (len(models), 1)) if filtered.any() else memory[:, :0]
         hot = [m.hot_pixel_fraction > 0 and m.hot_pixel_hz > 0 for m in models]

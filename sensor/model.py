@@ -45,8 +45,9 @@ class SensorModel:
         white level, for which the first frame's 99.9th percentile stands; 0 is allowed when every
         pixel of every frame is positive.
     random_start
-        Start each pixel's memory at a seeded uniform offset in (-C, C) from the first frame, as if
-        the sensor had been running; off, all pixels start in step, at exactly the first frame.
+        Start each pixel's memory at a seeded uniform offset in (-C, C) from the first frame, by the
+        pixel's own thresholds, as if the sensor had been running; off, all pixels start in step, at
+        exactly the first frame.
     poles
         Of the photoreceptor: 2, or 1 as in some simulators.
     cutoff_reference

@@ -73,7 +73,7 @@ def test_noise_and_bus_reach_the_sensor(eres, sequence, tmp_path):
         "--hot-pixel-rate": 70.0,
         "--refractory": 2e-4,
         "--bus": 0.05,
-        "--fifo": 20,
+        "--fifo": 2,
         "--row-overhead": 1e-6,
         "--seed": 6,
     }
@@ -108,7 +108,7 @@ def test_noise_and_bus_reach_the_sensor(eres, sequence, tmp_path):
         refractory_s=2e-4,
     )
     fired = simulate(np.stack(list(sequence)), sequence.t_s, model, seed=6)
-    bus = Readout(max_rate_hz=5e4, fifo_depth=20, row_overhead_s=1e-6)
+    bus = Readout(max_rate_hz=5e4, fifo_depth=2, row_overhead_s=1e-6)
     parts = read_out(fired, bus)
     expected = concatenate(list(parts))
     assert_same(load_events(out), expected)

@@ -59,6 +59,16 @@ def test_leak_with_random_start_has_its_mean_rate():
     assert stats.kstest(late.t_us, stats.uniform(1e6, 1e6).cdf).pvalue > 0.001
 
 
+@pytest.mark.parametrize("cutoff_hz", [math.inf, 50.0])
+def test_random_start_keeps_within_each_pixels_own_thresholds(cutoff_hz):
+    """Physics: a pixel that has been running lies within its thresholds, so nothing fires at once.
+
+    In constant light it never fires, however small its own thresholds are.
+    """
+    drawn = model(random_start=True, threshold_mismatch=0.1, cutoff_hz=cutoff_hz)
+    assert len(simulate(*constant(0.5, 0.1), drawn)) == 0
+
+
 def test_threshold_mismatch_is_a_fixed_pattern_of_its_spread():
     """Physics: thresholds are normal about C, ON and OFF on their own, and stay with the pixel."""
     C, sigma, height = 0.2, 0.02, 40.0
