@@ -29,8 +29,8 @@ def threshold_html(found: Sequence[Scores], series: Series) -> str:
     low, high = (ascending[k].contrast_threshold for k in (0, -1))
     metric = METRICS[series.metric]
     parts = [
-        f'<p class="lead">One line for each sensor width; its dots are the thresholds, {high:g} on '
-        f"the left to {low:g} on the right, where there are more events. In each place of the "
+        f'<p class="lead">One line for each sensor width; its dots are the contrast thresholds C, '
+        f"from {high:g} on the left to {low:g} on the right: more events. In each place of the "
         f"table: the smallest width whose median is within {metric.negligible:g} {metric.unit} of "
         "the best, as in the choice above. All at base speed.</p>",
         _legend(first.widths(series)),
@@ -112,7 +112,7 @@ def _points(ascending: list[Scores], series: Series, where: Condition) -> list[t
 def _heads(ascending: list[Scores], first: Scores) -> str:
     return "".join(
         f'<th scope="col">C = {scores.contrast_threshold:g}'
-        f"{' <small>rest of the page</small>' if scores is first else ''}</th>"
+        f"{', <small>as above</small>' if scores is first else ''}</th>"
         for scores in ascending
     )
 
