@@ -1,105 +1,186 @@
-"""How noisy path-traced frames are, and what an event camera makes of it."""
+"""How noisy path-traced frames are, and how many events an event camera makes of that noise."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.clip import Clip
 from eres_render.frame_times import adaptive_times
 from eres_render.render import Renderer
 
-_CROP_PX, _PLACES = 128, 4  # how much of the image, and at how many times, noise is measured
-_DARK_SHARE = 1e-3  # of white: keeps the logarithm of black pixels finite, as a sensor does
-_LONGEST_STEP_S = 0.02  # from frame to frame, where the camera is slow
-_PIXELS, _FRAMES, _SETTLING_FRAMES = 4000, 500, 1500
+Float64 = NDArray[np.float64]
+
+REPEATS = 64  # so many times the samples are what events are held against
+_DARK_SHARE = 1e-3  # of white, added before the logarithm: the sensor's default
+_STRETCHES, _LONGEST_STRETCH_S = 4, 0.25
+_MOST_PIXELS, _FEWEST_PIXELS = 256, 16  # of each stretch
+_SHARE_OF_RENDER = 0.05  # that measuring may cost at most, in samples
+_FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # but so many samples it may always take
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Monte Carlo noise of the log radiance of a pixel, standard deviations.
+    """Monte Carlo noise of rendered pixels, and its events: all measured, nothing modelled.
 
     Parameters
     ----------
     log_noise
-        Of one frame.
-    log_noise_step
-        Of the change from one frame to the next, all frames with the same seed. With fresh seeds it
-        would be `sqrt(2) * log_noise`; the less the camera moves the smaller it is.
+        Standard deviation of a pixel's log radiance, root mean square over pixels and frames.
+    contrast_threshold
+        Of the ideal pixel, as fine as the render's, that looks at the frames.
+    events_hz
+        What it fires, per second.
+    false_events_hz
+        By how much that is more than at `REPEATS` times the samples per pixel, where the same light
+        has so much less noise. Noise also loses events; this is the balance.
+    false_events_error_hz
+        Standard error of it, from the choice of pixels.
     """
 
     log_noise: float
-    log_noise_step: float
+    contrast_threshold: float
+    events_hz: float
+    false_events_hz: float
+    false_events_error_hz: float
 
-    def false_events_per_frame(self, contrast_threshold: float, fresh_seeds: bool = False) -> float:
-        """Return the false events of one ideal pixel whose true light rests, per frame.
-
-        Found by running the pixel on normal noise of this size, correlated from frame to frame as
-        measured. It gives the order of magnitude, as real noise is uneven over the image and has
-        long tails: against 250 rendered frames of fresh seeds at one pose, 0.25 for 0.14 events in
-        a box room at 16 spp, 0.05 for 0.03 at 64 spp, and 1e-5 for 6e-5 at a grey and a mirror ball
-        under a white sky.
-        """
-        kept = 1 - 0.5 * (self.log_noise_step / self.log_noise) ** 2 if self.log_noise > 0 else 1
-        kept = 0.0 if fresh_seeds else float(np.clip(kept, 0.0, 1.0))
-        renewed = math.sqrt(1 - kept**2)
-        rng = np.random.default_rng(0)
-        memory = rng.uniform(-contrast_threshold, contrast_threshold, _PIXELS)
-        value = self.log_noise * rng.standard_normal(_PIXELS)
-        events = 0.0
-        for frame in range(_SETTLING_FRAMES + _FRAMES):
-            steps = np.trunc((value - memory) / contrast_threshold)
-            memory += contrast_threshold * steps
-            if frame >= _SETTLING_FRAMES:
-                events += float(abs(steps).sum())
-            value = kept * value + renewed * self.log_noise * rng.standard_normal(_PIXELS)
-        return events / (_PIXELS * _FRAMES)
-
-    def describe(self, contrast_threshold: float = 0.2) -> str:
-        """Return the noise and its false events in a sentence for people."""
-        common, fresh = (
-            self.false_events_per_frame(contrast_threshold, fresh_seeds=fresh)
-            for fresh in (False, True)
-        )
+    def describe(self) -> str:
+        """Return the noise and its events in a sentence for people."""
         return (
-            f"log noise {self.log_noise:.2g} per pixel; at a contrast threshold of "
-            f"{contrast_threshold:g} a pixel at rest fires about {common:.1g} false events a frame "
-            f"({fresh:.1g} if frames did not share their random numbers)"
+            f"log noise {self.log_noise:.2g} per pixel (rms); an ideal pixel with a contrast "
+            f"threshold of {self.contrast_threshold:g} fires {self.events_hz:.3g} events a second, "
+            f"of which {self.false_events_hz:.2g} ± {self.false_events_error_hz:.1g} are false: "
+            f"not there with {REPEATS} times the samples"
         )
 
 
-def measure_noise(renderer: Renderer, max_displacement_px: float) -> Noise:
-    """Measure a renderer's noise, at its resolution and samples per pixel.
+class Comparators:
+    """Ideal pixels: log radiance in, numbers of events out.
 
-    In the middle of the image, at a few times along the path, one pose is rendered twice with
-    different seeds, and so is the next frame's: the difference of two seeds has no light in it,
-    only noise, sqrt(2) times that of one frame.
+    Between frames log radiance is a straight line in time, so a pixel fires whenever that has come
+    `contrast_threshold` away from its memory, which then moves by as much. The memory starts at the
+    first frame.
+
+    Attributes
+    ----------
+    events
+        Of each pixel so far, in the shape of the frames.
+    """
+
+    def __init__(self, log_radiance: Float64, contrast_threshold: float) -> None:
+        self._memory = log_radiance.copy()
+        self._threshold = contrast_threshold
+        self.events = np.zeros(log_radiance.shape, np.int64)
+
+    def see(self, log_radiance: Float64) -> None:
+        """Go on to the next frame; the first makes no difference."""
+        crossed = np.trunc((log_radiance - self._memory) / self._threshold)
+        self._memory += self._threshold * crossed
+        self.events += np.abs(crossed).astype(np.int64)
+
+
+def count_events(
+    frames: Iterable[NDArray[np.floating]], dark_level: float, contrast_threshold: float
+) -> tuple[Float64, Float64, float]:
+    """Return what pixels fire at frames rendered several times over, and at their mean.
 
     Parameters
     ----------
+    frames
+        Each (R, N): radiance of N pixels, R times with noise that is independent.
+
+    Returns
+    -------
+    events
+        (N,) fired at one of the R, their mean.
+    events_of_mean
+        (N,) fired at the mean radiance of all R.
+    log_variance
+        Of the log radiance of one of the R, mean over pixels and frames.
+    """
+    pixels: list[Comparators] = []
+    variances = []
+    for frame in frames:
+        radiance = np.asarray(frame, np.float64) + dark_level
+        views = np.log(radiance), np.log(radiance.mean(axis=0))
+        variances.append(views[0].var(axis=0, ddof=1).mean())
+        pixels = pixels or [Comparators(view, contrast_threshold) for view in views]
+        for comparators, view in zip(pixels, views, strict=True):
+            comparators.see(view)
+    of_each, of_mean = (comparators.events for comparators in pixels)
+    return of_each.mean(axis=0), of_mean.astype(float), float(np.mean(variances))
+
+
+def measure_noise(
+    renderer: Renderer,
+    clips: Sequence[Clip],
+    max_displacement_px: float,
+    contrast_threshold: float = 0.2,
+) -> Noise:
+    """Measure the noise of clips that are to be rendered, and the events that it makes.
+
+    In up to four stretches of at most 0.25 s, spread evenly over the clips, all frames are rendered
+    at a few random pixels, each of them `REPEATS` times with random numbers of its own. Pixels then
+    look at each of these renders, and at their mean. It takes at most a twentieth of the samples
+    that the clips will, or a few seconds if that is more.
+
+    Parameters
+    ----------
+    clips
+        At least one.
     max_displacement_px
         How far the image moves from frame to frame.
     """
-    middle = renderer.at(crop_px=_CROP_PX)
-    dark = _DARK_SHARE * renderer.white_level
-    duration_s = renderer.scene.duration_s
+    stretches = [
+        adaptive_times(renderer.image_motion, marks_s, max_displacement_px)
+        for marks_s in _stretches(clips)
+    ]
+    seconds = sum(float(t_s[-1] - t_s[0]) for t_s in stretches)
+    share = seconds / sum(clip.t_window_end_s - clip.t_start_s for clip in clips)
+    frames = sum(map(len, stretches))
+    in_image = renderer.camera.width * renderer.camera.height
+    scalar = renderer.variant.startswith("scalar")
+    samples_a_frame = max(
+        _SHARE_OF_RENDER * in_image * renderer.spp / share,
+        (_FEW_SECONDS_SCALAR if scalar else _FEW_SECONDS) / frames,
+    )
+    affordable = int(samples_a_frame / (REPEATS * renderer.spp))
+    pixels = min(max(affordable, _FEWEST_PIXELS), _MOST_PIXELS, in_image)
 
-    def difference(t_s: float) -> NDArray[np.float64]:
-        pose = renderer.trajectory.pose(t_s)
-        one, other = (
-            np.log(middle.frame(pose, seed).astype(np.float64) + dark)
-            for seed in (renderer.seed, renderer.seed + 1)
+    rng = np.random.default_rng(renderer.seed)
+    fired, excess, variances = [], [], []
+    for t_s in stretches:
+        chosen = rng.choice(in_image, pixels, replace=False)
+        poses = renderer.trajectory.pose(t_s)
+        events, without_noise, variance = count_events(
+            (renderer.repeats(pose, chosen, REPEATS) for pose in poses),
+            _DARK_SHARE * renderer.white_level,
+            contrast_threshold,
         )
-        return one - other
+        fired.append(events)
+        excess.append(events - without_noise)
+        variances.append(variance * len(t_s))
+    pixel_seconds = pixels * seconds
+    error = math.sqrt(pixels * sum(map(np.var, excess))) / pixel_seconds
+    return Noise(
+        log_noise=math.sqrt(sum(variances) / frames),
+        contrast_threshold=contrast_threshold,
+        events_hz=float(np.sum(fired)) / pixel_seconds,
+        false_events_hz=float(np.sum(excess)) / pixel_seconds,
+        false_events_error_hz=error,
+    )
 
-    noise_squares, step_squares = [], []
-    for k in range(_PLACES):
-        start_s = (k + 0.5) / _PLACES * duration_s
-        soon_s = min(start_s + _LONGEST_STEP_S, duration_s)
-        t_s = adaptive_times(middle.image_motion, (start_s, soon_s), max_displacement_px)
-        first, second = difference(t_s[0]), difference(t_s[1])
-        noise_squares.append(0.5 * np.mean(first**2))
-        step_squares.append(0.5 * np.mean((second - first) ** 2))
-    return Noise(math.sqrt(np.mean(noise_squares)), math.sqrt(np.mean(step_squares)))
+
+def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
+    """Return the start and end of stretches of clips, none longer than is needed."""
+    cut = [
+        (float(start_s), min(float(start_s) + _LONGEST_STRETCH_S, clip.t_window_end_s))
+        for clip in clips
+        for start_s in np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _LONGEST_STRETCH_S)
+    ]
+    count = min(_STRETCHES, len(cut))
+    return [cut[int((k + 0.5) * len(cut) / count)] for k in range(count)]

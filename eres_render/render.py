@@ -92,24 +92,11 @@ class Renderer:
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
 
-    def at(self, *, spp: int | None = None, crop_px: int | None = None) -> Renderer:
-        """Return a renderer that differs in one thing, without loading the scene again.
-
-        Parameters
-        ----------
-        spp
-            Samples per pixel.
-        crop_px
-            Render only the middle of the image, a square of so many of its pixels, at most all.
-        """
+    def at(self, *, spp: int) -> Renderer:
+        """Return a renderer with other samples per pixel, without loading the scene again."""
         other = copy.copy(self)
-        other.white_level = self.white_level  # of the whole image, also for a crop
-        camera = self.camera
-        if crop_px is not None and crop_px < camera.width:
-            other.__dict__.pop("image_motion", None)  # it looks at the whole image
-            half = math.atan(0.5 * crop_px / camera.focal_px)
-            camera = Camera(crop_px, crop_px, 2 * half)
-        other._use_camera(camera, self.spp if spp is None else spp)
+        other.white_level = self.white_level
+        other._use_camera(self.camera, spp)
         return other
 
     def _use_camera(self, camera: Camera, spp: int) -> None:
@@ -132,6 +119,30 @@ class Renderer:
             their own, which an event camera takes for light that flickers.
         """
         return self._render(T_world_cam, self.spp, self.seed if seed is None else seed)
+
+    def repeats(
+        self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int
+    ) -> NDArray[np.float32]:
+        """Return the radiance of a few pixels, each rendered several times over.
+
+        Each time has random numbers of its own, which stay the same from pose to pose, as those of
+        a frame's pixels do.
+
+        Parameters
+        ----------
+        pixels
+            (N,) `row * width + column`.
+
+        Returns
+        -------
+        radiance
+            (count, N) float32, W m^-2 sr^-1.
+        """
+        if self.variant.startswith("scalar"):
+            return self._repeats_scalar(T_world_cam, pixels, count)
+        self._look_from(T_world_cam)
+        flat = self._render_vectorised(self.spp, self.seed, np.tile(pixels, count))
+        return flat.reshape(count, len(pixels))
 
     @cached_property
     def white_level(self) -> float:
@@ -172,18 +183,23 @@ class Renderer:
         return RayCaster(self._world)
 
     def _render(self, T_world_cam: Float64, spp: int, seed: int) -> NDArray[np.float32]:
-        import mitsuba as mi
-
-        to_world = np.asarray(T_world_cam, dtype=np.float64) @ _CAM_FROM_MITSUBA
-        self._camera_parameters["to_world"] = mi.ScalarTransform4f(to_world.tolist())
-        self._camera_parameters.update()
+        self._look_from(T_world_cam)
         if self.variant.startswith("scalar"):
             image = self._tracer.render(self._world, self._sensor, seed, spp)
             return np.asarray(image, dtype=np.float32)[:, :, 0]
-        return self._render_vectorised(spp, seed)
+        height, width = self.camera.height, self.camera.width
+        return self._render_vectorised(spp, seed).reshape(height, width)
 
-    def _render_vectorised(self, spp: int, seed: int) -> NDArray[np.float32]:
+    def _look_from(self, T_world_cam: Float64) -> None:
+        self._camera_parameters["to_world"] = _to_world(T_world_cam)
+        self._camera_parameters.update()
+
+    def _render_vectorised(
+        self, spp: int, seed: int, pixels: NDArray[np.integer] | None = None
+    ) -> NDArray[np.float32]:
         """Render by hand what `mi.render` would, each pixel's samples summed in a fixed order.
+
+        All pixels, or those listed, which may come more than once: (N,).
 
         Mitsuba's vectorised films add samples to pixels atomically, in an order that changes from
         run to run unless `spp` is a power of two, so the same pose would not give the same frame.
@@ -192,13 +208,15 @@ class Renderer:
         import mitsuba as mi
 
         width, height = self.camera.width, self.camera.height
-        n_samples = width * height * spp
+        n_samples = (width * height if pixels is None else len(pixels)) * spp
         sampler = self._sensor.sampler()
         sampler.set_sample_count(spp)
         sampler.set_samples_per_wavefront(spp)
         sampler.seed(seed, n_samples)
 
         pixel = dr.arange(mi.UInt32, n_samples) // spp
+        if pixels is not None:
+            pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
         corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
         position = (corner + sampler.next_2d()) / mi.Point2f(width, height)
         ray, weight = self._sensor.sample_ray(0.0, 0.0, position, mi.Point2f(0.5))
@@ -209,8 +227,25 @@ class Renderer:
             radiance = si.emitter(self._world).eval(si)
         else:
             radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
-        pixels = dr.block_sum((weight * radiance)[0], spp) / spp
-        return np.asarray(pixels, dtype=np.float32).reshape(height, width)
+        means = dr.block_sum((weight * radiance)[0], spp) / spp
+        return np.asarray(means, dtype=np.float32)
+
+    def _repeats_scalar(
+        self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int
+    ) -> NDArray[np.float32]:
+        """`repeats`, each on a film of one pixel, which costs no more a sample than a frame."""
+        import mitsuba as mi
+
+        radiance = np.empty((count, len(pixels)), np.float32)
+        for k, pixel in enumerate(pixels.tolist()):
+            row, column = divmod(pixel, self.camera.width)
+            camera = _mitsuba_camera(self.camera, self.spp, (column, row))
+            sensor = mi.load_dict(camera | {"to_world": _to_world(T_world_cam)})
+            for r in range(count):
+                seed = (self.seed + 1 + k * count + r) % (1 << 32)
+                image = self._tracer.render(self._world, sensor, seed, self.spp)
+                radiance[r, k] = np.asarray(image)[0, 0, 0]
+        return radiance
 
 
 def _check_path(scene: Scene, caster: RayCaster) -> Trajectory:
@@ -235,7 +270,21 @@ def _best_integrator(scene: Scene, variant: str) -> Integrator:
     return "path"
 
 
-def _mitsuba_camera(camera: Camera, spp: int) -> dict[str, object]:
+def _to_world(T_world_cam: Float64) -> Any:
+    import mitsuba as mi
+
+    to_world = np.asarray(T_world_cam, dtype=np.float64) @ _CAM_FROM_MITSUBA
+    return mi.ScalarTransform4f(to_world.tolist())
+
+
+def _mitsuba_camera(
+    camera: Camera, spp: int, only_pixel: tuple[int, int] | None = None
+) -> dict[str, object]:
+    """Return the camera as Mitsuba takes it; its film is the image, or one (column, row) of it."""
+    crop = {}
+    if only_pixel is not None:
+        column, row = only_pixel
+        crop = {"crop_offset_x": column, "crop_offset_y": row, "crop_width": 1, "crop_height": 1}
     return {
         "type": "perspective",
         "fov": float(np.rad2deg(camera.fov_rad)),
@@ -248,6 +297,7 @@ def _mitsuba_camera(camera: Camera, spp: int) -> dict[str, object]:
             "pixel_format": "luminance",
             "component_format": "float32",
             "rfilter": {"type": "box"},
+            **crop,
         },
         "sampler": {"type": "multijitter", "sample_count": spp},
     }

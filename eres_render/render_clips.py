@@ -113,7 +113,8 @@ def render_scene(
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
-    What is there already is kept. Where frames are path-traced, a warning says how noisy they are.
+    What is there already is kept. Where frames are path-traced, a warning says how noisy they are
+    and how many false events that makes.
 
     Parameters
     ----------
@@ -141,7 +142,7 @@ def render_scene(
         wanted = {f"clip_{c.index:03d}": c for c in clips(scene, duration_s, samples=samples)}
     renderer = Renderer(scene, resolution, spp, seed, integrator)
     if renderer.integrator == "path":
-        noise = measure_noise(renderer, max_displacement_px)
+        noise = measure_noise(renderer, list(wanted.values()), max_displacement_px)
         _log.warning("%s is path-traced at %d spp: %s", scene.name, spp, noise.describe())
     console = Console(stderr=True)
     columns = (

@@ -116,10 +116,10 @@ def test_seeds_that_the_sampler_does_not_take_are_refused(small_carpet, seed):
 
 
 def test_white_is_a_property_of_the_scene_not_of_the_clip(renderer, small_carpet):
-    """It does not depend on the samples, a crop, or when it is first asked for."""
+    """It does not depend on the samples, or when it is first asked for."""
     assert renderer.white_level == Renderer(small_carpet, 64, 9).white_level
     assert renderer.white_level == Renderer(small_carpet, 64, 1).white_level
-    assert renderer.white_level == Renderer(small_carpet, 64, 9).at(crop_px=8, spp=4).white_level
+    assert renderer.white_level == Renderer(small_carpet, 64, 9).at(spp=4).white_level
     frame = renderer.frame(small_carpet.trajectory().pose(0.0))
     assert 0.5 < renderer.white_level / frame.max() < 2
 
