@@ -1,10 +1,11 @@
 # make demo    set everything up, run the quick study, say where its report is
 # make test    set everything up, run the tests
+# make docs    set everything up, build the documentation site into build/docs
 PYTHON ?= python3
 RUN ?= runs/quick
 BIN := .venv/bin
 
-.PHONY: demo test test-slow lint format bench clean
+.PHONY: demo test test-slow docs lint format bench clean
 
 demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
@@ -14,6 +15,10 @@ test: .venv/.dev .venv/.llvm
 
 test-slow: .venv/.dev .venv/.llvm
 	$(BIN)/pytest -q -m slow
+
+docs: .venv/.docs
+	$(BIN)/sphinx-build -q -E -W --keep-going docs build/docs
+	@echo "eres: build/docs/index.html"
 
 lint: .venv/.dev
 	$(BIN)/ruff check .
@@ -32,7 +37,7 @@ bench: .venv/.ready .venv/.llvm
 	$(BIN)/python benchmarks/bench_tracking.py
 
 clean:
-	rm -rf .venv runs
+	rm -rf .venv runs build
 
 .venv/.ready: pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || { \
@@ -44,6 +49,10 @@ clean:
 
 .venv/.dev: .venv/.ready
 	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+.venv/.docs: .venv/.ready
+	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@
 
 # Mitsuba's fast variant needs an LLVM that it gets on with; some releases would end the process.

@@ -1,0 +1,68 @@
+"""How Sphinx makes the documentation site out of this folder: `make docs`."""
+
+import importlib.metadata
+import os
+
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+
+os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are then plain functions with signatures
+
+project = "eres"
+release = importlib.metadata.version("eres")
+html_title = f"eres {release}"
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+
+default_role = "py:obj"  # `simulate` in a docstring is a name
+highlight_language = "text"
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # the docstrings say types with their shapes and units
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+
+html_theme = "furo"
+html_math_renderer = "mathml"
+html_copy_source = False
+pygments_style = "friendly"
+
+
+def link_names(app, doctree, docname):
+    """Make `sensor.simulate` in a text a link to what the reference says of it.
+
+    So the pages stay plain Markdown, which a code host shows as well.
+    """
+    known = app.env.get_domain("py").objects
+    for literal in list(doctree.findall(nodes.literal)):
+        found = known.get(literal.astext())
+        if found is None or isinstance(literal.parent, nodes.reference):
+            continue
+        page = app.builder.get_relative_uri(docname, found.docname)
+        link = nodes.reference(refuri=f"{page}#{found.node_id}", internal=True)
+        literal.replace_self(link)
+        link += literal
+
+
+def keep_bars(app, what, name, obj, options, lines):
+    """Let |x| in a docstring be a magnitude, not a substitution of reStructuredText."""
+    lines[:] = [line.replace("|", r"\|") for line in lines]
+
+
+def inline_math(translator, node):
+    translator.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def display_math(translator, node):
+    translator.body.append(tex2mathml(node.astext(), as_block=True))
+    raise nodes.SkipNode
+
+
+def setup(app):
+    app.connect("doctree-resolved", link_names)
+    app.connect("autodoc-process-docstring", keep_bars)
+    # Browsers show MathML by themselves, so pages load nothing from elsewhere.
+    app.add_html_math_renderer("mathml", (inline_math, None), (display_math, None))

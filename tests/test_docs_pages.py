@@ -1,0 +1,49 @@
+"""docs/quick_start.md and docs/sensors.md: their commands and Python are run, top to bottom."""
+
+import re
+
+import pytest
+
+from docs_page import follow
+from sensor.formats import load_events
+
+
+@pytest.fixture(scope="module")
+def quick_start(tmp_path_factory):
+    """A folder after everything on the page was done in it, and what the commands said."""
+    folder = tmp_path_factory.mktemp("quick_start")
+    return folder, follow("quick_start.md", folder)
+
+
+@pytest.fixture(scope="module")
+def sensors(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sensors")
+    return folder, follow("sensors.md", folder)
+
+
+def test_the_quick_start_leads_to_scores_beside_those_of_doing_nothing(quick_start):
+    _, said = quick_start
+    for method in ("event_integration", "no_events", "photometric_flow", "initial_flow"):
+        assert re.search(rf"^\s*{method}\s", said, re.MULTILINE), method
+
+
+def test_the_quick_start_converts_every_event(quick_start):
+    folder, _ = quick_start
+    assert len(load_events(folder / "events.raw")) == len(load_events(folder / "events.h5")) > 100
+
+
+def test_each_sensor_of_the_page_is_the_one_that_was_asked_for(sensors):
+    folder, _ = sensors
+    widths = {file.stem: load_events(file).model.width for file in folder.glob("*.h5")}
+    assert widths.pop("dvs128") == 128
+    assert widths.pop("mine") == 112
+    assert set(widths) == {"any", "dusk", "own_light", "noisy", "slow_bus"}
+    assert set(widths.values()) == {96}
+    assert load_events(folder / "dusk.h5").model.cutoff_hz == pytest.approx(51)
+    assert load_events(folder / "noisy.h5").model.threshold_mismatch == 0.03
+
+
+def test_a_slow_bus_drops_events(sensors):
+    folder, said = sensors
+    assert "events fired" in said
+    assert 0 < len(load_events(folder / "slow_bus.h5")) < len(load_events(folder / "any.h5"))
