@@ -126,7 +126,7 @@ def measure_noise(
     In up to four stretches of at most 0.25 s, spread evenly over the clips, all frames are rendered
     at a few random pixels, each of them `REPEATS` times with random numbers of its own. Pixels then
     look at each of these renders, and at their mean. It takes at most a twentieth of the samples
-    that the clips will, or a few seconds if that is more.
+    that the clips will, or a few seconds if that is more; never fewer than 16 pixels, though.
 
     Parameters
     ----------

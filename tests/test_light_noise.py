@@ -16,6 +16,7 @@ from eres_render import (
     Renderer,
     RenderError,
     backend,
+    clips,
     continuous_stretch,
     load_scene,
     measure_noise,
@@ -148,11 +149,11 @@ def test_repeats_are_the_same_light_by_scalar_code(renderer, shiny_room):
 
 def test_measured_noise_is_the_deviation_from_many_samples(renderer):
     """Expected: one frame deviates from the mean of many by the noise said, within 15 %."""
-    clips = [Clip(k, t_s, t_s, t_s + 0.01) for k, t_s in enumerate((1.0, 4.0, 7.0))]
-    noise = measure_noise(renderer, clips, 0.5)
+    stretches = [Clip(k, t_s, t_s, t_s + 0.01) for k, t_s in enumerate((1.0, 4.0, 7.0))]
+    noise = measure_noise(renderer, stretches, 0.5)
     dark = 1e-3 * renderer.white_level
     squares = []
-    for clip in clips:
+    for clip in stretches:
         pose = renderer.trajectory.pose(clip.t_start_s)
         frames = [renderer.frame(pose, seed=k).astype(np.float64) for k in range(10, 50)]
         squares.append(
@@ -160,6 +161,27 @@ def test_measured_noise_is_the_deviation_from_many_samples(renderer):
         )
     assert noise.log_noise == pytest.approx(float(np.sqrt(np.mean(squares))), rel=0.15)
     assert noise.events_hz > noise.false_events_hz > 3 * noise.false_events_error_hz
+
+
+@pytest.mark.parametrize(("width", "samples"), [(48, 3), (320, 19)])
+def test_measuring_costs_a_twentieth_of_the_render_or_seconds(shiny_room, width, samples):
+    """Counted in samples: seconds for three clips of 48 px, a twentieth of 19 clips of 320 px."""
+    renderer = Renderer(shiny_room, width, 16)
+    renderer.white_level = 1.0
+    taken = []
+
+    def count(pose, pixels, repeats):
+        taken.append(len(pixels) * repeats * renderer.spp)
+        return np.ones((repeats, len(pixels)))
+
+    renderer.repeats = count
+    wanted = clips(shiny_room, samples=samples)
+    measure_noise(renderer, wanted, 1.0)
+    stretches = min(4, samples)
+    render = len(taken) / stretches * samples * width**2 * renderer.spp
+    seconds_worth = 1_000_000 if renderer.variant.startswith("scalar") else 8_000_000
+    assert (0.05 * render > seconds_worth) == (width == 320)
+    assert 0.01 * render < sum(taken) <= max(0.05 * render, seconds_worth)
 
 
 def test_light_without_noise_has_no_false_events(tmp_path):
