@@ -135,6 +135,17 @@ def test_what_does_not_beat_doing_nothing_is_struck_out() -> None:
     assert "<td>15.70 <small>" in content
 
 
+def test_failures_are_told_beside_the_scores() -> None:
+    """One of seven samples gave up at 1280 px in ideal light: 14 % there, nothing elsewhere."""
+    rows = [
+        replace(r, failure="no convergence" * (r.width == 1280 and r.sample == 0))
+        for r in paper_rows(EPF, samples=7, scenes=["carpet"])
+    ]
+    ideal = [r for r in rows if r.cutoff_hz == float("inf")]
+    content = threshold_html(by_threshold(several(ideal)), EPF)
+    assert re.findall(r"M/s, (\d+)\u202f% fail", content) == ["14"] * 3
+
+
 def test_errors_that_span_decades_get_a_logarithmic_axis() -> None:
     """Flow from 0.2 to 4 px: ticks at 0.5, 1 and 2 px."""
     content = threshold_html(by_threshold(several(usual_rows(EPF, 3.5))), EPF)

@@ -8,7 +8,7 @@ from html import escape
 from tasks.study.chart import Chart
 from tasks.study.choice import choose_all
 from tasks.study.choice_html import choice_cell
-from tasks.study.labels import MISSING, cutoff_detail, cutoff_label, rate_label
+from tasks.study.labels import MISSING, cutoff_detail, cutoff_label, rate_label, share_text
 from tasks.study.markup import scrolling
 from tasks.study.scores import METRICS, Condition, Scores, Series
 from tasks.study.tables import base_speed, beats
@@ -166,4 +166,5 @@ def _number(scores: Scores, series: Series, where: Condition) -> str:
     text = METRICS[series.metric].text(cell.median)
     if beats(cell, scores.baseline(series, where), series) is False:
         text = f"<s>{text}</s>"
-    return f"{text} <small>{rate_label(cell.event_rate_hz)} M/s</small>"
+    failed = f", {share_text(cell.failure_share)} fail" if cell.failed.any() else ""
+    return f"{text} <small>{rate_label(cell.event_rate_hz)} M/s{failed}</small>"
