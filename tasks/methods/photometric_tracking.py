@@ -40,6 +40,7 @@ _MAX_PASSES = 60  # on one level
 _CONVERGED_PX = 0.02  # a step of less is the last, by the control poses' root mean square
 _CONVERGED_NOISE = 0.1  # and one that gains less than so much of what noise does to the minimum
 _LEAST_INSIDE = 0.5
+_EXTRAPOLATION_PX = 1.0  # how well a path is known where it goes on beyond its events
 
 
 def estimate(sample: TrackingSample) -> TrackingEstimate:
@@ -59,7 +60,7 @@ def estimate(sample: TrackingSample) -> TrackingEstimate:
     problem, failure = _problem(sample, knots.duration_us)
     if failure:
         return TrackingEstimate(sample.initial, failure)
-    path, diagnostics, failure = _solve(problem, sample, sample.initial, knots)
+    path, diagnostics, failure = _solve(problem, sample, sample.initial, knots, _blur_px(sample))
     return TrackingEstimate(sample.initial if failure else path, failure, diagnostics)
 
 
@@ -69,8 +70,9 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     Events that are late by d are those of the path T(t - d), so events alone cannot tell a delay
     from another path: any d is as good, with the path moved in time. What tells is that the camera
     was at T_0 at time 0, when the reference view was taken. So the path of the late events is
-    estimated first, over the path's duration and `sample.max_delay_us`; the delay is the time at
-    which it sees what the reference view shows, by the least mean squared distance in the image.
+    estimated first, over the path's duration and `sample.max_delay_us`: `estimate` finds its
+    beginning, and from there the search goes on, hardly blurred. The delay is the time at which it
+    sees what the reference view shows, by the least mean squared distance in the image.
 
     Raises
     ------
@@ -82,15 +84,17 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
             f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
             "largest delay to look for"
         )
-    late = _extended(sample.initial, _Knots.of(sample.initial), sample.max_delay_us)
+    undelayed = estimate(sample)
+    late = _extended(undelayed.path, _Knots.of(sample.initial), sample.max_delay_us)
     knots = _Knots.of(late)
     problem, failure = _problem(sample, min(knots.duration_us, _duration_us(sample)))
     if failure:
         return TrackingEstimate(sample.initial, failure)
-    path, diagnostics, failure = _solve(problem, sample, late, knots)
+    blur_px = _blur_px(sample) if undelayed.failure else _EXTRAPOLATION_PX
+    path, diagnostics, failure = _solve(problem, sample, late, knots, blur_px)
     delay_s = _delay_s(sample, path)
     diagnostics = replace(diagnostics, delay_us=1e6 * delay_s)
-    if not failure and not 0 < 1e6 * delay_s < sample.max_delay_us:
+    if not failure and 1e6 * delay_s >= sample.max_delay_us:  # none at all is an answer
         failure = "the delay ended at its bound"
     if failure:
         return TrackingEstimate(sample.initial, failure, diagnostics)
@@ -137,10 +141,21 @@ def _duration_us(sample: TrackingSample) -> int:
     return round(1e6 * sample.initial.duration_s) + sample.max_delay_us
 
 
+def _blur_px(sample: TrackingSample) -> float:
+    """By how much the perturbation of the initial path moves the image."""
+    return sample.camera.focal_px * sample.initial_sigma_m / _distance_m(sample)
+
+
+def _distance_m(sample: TrackingSample) -> float:
+    return float(sample.plane.distance(sample.T_0[:3, 3], sample.T_0[:3, 2]))
+
+
 def _problem(sample: TrackingSample, duration_us: int) -> tuple[_Problem, str]:
     inside = sample.t_us < duration_us  # not all, where there are events after the path's end
+    follows = inside & (sample.t_before_us >= 0)
+    residuals = int(np.count_nonzero(follows))
+    inside &= follows | np.append(follows[1:], False)  # a pixel's only event says nothing
     t_before_us = sample.t_before_us[inside]
-    residuals = int(np.count_nonzero(t_before_us >= 0))
     wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
     problem = _Problem(
         sample.x[inside],
@@ -283,12 +298,9 @@ def _accumulate(
 
 
 def _solve(
-    problem: _Problem, sample: TrackingSample, path: Trajectory, knots: _Knots
+    problem: _Problem, sample: TrackingSample, path: Trajectory, knots: _Knots, blur_px: float
 ) -> tuple[Trajectory, TrackingDiagnostics, str]:
     """Search from level to level; the path, how it went, and why it failed or ""."""
-    ahead = sample.T_0[:3, 2]
-    distance_m = float(sample.plane.distance(sample.T_0[:3, 3], ahead))
-    blur_px = sample.camera.focal_px * sample.initial_sigma_m / distance_m
     passes, converged = 0, False
     state = _Sum(math.nan, np.empty(0), np.empty((0, 0)), 0)
     for level in pyramid(sample.log_image, sample.camera.K, blur_px):
@@ -298,7 +310,7 @@ def _solve(
             sample.contrast_threshold,
             path,
             knots.interval_us,
-            distance_m,
+            _distance_m(sample),
         )
         passes += used
     diagnostics = TrackingDiagnostics(
@@ -367,17 +379,21 @@ def _moved(path: Trajectory, step: Float64) -> Trajectory:
 
 
 def _extended(path: Trajectory, knots: _Knots, by_us: int) -> Trajectory:
-    """The path with more control poses, going on with its mean velocity and turning rate."""
+    """The path with more control poses, going on as it went on average.
+
+    The last control pose is replaced too: the path hardly depends on it, so a search leaves it
+    anywhere.
+    """
+    end_s, interval_s = path.duration_s, 1e-6 * knots.interval_us
     more = math.ceil(by_us / knots.interval_us)
-    first, last = path.controls[0], path.controls[-1]
-    share = np.arange(1, more + 1)[:, None] / (len(path.controls) - 1)
+    knots_s = interval_s * np.arange(-1.0, len(path.controls) + more - 1)
+    share = (knots_s[len(path.controls) - 1 :, None] - end_s) / end_s
+    first, last = path.pose(np.array([0.0, end_s]))
     turn = Rotation.from_matrix(last[:3, :3] @ first[:3, :3].T).as_rotvec()
-    controls = np.tile(last, (more, 1, 1))
+    controls = np.tile(last, (len(share), 1, 1))
     controls[:, :3, 3] += share * (last[:3, 3] - first[:3, 3])
     controls[:, :3, :3] = Rotation.from_rotvec(share * turn).as_matrix() @ last[:3, :3]
-    interval_s = 1e-6 * knots.interval_us
-    knots_s = interval_s * np.arange(-1.0, len(path.controls) + more - 1)
-    return Trajectory(knots_s, np.concatenate([path.controls, controls]))
+    return Trajectory(knots_s, np.concatenate([path.controls[:-1], controls]))
 
 
 def _delay_s(sample: TrackingSample, path: Trajectory) -> float:
