@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import os
+import re
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -22,11 +23,15 @@ highlight_language = "text"
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings say types with their shapes and units
 napoleon_google_docstring = False
+napoleon_attr_annotations = False
 napoleon_use_rtype = False
 
 html_theme = "furo"
 html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_copy_source = False
+html_show_copyright = False
 pygments_style = "friendly"
 
 
@@ -38,12 +43,22 @@ def link_names(app, doctree, docname):
     known = app.env.get_domain("py").objects
     for literal in list(doctree.findall(nodes.literal)):
         found = known.get(literal.astext())
-        if found is None or isinstance(literal.parent, nodes.reference):
+        if found is None or isinstance(literal.parent, nodes.reference | nodes.title):
             continue
         page = app.builder.get_relative_uri(docname, found.docname)
         link = nodes.reference(refuri=f"{page}#{found.node_id}", internal=True)
         literal.replace_self(link)
         link += literal
+
+
+def break_names(app, doctree, docname):
+    """Let long names in tables break where their parts end, not anywhere or nowhere."""
+    for entry in doctree.findall(nodes.entry):
+        for literal in list(entry.findall(nodes.literal)):
+            parts = re.split(r"(?<=[._/:])(?=\w)", literal.astext())
+            literal.children = []
+            for part in parts:
+                literal += [nodes.Text(part), nodes.raw("", "<wbr>", format="html")]
 
 
 def keep_bars(app, what, name, obj, options, lines):
@@ -63,6 +78,7 @@ def display_math(translator, node):
 
 def setup(app):
     app.connect("doctree-resolved", link_names)
+    app.connect("doctree-resolved", break_names)
     app.connect("autodoc-process-docstring", keep_bars)
     # Browsers show MathML by themselves, so pages load nothing from elsewhere.
     app.add_html_math_renderer("mathml", (inline_math, None), (display_math, None))
