@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import logging
 import math
+import re
 import sys
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
@@ -15,7 +18,7 @@ from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
 from rich.table import Column, Table
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import DisallowNone, FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
@@ -24,13 +27,24 @@ from tasks.row import Row
 from tasks.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 
 app = tyro.extras.SubcommandApp()
+overview = tyro.extras.SubcommandApp()
 _out = Console()
 _err = Console(stderr=True)
+
+
+def command(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Make a function a command: `eres --help` shows its first line, its own --help all of it."""
+    # tyro keeps the line breaks within what is said of an argument; a terminal has its own.
+    text = re.sub(r"\n {8}(?=\S)", " ", inspect.cleandoc(function.__doc__ or ""))
+    function.__doc__ = text
+    overview.command(help=text.splitlines()[0])(function)
+    return app.command(function)
+
 
 RunFolder = Annotated[Positional[Path], arg(metavar="RUN", help="folder of a run")]
 
 
-@app.command
+@command
 def doctor() -> int:
     """Show what works on this machine: renderer, threads, versions, where things are loaded from.
 
@@ -41,7 +55,7 @@ def doctor() -> int:
     return diagnose(_out)
 
 
-@app.command
+@command
 def scenes() -> None:
     """List the packaged scenes."""
     from eres_render import list_scenes, load_scene
@@ -59,7 +73,7 @@ def scenes() -> None:
     _out.print(table)
 
 
-@app.command
+@command
 def sensors() -> None:
     """List the event cameras of the paper's Table 1, for `eres simulate --sensor`."""
     from sensor.presets import SENSORS
@@ -81,7 +95,7 @@ def sensors() -> None:
     _out.print(table)
 
 
-@app.command
+@command
 def methods() -> None:
     """List the methods of each task."""
     from tasks.methods import METHODS
@@ -93,13 +107,14 @@ def methods() -> None:
     _out.print(table)
 
 
-@app.command
+@command
 def bake(
     scene: Annotated[Positional[str], arg(metavar="SCENE", help="name or folder of a scene")],
 ) -> None:
-    """Path-trace a scene's lightmaps anew, beside its scene.xml.
+    """Path-trace a scene's lightmaps anew, beside its scene.xml, to travel with it.
 
-    Needed after a change of a scene's geometry, lights or textures; needs LLVM or a GPU.
+    Without them the first render bakes into the cache. Either needs LLVM or a GPU; machines that
+    have neither can use lightmaps that others made.
     """
     from eres_render import load_scene
     from eres_render.backend import select_variant
@@ -111,7 +126,7 @@ def bake(
         _out.print(str(file), soft_wrap=True)
 
 
-@app.command
+@command
 def render(
     scene: Annotated[
         Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
@@ -166,7 +181,7 @@ def render(
         _out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
 
 
-@app.command
+@command
 def truth(
     sequence: Annotated[
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
@@ -183,8 +198,8 @@ def truth(
 
     Args:
         out: Folder to write into.
-        width: Of the images, px; best that of the sensor.
-        step: Time from one to the next, seconds.
+        width: Width of the images, px; best that of the sensor.
+        step: Time from one image to the next, seconds.
         flow_png: Write the flow as 16-bit PNG as well, as in the DSEC dataset.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
@@ -195,7 +210,7 @@ def truth(
     _out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
 
 
-@app.command
+@command
 def convergence(
     scene: Annotated[
         Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
@@ -250,7 +265,7 @@ def convergence(
     _out.print(table)
 
 
-@app.command
+@command
 def simulate(
     path: Annotated[Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip")],
     out: Path,
@@ -276,7 +291,7 @@ def simulate(
         resolution: Width of the sensor, px.
         threshold: Contrast threshold in log units; 0.2 by default.
         speed: How much faster the scene moves than it was rendered.
-        seed: Of everything random in the sensor.
+        seed: Seed of everything random in the sensor.
         format: dsec, evt3, evt2, npz or text, in place of what the file's extension says.
         truth: Add true depth, flow and poses to a DSEC file, this many seconds apart.
     """
@@ -316,7 +331,7 @@ def simulate(
         _out.print(f"bus: {report}", soft_wrap=True)
 
 
-@app.command
+@command
 def convert(
     source: Annotated[Positional[Path], arg(metavar="IN", help="file of events")],
     out: Annotated[Positional[Path], arg(metavar="OUT", help="file to write")],
@@ -339,7 +354,7 @@ def convert(
     _out.print(f"{out}: {count} events", soft_wrap=True)
 
 
-@app.command
+@command
 def evaluate(
     sequence: Annotated[
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
@@ -402,7 +417,7 @@ def _by(rows: list[Row], *fields: str) -> dict[tuple[str, ...], list[Row]]:
     return groups
 
 
-@app.command
+@command
 def study(
     out: Path,
     file: Annotated[
@@ -454,7 +469,7 @@ def study(
     _out.print(f"\nreport: {write_report(out)}", soft_wrap=True)
 
 
-@app.command
+@command
 def report(run: RunFolder) -> None:
     """Make report.html, figures and tables.csv of a run anew."""
     from tasks.study.report import write_report
@@ -462,13 +477,13 @@ def report(run: RunFolder) -> None:
     _out.print(str(write_report(run)), soft_wrap=True)
 
 
-@app.command
+@command
 def claims(run: RunFolder) -> None:
     """Judge the paper's claims on a run's scores."""
     _show_claims(run)
 
 
-@app.command
+@command
 def info(
     path: Annotated[
         Positional[Path], arg(metavar="PATH", help="folder of a sequence, or file of events")
@@ -563,8 +578,9 @@ def main() -> None:
     handler = RichHandler(console=_err, show_time=False, show_path=False, show_level=False)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])
     try:
-        code = app.cli(
+        code = (overview if sys.argv[1:] in ([], ["-h"], ["--help"]) else app).cli(
             prog="eres",
+            config=(DisallowNone, FlagCreatePairsOff),
             description="Which event-camera resolution serves a task best, at what bandwidth? "
             "Renders HDR radiance, turns it into events at any resolution, and scores what can "
             "be done with them. `eres --version` prints the version.",

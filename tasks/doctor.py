@@ -11,7 +11,7 @@ from importlib.metadata import version
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from eres_render.backend import probe_variants
 from eres_render.cache import cache_dir
@@ -33,7 +33,7 @@ def diagnose(console: Console) -> int:
     best = next((v.name for v in verdicts if v.works), None)
     console.print(f"renders use: {best or 'nothing works'}\n")
 
-    facts = Table(box=None, show_header=False)
+    facts = Table(Column(), Column(overflow="fold"), box=None, show_header=False)
     facts.add_row("cores", str(len(os.sched_getaffinity(0))))
     facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
     for name in PACKAGES:

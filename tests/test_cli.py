@@ -40,6 +40,15 @@ def test_every_command_explains_itself(eres, command):
     assert len(out.splitlines()) > 3
 
 
+def test_help_lists_the_commands_in_short(eres):
+    """Promise: what there is fits a screen; each command's own help has the rest."""
+    code, out, _ = eres("--help")
+    assert (code, len(out.splitlines()) < 45) == (0, True)
+    assert all(f"• {command} " in out for command in COMMANDS)
+    assert "Stopped at any point" not in out
+    assert "Stopped at any point" in eres("render", "--help")[1]
+
+
 @pytest.mark.parametrize(
     ("args", "code", "text"),
     [
