@@ -37,7 +37,7 @@ def command(function: Callable[..., Any]) -> Callable[..., Any]:
     # tyro keeps the line breaks within what is said of an argument; a terminal has its own.
     text = re.sub(r"\n {8}(?=\S)", " ", inspect.cleandoc(function.__doc__ or ""))
     function.__doc__ = text
-    overview.command(help=text.splitlines()[0])(function)
+    overview.command(help=text.partition("\n")[0])(function)
     return app.command(function)
 
 
