@@ -9,11 +9,14 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from eres_render.clip import Clip, clips, continuous_stretch
 from eres_render.errors import RenderError
+from eres_render.file_lock import locked
 from eres_render.frame_times import adaptive_times
 from eres_render.manifest import FORMAT_VERSION, Manifest
 from eres_render.noise import measure_noise
@@ -37,7 +40,8 @@ def render_clip(
     """Render one clip into a folder, or finish it where a killed render stopped.
 
     Frames come so close in time that nothing in the image moves farther than `max_displacement_px`
-    from one to the next. Each is written while the next one renders.
+    from one to the next. Each is written while the next one renders. While another process renders
+    into the folder, this one waits, and finds the frames there.
 
     Parameters
     ----------
@@ -79,9 +83,20 @@ def render_clip(
         variant=renderer.variant,
         mitsuba=version("mitsuba"),
     )
-    writer = SequenceWriter(out_dir, manifest, renderer.trajectory)
+    with locked(out_dir / ".lock"):
+        writer = SequenceWriter(out_dir, manifest, renderer.trajectory)
+        _render_missing(renderer, poses, writer, on_progress)
+        return writer.finish()
+
+
+def _render_missing(
+    renderer: Renderer,
+    poses: NDArray[np.float64],  # (T, 4, 4) T_world_cam of all frames
+    writer: SequenceWriter,
+    on_progress: OnProgress | None,
+) -> None:
     missing = writer.missing()
-    done = len(t_s) - len(missing)
+    done = len(poses) - len(missing)
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="exr") as pool:
         writing: Future[None] | None = None
         for i in missing:
@@ -91,10 +106,9 @@ def render_clip(
             writing = pool.submit(writer.write, i, radiance)
             done += 1
             if on_progress is not None:
-                on_progress(done, len(t_s))
+                on_progress(done, len(poses))
         if writing is not None:
             writing.result()
-    return writer.finish()
 
 
 def render_scene(

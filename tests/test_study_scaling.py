@@ -15,7 +15,7 @@ from tasks.errors import ResultError
 from tasks.study.claims import judge_all
 from tasks.study.judging import Status, Verdict
 from tasks.study.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.scaling import Intervals, Scaling, Slopes, read_scaling, write_scaling
+from tasks.study.scaling import Intervals, Scaling, Slopes, read_scaling, scaling_files
 from tasks.study.scaling_html import scaling_html
 from test_study_claims import paper_rows
 
@@ -109,9 +109,15 @@ def test_not_measured_is_never_holds() -> None:
     assert "not measured at 128 px, ideal, speed 1" in two.ours
 
 
+def write_made(folder: Path) -> None:
+    slope = np.random.default_rng(0).normal(size=(64, 64))
+    for name, data in scaling_files(made(), slope).items():
+        (folder / name).write_bytes(data)
+
+
 def test_numbers_survive_the_disk(tmp_path: Path) -> None:
     """What is written is read again, and a damaged file is named."""
-    write_scaling(tmp_path, made(), np.random.default_rng(0).normal(size=(64, 64)))
+    write_made(tmp_path)
     assert read_scaling(tmp_path) == {"carpet": made()}
     assert read_scaling(tmp_path / "none") == {}
     (tmp_path / "carpet.json").write_text(json.dumps({"scene": "carpet"}))
@@ -121,7 +127,7 @@ def test_numbers_survive_the_disk(tmp_path: Path) -> None:
 
 def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:
     """The picture, the law, and a histogram in the best light and at night at both speeds."""
-    write_scaling(tmp_path, made(), np.random.default_rng(0).normal(size=(64, 64)))
+    write_made(tmp_path)
     page = scaling_html(tmp_path, {"carpet": made()}, ["carpet", "room"])
     assert page.count("<figure") == 5
     assert page.count("<svg") == 4

@@ -6,16 +6,21 @@ import os
 import platform
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
 PACKAGES = ("eres", "numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
 
 
+def command() -> str:
+    """The command that this process is."""
+    return " ".join(["eres", *sys.argv[1:]])
+
+
 def environment(variant: str) -> dict[str, str]:
-    """Versions, machine, code and command of this process, by name."""
+    """Versions, machine and code of this process, by name."""
     return {
-        "command": " ".join(["eres", *sys.argv[1:]]),
         "code": _git_commit() or f"eres {version('eres')} as installed",
         "Mitsuba variant": variant,
         "python": platform.python_version(),
@@ -51,3 +56,12 @@ def _processor() -> str:
     except OSError:
         pass  # not Linux
     return platform.processor() or platform.machine()
+
+
+def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """What several processes found, by name; where they differ, each value once."""
+    names = dict.fromkeys(name for one in environments for name in one)
+    return {
+        name: "; ".join(dict.fromkeys(one[name] for one in environments if name in one))
+        for name in names
+    }

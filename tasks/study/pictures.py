@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
-from tasks.files import write_bytes
 
 BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
 _SIDE_PX = 320
@@ -24,7 +20,7 @@ def middle(image: NDArray) -> NDArray:
     return image[y + k[:, None], x + k]
 
 
-def write_png(path: Path, rgb: NDArray[np.uint8]) -> None:
-    """Write a picture; it appears under its name only when it is whole."""
+def png(rgb: NDArray[np.uint8]) -> bytes:
+    """The bytes of a picture's file."""
     _, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
-    write_bytes(path, data.tobytes())
+    return data.tobytes()

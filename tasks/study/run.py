@@ -4,132 +4,116 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from importlib.metadata import version
+from datetime import timedelta
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from eres_render import (
-    GroundTruth,
-    RadianceSequence,
-    Renderer,
-    ground_truth,
-    load_scene,
-    render_clip,
-)
-from tasks.errors import StudyError
+from eres_render import load_scene
+from tasks.errors import ResultError, StudyError
 from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
-from tasks.study.config import Study, digest, to_json
+from tasks.study.config import Study, to_json
 from tasks.study.cost import cost
-from tasks.study.environment import environment
-from tasks.study.evaluate_part import OnProgress, evaluate_part
-from tasks.study.frame_cache import frames_folder, make_room
-from tasks.study.parts import Part, check_methods, parts
-from tasks.study.previews import write_previews
-from tasks.study.scaling import scaling_file, write_scaling
+from tasks.study.environment import command, together
+from tasks.study.parts import check_methods, parts
+from tasks.study.schedule import OnTasks, Task, schedule
 
 _log = logging.getLogger(__name__)
 
-_BYTES_PER_PX_S = 4500  # of 2250 half-float frames a second of path: what make_room is asked for
 
-# Where each stage begins in a part's time, and its share of it; for the progress bar alone.
-_STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0.3)}
-
-
-def run_study(study: Study, out: Path) -> list[Row]:
+def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row]:
     """Render, simulate and score every part of a study; what `out` holds already is kept.
 
     Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
-    `environment.json` (where the last part was computed), `previews/` and `scaling/` (pictures and
-    scaling statistics of each scene's first clip), and `parts/` with the rows of each part, by
-    which a run that was stopped goes on where it was.
+    `environment.json` (where the parts of the last start were computed), `previews/` and `scaling/`
+    (pictures and scaling statistics of each scene's first clip), and `parts/` with the rows of each
+    part, by which a run that was stopped goes on where it was.
+
+    Parameters
+    ----------
+    scheduler
+        Address of a Dask scheduler, whose workers compute the parts; by default this process does.
 
     Raises
     ------
     StudyError
-        The study asks for what cannot be, or `out` is not a folder.
+        The study asks for what cannot be, `out` is not a folder, or the cluster is not there or not
+        of the same code and scenes.
     TaskError
         A method does not exist.
     RenderError, SensorError, OSError
         As the stages raise them. Nothing is left under a final name that is not whole.
     """
-    check_methods(study.evaluate)
-    scenes = [load_scene(name) for name in study.scenes]
-    work = [part for scene in scenes for part in parts(study, scene)]
-    shown = {part.scene.name: part for part in reversed(work)}  # each scene's first part
-    if out.exists() and not out.is_dir():
-        raise StudyError(f"{out}: found a file, expected a folder for the run")
-    rows_files = [out / "parts" / f"{part.key}.parquet" for part in work]
-    write_bytes(out / "study.json", _json(to_json(study)))
-    to_do = [part for part, file in zip(work, rows_files, strict=True) if not file.exists()]
-    if to_do:
-        _log.info("%s", cost(to_do).text())
-    light: _SceneLight | None = None
-    with _progress(len(work)) as on_progress:
-        for k, (part, file) in enumerate(zip(work, rows_files, strict=True)):
+    with schedule(scheduler) as computing:
+        check_methods(study.evaluate)
+        scenes = [load_scene(name) for name in study.scenes]
+        work = {part.key: part for scene in scenes for part in parts(study, scene)}
+        shown = {part.scene.name: part for part in reversed(work.values())}  # each scene's first
+        if out.exists() and not out.is_dir():
+            raise StudyError(f"{out}: found a file, expected a folder for the run")
+        rows_of = _rows_so_far(out / "parts", work)
+        write_bytes(out / "study.json", _json(to_json(study)))
+        to_do = []
+        for key, part in work.items():
             is_shown = part is shown[part.scene.name]
-            has_scaling = scaling_file(out / "scaling", part.scene.name).exists()
-            if file.exists() and (has_scaling or not is_shown):
-                on_progress(k, "found", 1.0)
-                continue
-
-            def on_part(stage: str, done: int, of: int, k: int = k) -> None:
-                begin, share = _STAGES[stage]
-                on_progress(k, f"{stage} {done}/{of}", begin + share * done / of)
-
-            on_progress(k, f"loading {part.scene.name}", 0.0)
-            if light is None or light.renderer.scene != part.scene:
-                light = _SceneLight(part)
-            sequence, truth = light.look(part, on_part)
-            result = evaluate_part(part, sequence, truth, on_part, shown=is_shown)
-            if result.exhibit:
-                write_previews(out / "previews", part, result.exhibit)
-                write_scaling(out / "scaling", result.exhibit.scaling, result.exhibit.slope)
-            write_bytes(out / "environment.json", _json(environment(light.renderer.variant)))
-            write_rows(file, result.rows)
+            if key not in rows_of or (is_shown and not _is_shown_in(out, part.scene.name)):
+                to_do.append(Task(part, is_shown))
+        if to_do:
+            _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
+        environments = []
+        with _progress(len(work), len(work) - len(to_do)) as on_progress:
+            for part, computed in computing.compute(to_do, on_progress):
+                for name, data in computed.files.items():
+                    write_bytes(out / name, data)
+                environments.append(computed.environment)
+                found = {"command": command(), **together(environments)}
+                write_bytes(out / "environment.json", _json(found))
+                write_rows(_rows_file(out / "parts", part.key), computed.rows)
+                rows_of[part.key] = computed.rows
     _write_preview_index(out / "previews", list(shown))
-    rows = list(chain.from_iterable(read_rows(file) for file in rows_files))
+    rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)
     return rows
 
 
-class _SceneLight:
-    """A scene's renderer and ground truth, which take long to load."""
+def _rows_file(folder: Path, key: str) -> Path:
+    return folder / f"{key}.parquet"
 
-    def __init__(self, part: Part) -> None:
-        render = part.render
-        self.renderer = Renderer(part.scene, render.resolution, render.spp, render.seed)
-        self._truth: GroundTruth | None = None
 
-    def look(self, part: Part, on_progress: OnProgress) -> tuple[RadianceSequence, GroundTruth]:
-        """The part's frames, from the cache or rendered into it, and the truth behind them."""
-        renderer = self.renderer
-        decided_by = {
-            **part.frames_decided_by,
-            "white_level": renderer.white_level,
-            "integrator": renderer.integrator,
-            "variant": renderer.variant,
-            "mitsuba": version("mitsuba"),
-        }
-        folder = frames_folder(digest(decided_by))
-        seconds = part.clip.t_window_end_s - part.clip.t_start_s
-        make_room(round(seconds * _BYTES_PER_PX_S * part.render.resolution**2), keep=folder)
-        sequence = render_clip(
-            renderer,
-            part.clip,
-            folder,
-            part.render.max_displacement_px,
-            lambda done, of: on_progress("rendering", done, of),
+def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
+    """Rows by key of the parts that are done; says which files are damaged or of no use."""
+    rows_of = {}
+    for key in work:
+        file = _rows_file(folder, key)
+        if file.exists():
+            try:
+                rows_of[key] = read_rows(file)
+            except ResultError as error:
+                _log.warning("%s; the part is computed again", error)
+    strangers = {file.stem for file in folder.glob("*.parquet")} - set(work)
+    if strangers:
+        one = len(strangers) == 1
+        _log.warning(
+            "%s: %d %s of another study or version %s not used",
+            *(folder, len(strangers), "part" if one else "parts", "is" if one else "are"),
         )
-        if self._truth is None:
-            self._truth = ground_truth(sequence)
-        return sequence, self._truth
+    return rows_of
+
+
+def _is_shown_in(out: Path, scene: str) -> bool:
+    """Whether the run has what the report shows of a scene."""
+    try:
+        for folder in ("previews", "scaling"):
+            json.loads((out / folder / f"{scene}.json").read_text())
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def _write_preview_index(folder: Path, scene_names: list[str]) -> None:
@@ -142,22 +126,32 @@ def _json(value: Any) -> bytes:
 
 
 @contextmanager
-def _progress(part_count: int) -> Iterator[Callable[[int, str, float], None]]:
-    """A bar over all parts on stderr, silent when that is not a terminal."""
+def _progress(part_count: int, found: int) -> Iterator[OnTasks]:
+    """A bar over all parts on stderr, silent when that is not a terminal.
+
+    Pace and time left are those of the parts that are computed now, of which `found` are none.
+    """
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        TextColumn("{task.fields[pace]}"),
     )
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("study", total=part_count)
+        task = bar.add_task("study", total=part_count, completed=found, pace="")
 
-        def update(part: int, stage: str, share: float) -> None:
-            described = f"part {part + 1}/{part_count}: {stage}"
-            bar.update(task, completed=part + min(share, 1.0), description=described)
+        def update(done: float, doing: str) -> None:
+            elapsed_s = bar.tasks[0].elapsed or 0.0
+            pace = ""
+            if done > 0 and elapsed_s > 0:
+                left = timedelta(seconds=round(elapsed_s * (part_count - found - done) / done))
+                pace = f"{left} left, {3600 * done / elapsed_s:.3g} parts/h"
+            bar.update(
+                task,
+                completed=found + done,
+                description=f"{found + int(done)}/{part_count} parts: {doing}",
+                pace=pace,
+            )
 
         yield update

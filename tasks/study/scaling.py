@@ -25,8 +25,7 @@ from sensor.statistics import (
     slopes_by_pixel_size,
 )
 from tasks.errors import ResultError
-from tasks.files import write_bytes
-from tasks.study.pictures import BRIGHTER, DARKER, NONE, middle, write_png
+from tasks.study.pictures import BRIGHTER, DARKER, NONE, middle, png
 
 FIT_PX = 10.0
 """The power law is fitted up to this pixel size, in pixels of the frames: it is one "as p -> 0",
@@ -143,22 +142,19 @@ def _slopes(
     return Slopes(tuple(np.average(blocks, axis=0, weights=weights).tolist()), law)
 
 
-def write_scaling(folder: Path, scaling: Scaling, slope: NDArray[np.float64]) -> None:
-    """Write the picture and, last, the numbers of a scene into `folder`."""
+def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, bytes]:
+    """The picture and, last, the numbers of a scene, by file name."""
     strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
     share = middle(strength)[..., None]
     colour = np.where(share > 0, BRIGHTER, DARKER)
     picture = np.array(NONE) + np.abs(share) * (colour - np.array(NONE))
-    write_png(folder / f"{scaling.scene}.png", picture.round().astype(np.uint8))
     numbers = asdict(scaling)
     for one in numbers["intervals"]:
         one["cutoff_hz"] = f"{one['cutoff_hz']:g}"  # JSON has no inf
-    write_bytes(scaling_file(folder, scaling.scene), json.dumps(numbers).encode())
-
-
-def scaling_file(folder: Path, scene: str) -> Path:
-    """Where the numbers of a scene lie."""
-    return folder / f"{scene}.json"
+    return {
+        f"{scaling.scene}.png": png(picture.round().astype(np.uint8)),
+        f"{scaling.scene}.json": json.dumps(numbers).encode(),
+    }
 
 
 def read_scaling(folder: Path) -> dict[str, Scaling]:

@@ -1,0 +1,131 @@
+"""Several processes on one folder: they wait for each other, and a dead one for nobody."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from eres_render import Clip, Renderer, load_scene, render_clip
+from eres_render.errors import RenderError
+from eres_render.file_lock import locked
+from light_scenes import small_carpet_folder
+from tasks.study import frame_cache
+
+ROOT = Path(__file__).parent.parent
+
+
+def python(code, **options):
+    """Start a process that finds the tests' modules."""
+    code = f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); {code}"
+    return subprocess.Popen([sys.executable, "-c", code], text=True, cwd=ROOT, **options)
+
+
+@pytest.fixture
+def holder(tmp_path):
+    """A process that shares the lock on `held`, until it is killed."""
+    process = python(
+        "import time; from pathlib import Path; from eres_render.file_lock import locked\n"
+        f"with locked(Path({str(tmp_path / 'held')!r}), shared=True):\n"
+        "    print('holds', flush=True); time.sleep(60)",
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout.readline() == "holds\n"
+    yield process
+    process.kill()
+    process.wait()
+    process.stdout.close()
+
+
+def test_a_lock_is_held_alone_or_shared_until_death(holder, tmp_path):
+    """Promise: what is shared can be shared further, not had alone; a killed holder has nothing."""
+    file = tmp_path / "held"
+    with locked(file, shared=True, wait=False):
+        pass
+    with pytest.raises(BlockingIOError), locked(file, wait=False):
+        pass
+    os.kill(holder.pid, signal.SIGKILL)
+    holder.wait()
+    with locked(file):
+        assert file.exists()
+        with pytest.raises(BlockingIOError), locked(file, shared=True, wait=False):
+            pass
+    assert not file.exists()
+
+
+def test_where_no_lock_can_be_the_folder_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RenderError, match=r"file: cannot be written"), locked(tmp_path / "file/x"):
+        pass
+
+
+def test_one_at_a_time_though_the_file_comes_and_goes(tmp_path):
+    """Promise: of three processes that take turns with a lock, none ever sees another within."""
+    code = (
+        "import os; from pathlib import Path; from eres_render.file_lock import locked\n"
+        f"folder = Path({str(tmp_path)!r})\n"
+        "for _ in range(100):\n"
+        "    with locked(folder / 'lock'):\n"
+        "        os.mkdir(folder / 'within'); os.rmdir(folder / 'within')"
+    )
+    crowd = [python(code) for _ in range(3)]
+    assert [one.wait() for one in crowd] == [0] * 3
+    assert not list(tmp_path.iterdir())
+
+
+def test_clips_that_other_processes_use_are_not_removed(holder, tmp_path, monkeypatch):
+    """Promise: the cache outgrows its limit rather than take frames from under a reader."""
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path))
+    monkeypatch.setattr(frame_cache, "LIMIT_BYTES", 0)
+    folder = tmp_path / "frames" / "clip"
+    folder.mkdir(parents=True)
+    (tmp_path / "held").rename(folder.with_name(".clip.lock"))
+    frame_cache.make_room(1)
+    assert folder.exists()
+    os.kill(holder.pid, signal.SIGKILL)
+    holder.wait()
+    frame_cache.make_room(1)
+    assert not list((tmp_path / "frames").iterdir())
+
+
+RENDER = """
+from pathlib import Path
+from eres_render import Clip, Renderer, load_scene, render_clip
+renderer = Renderer(load_scene({scene!r}), 64, 4)
+print("ready", flush=True)
+sys.stdin.readline()
+frames = []
+render_clip(renderer, Clip(0, 1.0, 1.0, 1.2), Path({out!r}), 0.25, lambda k, _: frames.append(k))
+print(len(frames))
+"""
+
+
+def test_processes_that_render_one_clip_share_the_work(tmp_path):
+    """Promise: no frame is rendered twice, also when who began is killed; the clip is whole."""
+    scene = small_carpet_folder(tmp_path / "carpet")
+    code = RENDER.format(scene=str(scene), out=str(tmp_path / "clip"))
+    crowd = [python(code, stdin=subprocess.PIPE, stdout=subprocess.PIPE) for _ in range(2)]
+    renderer = Renderer(load_scene(scene), 64, 4)
+    first, second = crowd
+    for one in crowd:
+        assert one.stdout.readline() == "ready\n"
+    first.stdin.write("go\n")
+    first.stdin.flush()
+    while (begun := len(list((tmp_path / "clip").glob("frames/*.exr")))) < 3:
+        assert first.poll() is None, "it finished before it could be killed"
+        time.sleep(0.001)
+    second.stdin.write("go\n")
+    second.stdin.flush()
+    first.kill()
+    first.communicate()
+    frames = []
+    clip = Clip(0, 1.0, 1.0, 1.2)
+    sequence = render_clip(renderer, clip, tmp_path / "clip", 0.25, lambda k, _: frames.append(k))
+    rendered = sorted([len(frames), int(second.communicate()[0])])
+    assert second.returncode == 0
+    assert rendered[0] == 0 < rendered[1] <= len(sequence) - begun
+    assert sum(1 for _ in sequence) == len(sequence)
+    assert not [f.name for f in (tmp_path / "clip").rglob("*") if f.name.startswith(".")]
