@@ -8,7 +8,9 @@ from browser import Browser, find_chromium
 from study_rows import EI, EPF, EPPT, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.row import Row
+from tasks.study.costs import costs_file
 from tasks.study.report import write_report
+from test_study_costs import PART
 from test_study_report import add_previews, make_run
 
 PHONE, DESK = (390, 844), (1280, 2000)
@@ -76,6 +78,8 @@ def some_rows() -> list[Row]:
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = make_run(tmp_path_factory.mktemp("run"), some_rows())
     add_previews(folder)
+    (folder / "costs").mkdir()
+    (folder / "costs" / "part.json").write_bytes(costs_file(PART))
     return write_report(folder)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from eres_render import GroundTruth, RadianceSequence
 from sensor import stream_bank
 from tasks.row import Row
+from tasks.study.costs import MethodCost, PartCosts
 from tasks.study.exhibit import Exhibit, ExhibitCollector
 from tasks.study.parts import Part, Setting
 from tasks.study.scorers import Score, Scorer
@@ -28,9 +30,10 @@ OnProgress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PartResult:
-    """Rows of a part, and what the report shows of it if that was asked for."""
+    """Rows of a part, what they took, and what the report shows of it if that was asked for."""
 
     rows: list[Row]
+    costs: PartCosts
     exhibit: Exhibit | None
 
 
@@ -62,31 +65,77 @@ def evaluate_part(
     scorers = [_scorers(light, setting) for setting in settings]
     collector = ExhibitCollector(part, settings) if shown else None
     counts = [0 for _ in settings]
+    cores = len(os.sched_getaffinity(0))
+    fired, reading_s, collecting_s = 0, 0.0, 0.0
 
     def frames() -> Iterator[NDArray[np.float32]]:
-        for k, frame in enumerate(sequence):
+        nonlocal reading_s
+        for k in range(len(sequence)):
+            started_s = time.perf_counter()
+            frame = sequence.frame(k)
+            reading_s += time.perf_counter() - started_s
             yield frame
             on_progress("simulating", k + 1, len(sequence))
+
+    started_s = time.perf_counter()
 
     events_of_all = stream_bank(
         frames(), sequence.t_s, [s.model for s in settings], speeds=[s.speed for s in settings]
     )
     for i, events in events_of_all:
+        came_s = time.perf_counter()
+        fired += len(events)
         counts[i] += len(events.between(settings[i].start_us, settings[i].end_us))
         for scorer in scorers[i]:
             scorer.push(events)
         if collector:
             collector.push(settings[i], events)
+        collecting_s += time.perf_counter() - came_s
 
-    rows = []
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
+    simulated_s = time.perf_counter()
+    rows, scored_of_all = [], []
+    with ThreadPoolExecutor(cores) as workers:
         scored = workers.map(lambda those: [s for one in those for s in one.scores()], scorers)
         for done, (setting, count, scores) in enumerate(
             zip(settings, counts, scored, strict=True), start=1
         ):
             rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores]
+            scored_of_all += [(setting.model.width, s) for s in scores]
             on_progress("scoring", done, len(settings))
-    return PartResult(rows, collector.exhibit(light) if collector else None)
+    costs = PartCosts(
+        scene=sequence.manifest.scene,
+        sample=sequence.manifest.clip,
+        cores=cores,
+        frames=len(sequence),
+        resolution=sequence.manifest.width,
+        spp=sequence.manifest.spp,
+        reading_s=reading_s,
+        sensors=len(settings),
+        pixel_frames=len(sequence) * sum(s.model.width * s.model.height for s in settings),
+        events=fired,
+        simulating_s=simulated_s - started_s - reading_s - collecting_s,
+        collecting_s=collecting_s,
+        scoring_s=time.perf_counter() - simulated_s,
+        methods=_method_costs(scored_of_all),
+    )
+    return PartResult(rows, costs, collector.exhibit(light) if collector else None)
+
+
+def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]:
+    """What each method took on each width, from scores with the width of their sensor."""
+    groups: dict[tuple[str, str, str, int], list[Score]] = {}
+    for width, score in scored:
+        groups.setdefault((score.task, score.method, score.variant, width), []).append(score)
+    return tuple(
+        MethodCost(
+            *name,
+            estimates=len(scores),
+            events=sum(score.events for score in scores),
+            cpu_s=sum(score.cpu_s for score in scores),
+            median_cpu_s=float(np.median([score.cpu_s for score in scores])),
+        )
+        for name, scores in groups.items()
+    )
 
 
 def _scorers(light: Light, setting: Setting) -> list[Scorer]:

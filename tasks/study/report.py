@@ -17,6 +17,8 @@ from tasks.study.bus import buses_html
 from tasks.study.choice import Choices, choose_all
 from tasks.study.choice_html import answer_html, choice_tables_html
 from tasks.study.claims import judge_all as judge_claims
+from tasks.study.cost_html import costs_html
+from tasks.study.costs import read_costs
 from tasks.study.figure import COLOURS, figure_files
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, Status, Verdict, threshold_note
 from tasks.study.markup import join_words, scrolling
@@ -42,8 +44,8 @@ def write_report(run_dir: Path) -> Path:
     run_dir
         Folder of a run, with ``rows.parquet``, ``environment.json`` (strings by name),
         ``study.json`` (the resolved configuration) and, if the run made any,
-        ``previews/index.json`` with the PNG files that it lists and ``scaling/`` with a JSON and a
-        PNG file for each scene.
+        ``previews/index.json`` with the PNG files that it lists, ``scaling/`` with a JSON and a
+        PNG file for each scene, and ``costs/`` with a JSON file for each part.
 
     Returns
     -------
@@ -133,6 +135,7 @@ def _page(
         threshold_link=' <a href="#threshold">Threshold</a>' if found[1:] else "",
         threshold=_threshold(found, list(filter(is_main, series))) if found[1:] else "",
         previews=previews_html(previews, entries),
+        costs=costs_html(read_costs(run_dir / "costs")),
         provenance=_provenance(environment, config),
         reproduce=_reproduce(environment),
         plot_data=json.dumps(

@@ -25,6 +25,8 @@ class Score:
     item: int = 0
     failure: str = ""
     sample: int | None = None  # where it is not the part's
+    events: int = 0  # that the method was given for it
+    cpu_s: float = 0.0  # of its thread, for it
 
 
 class Scorer(Protocol):

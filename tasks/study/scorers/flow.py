@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 from sensor import Events
@@ -56,6 +57,18 @@ class FlowScorer:
                     initial_sigma_px(features.width, config.initial_sigma_px),
                 )
                 for name, method in methods.items():
+                    started_s = time.thread_time()
                     estimate = method(sample)
+                    cpu_s = time.thread_time() - started_s
                     error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
-                    yield Score("flow", name, "rnepe_px", error_px, variant, item, estimate.failure)
+                    yield Score(
+                        "flow",
+                        name,
+                        "rnepe_px",
+                        error_px,
+                        variant,
+                        item,
+                        estimate.failure,
+                        events=len(sample.t),
+                        cpu_s=cpu_s,
+                    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,12 +21,14 @@ class ReconstructionScorer:
     def __init__(self, light: Light, setting: Setting) -> None:
         self._light, self._setting = light, setting
         self._sum = np.zeros((setting.model.height, setting.model.width), np.int64)
+        self._events = 0
 
     def push(self, events: Events) -> None:
         """Add up the window's polarities."""
         window = events.between(self._setting.start_us, self._setting.end_us)
         if len(window):
             self._sum += window.polarity_sum()
+            self._events += len(window)
 
     def scores(self) -> Iterator[Score]:
         """One score a method."""
@@ -35,6 +38,9 @@ class ReconstructionScorer:
         )
         for name in config.methods:
             options = {"upsampling": config.upsampling} if name == "event_integration" else {}
-            prediction = load_method("reconstruction", name)(sample, **options)
+            method = load_method("reconstruction", name)
+            started_s = time.thread_time()
+            prediction = method(sample, **options)
+            cpu_s = time.thread_time() - started_s
             value = psnr_db(prediction, light.log_end, light.log_white)
-            yield Score("reconstruction", name, "psnr_db", value)
+            yield Score("reconstruction", name, "psnr_db", value, events=self._events, cpu_s=cpu_s)

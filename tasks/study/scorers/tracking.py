@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -71,7 +72,10 @@ class TrackingScorer:
             )
             initial_mm = self._error_mm(sample.initial)
             for name in config.methods:
-                estimate = load_method("tracking", name)(sample)
+                method = load_method("tracking", name)
+                started_s = time.thread_time()
+                estimate = method(sample)
+                cpu_s = time.thread_time() - started_s
                 error_mm = self._error_mm(estimate.path)
                 moved = estimate.path is not sample.initial
                 lost = moved and not succeeded(estimate, error_mm, initial_mm)
@@ -83,6 +87,8 @@ class TrackingScorer:
                     error_mm,
                     variant=f"sigma {sigma_mm:g} mm",
                     failure=failure,
+                    events=len(sample.t_us),
+                    cpu_s=cpu_s,
                 )
 
     def _error_mm(self, path: Trajectory) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 
 from sensor import Events
@@ -28,11 +29,18 @@ class VideoScorer:
             for name in self._config.methods
         }
         self._scores: list[Score] = []
+        # Of each method since its last image.
+        self._events = dict.fromkeys(self._takers, 0)
+        self._cpu_s = dict.fromkeys(self._takers, 0.0)
 
     def push(self, events: Events) -> None:
         """Pass the events on, and score the images that are due: they are too large to keep."""
         for name, taker in self._takers.items():
-            self._score(name, taker.push(events))
+            started_s = time.thread_time()
+            taken = taker.push(events)
+            self._cpu_s[name] += time.thread_time() - started_s
+            self._events[name] += len(events)
+            self._score(name, taken)
 
     def scores(self) -> Iterator[Score]:
         """One score an image and method."""
@@ -47,4 +55,15 @@ class VideoScorer:
             found = picture(log_image, truth.shape, self._config.equalisation)
             sample = self._light.video_times_s.index(t_s)
             value = psnr_db(found, truth)
-            self._scores.append(Score("video", name, "psnr_db", value, sample=sample))
+            self._scores.append(
+                Score(
+                    "video",
+                    name,
+                    "psnr_db",
+                    value,
+                    sample=sample,
+                    events=self._events[name],
+                    cpu_s=self._cpu_s[name],
+                )
+            )
+            self._events[name], self._cpu_s[name] = 0, 0.0

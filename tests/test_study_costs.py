@@ -1,0 +1,103 @@
+"""What a run took: kept by part, and told in the report as rates and times of an estimate."""
+
+import re
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+from tasks.errors import ResultError
+from tasks.study.cost_html import costs_html
+from tasks.study.costs import FrameTimer, MethodCost, PartCosts, costs_file, read_costs
+
+FLOW = MethodCost("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
+NOTHING = MethodCost("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)
+PART = PartCosts(
+    scene="carpet",
+    sample=0,
+    cores=2,
+    frames=100,
+    resolution=1280,
+    spp=4,
+    reading_s=2.0,
+    sensors=1,
+    pixel_frames=300_000_000,
+    events=60_000_000,
+    simulating_s=3.0,
+    collecting_s=0.5,
+    scoring_s=2.5,
+    methods=(FLOW, NOTHING),
+    rendered_frames=50,
+    rendering_s=12.0,
+)
+
+
+def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:
+    """Promise: a file a part, in order of scene and sample; no folder, no costs."""
+    assert read_costs(tmp_path / "costs") == []
+    parts = [PART, replace(PART, sample=3), replace(PART, scene="rocks", methods=())]
+    for part, name in zip(parts, "cab", strict=True):
+        (tmp_path / f"{name}.json").write_bytes(costs_file(part))
+    assert read_costs(tmp_path) == parts
+
+
+def test_damaged_costs_are_named(tmp_path: Path) -> None:
+    """Promise: no JSON, and fields that are others, are refused with the file's name."""
+    file = tmp_path / "part.json"
+    file.write_text("{")
+    with pytest.raises(ResultError, match=r"part\.json: not JSON"):
+        read_costs(tmp_path)
+    file.write_bytes(costs_file(PART).replace(b'"estimates"', b'"fits"'))
+    with pytest.raises(ResultError, match=r"part\.json: fields of MethodCost: found cpu_s, .*fits"):
+        read_costs(tmp_path)
+
+
+def cells(page: str) -> dict[str, list[str]]:
+    """Texts of the cells of each line of the tables, by the line's head."""
+    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
+    return {
+        head: [
+            unescape(re.sub("<[^>]*>", "", cell.replace("<br>", "; ")))
+            for cell in re.findall(r"<td.*?</td>", line)
+        ]
+        for head, line in lines
+    }
+
+
+def test_rates_and_times_are_those_of_the_parts() -> None:
+    """Promise: amounts over times by hand; the part that compiled first moves no median, and
+    frames from the cache are not taken for rendered ones."""
+    compiling = replace(PART, simulating_s=30.0, methods=(replace(FLOW, cpu_s=22.0),))
+    cached = replace(PART, rendered_frames=0, rendering_s=0.0)
+    table = cells(costs_html([compiling, PART, cached]))
+    assert table["rendering"] == [
+        *("24 s", "32\u202f%"),  # of 24 + 6 + 36 + 1.5 + 7.5 s
+        "100 frames; 655 M samples",
+        "4.17 frames/s; 27.3 M samples/s",
+    ]
+    assert table["simulating sensors"][0] == "36 s"
+    assert table["simulating sensors"][3] == "100 M pixel-frames/s; 20 Mev/s"
+    assert table["reading frames"][3] == "50 frames/s"
+    # 50 ms an estimate; 20 of them had 0.4 million events.
+    assert table["optical flow by photometric flow"] == ["50 ms; 2.5 s / Mev", "60", "26 s"]
+    assert "initial flow" not in "".join(table)
+
+
+def test_a_run_without_costs_says_so() -> None:
+    """Promise: runs from before still have a report."""
+    assert "no timings" in costs_html([])
+
+
+def test_frames_are_timed_as_they_come() -> None:
+    """Promise: rendered frames alone are counted, and all progress is passed on."""
+    said = []
+    timer = FrameTimer(lambda *what: said.append(what))
+    timer("rendering", 3, 9)
+    first_s = timer.seconds
+    timer("rendering", 4, 9)
+    rendering_s = timer.seconds
+    timer("simulating", 1, 9)
+    assert timer.frames == 2
+    assert 0 < first_s < rendering_s == timer.seconds
+    assert said == [("rendering", 3, 9), ("rendering", 4, 9), ("simulating", 1, 9)]
