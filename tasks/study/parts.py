@@ -125,9 +125,13 @@ def parts(study: Study, scene: Scene) -> list[Part]:
     Raises
     ------
     StudyError
-        More samples are asked for than the path has, or a stretch is longer than the path.
+        More samples are asked for than the path has, a stretch is longer than the path, or there is
+        nothing to do on this scene.
     """
-    return [*_samples(study, scene), *_fast_samples(study, scene), *_video(study, scene)]
+    found = [*_samples(study, scene), *_fast_samples(study, scene), *_video(study, scene)]
+    if not found:
+        raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
+    return found
 
 
 def _samples(study: Study, scene: Scene) -> Iterator[Part]:
@@ -140,6 +144,8 @@ def _samples(study: Study, scene: Scene) -> Iterator[Part]:
     if evaluate.tracking.methods and scene.plane is None:
         _log.info("%s is not planar: no pose tracking on it", scene.name)
         evaluate = replace(evaluate, tracking=NOTHING.tracking)
+    if not any(_methods(evaluate).values()):
+        return
     for clip in _spread_clips(study, scene, study.simulate):
         yield Part(scene, clip, study.render, study.simulate, evaluate)
 

@@ -1,0 +1,35 @@
+"""Which stretches of a path a study renders."""
+
+from dataclasses import replace
+
+import pytest
+
+from eres_render import load_scene
+from tasks.errors import StudyError
+from tasks.study.config import PRESETS, Study, Tracking, Video
+from tasks.study.parts import NOTHING, parts
+
+
+def test_only_what_is_scored_is_rendered() -> None:
+    """Promise: a study of videos alone has one stretch, and no clips around samples."""
+    video = replace(NOTHING, video=Video(methods=("blank",)))
+    (stretch,) = parts(
+        Study(name="video", scenes=("carpet",), evaluate=video), load_scene("carpet")
+    )
+    assert stretch.evaluate == video
+    assert stretch.clip.t_window_end_s == Video().duration_s
+
+
+def test_a_scene_with_nothing_to_do_is_named() -> None:
+    """Promise: pose tracking alone in a room, which has no plane, is refused."""
+    tracking = replace(NOTHING, tracking=Tracking())
+    study = Study(name="pose", scenes=("room",), evaluate=tracking)
+    with pytest.raises(StudyError, match="no method that suits room"):
+        parts(study, load_scene("room"))
+
+
+def test_the_paper_preset_has_its_parts() -> None:
+    """20 clips on each scene, 20 with a longer warm-up for speed 10, one video on the carpet."""
+    paper = PRESETS["paper"]
+    counts = [len(parts(paper, load_scene(name))) for name in paper.scenes]
+    assert counts == [41, 20, 20]
