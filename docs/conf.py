@@ -26,6 +26,8 @@ napoleon_google_docstring = False
 napoleon_attr_annotations = False
 napoleon_use_rtype = False
 
+smartquotes = False  # docstrings hold code
+
 html_theme = "furo"
 html_math_renderer = "mathml"
 html_static_path = ["_static"]
