@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
 from tasks.row import Row
 from tasks.study.config import digest
+from tasks.study.costs import FrameTimer, costs_file
 from tasks.study.environment import environment
 from tasks.study.evaluate_part import OnProgress, evaluate_part
 from tasks.study.frame_cache import frames_folder
@@ -27,7 +28,8 @@ class ComputedPart:
     rows
         Its scores.
     files
-        What the report shows of it, if that was asked for: contents by path in the run's folder.
+        What the report shows of it: contents by path in the run's folder. What it took, and
+        pictures and scaling statistics if they were asked for.
     environment
         Where it was computed.
     """
@@ -51,15 +53,17 @@ def compute_part(part: Part, on_progress: OnProgress, *, shown: bool) -> Compute
     seconds = part.clip.t_window_end_s - part.clip.t_start_s
     needed_bytes = round(seconds * _BYTES_PER_PX_S * part.render.resolution**2)
     with frames_folder(light.key(part), needed_bytes) as folder:
+        timer = FrameTimer(on_progress)
         sequence = render_clip(
             light.renderer,
             part.clip,
             folder,
             part.render.max_displacement_px,
-            lambda done, of: on_progress("rendering", done, of),
+            lambda done, of: timer("rendering", done, of),
         )
         result = evaluate_part(part, sequence, light.truth(sequence), on_progress, shown=shown)
-    files = {}
+    costs = replace(result.costs, rendered_frames=timer.frames, rendering_s=timer.seconds)
+    files = {f"costs/{part.key}.json": costs_file(costs)}
     if exhibit := result.exhibit:
         for name, data in preview_files(part, exhibit).items():
             files[f"previews/{name}"] = data
