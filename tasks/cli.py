@@ -429,6 +429,7 @@ def study(
     spp: int | None = None,
     resolution: int | None = None,
     method: tuple[str, ...] = (),
+    scheduler: str | None = None,
 ) -> None:
     """Ask which resolution serves a task best: render, simulate, evaluate, report.
 
@@ -445,6 +446,8 @@ def study(
         resolution: Side of the rendered frames, px, instead of the preset's; sensors that are
             finer are left out.
         method: Methods of your own besides the preset's, each as package.module:function.
+        scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the parts;
+            by default this process does.
     """
     from dataclasses import replace
 
@@ -463,7 +466,7 @@ def study(
     asked = replace(chosen, scenes=looked_at, render=rendering, simulate=sensors)
     for name in method:
         asked = with_method(asked, name)
-    run_study(asked, out)
+    run_study(asked, out, scheduler)
     _show_scores(out)
     _show_claims(out)
     _out.print(f"\nreport: {write_report(out)}", soft_wrap=True)

@@ -264,7 +264,7 @@ def test_the_terminal_prints_the_first_threshold(tmp_path, monkeypatch, eres) ->
     from tasks.study import run as run_module
 
     run = run_of(tmp_path, several(usual_rows(samples=1)))
-    monkeypatch.setattr(run_module, "run_study", lambda study, out: None)
+    monkeypatch.setattr(run_module, "run_study", lambda *given: None)
     code, out, _ = eres("study", "--out", run)
     assert code == 0
     assert "24.09" in out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-_CONNECT_S = 8.0
+_CONNECT_S = 5.0
 _RETRIES = 2  # of a part that failed by what may not come again, such as a full disk
 
 # Where each stage begins in a part's time, and its share of it; for the progress bar alone.
@@ -92,6 +93,7 @@ class _Here:
 
             on_progress(k, f"loading {task.part.scene.name}")
             yield task.part, compute_part(task.part, on_part, shown=task.shown)
+        on_progress(len(tasks), "done")
 
 
 @contextmanager
@@ -102,6 +104,8 @@ def _connected(address: str) -> Iterator[Client]:
         raise StudyError(
             "--scheduler: Dask is not installed: pip install 'eres[distributed]'"
         ) from None
+    if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
+        raise StudyError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -130,7 +134,7 @@ class _Cluster:
 
         part_of = {self._submit(task, -k): task.part for k, task in enumerate(tasks)}
         on_progress(0, f"{self.cores} workers")
-        for done, future in enumerate(as_completed(part_of), start=1):
+        for done, future in enumerate(as_completed(part_of, loop=self._client.loop), start=1):
             part = part_of.pop(future)
             yield part, _result(future, part)
             future.release()

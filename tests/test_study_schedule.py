@@ -1,0 +1,261 @@
+"""A study on many machines, and its resilience: same rows, whoever computes them and dies of it."""
+
+import logging
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from distributed import LocalCluster
+
+from eres_render import load_scene
+from light_scenes import small_carpet_folder
+from tasks.errors import StudyError
+from tasks.row import read_rows
+from tasks.study import schedule as schedule_module
+from tasks.study.compute_part import ComputedPart
+from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking
+from tasks.study.parts import parts
+from tasks.study.run import run_study
+from tasks.study.schedule import Task, schedule
+
+ROOT = Path(__file__).parent.parent
+
+
+def tiny_study(folder, seed=0, samples=4):
+    """Reconstruction on a few samples; another seed is another study."""
+    return Study(
+        name="tiny",
+        scenes=(str(folder),),
+        render=Render(resolution=64, spp=4, max_displacement_px=0.1, samples=samples, seed=seed),
+        simulate=Simulate(widths=(32, 64), cutoffs_hz=(np.inf, 50.0), speeds=(1.0,)),
+        evaluate=Evaluate(flow=Flow(methods=()), tracking=Tracking(methods=())),
+    )
+
+
+@pytest.fixture(scope="module")
+def scene_folder(tmp_path_factory):
+    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
+
+
+@contextmanager
+def local_cluster(**options):
+    options = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": ":0", **options}
+    with LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Two workers, each a process of one thread that is started anew when it dies."""
+    with local_cluster(n_workers=2, threads_per_worker=1, processes=True) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def one_worker():
+    """A worker in this process, so that tests can change what it does."""
+    with local_cluster(n_workers=1, threads_per_worker=1, processes=False) as cluster:
+        yield cluster
+
+
+def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
+    """Promise: rows and pictures are those of a local run, byte by byte."""
+    study = tiny_study(scene_folder)
+    rows = run_study(study, tmp_path / "here")
+    there = tmp_path / "there"
+    assert run_study(study, there, cluster.scheduler_address) == rows
+    for file in (tmp_path / "here").rglob("*.*"):
+        if file.suffix in (".parquet", ".png") or file.parent.name == "scaling":
+            assert (there / file.relative_to(tmp_path / "here")).read_bytes() == file.read_bytes()
+
+
+def test_a_killed_worker_costs_its_part_only(cluster, scene_folder, tmp_path):
+    """Promise: SIGKILL in the middle of a part; others go on, and the rows are the same."""
+    study = tiny_study(scene_folder, seed=1, samples=6)
+    killed = []
+
+    def kill():
+        while not killed:
+            for nanny in list(cluster.workers.values()):
+                state = cluster.scheduler.workers.get(nanny.worker_address)
+                if state is not None and state.processing:
+                    killed.extend(task.key for task in state.processing)
+                    os.kill(nanny.pid, signal.SIGKILL)
+                    return
+            time.sleep(0.01)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    rows = run_study(study, tmp_path / "there", cluster.scheduler_address)
+    killer.join()
+    assert any(part.key in killed[0] for part in parts(study, load_scene(scene_folder)))
+    assert rows == run_study(study, tmp_path / "here")
+
+
+def kill_and_resume(study, folder, kills, *options):
+    """Start the study in processes that are killed at random moments; returns its final rows."""
+    rng = random.Random(kills)
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); from test_study_schedule import "
+        f"*; run_study(tiny_study({study.scenes[0]!r}, {study.render.seed}, "
+        f"{study.render.samples}), Path({str(folder)!r}), *{options!r})"
+    )
+    for _ in range(kills):
+        (folder / "study.json").unlink(missing_ok=True)
+        process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
+        while not (folder / "study.json").exists():  # which is written before the first part
+            assert process.poll() is None, "the run ended before it could be killed"
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0, 2.5))
+        process.kill()
+        process.wait()
+    return run_study(study, folder, *options)
+
+
+def test_a_run_that_is_killed_resumes_to_the_same_rows(scene_folder, tmp_path, monkeypatch):
+    """Promise: kill -9 at any moment, run again, and the rows are those of an unbroken run."""
+    study = tiny_study(scene_folder, seed=2)
+    rows = run_study(study, tmp_path / "unbroken")
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    assert kill_and_resume(study, tmp_path / "broken", 2) == rows
+    assert read_rows(tmp_path / "broken" / "rows.parquet") == rows
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_often(scene_folder, tmp_path, monkeypatch):
+    """The same with more parts and a dozen kills."""
+    study = tiny_study(scene_folder, seed=3, samples=15)
+    rows = run_study(study, tmp_path / "unbroken")
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    assert kill_and_resume(study, tmp_path / "broken", 12) == rows
+
+
+@pytest.mark.slow
+def test_a_client_that_is_killed_resumes_with_what_workers_had_done(
+    cluster, scene_folder, tmp_path
+):
+    """Promise: parts are written as they come, so a killed client loses no more than those."""
+    study = tiny_study(scene_folder, seed=4, samples=15)
+    options = (cluster.scheduler_address,)
+    broken = kill_and_resume(study, tmp_path / "broken", 4, *options)
+    assert broken == run_study(study, tmp_path / "unbroken")
+
+
+def tasks_of(scene_folder):
+    return [Task(part, False) for part in parts(tiny_study(scene_folder), load_scene(scene_folder))]
+
+
+def nothing_computed(part, on_progress, *, shown):
+    on_progress("simulating", 1, 2)
+    return ComputedPart([], {}, {})
+
+
+def test_progress_is_of_all_tasks(one_worker, scene_folder, monkeypatch):
+    """Promise: here in shares of a part, on workers in whole ones; complete at the end."""
+    monkeypatch.setattr(schedule_module, "compute_part", nothing_computed)
+    tasks = tasks_of(scene_folder)
+    for address, expected in (
+        (None, [0, 0.6, 1, 1.6, 2, 2.6, 3, 3.6, 4]),
+        (one_worker.scheduler_address, [0, 1, 2, 3, 4]),
+    ):
+        said = []
+        with schedule(address) as computing:
+            computed = list(computing.compute(tasks, lambda done, doing, to=said: to.append(done)))
+        assert said == pytest.approx(expected)
+        assert {part.key for part, _ in computed} == {task.part.key for task in tasks}
+
+
+def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch):
+    """Promise: an error of the system costs a part two retries, then it ends the run by name."""
+    tries = []
+
+    def failing(part, on_progress, *, shown):
+        tries.append(part)
+        raise OSError(28, "No space left on device", "/cache/frames")
+
+    monkeypatch.setattr(schedule_module, "compute_part", failing)
+    study = tiny_study(scene_folder, samples=1)
+    with pytest.raises(StudyError, match=r"carpet, clip 0: failed 3 times .*/cache/frames"):
+        run_study(study, tmp_path / "run", one_worker.scheduler_address)
+    assert len(tries) == 3
+    assert [file.name for file in (tmp_path / "run").iterdir()] == ["study.json"]
+
+
+def test_a_worker_of_other_code_or_scenes_is_refused(
+    one_worker, scene_folder, tmp_path, monkeypatch
+):
+    """Promise: a worker never computes what its own files would make different; it says so."""
+
+    def refusal(study):
+        with pytest.raises(StudyError, match=r"^worker tcp://\S+ on \S+: ") as refused:
+            run_study(study, tmp_path / "run", one_worker.scheduler_address)
+        return str(refused.value).split(": ", 1)[1]
+
+    def on_submit(change):
+        """Change what the worker gets, as if it came from a client of another kind."""
+        order = schedule_module._Order
+        return lambda *given: replace(order(*given), **change(order(*given)))
+
+    study = tiny_study(scene_folder, samples=1)
+    for change, text in (
+        (lambda order: {"eres": "9.9"}, "found code of versions {'eres': '0."),
+        (lambda order: {"stage_versions": {"render": 0}}, "found code of versions {'eres': '0."),
+        (lambda order: {"part_key": "0"}, "found other code of a method of your own"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(schedule_module, "_Order", on_submit(change))
+            assert refusal(study).startswith(text)
+    with monkeypatch.context() as patch:
+        edited = small_carpet_folder(tmp_path / "edited")
+        toml = edited / "scene.toml"
+        toml.write_text(toml.read_text().replace("seed = ", "seed = 1"))
+        patch.setattr(
+            schedule_module, "load_scene", lambda source: replace(load_scene(edited), source=source)
+        )
+        assert refusal(study).startswith(f"scene {scene_folder}: found files of digest ")
+    assert not list((tmp_path / "run").rglob("*.parquet"))
+
+
+def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
+    """Promise: two parts at once in one process would share a renderer, so it is not begun."""
+    study, said = tiny_study(scene_folder), r"found 2 threads, .* start it with --nthreads 1"
+    with (
+        local_cluster(n_workers=1, threads_per_worker=2, processes=False) as cluster,
+        pytest.raises(StudyError, match=said),
+    ):
+        run_study(study, tmp_path / "run", cluster.scheduler_address)
+
+
+@pytest.mark.parametrize(
+    ("address", "text"),
+    [
+        ("tcp://127.0.0.1:9", "found no Dask scheduler at tcp://127.0.0.1:9: Timed out"),
+        ("localhost", "found 'localhost', expected tcp://HOST:PORT"),
+    ],
+)
+def test_no_scheduler_is_said_before_anything_else(eres, tmp_path, monkeypatch, address, text):
+    """Promise: one line, exit code 1, no folder, and no look at scenes that may not be there."""
+    monkeypatch.setattr(schedule_module, "_CONNECT_S", 0.5)
+    args = ("--scenes", "nowhere", "--out", tmp_path / "run", "--scheduler", address)
+    code, _, err = eres("study", *args)
+    assert code == 1
+    assert err.startswith(f"error: --scheduler: {text}")
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_without_dask_the_error_says_how_to_get_it(eres, tmp_path, monkeypatch):
+    """Promise: the extra is named."""
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    code, _, err = eres("study", "--out", tmp_path / "run", "--scheduler", "tcp://127.0.0.1:9")
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert "pip install 'eres[distributed]'" in err
