@@ -32,8 +32,8 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
 
     Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
     `environment.json` (where the parts of the last start were computed), `previews/` and `scaling/`
-    (pictures and scaling statistics of each scene's first clip), `costs/` (what each part took), and
-    `parts/` with the rows of each part, by which a run that was stopped goes on where it was.
+    (pictures and scaling statistics of each scene's first clip), `costs/` (what each part took),
+    and `parts/` with the rows of each part, by which a run that was stopped goes on where it was.
 
     Parameters
     ----------

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import logging
 import os
+import pickle
 import re
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from eres_render import load_scene
 from eres_render.errors import RenderError
@@ -71,7 +72,11 @@ def schedule(address: str | None) -> Iterator[Schedule]:
         return
     with _connected(address) as client:
         cluster = _Cluster(client)
-        _log.info("%d workers at %s", cluster.cores, address)
+        count = cluster.worker_count()
+        if count:
+            _log.info("workers at %s: %d", address, count)
+        else:
+            _log.warning("no workers at %s yet; waiting for some", address)
         yield cluster
 
 
@@ -122,10 +127,13 @@ class _Cluster:
     def __init__(self, client: Client) -> None:
         self._client = client
 
+    def worker_count(self) -> int:
+        """How many workers there are now; they may come and go."""
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
     @property
     def cores(self) -> int:
-        """How many workers there are now; more may come and go."""
-        return max(1, len(self._client.scheduler_info(n_workers=-1)["workers"]))
+        return max(1, self.worker_count())
 
     def compute(
         self, tasks: Sequence[Task], on_progress: OnTasks
@@ -133,39 +141,87 @@ class _Cluster:
         from distributed import as_completed
 
         part_of = {self._submit(task, -k): task.part for k, task in enumerate(tasks)}
-        on_progress(0, f"{self.cores} workers")
+        on_progress(0, f"workers: {self.worker_count()}")
         for done, future in enumerate(as_completed(part_of, loop=self._client.loop), start=1):
             part = part_of.pop(future)
             yield part, _result(future, part)
             future.release()
-            on_progress(done, f"{self.cores} workers")
+            on_progress(done, f"workers: {self.worker_count()}")
 
     def _submit(self, task: Task, priority: int) -> Future:
-        key = task.part.key
         return self._client.submit(
-            _on_worker,
-            _Order(task, key, version("eres"), STAGE_VERSIONS),
-            key=f"eres-{key}-{'shown' if task.shown else 'rows'}",
+            _entry(),
+            _order(task),
+            _versions(),
+            key=f"eres-{task.part.key}-{'shown' if task.shown else 'rows'}",
             priority=priority,
             retries=_RETRIES,
         )
 
 
-@dataclass(frozen=True, slots=True)
-class _Order:
-    """A task, and whose: a worker with other code or another scene must not compute it."""
-
-    task: Task
-    part_key: str
-    eres: str
-    stage_versions: dict[str, int]
+def _order(task: Task) -> bytes:
+    return pickle.dumps((task, task.part.key))
 
 
-@dataclass(frozen=True, slots=True)
-class _Refusal:
-    """Why a part cannot be computed, on this worker or any other."""
+def _versions() -> dict[str, Any]:
+    return {"eres": version("eres"), **STAGE_VERSIONS}
 
-    reason: str
+
+def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
+    """What a worker is sent. Made here, it is sent as code, which a worker without eres can run."""
+
+    def compute(order: bytes, versions: dict[str, Any]) -> Any:
+        try:
+            from tasks.study.schedule import compute_order
+        except ImportError as error:
+            import distributed
+
+            return f"worker {distributed.get_worker().address}: this eres is not there: {error}"
+        return compute_order(order, versions)
+
+    return compute
+
+
+def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedPart | str:
+    """Compute a part on a worker; returns why not, if no retry could.
+
+    Parameters
+    ----------
+    order
+        Task and key of the part, pickled.
+    versions
+        Of the code that pickled it.
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    try:
+        if worker.state.nthreads != 1:
+            raise StudyError(
+                f"found {worker.state.nthreads} threads, expected 1: start it with --nthreads 1"
+            )
+        if _versions() != versions:
+            raise StudyError(f"found code of versions {_versions()}, expected {versions}")
+        task, key = pickle.loads(order)
+        part = _as_found_here(task.part, key)
+        return compute_part(part, lambda stage, done, of: None, shown=task.shown)
+    except (RenderError, SensorError, EventError, TaskError) as error:
+        return f"worker {worker.address} on {socket.gethostname()}: {error}"
+
+
+def _as_found_here(part: Part, key: str) -> Part:
+    """The part with the scene that this machine has, refused if that or a method is another one."""
+    check_methods(part.evaluate)
+    scene = load_scene(part.scene.source)
+    if scene.digest != part.scene.digest:  # which was asked for before, and is pickled with it
+        raise StudyError(
+            f"scene {part.scene.source}: found files of digest {scene.digest[:12]}, expected "
+            f"{part.scene.digest[:12]}, as where the study was started"
+        )
+    here = replace(part, scene=scene)
+    if here.key != key:
+        raise StudyError("found other code of a method of your own than where the study started")
+    return here
 
 
 def _result(future: Future, part: Part) -> ComputedPart:
@@ -184,41 +240,6 @@ def _result(future: Future, part: Part) -> ComputedPart:
         raise StudyError(f"{named}: the Dask scheduler is gone, or gave the part up") from None
     except OSError as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
-    if isinstance(result, _Refusal):
-        raise StudyError(result.reason)
+    if isinstance(result, str):
+        raise StudyError(result)
     return result
-
-
-def _on_worker(order: _Order) -> ComputedPart | _Refusal:
-    from distributed import get_worker
-
-    worker = get_worker()
-    try:
-        threads = worker.state.nthreads
-        if threads != 1:
-            raise StudyError(f"found {threads} threads, expected 1: start it with --nthreads 1")
-        part = _as_found_here(order)
-        return compute_part(part, lambda stage, done, of: None, shown=order.task.shown)
-    except (RenderError, SensorError, EventError, TaskError) as error:
-        return _Refusal(f"worker {worker.address} on {socket.gethostname()}: {error}")
-
-
-def _as_found_here(order: _Order) -> Part:
-    """The ordered part with the scene as this machine has it; refused if that is another one."""
-    here = {"eres": version("eres"), **STAGE_VERSIONS}
-    asked = {"eres": order.eres, **order.stage_versions}
-    if here != asked:
-        raise StudyError(f"found code of versions {here}, expected {asked}")
-    part = order.task.part
-    check_methods(part.evaluate)
-    scene = load_scene(part.scene.source)
-    # Pickled with the scene goes its digest, if it has been asked for.
-    if scene.digest != part.scene.digest:
-        raise StudyError(
-            f"scene {part.scene.source}: found files of digest {scene.digest[:12]}, expected "
-            f"{part.scene.digest[:12]}, as where the study was started"
-        )
-    part = replace(part, scene=scene)
-    if part.key != order.part_key:
-        raise StudyError("found other code of a method of your own than where the study started")
-    return part
