@@ -7,8 +7,8 @@ import pytest
 
 from study_rows import EI, EPF, nothing_rows, paper_rows
 from tasks.row import Row
-from tasks.study.choice import choose, choose_all
-from tasks.study.choice_html import answer_html
+from tasks.study.choice import Choice, choose, choose_all
+from tasks.study.choice_html import answer_html, choice_cell
 from tasks.study.scores import Scores
 
 
@@ -55,6 +55,33 @@ def test_doing_nothing_is_what_a_choice_is_worth() -> None:
         assert choice is not None
         assert choice.gain == pytest.approx(0.5)
         assert choice.worthwhile is worthwhile
+
+
+def test_a_bus_may_not_carry_the_best() -> None:
+    """1280 px fires 1.2 times what the fastest bus of that width takes, 640 px half of it: alone
+    1280 px is enough, on a bus 640 px; where every rate is too much no width is left."""
+    rates_hz = {128: 0.5e6, 640: 0.5 * 600e6 / (480 / 640), 1280: 1.2 * 1200e6 / (960 / 1280)}
+    values = {128: 18.0, 640: 20.0, 1280: 24.0}
+
+    def chosen(factor: float) -> Choice:
+        rows = [
+            replace(row(w, i, v + i), event_rate_hz=factor * rates_hz[w])
+            for w, v in values.items()
+            for i in range(3)
+        ]
+        choice = choose(Scores(rows), EI, "carpet", math.inf, 1.0)
+        assert choice is not None
+        assert choice.enough == 1280
+        return choice
+
+    on_bus = chosen(1.0).on_bus
+    assert on_bus is not None
+    assert on_bus.camera.camera == "DVS-Gen3"
+    assert on_bus.share == pytest.approx(0.5)
+    assert "on a bus: 640 px, DVS-Gen3 at 50\u202f%" in choice_cell(chosen(1.0), EI)
+    assert "on a bus: 1280 px, DVS-Gen4 at 60\u202f%" in choice_cell(chosen(0.5), EI)
+    assert chosen(3.0).on_bus is None
+    assert "on a bus: none carries it" in choice_cell(chosen(3.0), EI)
 
 
 def test_a_width_with_lost_samples_leaves_no_choice() -> None:

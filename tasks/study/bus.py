@@ -66,6 +66,14 @@ def bus_loads(
     return sorted(loads, key=lambda load: (load.camera.model.width, load.capacity_hz))
 
 
+def survivors(
+    rates_hz: Mapping[int, float], cameras: Mapping[str, SensorPreset] = SENSORS
+) -> dict[int, Load]:
+    """The widest bus for each width, where it carries the rate; parameters as of `bus_loads`."""
+    widest = {load.camera.model.width: load for load in bus_loads(rates_hz, cameras)}
+    return {width: load for width, load in widest.items() if load.survives}
+
+
 def buses_html(scores: Scores, series: Series) -> str:
     """Render a table for each scene: cameras down, cutoffs across, base speed to highest."""
     tables = list(filter(None, (_table(scores, series, s) for s in scores.scenes(series))))

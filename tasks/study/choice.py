@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tasks.study.bus import Load, survivors
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL, estimate
-from tasks.study.scores import METRICS, Cell, Condition, Scores, Series
+from tasks.study.scores import METRICS, Cell, Condition, Metric, Scores, Series
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,9 @@ class Choice:
     tied
         Smallest width that the samples do not tell apart from the best: the paired 95 % interval of
         the difference reaches zero. None where the samples are too few for an interval.
+    on_bus
+        The real camera whose width is `enough` if only those widths count whose events its bus
+        carries, and what they take of it. None where no bus carries any.
     nothing
         Median score of doing nothing, None where it was not run.
     higher_is_better
@@ -42,6 +46,7 @@ class Choice:
     best: int
     enough: int
     tied: int | None
+    on_bus: Load | None
     nothing: float | None
     higher_is_better: bool
 
@@ -87,8 +92,11 @@ def choose(
         if cell.median is None or cell.event_rate_hz is None:
             return None
         cells[width], medians[width], rates[width] = cell, cell.median, cell.event_rate_hz
-    best = max(medians, key=lambda width: sign * medians[width])
-    enough = min(w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible)
+    best, enough = _best_and_enough(medians, metric)
+    carried = survivors(rates)
+    on_bus = None
+    if carried:
+        on_bus = carried[_best_and_enough({w: medians[w] for w in carried}, metric)[1]]
     tied = None
     if cells[best].samples >= MIN_SAMPLES_FOR_INTERVAL:
         tied = next(width for width, cell in cells.items() if _tied(cells[best], cell, sign))
@@ -101,9 +109,15 @@ def choose(
         best=best,
         enough=enough,
         tied=tied,
+        on_bus=on_bus,
         nothing=scores.baseline(series, Condition(scene, best, cutoff_hz, speed)).median,
         higher_is_better=metric.higher_is_better,
     )
+
+
+def _best_and_enough(medians: Mapping[int, float], metric: Metric) -> tuple[int, int]:
+    best = max(medians, key=lambda width: metric.sign * medians[width])
+    return best, min(w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible)
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:

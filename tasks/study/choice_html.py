@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from html import escape
 
+from tasks.study.bus import Load
 from tasks.study.choice import Choice, Choices
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.labels import (
@@ -12,6 +13,7 @@ from tasks.study.labels import (
     cutoff_detail,
     cutoff_label,
     rate_label,
+    share_text,
     speed_label,
 )
 from tasks.study.markup import join_words, scrolling
@@ -117,7 +119,9 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
         f"whose median is within {metric.negligible:g} {metric.unit} of the best, and what it "
         "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
         f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
-        "Struck out: even the best does not beat doing nothing.</p>"
+        "Struck out: even the best does not beat doing nothing. “On a bus” is the same choice "
+        "among the widths whose mean event rate the fastest real camera of that width carries, and "
+        "how much of its bus that takes.</p>"
     ]
     cutoffs = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
     heads = "".join(
@@ -155,8 +159,16 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
         facts.append(f"best {choice.best} px: {loss} better{fewer}")
     if choice.tied is not None and choice.tied != choice.enough:
         facts.append(f"tied: {choice.tied} px")
+    facts.append(_bus_text(choice.on_bus))
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {metric.text(choice.nothing)} {metric.unit}")
     kind = "" if choice.worthwhile else ' class="worthless"'
     small = "".join(f"<small>{escape(fact)}</small><br>" for fact in facts)
     return f"<td{kind}><b>{choice.enough} px</b>{small}</td>"
+
+
+def _bus_text(on_bus: Load | None) -> str:
+    if on_bus is None:
+        return "on a bus: none carries it"
+    camera = on_bus.camera
+    return f"on a bus: {camera.model.width} px, {camera.camera} at {share_text(on_bus.share)}"

@@ -42,7 +42,7 @@ def _lead(scores: Scores) -> str:
         f"Tables and claims take {judged.variant.removeprefix('sigma ')}, the largest that "
         f"succeeds at least {share_text(REQUIRED_SUCCESS)} of the time"
         if judged
-        else f"None succeeds {share_text(REQUIRED_SUCCESS)} of the time, so no claim is judged"
+        else f"No claim is judged, as none succeeds {share_text(REQUIRED_SUCCESS)} of the time"
     )
     return (
         "<h3>How far off pose tracking may start</h3>"
