@@ -13,6 +13,7 @@ import pytest
 
 from eres_render import (
     Clip,
+    Noise,
     Renderer,
     RenderError,
     backend,
@@ -60,12 +61,12 @@ def test_light_is_baked_where_it_can_be_and_traced_where_not(renderer, tmp_path)
 
 
 def test_events_are_counted_as_the_sensor_counts_them():
-    """Each of three renders of 200 pixels over 40 frames of a random walk: no event less or more.
+    """Each of eight renders of 200 pixels over 40 frames of a random walk: no event less or more.
 
-    And so is their mean's.
+    And so are those of their mean.
     """
     rng = np.random.default_rng(3)
-    steps = 0.15 * rng.standard_normal((40, 3, 200))
+    steps = 0.15 * rng.standard_normal((40, 8, 200))
     frames = np.exp(np.cumsum(steps, axis=0)).astype(np.float32)
     dark, t_s = 0.01, np.linspace(0, 1, 40)
 
@@ -78,7 +79,7 @@ def test_events_are_counted_as_the_sensor_counts_them():
 
     each, of_mean, _ = count_events(frames, dark, 0.2)
     assert each.sum() > 1000
-    np.testing.assert_allclose(3 * each, fired(frames).sum(axis=0))
+    np.testing.assert_allclose(8 * each, fired(frames).sum(axis=0))
     mean = frames.astype(np.float64).mean(axis=1, keepdims=True)
     np.testing.assert_array_equal(of_mean, fired(mean)[0])
 
@@ -92,10 +93,10 @@ def test_noise_that_stays_makes_no_events_and_noise_that_flickers_does():
     """
     noise = 0.1 * np.random.default_rng(0).standard_normal((64, 500))
     rise = np.linspace(0, 1.001, 21)[:, None, None]
-    each, of_mean, variance = count_events(np.exp(rise + noise), 0.0, 0.2)
+    each, of_mean, variances = count_events(np.exp(rise + noise), 0.0, 0.2)
     assert set(of_mean) == {5}
     np.testing.assert_array_equal(each, 5)
-    assert variance == pytest.approx(0.01, rel=0.02)
+    np.testing.assert_allclose(variances, [0.01, 0.01 / 16], rtol=0.1)
 
     flicker = np.zeros((21, 64, 1))
     flicker[1::2, 7] = 0.5
@@ -161,6 +162,25 @@ def test_measured_noise_is_the_deviation_from_many_samples(renderer):
         )
     assert noise.log_noise == pytest.approx(float(np.sqrt(np.mean(squares))), rel=0.15)
     assert noise.events_hz > noise.false_events_hz > 3 * noise.false_events_error_hz
+    assert noise.log_noise_of_quarter == pytest.approx(0.25 * noise.log_noise, rel=0.4)
+
+
+def test_light_of_rare_paths_has_no_figure_of_false_events():
+    """A small lamp seen in a mirror ball: a path finds it by chance, and then it is bright.
+
+    Of 16 samples each finds 1001 in place of 1 with a probability of 1/1000: most renders miss it,
+    so their mean varies as much.
+    """
+    rng = np.random.default_rng(0)
+    frames = 1 + 1000 * rng.binomial(16, 1 / 1000, (30, 64, 400)) / 16
+    _, _, variances = count_events(frames, 1e-3, 0.2)
+    one, quarter = np.sqrt(variances)
+    rare = Noise(one, 0.2, 5.0, -2.0, 0.5, quarter)
+    assert not rare.averages_out
+    assert "7 with 64 times the samples: how many are false cannot be said" in rare.describe()
+    even = Noise(one, 0.2, 5.0, 2.0, 0.5, one / 4)
+    assert even.averages_out
+    assert "5 events a second, of which 2 ± 0.5 are false" in even.describe()
 
 
 @pytest.mark.parametrize(("width", "samples"), [(48, 3), (320, 19)])
