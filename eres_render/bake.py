@@ -9,6 +9,7 @@ the surface, and the scene with these emitting surfaces looks the same to every 
 from __future__ import annotations
 
 import logging
+import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from eres_render.cache import cache_dir
 from eres_render.errors import SceneError
+from eres_render.file_lock import locked
 from eres_render.image_file import read_attributes, read_luminance, write_luminance
 from eres_render.irradiance import bakeable_surfaces, irradiance_maps, reflectance
 from eres_render.scene import BAKE_VERSION, Scene
@@ -78,7 +80,8 @@ def _rounded(irradiance: Float32) -> Float32:
 def lightmaps(scene: Scene) -> dict[str, Float32]:
     """Return the lightmaps of a scene by shape id: packaged, cached, or baked and cached now.
 
-    Lightmaps that belong to another state of the scene are passed over.
+    Lightmaps that belong to another state of the scene are passed over. While another process bakes
+    the scene, this one waits.
 
     Raises
     ------
@@ -88,9 +91,20 @@ def lightmaps(scene: Scene) -> dict[str, Float32]:
     files = _lightmap_files(scene)
     if not files:
         cached = _cached_lightmaps(scene)
-        _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
-        files = bake_scene(scene, cached)
+        with locked(cached.with_name(f"{cached.name}.lock")):
+            files = _lightmap_files(scene) or _bake_into_cache(scene)
     return {path.stem.removeprefix("lightmap_"): read_luminance(path) for path in files}
+
+
+def _bake_into_cache(scene: Scene) -> list[Path]:
+    """Bake into a folder that gets its name when all lightmaps are there."""
+    cached = _cached_lightmaps(scene)
+    _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
+    unfinished = cached.with_name(f"{cached.name}.unfinished")
+    bake_scene(scene, unfinished)
+    shutil.rmtree(cached, ignore_errors=True)
+    unfinished.rename(cached)
+    return _lightmap_files(scene)
 
 
 def has_lightmaps(scene: Scene) -> bool:

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from eres_render import Clip, Renderer, load_scene, render_clip
+from eres_render import Clip, Renderer, bake, load_scene, render_clip
+from eres_render.backend import select_variant
 from eres_render.errors import RenderError
 from eres_render.file_lock import locked
-from light_scenes import small_carpet_folder
+from eres_render.image_file import write_luminance
+from light_scenes import room_folder, small_carpet_folder
 from tasks.study import frame_cache
 
 ROOT = Path(__file__).parent.parent
@@ -129,3 +131,30 @@ def test_processes_that_render_one_clip_share_the_work(tmp_path):
     assert rendered[0] == 0 < rendered[1] <= len(sequence) - begun
     assert sum(1 for _ in sequence) == len(sequence)
     assert not [f.name for f in (tmp_path / "clip").rglob("*") if f.name.startswith(".")]
+
+
+def test_a_bake_that_was_stopped_leaves_no_half_of_the_lightmaps(tmp_path, monkeypatch):
+    """Promise: all of a scene's lightmaps are in the cache or none, for others look there too."""
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    folder = room_folder(tmp_path / "room")  # of seven surfaces
+    for lightmap in folder.glob("lightmap_*.exr"):
+        lightmap.unlink()
+    scene = load_scene(folder)
+    if select_variant().startswith("scalar"):
+        pytest.skip("only vectorised variants bake")
+    written = []
+
+    def stopped(path, *image):
+        if written:
+            raise KeyboardInterrupt
+        written.append(path)
+        write_luminance(path, *image)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(bake, "write_luminance", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            bake.lightmaps(scene)
+    assert written[0].exists()
+    assert not bake.has_lightmaps(scene)
+    assert len(bake.lightmaps(scene)) == 7
+    assert [folder.suffix for folder in (tmp_path / "cache" / "lightmaps").iterdir()] == [""]

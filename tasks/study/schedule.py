@@ -111,14 +111,27 @@ def _connected(address: str) -> Iterator[Client]:
         ) from None
     if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
         raise StudyError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
+    with _quiet("distributed", "distributed.client"):  # our errors say it in a line
+        try:
+            client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise StudyError(
+                f"--scheduler: found no Dask scheduler at {address}: {str(error).splitlines()[0]}"
+            ) from None
+        with client:
+            yield client
+
+
+@contextmanager
+def _quiet(*names: str) -> Iterator[None]:
+    levels = {name: logging.getLogger(name).level for name in names}
     try:
-        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise StudyError(
-            f"--scheduler: found no Dask scheduler at {address}: {str(error).splitlines()[0]}"
-        ) from None
-    with client:
-        yield client
+        for name in names:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 class _Cluster:
