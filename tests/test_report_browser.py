@@ -50,10 +50,11 @@ LOW_CONTRAST = """(() => {
   return low;
 })()"""
 
-# What is focused, in words, and whether that can be seen.
+# What is focused, in words, and whether that can be seen; nothing once all have had their turn.
 FOCUSED = """(() => {
   const one = document.activeElement, style = getComputedStyle(one);
-  if (one === document.body) return null;
+  if (one === document.body || one.dataset.reached) return null;
+  one.dataset.reached = true;
   const ring = one.ownerSVGElement?.querySelector(".ring");
   const seen = ring ? ring.getAttribute("visibility") === "visible"
     : style.outlineStyle !== "none" && parseFloat(style.outlineWidth) > 0;
