@@ -19,6 +19,7 @@ from sensor.errors import EventError, SensorError
 from tasks.errors import StudyError, TaskError
 from tasks.study.compute_part import ComputedPart, compute_part
 from tasks.study.config import STAGE_VERSIONS
+from tasks.study.cost import cost
 from tasks.study.parts import Part, check_methods
 
 if TYPE_CHECKING:
@@ -153,7 +154,7 @@ class _Cluster:
     ) -> Iterator[tuple[Part, ComputedPart]]:
         from distributed import as_completed
 
-        part_of = {self._submit(task, -k): task.part for k, task in enumerate(tasks)}
+        part_of = {self._submit(task): task.part for task in tasks}
         on_progress(0, f"workers: {self.worker_count()}")
         for done, future in enumerate(as_completed(part_of, loop=self._client.loop), start=1):
             part = part_of.pop(future)
@@ -161,13 +162,13 @@ class _Cluster:
             future.release()
             on_progress(done, f"workers: {self.worker_count()}")
 
-    def _submit(self, task: Task, priority: int) -> Future:
+    def _submit(self, task: Task) -> Future:
         return self._client.submit(
             _entry(),
             _order(task),
             _versions(),
             key=f"eres-{task.part.key}-{'shown' if task.shown else 'rows'}",
-            priority=priority,
+            priority=round(cost([task.part]).seconds),  # the longest first, so that none is last
             retries=_RETRIES,
         )
 

@@ -1,0 +1,113 @@
+"""How a study scales over workers: the same small parts on one and on two, each on one core.
+
+Both clusters stand all the time and take turns; every run has another seed of the renderer, so that
+its frames are rendered anew. Workers hold one core each, and one thread of numba's; Dr.Jit always
+has two. Wall times of a busy machine say little. CPU times say what distribution itself costs: the
+workers' per part, and that of client and scheduler, which are this process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pickle
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from distributed import LocalCluster
+
+from eres_render import load_scene
+from tasks.study.compute_part import compute_part
+from tasks.study.config import Study, preset
+from tasks.study.parts import parts
+from tasks.study.run import run_study
+
+
+def study_of(seed: int, resolution: int, samples: int) -> Study:
+    """Preset quick, smaller."""
+    quick = preset("quick")
+    widths = tuple(w for w in quick.simulate.widths if w <= resolution)
+    return replace(
+        quick,
+        render=replace(quick.render, resolution=resolution, samples=samples, seed=seed),
+        simulate=replace(quick.simulate, widths=widths),
+    )
+
+
+def keep_to_cores(cluster: LocalCluster) -> None:
+    """Put each worker of a cluster on a core of its own."""
+    cores = sorted(os.sched_getaffinity(0))
+    for core, nanny in zip(cores, cluster.workers.values(), strict=False):
+        for thread in Path(f"/proc/{nanny.pid}/task").iterdir():
+            os.sched_setaffinity(int(thread.name), {core})
+
+
+def cpu_s(cluster: LocalCluster) -> float:
+    """CPU seconds of all workers so far."""
+    ticks = 0
+    for nanny in cluster.workers.values():
+        stat = Path(f"/proc/{nanny.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        ticks += int(stat[11]) + int(stat[12])
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--resolution", type=int, default=346)
+    parser.add_argument("--samples", type=int, default=8)
+    parser.add_argument("--runs", type=int, default=3)
+    args = parser.parse_args()
+    os.environ["NUMBA_NUM_THREADS"] = "1"
+    counts = (1, 2)
+    with tempfile.TemporaryDirectory() as temporary:
+        os.environ["ERES_CACHE"] = f"{temporary}/cache"
+        clusters = [
+            LocalCluster(n, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL")
+            for n in counts
+        ]
+        for cluster in clusters:
+            keep_to_cores(cluster)
+        seeds = iter(range(1_000_000))
+
+        def run(cluster: LocalCluster, samples: int) -> tuple[float, float, float]:
+            """Wall time, CPU time of the workers and of this process."""
+            seed = next(seeds)
+            began = time.perf_counter(), cpu_s(cluster), time.process_time()
+            study = study_of(seed, args.resolution, samples)
+            run_study(study, Path(temporary) / str(seed), cluster.scheduler_address)
+            ended = time.perf_counter(), cpu_s(cluster), time.process_time()
+            return tuple(end - begin for begin, end in zip(began, ended, strict=True))
+
+        for cluster in clusters:  # imports, compilation, the scene
+            run(cluster, 4)
+        found: dict[int, list[tuple[float, float, float]]] = {n: [] for n in counts}
+        for _ in range(args.runs):
+            for n, cluster in zip(counts, clusters, strict=True):
+                found[n].append(run(cluster, args.samples))
+        for cluster in clusters:
+            cluster.close()
+
+        first = min(wall for wall, _, _ in found[1])
+        print("workers  wall s (each run)            parts/h  ratio  CPU s/part: workers  the rest")
+        for n, runs in found.items():
+            wall = min(one[0] for one in runs)
+            each = " ".join(f"{one[0]:7.1f}" for one in runs)
+            worker, rest = (min(one[k] for one in runs) / args.samples for k in (1, 2))
+            print(
+                f"{n:7d}  {each:28s} {3600 * args.samples / wall:8.0f}  {first / wall:5.2f}"
+                f"  {worker:19.2f}  {rest:8.2f}"
+            )
+
+        study = study_of(0, args.resolution, args.samples)
+        part = parts(study, load_scene("carpet"))[0]
+        for shown in (False, True):
+            computed = compute_part(part, lambda *_: None, shown=shown)
+            size = len(pickle.dumps(computed))
+            kind = "with the report's files" if shown else "rows and costs"
+            print(f"a result of {len(computed.rows)} rows, {kind}: {size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
