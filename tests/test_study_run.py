@@ -236,7 +236,10 @@ def test_frame_cache_is_bounded_and_drops_the_oldest(tmp_path, monkeypatch):
     assert [f.exists() for f in folders] == [True, True, True]
     with frame_cache.frames_folder("a", 1500) as folder:  # used just now: no longer the oldest
         assert folder == folders[0]
+        assert [f.exists() for f in folders] == [True, True, True]  # it needs no more room
+    with frame_cache.frames_folder("d", 1500):
         assert [f.exists() for f in folders] == [True, False, True]
+    with frame_cache.frames_folder("a", 1500):
         frame_cache.make_room(10_000)
         assert [f.exists() for f in folders] == [True, False, False]
     frame_cache.make_room(10_000)

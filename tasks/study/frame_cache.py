@@ -31,7 +31,8 @@ def frames_folder(key: str, needed_bytes: int) -> Iterator[Path]:
     with locked(_lock_file(folder), shared=True):
         if folder.is_dir():
             os.utime(folder)  # used just now
-        make_room(needed_bytes)
+        else:
+            make_room(needed_bytes)
         yield folder
 
 
