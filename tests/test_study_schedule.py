@@ -23,7 +23,7 @@ from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study import schedule as schedule_module
 from tasks.study.compute_part import ComputedPart
-from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking
+from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking, with_method
 from tasks.study.parts import parts
 from tasks.study.run import run_study
 from tasks.study.schedule import Task, schedule
@@ -149,6 +149,21 @@ def test_a_client_that_is_killed_resumes_with_what_workers_had_done(
     options = (cluster.scheduler_address,)
     broken = kill_and_resume(study, tmp_path / "broken", 4, *options)
     assert broken == run_study(study, tmp_path / "unbroken")
+
+
+@pytest.mark.slow
+def test_a_part_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monkeypatch):
+    """Promise: it is given up after some workers, by name, and what others did is kept."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "deadly.py").write_text(
+        "import os\nfrom tasks.reconstruction import ReconstructionSample\n"
+        "def reconstruct(sample: ReconstructionSample):\n    os._exit(1)\n"
+    )
+    study = with_method(tiny_study(scene_folder, samples=1), "deadly:reconstruct")
+    with local_cluster(n_workers=1, threads_per_worker=1, processes=True) as cluster:
+        cluster.scheduler.allowed_failures = 1
+        with pytest.raises(StudyError, match=r"^carpet, clip 0: one worker after another died"):
+            run_study(study, tmp_path / "run", cluster.scheduler_address)
 
 
 def tasks_of(scene_folder):

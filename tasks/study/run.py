@@ -146,7 +146,8 @@ def _progress(part_count: int, found: int) -> Iterator[OnTasks]:
             pace = ""
             if done > 0 and elapsed_s > 0:
                 left = timedelta(seconds=round(elapsed_s * (part_count - found - done) / done))
-                pace = f"{left} left, {3600 * done / elapsed_s:.3g} parts/h"
+                per_hour = 3600 * done / elapsed_s
+                pace = f"{left} left, {per_hour:.{0 if per_hour > 10 else 1}f} parts/h"
             bar.update(
                 task,
                 completed=found + done,

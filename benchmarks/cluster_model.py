@@ -1,0 +1,103 @@
+"""What preset paper would take on many workers, reckoned from the estimates of `tasks.study.cost`.
+
+Workers have one core each, take the longest tasks first, and wait for nothing but each other. The
+second table splits the parts further, as eres does not: frames are rendered ten at a time, and when
+all are there, a task simulates and scores one sensor on one clip.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import replace
+from itertools import product
+
+from eres_render import load_scene
+from tasks.study.config import Simulate, preset
+from tasks.study.cost import cost
+from tasks.study.parts import NOTHING, Part, parts
+
+WORKERS = (1, 2, 8, 32, 81, 1000)
+FRAMES_AT_A_TIME = 10
+
+
+def render_s(part: Part) -> float:
+    """Core seconds of a part's frames."""
+    blind = replace(part, simulate=replace(part.simulate, widths=()), evaluate=NOTHING)
+    return cost([blind], cores=1).seconds
+
+
+def simulate_s(part: Part) -> float:
+    """Core seconds of a part's sensors."""
+    return cost([replace(part, evaluate=NOTHING)], cores=1).seconds - render_s(part)
+
+
+def single_sensors(sensors: Simulate) -> list[Simulate]:
+    """Each sensor at each speed by itself."""
+    axes = (sensors.widths, sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
+    return [
+        replace(
+            sensors,
+            widths=(width,),
+            cutoffs_hz=(cutoff,),
+            contrast_thresholds=(threshold,),
+            speeds=(speed,),
+        )
+        for width, cutoff, threshold, speed in product(*axes)
+    ]
+
+
+def longest_first_s(tasks_s: list[float], workers: int) -> float:
+    """When the last of the tasks is done."""
+    free_s = [0.0] * workers
+    for task_s in sorted(tasks_s, reverse=True):
+        heapq.heappush(free_s, heapq.heappop(free_s) + task_s)
+    return max(free_s)
+
+
+def main() -> None:
+    study = preset("paper")
+    work = [part for name in study.scenes for part in parts(study, load_scene(name))]
+    total_s = cost(work, cores=1).seconds
+
+    kinds: dict[tuple[str, str], list[Part]] = {}
+    for part in work:
+        fast = "fast samples" if part.simulate.speeds != study.simulate.speeds else "samples"
+        kind = "video" if part.evaluate.video.methods else fast
+        kinds.setdefault((part.scene.name, kind), []).append(part)
+    print("core minutes of one part          parts  frames    GB  render  simulate  score    all")
+    for (scene, kind), found in kinds.items():
+        one = cost(found[:1], cores=1)
+        stages = render_s(found[0]), simulate_s(found[0])
+        minutes = (*stages, one.seconds - sum(stages), one.seconds)
+        print(
+            f"{scene:10s} {kind:22s} {len(found):5d} {one.frames:7d} {one.disk_bytes / 1e9:5.2f}"
+            + "".join(f"{s / 60:{w}.1f}" for s, w in zip(minutes, (8, 10, 7, 7), strict=True))
+        )
+
+    whole_s = [cost([part], cores=1).seconds for part in work]
+    chunks_s, sensors_s, read_bytes = [], [], 0.0
+    for part in work:
+        one = cost([part], cores=1)
+        chunks = -(-one.frames // FRAMES_AT_A_TIME)
+        chunks_s += [render_s(part) / chunks] * chunks
+        for sensor in single_sensors(part.simulate):
+            alone = replace(part, simulate=sensor)
+            sensors_s.append(cost([alone], cores=1).seconds - render_s(part))
+            read_bytes += one.disk_bytes
+    print(f"\n{total_s / 3600:.1f} core hours; longest task {max(whole_s) / 60:.0f} min")
+    print(
+        f"split: {len(chunks_s)} tasks render, then {len(sensors_s)} simulate and score: up to "
+        f"{max(sensors_s) / 60:.1f} min each; {read_bytes / 1e9:.0f} GB of frames are read in all\n"
+    )
+    print("workers  parts: hours  times as fast    split: hours  times as fast")
+    for n in WORKERS:
+        at_once_s = longest_first_s(whole_s, n)
+        split_s = longest_first_s(chunks_s, n) + longest_first_s(sensors_s, n)
+        print(
+            f"{n:7d}  {at_once_s / 3600:12.2f} {total_s / at_once_s:14.1f}"
+            f"  {split_s / 3600:14.2f} {total_s / split_s:14.1f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
