@@ -167,7 +167,8 @@ def test_a_part_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monk
 
 
 def tasks_of(scene_folder):
-    return [Task(part, False) for part in parts(tiny_study(scene_folder), load_scene(scene_folder))]
+    work = parts(tiny_study(scene_folder), load_scene(scene_folder))
+    return [Task(part, part.key, False) for part in work]
 
 
 def nothing_computed(part, on_progress, *, shown):
@@ -187,7 +188,7 @@ def test_progress_is_of_all_tasks(one_worker, scene_folder, monkeypatch):
         with schedule(address) as computing:
             computed = list(computing.compute(tasks, lambda done, doing, to=said: to.append(done)))
         assert said == pytest.approx(expected)
-        assert {part.key for part, _ in computed} == {task.part.key for task in tasks}
+        assert {task.key for task, _ in computed} == {task.key for task in tasks}
 
 
 def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch):
@@ -224,7 +225,9 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
             patch.setattr(schedule_module, "_versions", asked_then_found.__next__)
             assert refusal(study) == f"found code of versions {here}, expected {other}"
     with monkeypatch.context() as patch:
-        patch.setattr(schedule_module, "_order", lambda task: pickle.dumps((task, "other")))
+        patch.setattr(
+            schedule_module, "_order", lambda task: pickle.dumps(replace(task, key="other"))
+        )
         assert refusal(study).startswith("found other code of a method of your own")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")

@@ -63,19 +63,19 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
         for key, part in work.items():
             is_shown = part is shown[part.scene.name]
             if key not in rows_of or (is_shown and not _is_shown_in(out, part.scene.name)):
-                to_do.append(Task(part, is_shown))
+                to_do.append(Task(part, key, is_shown))
         if to_do:
             _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
         environments = []
         with _progress(len(work), len(work) - len(to_do)) as on_progress:
-            for part, computed in computing.compute(to_do, on_progress):
+            for task, computed in computing.compute(to_do, on_progress):
                 for name, data in computed.files.items():
                     write_bytes(out / name, data)
                 environments.append(computed.environment)
                 found = {"command": command(), **together(environments)}
                 write_bytes(out / "environment.json", _json(found))
-                write_rows(_rows_file(out / "parts", part.key), computed.rows)
-                rows_of[part.key] = computed.rows
+                write_rows(_rows_file(out / "parts", task.key), computed.rows)
+                rows_of[task.key] = computed.rows
     _write_preview_index(out / "previews", list(shown))
     rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)

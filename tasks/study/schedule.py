@@ -36,9 +36,18 @@ _STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A part to compute, and whether the report shows it."""
+    """A part to compute.
+
+    Parameters
+    ----------
+    part, key
+        The key is the part's from when the study began, should a method be edited meanwhile.
+    shown
+        Whether the report shows it.
+    """
 
     part: Part
+    key: str
     shown: bool
 
 
@@ -54,8 +63,8 @@ class Schedule(Protocol):
 
     def compute(
         self, tasks: Sequence[Task], on_progress: OnTasks
-    ) -> Iterator[tuple[Part, ComputedPart]]:
-        """Yield every task's part and what came of it, in any order."""
+    ) -> Iterator[tuple[Task, ComputedPart]]:
+        """Yield every task and what came of it, in any order."""
         ...
 
 
@@ -90,7 +99,7 @@ class _Here:
 
     def compute(
         self, tasks: Sequence[Task], on_progress: OnTasks
-    ) -> Iterator[tuple[Part, ComputedPart]]:
+    ) -> Iterator[tuple[Task, ComputedPart]]:
         for k, task in enumerate(tasks):
 
             def on_part(stage: str, done: int, of: int, k: int = k) -> None:
@@ -98,7 +107,7 @@ class _Here:
                 on_progress(k + begin + share * done / of, f"{stage} {done}/{of}")
 
             on_progress(k, f"loading {task.part.scene.name}")
-            yield task.part, compute_part(task.part, on_part, shown=task.shown)
+            yield task, compute_part(task.part, on_part, shown=task.shown)
         on_progress(len(tasks), "done")
 
 
@@ -151,14 +160,14 @@ class _Cluster:
 
     def compute(
         self, tasks: Sequence[Task], on_progress: OnTasks
-    ) -> Iterator[tuple[Part, ComputedPart]]:
+    ) -> Iterator[tuple[Task, ComputedPart]]:
         from distributed import as_completed
 
-        part_of = {self._submit(task): task.part for task in tasks}
+        task_of = {self._submit(task): task for task in tasks}
         on_progress(0, f"workers: {self.worker_count()}")
-        for done, future in enumerate(as_completed(part_of, loop=self._client.loop), start=1):
-            part = part_of.pop(future)
-            yield part, _result(future, part)
+        for done, future in enumerate(as_completed(task_of, loop=self._client.loop), start=1):
+            task = task_of.pop(future)
+            yield task, _result(future, task.part)
             future.release()
             on_progress(done, f"workers: {self.worker_count()}")
 
@@ -167,14 +176,14 @@ class _Cluster:
             _entry(),
             _order(task),
             _versions(),
-            key=f"eres-{task.part.key}-{'shown' if task.shown else 'rows'}",
+            key=f"eres-{task.key}-{'shown' if task.shown else 'rows'}",
             priority=round(cost([task.part]).seconds),  # the longest first, so that none is last
             retries=_RETRIES,
         )
 
 
 def _order(task: Task) -> bytes:
-    return pickle.dumps((task, task.part.key))
+    return pickle.dumps(task)
 
 
 def _versions() -> dict[str, Any]:
@@ -202,7 +211,7 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedPart | str:
     Parameters
     ----------
     order
-        Task and key of the part, pickled.
+        The task, pickled.
     versions
         Of the code that pickled it.
     """
@@ -216,8 +225,8 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedPart | str:
             )
         if _versions() != versions:
             raise StudyError(f"found code of versions {_versions()}, expected {versions}")
-        task, key = pickle.loads(order)
-        part = _as_found_here(task.part, key)
+        task = pickle.loads(order)
+        part = _as_found_here(task.part, task.key)
         return compute_part(part, lambda stage, done, of: None, shown=task.shown)
     except (RenderError, SensorError, EventError, TaskError) as error:
         return f"worker {worker.address} on {socket.gethostname()}: {error}"
