@@ -78,6 +78,12 @@ def test_rates_and_times_are_those_of_the_parts() -> None:
     ]
     assert table["simulating sensors"][0] == "36 s"
     assert table["simulating sensors"][3] == "100 M pixel-frames/s; 20 Mev/s"
+    assert cells(costs_html([cached]))["rendering"] == [
+        "–",
+        "0\u202f%",
+        "0 frames; 0 M samples",
+        "–; –",
+    ]
     assert table["reading frames"][3] == "50 frames/s"
     # 50 ms an estimate; 20 of them had 0.4 million events.
     assert table["optical flow by photometric flow"] == ["50 ms; 2.5 s / Mev", "60", "26 s"]

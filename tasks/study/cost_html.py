@@ -30,7 +30,8 @@ def costs_html(costs: Sequence[PartCosts]) -> str:
     return (
         f'<p class="lead">Measured while this run was made, {parts} on {cores} '
         f"core{'s' * (cores != '1')}. A rate is that of the middle part, since the first one also "
-        "compiles. Whatever else the machine did at the time is in these numbers.</p>"
+        "compiles. Frames that were in the cache were not rendered again. Whatever else the "
+        "machine did at the time is in these numbers.</p>"
         f"{_stages_html(costs)}<h3>Methods</h3>"
         '<p class="lead">Time of one estimate, which is an image, the flow of a patch or a path, '
         "on one core: the median over a part’s estimates, and over parts. Below it, that time for "
@@ -78,12 +79,13 @@ def _stages_html(costs: Sequence[PartCosts]) -> str:
     body = []
     for stage in _STAGES:
         seconds = sum(stage.seconds(one) for one in costs)
+        time = _time_text(seconds) if seconds else MISSING
         share = f"{100 * seconds / total_s:.0f}&#8239;%" if total_s else MISSING
         columns = list(zip(*(stage.amounts(one) for one in costs), strict=True))
         done = [f"{_number(sum(v for v, _ in column))} {column[0][1]}" for column in columns]
         rates = [_rate_text(column, stage, costs) for column in columns]
         body.append(
-            f'<tr><th scope="row">{stage.name}</th><td>{_time_text(seconds)}</td><td>{share}</td>'
+            f'<tr><th scope="row">{stage.name}</th><td>{time}</td><td>{share}</td>'
             f'<td class="text">{"<br>".join(done)}</td>'
             f'<td class="text">{"<br>".join(rates)}</td></tr>'
         )
