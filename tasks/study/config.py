@@ -246,7 +246,7 @@ PRESETS = {
             ),
             tracking=Tracking(
                 methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
-                sigmas_mm=(5.0, 20.0),  # from 50 mm on most searches fail, slowly
+                sigmas_mm=(20.0,),  # from 50 mm on most searches fail, slowly
                 max_events=50_000,
             ),
             video=Video(

@@ -125,6 +125,8 @@ def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]
     """What each method took on each width, from scores with the width of their sensor."""
     groups: dict[tuple[str, str, str, int], list[Score]] = {}
     for width, score in scored:
+        if score.copied:
+            continue
         groups.setdefault((score.task, score.method, score.variant, width), []).append(score)
     return tuple(
         MethodCost(

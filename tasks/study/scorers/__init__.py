@@ -27,6 +27,7 @@ class Score:
     sample: int | None = None  # where it is not the part's
     events: int = 0  # that the method was given for it
     cpu_s: float = 0.0  # of its thread, for it
+    copied: bool = False  # from another variant, that is the same here
 
 
 class Scorer(Protocol):

@@ -23,11 +23,11 @@ class FlowScorer:
         self._light, self._setting = light, setting
         width = setting.model.width
         self._features = light.features.at(width)
-        self._sides_px = {"": patch_px(width)}
+        # The same patches at 1280 px: they are looked at once.
+        self._variants = {patch_px(width): [""]}
         if light.part.evaluate.flow.native_patch:
-            self._sides_px[NATIVE_PATCH] = patch_px(width, native=True)
-        largest = max(self._sides_px.values())
-        self._kept = patch_mask(self._features.centres_px, largest, width, width)
+            self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
+        self._kept = patch_mask(self._features.centres_px, max(self._variants), width, width)
         self._parts: list[Events] = []
 
     def push(self, events: Events) -> None:
@@ -43,7 +43,7 @@ class FlowScorer:
         initial_px = features.initial_flow_px(config.initial_sigma_px)
         events = concatenate(self._parts)
         self._parts = []
-        for variant, side_px in self._sides_px.items():
+        for side_px, variants in self._variants.items():
             for item in range(len(features)):
                 sample = flow_sample(
                     events,
@@ -61,14 +61,16 @@ class FlowScorer:
                     estimate = method(sample)
                     cpu_s = time.thread_time() - started_s
                     error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
-                    yield Score(
-                        "flow",
-                        name,
-                        "rnepe_px",
-                        error_px,
-                        variant,
-                        item,
-                        estimate.failure,
-                        events=len(sample.t),
-                        cpu_s=cpu_s,
-                    )
+                    for variant in variants:
+                        yield Score(
+                            "flow",
+                            name,
+                            "rnepe_px",
+                            error_px,
+                            variant,
+                            item,
+                            estimate.failure,
+                            events=len(sample.t),
+                            cpu_s=cpu_s,
+                            copied=variant != variants[0],
+                        )
