@@ -23,6 +23,7 @@ from tasks.study.compute_part import compute_part
 from tasks.study.config import Study, preset
 from tasks.study.parts import parts
 from tasks.study.run import run_study
+from tasks.study.schedule import Task
 
 
 def study_of(seed: int, resolution: int, samples: int) -> Study:
@@ -64,7 +65,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         os.environ["ERES_CACHE"] = f"{temporary}/cache"
         clusters = [
-            LocalCluster(n, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL")
+            LocalCluster(
+                n_workers=n, threads_per_worker=1, dashboard_address=":0", silence_logs="CRITICAL"
+            )
             for n in counts
         ]
         for cluster in clusters:
@@ -102,6 +105,9 @@ def main() -> None:
 
         study = study_of(0, args.resolution, args.samples)
         part = parts(study, load_scene("carpet"))[0]
+        print(
+            f"a part on its way to a worker: {len(pickle.dumps(Task(part, part.key, True)))} bytes"
+        )
         for shown in (False, True):
             computed = compute_part(part, lambda *_: None, shown=shown)
             size = len(pickle.dumps(computed))
