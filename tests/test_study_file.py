@@ -61,6 +61,10 @@ def test_light_stands_for_cutoffs(tmp_path):
             r"mine.toml: top level: simulate.widths: found 2560 px, finer than",
         ),
         (
+            'scenes = ["carpet"]\n[simulate]\ncontrast_thresholds = [0.2, 0.2]',
+            r"simulate.contrast_thresholds: found \(0.2, 0.2\), expected each of them once",
+        ),
+        (
             'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [0]',
             r"simulate.cutoffs_hz: found \[0\], expected a list of positive",
         ),

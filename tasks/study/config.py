@@ -198,7 +198,7 @@ class Study:
     Raises
     ------
     StudyError
-        There is no sensor, or one finer than the frames, or a number is not positive.
+        There is no sensor, one twice, or one finer than the frames, or a number is not positive.
     """
 
     name: str
@@ -215,6 +215,8 @@ class Study:
                 raise StudyError(
                     f"simulate.{name}: found {values}, expected one or more positive numbers"
                 )
+            if len(set(values)) < len(values):
+                raise StudyError(f"simulate.{name}: found {values}, expected each of them once")
         if max(sensors.widths) > self.render.resolution:
             raise StudyError(
                 f"simulate.widths: found {max(sensors.widths)} px, finer than render.resolution = "
