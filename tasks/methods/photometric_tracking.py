@@ -15,7 +15,7 @@ beforehand from one that moves.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -37,6 +37,7 @@ RESIDUALS_PER_UNKNOWN = 10  # at least, else there are too few events
 _HUBER_IN_C = 0.5
 _COARSEST_PX = 16  # of the reference view at its coarsest
 _MAX_PASSES = 60  # on one level
+_COARSE_RESIDUALS = 8000  # are enough where the reference view is blurred
 _CONVERGED_PX = 0.02  # a step of less is the last, by the control poses' root mean square
 _CONVERGED_NOISE = 0.1  # and one that gains less than so much of what noise does to the minimum
 _LEAST_INSIDE = 0.5
@@ -70,9 +71,10 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     Events that are late by d are those of the path T(t - d), so events alone cannot tell a delay
     from another path: any d is as good, with the path moved in time. What tells is that the camera
     was at T_0 at time 0, when the reference view was taken. So the path of the late events is
-    estimated first, over the path's duration and `sample.max_delay_us`: `estimate` finds its
-    beginning, and from there the search goes on, hardly blurred. The delay is the time at which it
-    sees what the reference view shows, by the least mean squared distance in the image.
+    estimated first, over the path's duration and `sample.max_delay_us`: its beginning as by
+    `estimate`, but for the finest level, and from there all of it, hardly blurred. The delay is the
+    time at which it sees what the reference view shows, by the least mean squared distance in the
+    image.
 
     Raises
     ------
@@ -84,13 +86,12 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
             f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
             "largest delay to look for"
         )
-    undelayed = estimate(sample)
-    late = _extended(undelayed.path, _Knots.of(sample.initial), sample.max_delay_us)
+    begun, blur_px = _begun(sample)
+    late = _extended(begun, _Knots.of(sample.initial), sample.max_delay_us)
     knots = _Knots.of(late)
     problem, failure = _problem(sample, min(knots.duration_us, _duration_us(sample)))
     if failure:
         return TrackingEstimate(sample.initial, failure)
-    blur_px = _blur_px(sample) if undelayed.failure else _EXTRAPOLATION_PX
     path, diagnostics, failure = _solve(problem, sample, late, knots, blur_px)
     delay_s = _delay_s(sample, path)
     diagnostics = replace(diagnostics, delay_us=1e6 * delay_s)
@@ -181,7 +182,8 @@ def _intrinsics(K: Float64) -> tuple[float, float, float, float]:
 def _joined(problem: _Problem, events: int) -> _Problem:
     """Take so many consecutive events at a pixel as one, with the sum of their polarities.
 
-    What is left over at a pixel's end is one more.
+    What is left over at a pixel's end is one more. If the problem is a coarse one, with more than
+    one, and still large, every so manieth pixel stands for all.
     """
     if events == 1:
         return problem
@@ -189,9 +191,11 @@ def _joined(problem: _Problem, events: int) -> _Problem:
     first = problem.t_before_us < 0
     since_first = number - np.maximum.accumulate(np.where(first, number, 0))
     last = np.append(first[1:], True)
-    kept = np.flatnonzero((since_first % events == 0) | last)
+    joined = (since_first % events == 0) | last
+    every = math.ceil(np.count_nonzero(joined & ~first) / _COARSE_RESIDUALS)
+    kept = np.flatnonzero(joined & (np.cumsum(first) % every == 0))
     first, t_us = first[kept], problem.t_us[kept]
-    total = np.cumsum(problem.p, dtype=np.int64)[kept]
+    total = np.cumsum(problem.p, dtype=np.int64)[kept]  # of a pixel's first it is of no account
     return replace(
         problem,
         x=problem.x[kept],
@@ -297,22 +301,28 @@ def _accumulate(
     )
 
 
+def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
+    """A path without delay, without the finest detail; by how many pixels of the image it is off.
+
+    It is the initial one where the search does not converge.
+    """
+    knots = _Knots.of(sample.initial)
+    problem, failure = _problem(sample, knots.duration_us)
+    if not failure:
+        levels = list(pyramid(sample.log_image, sample.camera.K, _blur_px(sample)))
+        coarse = levels[:-1] or levels
+        path, _, _, converged = _search(problem, sample, sample.initial, knots, coarse)
+        if converged:
+            return path, _EXTRAPOLATION_PX
+    return sample.initial, _blur_px(sample)
+
+
 def _solve(
     problem: _Problem, sample: TrackingSample, path: Trajectory, knots: _Knots, blur_px: float
 ) -> tuple[Trajectory, TrackingDiagnostics, str]:
-    """Search from level to level; the path, how it went, and why it failed or ""."""
-    passes, converged = 0, False
-    state = _Sum(math.nan, np.empty(0), np.empty((0, 0)), 0)
-    for level in pyramid(sample.log_image, sample.camera.K, blur_px):
-        path, state, used, converged = _levenberg_marquardt(
-            _joined(problem, level.events),
-            level,
-            sample.contrast_threshold,
-            path,
-            knots.interval_us,
-            _distance_m(sample),
-        )
-        passes += used
+    """Search from coarse to fine; the path, how it went, and why it failed or ""."""
+    levels = pyramid(sample.log_image, sample.camera.K, blur_px)
+    path, state, passes, converged = _search(problem, sample, path, knots, levels)
     diagnostics = TrackingDiagnostics(
         state.cost / problem.residuals, passes, problem.residuals, state.outside
     )
@@ -325,6 +335,29 @@ def _solve(
     if diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
         return path, diagnostics, "explains the events no better than standing still"
     return path, diagnostics, "" if converged else f"no convergence in {passes} passes"
+
+
+def _search(
+    problem: _Problem,
+    sample: TrackingSample,
+    path: Trajectory,
+    knots: _Knots,
+    levels: Iterable[_Level],
+) -> tuple[Trajectory, _Sum, int, bool]:
+    """Go down from level to level: as `_levenberg_marquardt` on the last, with all passes."""
+    passes, converged = 0, False
+    state = _Sum(math.nan, np.empty(0), np.empty((0, 0)), 0)
+    for level in levels:
+        path, state, used, converged = _levenberg_marquardt(
+            _joined(problem, level.events),
+            level,
+            sample.contrast_threshold,
+            path,
+            knots.interval_us,
+            _distance_m(sample),
+        )
+        passes += used
+    return path, state, passes, converged
 
 
 def _levenberg_marquardt(
