@@ -417,19 +417,27 @@ def _by(rows: list[Row], *fields: str) -> dict[tuple[str, ...], list[Row]]:
     return groups
 
 
+_AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
+
+
 @command
 def study(
     out: Path,
     file: Annotated[
-        Positional[Path | None], arg(metavar="STUDY.toml", help="a study of your own")
+        Positional[Path | None],
+        arg(
+            metavar="[STUDY.toml]",
+            help="a study of your own, in place of a preset",
+            help_behavior_hint="",
+        ),
     ] = None,
     preset: str = "quick",
-    scenes: tuple[str, ...] = (),
-    samples: int | None = None,
-    spp: int | None = None,
-    resolution: int | None = None,
-    method: tuple[str, ...] = (),
-    scheduler: str | None = None,
+    scenes: Annotated[tuple[str, ...], _AS_IN_STUDY] = (),
+    samples: Annotated[int | None, _AS_IN_STUDY] = None,
+    spp: Annotated[int | None, _AS_IN_STUDY] = None,
+    resolution: Annotated[int | None, _AS_IN_STUDY] = None,
+    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
+    scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
 ) -> None:
     """Ask which resolution serves a task best: render, simulate, evaluate, report.
 
@@ -440,14 +448,12 @@ def study(
         out: Folder of the run.
         preset: Which study, if not one of your own. "quick": carpet, 5 resolutions, 3 cutoffs, 3
             speeds, a few samples. "paper": three scenes, 20 samples of each, all methods; hours.
-        scenes: Names or folders of scenes, instead of the preset's.
-        samples: How many samples along each path, instead of the preset's.
-        spp: Samples per pixel of the render, instead of the preset's.
-        resolution: Side of the rendered frames, px, instead of the preset's; sensors that are
-            finer are left out.
-        method: Methods of your own besides the preset's, each as package.module:function.
-        scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the parts;
-            by default this process does.
+        scenes: Names or folders of scenes.
+        samples: How many samples along each path.
+        spp: Samples per pixel of the render.
+        resolution: Side of the rendered frames, px; sensors that are finer are left out.
+        method: Methods of your own, as well as the study's, each as package.module:function.
+        scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the parts.
     """
     from dataclasses import replace
 
