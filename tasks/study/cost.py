@@ -18,13 +18,13 @@ from tasks.study.parts import Part
 _IMAGE_MOTION_PX_S = 575  # of the fastest part of a 1280 px image, at base speed
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
 _RENDER_SAMPLES_PER_S = 60e6  # both cores together
-_SIMULATE_NS_PER_PX = 12  # pixel-frame of one sensor at one speed, one core
+_SIMULATE_NS_PER_PX = 19  # pixel-frame of one sensor at one speed, one core; keeping events too
 _SCORE_S = {  # of one item at 1280 px and at base speed, one core
     "reconstruction": 0.01,
-    "flow": 0.02,
-    "tracking": 1.5,
+    "flow": 0.015,
     "video": 0.25,
 }
+_TRACKING_US_PER_EVENT = 10  # of the most that a method gets, at any width, baselines counted too
 _CORES_MEASURED_ON = 2
 
 
@@ -77,25 +77,32 @@ def _frames(part: Part) -> int:
     return 2 + round(seconds * motion_px_s / part.render.max_displacement_px)
 
 
-def _sensor_pixels(part: Part) -> int:
+def _settings(part: Part) -> int:
+    """How many sensors of each width."""
     sensors = part.simulate
-    settings = math.prod(
+    return math.prod(
         len(axis) for axis in (sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
     )
-    return settings * sum(width**2 for width in sensors.widths)
+
+
+def _sensor_pixels(part: Part) -> int:
+    return _settings(part) * sum(width**2 for width in part.simulate.widths)
 
 
 def _score_s(part: Part) -> float:
-    share = _sensor_pixels(part) / 1280**2  # scores cost about as much as there are pixels
-    return share * sum(_SCORE_S[task] * items for task, items in _items(part.evaluate).items())
+    share = _sensor_pixels(part) / 1280**2  # most scores cost about as much as there are pixels
+    others_s = share * sum(_SCORE_S[task] * items for task, items in _items(part.evaluate).items())
+    tracking = part.evaluate.tracking
+    searches = len(tracking.methods) * len(tracking.sigmas_mm)
+    searches *= _settings(part) * len(part.simulate.widths)
+    return others_s + 1e-6 * _TRACKING_US_PER_EVENT * tracking.max_events * searches
 
 
 def _items(evaluate: Evaluate) -> dict[str, int]:
-    flow, tracking, video = evaluate.flow, evaluate.tracking, evaluate.video
+    flow, video = evaluate.flow, evaluate.video
     images = round((video.duration_s - video.run_in_s) / video.every_s)
     return {
         "reconstruction": len(evaluate.reconstruction.methods),
         "flow": len(flow.methods) * flow.features * (1 + flow.native_patch),
-        "tracking": len(tracking.methods) * len(tracking.sigmas_mm),
         "video": len(video.methods) * images,
     }
