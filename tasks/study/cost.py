@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from tasks.study.config import Evaluate
 from tasks.study.parts import Part
 
-_IMAGE_MOTION_PX_S = 575  # of the fastest part of a 1280 px image, at base speed
+_IMAGE_MOTION_PX_S = 665  # of the fastest part of a 1280 px image, at base speed, on average
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
 _RENDER_SAMPLES_PER_S = 60e6  # both cores together
 _SIMULATE_NS_PER_PX = 19  # pixel-frame of one sensor at one speed, one core; keeping events too
