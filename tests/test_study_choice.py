@@ -44,16 +44,16 @@ def test_a_tie_needs_samples_that_do_not_tell_the_widths_apart() -> None:
 
 
 def test_doing_nothing_is_what_a_choice_is_worth() -> None:
-    """The best beats doing nothing by 0.5 dB, or is beaten by it by as much."""
+    """Worthwhile is to beat doing nothing by more than 0.1 dB, which is 20.5, 20.95 or 21.5 dB."""
     rows = [row(w, i, v + i) for w, v in {640: 20.0, 1280: 21.0}.items() for i in range(3)]
-    for nothing, worthwhile in ((20.5, True), (21.5, False)):
+    for nothing, worthwhile in ((20.5, True), (20.95, False), (21.5, False)):
         idle = [
             replace(row(640, i, nothing + i), method="no_events", event_rate_hz=0.0)
             for i in range(3)
         ]
         choice = choose(Scores(rows + idle), EI, "carpet", math.inf, 1.0)
         assert choice is not None
-        assert choice.gain == pytest.approx(0.5)
+        assert choice.gain == pytest.approx(abs(21.0 - nothing))
         assert choice.worthwhile is worthwhile
 
 

@@ -34,8 +34,8 @@ class Choice:
         carries, and what they take of it. None where no bus carries any.
     nothing
         Median score of doing nothing, None where it was not run.
-    higher_is_better
-        Whether a higher score is a better one.
+    metric
+        Of the scores.
     """
 
     scene: str
@@ -48,7 +48,7 @@ class Choice:
     tied: int | None
     on_bus: Load | None
     nothing: float | None
-    higher_is_better: bool
+    metric: Metric
 
     @property
     def loss(self) -> float:
@@ -62,11 +62,11 @@ class Choice:
 
     @property
     def worthwhile(self) -> bool:
-        """Whether the best width beats doing nothing."""
+        """Whether the best width beats doing nothing by more than is negligible."""
         if self.nothing is None:
             return True
-        best = self.scores[self.best]
-        return best > self.nothing if self.higher_is_better else best < self.nothing
+        gain = self.metric.sign * (self.scores[self.best] - self.nothing)
+        return gain > self.metric.negligible
 
     def saving(self, width: int) -> float | None:
         """Events at `width` for each event at `enough`, None where `enough` has no events."""
@@ -111,7 +111,7 @@ def choose(
         tied=tied,
         on_bus=on_bus,
         nothing=scores.baseline(series, Condition(scene, best, cutoff_hz, speed)).median,
-        higher_is_better=metric.higher_is_better,
+        metric=metric,
     )
 
 
