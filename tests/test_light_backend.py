@@ -2,28 +2,21 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+import another_process
 from eres_render import BackendError, backend
 
-ROOT = Path(__file__).parent.parent
 BAD_LLVM = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so")
 
 
 def run_python(code, tmp_path, **environment):
     """Run code in a fresh process with its own cache; return (stdout, stderr)."""
-    run = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | {"ERES_CACHE": str(tmp_path), "PYTHONPATH": str(ROOT)} | environment,
-        capture_output=True,
-        text=True,
-        timeout=120,
+    run = another_process.run_python(
+        code, timeout_s=120, **{"ERES_CACHE": str(tmp_path)} | environment
     )
-    assert run.returncode == 0, run.stderr
     return run.stdout, run.stderr
 
 

@@ -1,18 +1,14 @@
 """Colour: dropped before light travels, alike in every variant."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from another_process import run_python
 from eres_render import Renderer, load_scene
 from light_scenes import drop_textures, edit_scene
 
-ROOT = Path(__file__).parent.parent
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 RED = np.array([0.6, 0.2, 0.1])
 BLUISH = np.array([1.0, 2.0, 4.0])
@@ -61,14 +57,7 @@ def test_every_variant_sees_the_product_of_luminances(red_floor):
         "f = Renderer(s, 8, 4096, integrator='path').frame(s.trajectory().pose(1.0));"
         "print(json.dumps(f.tolist()))"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code, str(red_floor)],
-        env=os.environ | {"ERES_VARIANT": "scalar_rgb", "PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    run = run_python(code, red_floor, timeout_s=120, ERES_VARIANT="scalar_rgb")
     scalar = np.array(json.loads(run.stdout))
     scene = load_scene(red_floor)
     here = Renderer(scene, 8, 4096, integrator="path").frame(scene.trajectory().pose(1.0))

@@ -1,21 +1,17 @@
 """On a machine with an NVIDIA GPU: it is used, and shows what every other machine shows."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from another_process import run_python
 from eres_render import Renderer, load_scene
 from eres_render.backend import select_variant
 from eres_render.bake import lightmaps
 from eres_render.irradiance import irradiance_maps
 
 pytestmark = pytest.mark.gpu
-ROOT = Path(__file__).parent.parent
 
 
 def test_the_gpu_is_chosen_first():
@@ -31,14 +27,7 @@ def test_a_frame_is_that_of_a_machine_without_a_gpu(integrator):
         "f = Renderer(s, 16, 256, integrator=sys.argv[1]).frame(s.trajectory().pose(1.0));"
         "print(json.dumps(f.tolist()))"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code, integrator],
-        env=os.environ | {"ERES_VARIANT": "scalar_rgb", "PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    run = run_python(code, integrator, timeout_s=300, ERES_VARIANT="scalar_rgb")
     scene = load_scene("carpet")
     here = Renderer(scene, 16, 256, integrator=integrator).frame(scene.trajectory().pose(1.0))
     error = np.log(here) - np.log(np.array(json.loads(run.stdout)))

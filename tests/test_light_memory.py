@@ -1,13 +1,11 @@
 """Long sequences render in memory that does not grow."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
+from another_process import run_python
+
 RENDER = """
 import sys
 from pathlib import Path
@@ -34,13 +32,7 @@ print(at["total"], at["early"], resident_kib())
 
 def growth(folder, duration_s, early_frame):
     """Number of frames of a 64 px carpet sequence, and memory at its end over that early on."""
-    run = subprocess.run(
-        [sys.executable, "-c", RENDER, "carpet", str(folder), str(duration_s), str(early_frame)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
+    run = run_python(RENDER, "carpet", folder, duration_s, early_frame)
     total, early_kib, end_kib = map(int, run.stdout.split())
     return total, end_kib / early_kib
 

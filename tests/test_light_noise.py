@@ -3,14 +3,13 @@
 import importlib.util
 import json
 import logging
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from another_process import run_python
 from eres_render import (
     Clip,
     Noise,
@@ -134,13 +133,7 @@ def test_repeats_are_the_same_light_by_scalar_code(renderer, shiny_room):
         "pixels = np.array([100, 1176, 2000]);"
         "print(json.dumps(r.repeats(r.trajectory.pose(1.0), pixels, 256).tolist()))"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code, str(shiny_room.folder)],
-        env=os.environ | {"ERES_VARIANT": "scalar_rgb", "PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
+    run = run_python(code, shiny_room.folder, ERES_VARIANT="scalar_rgb")
     scalar = np.array(json.loads(run.stdout))
     here = renderer.repeats(renderer.trajectory.pose(1.0), np.array([100, 1176, 2000]), 256)
     np.testing.assert_allclose(scalar.mean(axis=0), here.mean(axis=0), rtol=0.04)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from another_process import run_python
 from eres_render import (
     Clip,
     Renderer,
@@ -132,13 +133,7 @@ def test_a_scalar_machine_does_the_whole_job(tmp_path):
         "render_clip(r, Clip(0, 0.24, 0.25, 0.26), Path(sys.argv[1]), 1.0)"
     )
     clip = tmp_path / "clip"
-    subprocess.run(
-        [sys.executable, "-c", code, str(clip)],
-        env=os.environ | {"DRJIT_LIBLLVM_PATH": "/nonexistent", "PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-        timeout=120,
-    )
+    run_python(code, clip, timeout_s=120, DRJIT_LIBLLVM_PATH="/nonexistent")
     scalar = open_sequence(clip)
     assert scalar.manifest.variant == "scalar_rgb"
     here = Renderer(load_scene("carpet"), 24, 64).frame(scalar.T_world_cam[0])
@@ -157,14 +152,7 @@ def test_one_core_renders_the_same_frame_and_white(small_carpet, renderer, pose)
         "r = Renderer(load_scene(sys.argv[1]), 64, 9)\n"
         "print(r.white_level.hex(), r.frame(r.trajectory.pose(1.0)).tobytes().hex())"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code, str(small_carpet.folder)],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        check=True,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    run = run_python(code, small_carpet.folder, timeout_s=120)
     white, frame = run.stdout.split()
     assert white == renderer.white_level.hex()
     assert frame == renderer.frame(pose).tobytes().hex()
