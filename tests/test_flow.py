@@ -119,6 +119,32 @@ def test_a_slow_sensor_moves_the_flow_and_a_delay_explains_most_of_it():
     assert np.median(delays) == pytest.approx(delay, rel=0.02)
 
 
+def test_a_search_on_blurred_events_goes_on_to_the_minimum():
+    """Promise: a search is not given up while it goes down, to be scored as where it started.
+
+    A sensor that is much slower than its texture contradicts the image everywhere: the cost is
+    rough, and Levenberg-Marquardt takes many small steps.
+    """
+    moving = translating_texture(cutoff_hz=25.0, warmup_s=0.04)
+    around = [np.array([x, y, 0.0, 0.0]) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
+    minima = 0
+    for sample in samples(moving, 30, 3 * WIDTH / 1280):
+        answer = photometric_flow.estimate(sample)
+        assert answer.failure in ("", "search ended beyond its bound")
+        if answer.failure:
+            continue
+        columns = [sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p]
+        events = np.stack(columns, axis=1)[np.isfinite(sample.t_before)]
+
+        def cost(unknowns, events=events, L=sample.log_image):
+            return photometric_flow.normal_equations(events, L, unknowns)[0]
+
+        found = np.array([*answer.flow, 1 / C, 0.0])
+        minima += 1
+        assert cost(found) <= min(cost(found + 0.1 * step) for step in around)
+    assert minima > 15
+
+
 def test_contrast_need_not_be_known(translating):
     """Promise: the scale-free objective gives the same flow whatever C the sample claims."""
     (sample,) = samples(translating, 1, 1.0)

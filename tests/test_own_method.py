@@ -4,7 +4,7 @@ import pytest
 
 from docs_page import follow
 from tasks.errors import TaskError
-from tasks.methods import code_of, load_method, task_of
+from tasks.methods import METHOD_VERSIONS, code_of, load_method, task_of
 from tasks.row import read_rows
 
 
@@ -24,14 +24,19 @@ def test_a_method_of_ones_own_is_scored_beside_ours(page):
 
 
 def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
-    """Promise: an edit of the method's file is noticed, so old scores are not taken for its own."""
+    """Promise: an edit of the method's file is noticed, so old scores are not taken for its own.
+
+    Of our methods it is their number.
+    """
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "edited_method.py"
     file.write_text("def estimate(sample): ...\n")
-    before = code_of(["photometric_flow", "edited_method:estimate"])
+    before = code_of(["contrast_maximization", "edited_method:estimate"])
     file.write_text("def estimate(sample): return 1\n")
     assert list(before) == ["edited_method:estimate"]
     assert code_of(["edited_method:estimate"]) != before
+    monkeypatch.setitem(METHOD_VERSIONS, "contrast_maximization", 2)
+    assert code_of(["contrast_maximization"]) == {"contrast_maximization": "2"}
 
 
 def test_methods_that_are_not_there_are_refused(tmp_path, monkeypatch):

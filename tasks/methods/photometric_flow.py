@@ -26,7 +26,7 @@ MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
 DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
 BOUND_SIGMAS = 4.0
-_MAX_STEPS = 60
+_MAX_STEPS = 1000  # fine texture under a slow sensor takes 100 to 300
 _CONVERGED_PX = 1e-3
 
 

@@ -17,6 +17,7 @@ from eres_render import load_scene
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks.errors import StudyError, TaskError
+from tasks.methods import METHOD_VERSIONS
 from tasks.study.compute_part import ComputedPart, compute_part
 from tasks.study.config import STAGE_VERSIONS
 from tasks.study.cost import cost
@@ -187,7 +188,7 @@ def _order(task: Task) -> bytes:
 
 
 def _versions() -> dict[str, Any]:
-    return {"eres": version("eres"), **STAGE_VERSIONS}
+    return {"eres": version("eres"), **STAGE_VERSIONS, **METHOD_VERSIONS}
 
 
 def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
