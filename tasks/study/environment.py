@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+_CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
 PACKAGES = ("eres", "numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
 
 
@@ -32,20 +33,29 @@ def environment(variant: str) -> dict[str, str]:
 
 
 def _git_commit() -> str | None:
-    """Commit of the checkout that this file lies in; None in an installed wheel."""
+    """Commit of the checkout that this file lies in; None in an installed wheel.
+
+    It is "dirty" where the code has been changed since: a run's own folder may lie in the checkout.
+    """
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
+    commit = _git(root, "rev-parse", "--short=12", "HEAD")
+    changes = _git(root, "status", "--porcelain", "--", *_CODE)
+    if commit is None or changes is None:
+        return None
+    return f"git {commit}-dirty" if changes else f"git {commit}"
+
+
+def _git(root: Path, *arguments: str) -> str | None:
+    """What git says of a checkout; None where it cannot be asked."""
     try:
         run = subprocess.run(
-            ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=12"],
-            capture_output=True,
-            text=True,
-            timeout=10,
+            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10
         )
     except (OSError, subprocess.TimeoutExpired):
         return None
-    return f"git {run.stdout.strip()}" if run.returncode == 0 else None
+    return run.stdout.strip() if run.returncode == 0 else None
 
 
 def _processor() -> str:

@@ -1,0 +1,34 @@
+"""What a run says of where it was computed."""
+
+import importlib.util
+import subprocess
+from pathlib import Path
+
+from tasks.study import environment
+
+
+def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
+    """Promise: the commit that a run names is that of its code, and "dirty" is its code alone."""
+    copy = tmp_path / "tasks" / "study" / "environment.py"
+    copy.parent.mkdir(parents=True)
+    copy.write_text(Path(environment.__file__).read_text())
+
+    def git(*arguments):
+        identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        command = ["git", "-C", str(tmp_path), *identity, *arguments]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    git("init")
+    git("add", ".")
+    git("commit", "-m", "code")
+    spec = importlib.util.spec_from_file_location("copied_environment", copy)
+    copied = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(copied)
+    commit = f"git {git('rev-parse', '--short=12', 'HEAD')}"
+    variant = "scalar_rgb"
+    assert copied.environment(variant)["code"] == commit
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "rows.parquet").write_text("")
+    assert copied.environment(variant)["code"] == commit
+    copy.write_text(copy.read_text() + "\n")
+    assert copied.environment(variant)["code"] == f"{commit}-dirty"
