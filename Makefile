@@ -10,8 +10,9 @@ BIN := .venv/bin
 demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
 
+# Two files at a time: each may hold a scene of a gigabyte.
 test: .venv/.dev .venv/.llvm
-	$(BIN)/pytest -q
+	$(BIN)/pytest -q -n 2 --dist loadfile
 
 test-slow: .venv/.dev .venv/.llvm
 	$(BIN)/pytest -q -m slow
