@@ -7,6 +7,7 @@ import logging
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -569,12 +570,16 @@ def _show_claims(run: Path) -> None:
         Status.DOES_NOT_HOLD: "[red]does not hold[/red]",
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
-    table = Table("", "claim", "here", "ours", "paper", box=None, pad_edge=False)
     found = by_threshold(read_rows(run / "rows.parquet"))
-    for verdict in judge_all(found[0], read_scaling(run / "scaling")):
-        cells = (verdict.title, marks[verdict.status], escape(verdict.ours), escape(verdict.paper))
-        table.add_row(str(verdict.number), *cells)
-    _out.print(table)
+    verdicts = judge_all(found[0], read_scaling(run / "scaling"))
+    for verdict in verdicts:
+        _out.print(f"\n{verdict.number:2} {marks[verdict.status]}: {escape(verdict.title)}")
+        table = Table(box=None, show_header=False, pad_edge=False)
+        table.add_row("   ours", escape(verdict.ours))
+        table.add_row("   paper", escape(verdict.paper))
+        _out.print(table)
+    counts = Counter(verdict.status for verdict in verdicts)
+    _out.print("\n" + ", ".join(f"{mark}: {counts[status]}" for status, mark in marks.items()))
     if note := threshold_note(found):
         _out.print(note, highlight=False)
 
