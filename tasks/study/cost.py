@@ -1,7 +1,7 @@
 """What a study will cost, said before it starts: frames, disk and time.
 
 A rough estimate: how fast a scene moves and how many events it makes is known only afterwards. The
-constants were measured on the carpet with two cores of a virtual AMD EPYC server and LLVM; a part's
+constants are of the paper preset, on two cores of a virtual AMD EPYC server and LLVM; a part's
 progress bar corrects them as it goes.
 """
 
@@ -15,16 +15,16 @@ from dataclasses import dataclass
 from tasks.study.config import Evaluate
 from tasks.study.parts import Part
 
-_IMAGE_MOTION_PX_S = 665  # of the fastest part of a 1280 px image, at base speed, on average
+_IMAGE_MOTION_PX_S = 700  # of the fastest part of a 1280 px image, at base speed, on average
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
-_RENDER_SAMPLES_PER_S = 60e6  # both cores together
-_SIMULATE_NS_PER_PX = 19  # pixel-frame of one sensor at one speed, one core; keeping events too
+_RENDER_SAMPLES_PER_S = 55e6  # both cores together
+_SIMULATE_NS_PER_PX = 16  # pixel-frame of one sensor at one speed, one core; keeping events too
 _SCORE_S = {  # of one item at 1280 px and at base speed, one core
     "reconstruction": 0.01,
-    "flow": 0.015,
-    "video": 0.25,
+    "flow": 0.04,
+    "video": 0.4,
 }
-_TRACKING_US_PER_EVENT = 10  # of the most that a method gets, at any width, baselines counted too
+_TRACKING_US_PER_EVENT = 12  # of the most that a method gets, at any width, baselines counted too
 _CORES_MEASURED_ON = 2
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
-from sensor import stream_bank
+from sensor import Events, stream_bank
 from tasks.row import Row
 from tasks.study.costs import MethodCost, PartCosts
 from tasks.study.exhibit import Exhibit, ExhibitCollector
@@ -82,19 +82,22 @@ def evaluate_part(
     events_of_all = stream_bank(
         frames(), sequence.t_s, [s.model for s in settings], speeds=[s.speed for s in settings]
     )
-    for i, events in events_of_all:
-        came_s = time.perf_counter()
-        fired += len(events)
+
+    def collect(i: int, events: Events) -> None:
         counts[i] += len(events.between(settings[i].start_us, settings[i].end_us))
         for scorer in scorers[i]:
             scorer.push(events)
         if collector:
             collector.push(settings[i], events)
-        collecting_s += time.perf_counter() - came_s
 
-    simulated_s = time.perf_counter()
     rows, scored_of_all = [], []
     with ThreadPoolExecutor(cores) as workers:
+        for batch in _batches(events_of_all):
+            came_s = time.perf_counter()
+            fired += sum(len(events) for events in batch.values())
+            list(workers.map(collect, batch, batch.values()))
+            collecting_s += time.perf_counter() - came_s
+        simulated_s = time.perf_counter()
         scored = workers.map(lambda those: [s for one in those for s in one.scores()], scorers)
         for done, (setting, count, scores) in enumerate(
             zip(settings, counts, scored, strict=True), start=1
@@ -119,6 +122,17 @@ def evaluate_part(
         methods=_method_costs(scored_of_all),
     )
     return PartResult(rows, costs, collector.exhibit(light) if collector else None)
+
+
+def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:
+    """Next events of as many sensors as come before one has more of them, by the sensor's index."""
+    batch: dict[int, Events] = {}
+    for i, events in events_of_all:
+        if i in batch:
+            yield batch
+            batch = {}
+        batch[i] = events
+    yield batch
 
 
 def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]:

@@ -172,8 +172,9 @@ def judge_scenes(
             outcomes[scene], text = None, missing
         else:
             outcomes[scene], text = check(scene, cells)
+        judged_text, *asides = text.split("\n")
         failed = " (does not hold)" if outcomes[scene] is False else ""
-        texts.append(f"{scene}: {text}{failed}")
+        texts += [f"{scene}: {judged_text}{failed}", *asides]
     where = f" on {join_words(scenes, 'or')}" if scenes else ""
     ours = "\n".join(texts) or f"no rows of {series.name}{where}"
     judged = [scene for scene in run if outcomes[scene] is not None]
