@@ -22,7 +22,7 @@ _SIMULATE_NS_PER_PX = 16  # pixel-frame of one sensor at one speed, one core; ke
 _SCORE_S = {  # of one item at 1280 px and at base speed, one core
     "reconstruction": 0.01,
     "flow": 0.04,
-    "video": 0.4,
+    "video": 1.2,
 }
 _TRACKING_US_PER_EVENT = 12  # of the most that a method gets, at any width, baselines counted too
 _CORES_MEASURED_ON = 2
