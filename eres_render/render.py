@@ -106,6 +106,7 @@ class Renderer:
         if rows == 0 or spp % rows:
             raise RenderError(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")
         self.camera, self.spp = camera, spp
+        self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
         self._camera_parameters = mi.traverse(self._sensor)
 
@@ -207,6 +208,36 @@ class Renderer:
         import drjit as dr
         import mitsuba as mi
 
+        if self.integrator == "baked":
+            ray, weight = self._rays(self._positions(spp, seed, pixels))
+            # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
+            # camera rays run side by side: together nearly twice as fast.
+            si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
+            radiance = si.emitter(self._world).eval(si)
+        else:
+            sampler, position = self._sampled(spp, seed, pixels)
+            ray, weight = self._rays(position)
+            radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
+        means = dr.block_sum((weight * radiance)[0], spp) / spp
+        return np.asarray(means, dtype=np.float32)
+
+    def _positions(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> Any:
+        """Where the samples lie in the image, 0 to 1; kept for the next frame if of all pixels."""
+        import drjit as dr
+
+        if pixels is not None:
+            return self._sampled(spp, seed, pixels)[1]
+        if self._kept_positions is None or self._kept_positions[0] != (spp, seed):
+            position = self._sampled(spp, seed, None)[1]
+            dr.eval(position)  # else every frame would draw its random numbers again
+            self._kept_positions = (spp, seed), position
+        return self._kept_positions[1]
+
+    def _sampled(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> tuple[Any, Any]:
+        """A new sampler, and the positions in the image that it gave first."""
+        import drjit as dr
+        import mitsuba as mi
+
         width, height = self.camera.width, self.camera.height
         n_samples = (width * height if pixels is None else len(pixels)) * spp
         sampler = self._sensor.sampler()
@@ -218,17 +249,12 @@ class Renderer:
         if pixels is not None:
             pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
         corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
-        position = (corner + sampler.next_2d()) / mi.Point2f(width, height)
-        ray, weight = self._sensor.sample_ray(0.0, 0.0, position, mi.Point2f(0.5))
-        if self.integrator == "baked":
-            # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
-            # camera rays run side by side: together nearly twice as fast.
-            si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
-            radiance = si.emitter(self._world).eval(si)
-        else:
-            radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
-        means = dr.block_sum((weight * radiance)[0], spp) / spp
-        return np.asarray(means, dtype=np.float32)
+        return sampler, (corner + sampler.next_2d()) / mi.Point2f(width, height)
+
+    def _rays(self, position: Any) -> tuple[Any, Any]:
+        import mitsuba as mi
+
+        return self._sensor.sample_ray(0.0, 0.0, position, mi.Point2f(0.5))
 
     def _repeats_scalar(
         self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int

@@ -79,6 +79,15 @@ def test_the_same_pose_gives_the_identical_frame(renderer, pose):
     np.testing.assert_array_equal(renderer.frame(pose), renderer.frame(pose))
 
 
+def test_a_frame_does_not_depend_on_the_frames_before(small_carpet, renderer, pose):
+    """Where the samples lie is kept from frame to frame, but not for another seed or `spp`."""
+    fresh = Renderer(small_carpet, 64, 9).frame(pose)
+    _ = renderer.frame(pose, seed=1), renderer.at(spp=4).frame(pose)
+    assert np.array_equal(renderer.frame(pose), fresh)
+    assert np.array_equal(renderer.at(spp=9).frame(pose), fresh)
+    assert not np.array_equal(renderer.frame(pose, seed=1), fresh)
+
+
 def test_radiance_changes_continuously_with_the_pose(renderer, pose):
     """A hundredfold smaller motion makes a far smaller change; fresh noise would not shrink."""
 
