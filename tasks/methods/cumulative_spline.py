@@ -82,8 +82,8 @@ def _multiply(A, B, out):
 
 
 @_jit
-def tabulate(R, p, omega, interval_us, duration_us):
-    """The spline at every microsecond of its duration.
+def tabulate(R, p, omega, interval_us, wanted):
+    """The spline at those microseconds of its duration that are wanted.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ def tabulate(R, p, omega, interval_us, duration_us):
         (M - 1, 3), rotation vectors of `R[j].T @ R[j + 1]`.
     interval_us
         Microseconds from knot to knot.
-    duration_us
-        How many rows to write, at most M - 3 intervals.
+    wanted
+        (T,) bool, T at most M - 3 intervals. Rows of the others are left as they are in memory.
 
     Returns
     -------
@@ -104,8 +104,8 @@ def tabulate(R, p, omega, interval_us, duration_us):
         (T, 52) float64: R(t) row by row, p(t), then for each of the four the weight w with
         dp(t) = w dp_c, then for each the (3, 3) matrix D with delta(t) = D delta_c.
     """
-    segment = np.empty(duration_us, np.int64)
-    table = np.empty((duration_us, COLUMNS))
+    segment = np.empty(wanted.size, np.int64)
+    table = np.empty((wanted.size, COLUMNS))
     before = np.empty((3, 3, 3))  # J_l^-1(Omega_j) R_(j-1)^T of the segment
     J, A, S, next_S, M = (
         np.empty((3, 3)),
@@ -116,7 +116,10 @@ def tabulate(R, p, omega, interval_us, duration_us):
     )
     B = np.empty(3)
     current = -1
-    for row in range(duration_us):
+    # Entry by entry, as views and array expressions would take most of the time.
+    for row in range(wanted.size):
+        if not wanted[row]:
+            continue
         s = int(row / interval_us)
         if s != current:
             current = s
@@ -128,18 +131,17 @@ def tabulate(R, p, omega, interval_us, duration_us):
         B[0] = (5.0 + u * (3.0 + u * (u - 3.0))) / 6.0
         B[1] = (1.0 + u * (3.0 + u * (3.0 - 2.0 * u))) / 6.0
         B[2] = u * u * u / 6.0
-        entry = table[row]
-        D = entry[16:].reshape(4, 3, 3)
         for i in range(3):
-            entry[9 + i] = p[s, i]
+            position = p[s, i]
             for j in range(3):
-                entry[9 + i] += B[j] * (p[s + j + 1, i] - p[s + j, i])
-        entry[12], entry[13] = 1.0 - B[0], B[0] - B[1]
-        entry[14], entry[15] = B[1] - B[2], B[2]
-        S[:] = R[s]  # R_0 Exp(B_1 Omega_1) ... so far
-        D[0] = 0.0
+                position += B[j] * (p[s + j + 1, i] - p[s + j, i])
+            table[row, 9 + i] = position
+        table[row, 12], table[row, 13] = 1.0 - B[0], B[0] - B[1]
+        table[row, 14], table[row, 15] = B[1] - B[2], B[2]
         for i in range(3):
-            D[0, i, i] = 1.0
+            for k in range(3):
+                S[i, k] = R[s, i, k]  # R_0 Exp(B_1 Omega_1) ... so far
+                table[row, 16 + 3 * i + k] = 1.0 if i == k else 0.0
         for j in range(3):
             # M_j = S B_j J_l(B_j Omega_j) J_l^-1(Omega_j) R_(j-1)^T:
             # how the turn of control j against control j - 1 turns R(t), in the world.
@@ -148,12 +150,15 @@ def tabulate(R, p, omega, interval_us, duration_us):
             _polynomial(x, y, z, B[j], B[j] * b, B[j] * c, J)
             _multiply(J, before[j], A)
             _multiply(S, A, M)
-            D[j] -= M
-            D[j + 1] = M
+            for i in range(3):
+                for k in range(3):
+                    D = 16 + 9 * j + 3 * i + k
+                    table[row, D] -= M[i, k]
+                    table[row, D + 9] = M[i, k]
             _polynomial(x, y, z, 1.0, a, b, A)
             _multiply(S, A, next_S)
-            S[:] = next_S
+            S, next_S = next_S, S
         for i in range(3):
             for k in range(3):
-                entry[3 * i + k] = S[i, k]
+                table[row, 3 * i + k] = S[i, k]
     return segment, table

@@ -134,7 +134,7 @@ class _Problem:
     rays: tuple[float, float, float, float]  # focal lengths and principal point of the sensor, px
     reference: tuple[Float64, Float64]  # rotation and position of T_0
     plane: Float64  # (4,) n_x, n_y, n_z, offset
-    duration_us: int
+    seen_us: NDArray[np.bool_]  # (T,) whether there is an event at each microsecond of the path
     residuals: int
 
 
@@ -167,12 +167,18 @@ def _problem(sample: TrackingSample, duration_us: int) -> tuple[_Problem, str]:
         _intrinsics(sample.camera.K),
         (np.ascontiguousarray(sample.T_0[:3, :3]), sample.T_0[:3, 3].copy()),
         np.array([*sample.plane.normal, sample.plane.offset_m]),
-        duration_us,
+        _seen_us(sample.t_us[inside], duration_us),
         residuals,
     )
     if residuals < wanted:
         return problem, f"{residuals} events with one before them, expected {wanted}"
     return problem, ""
+
+
+def _seen_us(t_us: NDArray[np.int32], duration_us: int) -> NDArray[np.bool_]:
+    seen = np.zeros(duration_us, bool)
+    seen[t_us] = True
+    return seen
 
 
 def _intrinsics(K: Float64) -> tuple[float, float, float, float]:
@@ -203,6 +209,7 @@ def _joined(problem: _Problem, events: int) -> _Problem:
         t_us=t_us,
         t_before_us=np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
         p=np.diff(total, prepend=0).astype(np.int16),
+        seen_us=_seen_us(t_us, len(problem.seen_us)),
         residuals=int(np.count_nonzero(~first)),
     )
 
@@ -279,7 +286,7 @@ def _accumulate(
     p = np.ascontiguousarray(path.controls[:, :3, 3])
     turns = Rotation.from_matrix(R)
     omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
-    segment, table = cumulative_spline.tabulate(R, p, omega, interval_us, problem.duration_us)
+    segment, table = cumulative_spline.tabulate(R, p, omega, interval_us, problem.seen_us)
     return _Sum(
         *normal_equations(
             problem.x,
@@ -446,7 +453,7 @@ def normal_equations(
     t_before_us,  # (N,)
     p,  # (N,), or sums of several
     segment,  # (T,) and
-    table,  # (T, 52), the spline at every microsecond, of `cumulative_spline.tabulate`
+    table,  # (T, 52), the spline at every event's microsecond, of `cumulative_spline.tabulate`
     controls,  # M
     rays,  # focal lengths and principal point of the sensor
     L,  # (h, w), L_l of Eq. (13)
@@ -559,7 +566,7 @@ def normal_equations(
             J_i = weight * J[i]
             gradient[first + i] += J_i * r
             row = H[first + i, first : first + count]
-            for j in range(i, count):
+            for j in range(count):  # whole rows: twice the sums of a half, in half its time
                 row[j] += J_i * J[j]
     for i in range(6 * controls):
         for j in range(i):
