@@ -11,7 +11,10 @@ A folder holds
 from __future__ import annotations
 
 import dataclasses
+import os
+from collections import deque
 from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,7 +37,8 @@ Float64 = NDArray[np.float64]
 class RadianceSequence:
     """A complete sequence on disk; frames are read when they are asked for.
 
-    Iterating yields the frames in order, (H, W) float32 each.
+    Iterating yields the frames in order, (H, W) float32 each; all cores decode those that come
+    next.
     """
 
     folder: Path
@@ -47,7 +51,14 @@ class RadianceSequence:
         return len(self.manifest.t_s)
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
-        return (self.frame(i) for i in range(len(self)))
+        cores = len(os.sched_getaffinity(0))
+        with ThreadPoolExecutor(cores, thread_name_prefix="exr") as readers:
+            ahead = deque(readers.submit(self.frame, i) for i in range(min(cores, len(self))))
+            for i in range(len(self)):
+                frame = ahead.popleft().result()
+                if i + cores < len(self):
+                    ahead.append(readers.submit(self.frame, i + cores))
+                yield frame
 
     @property
     def t_s(self) -> Float64:

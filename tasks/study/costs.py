@@ -53,7 +53,7 @@ class PartCosts:
     frames, resolution, spp
         That were read, their side, px, and the samples of a pixel.
     reading_s
-        Until they were read and decoded.
+        Spent waiting until they were read and decoded.
     sensors
         How many looked at them.
     pixel_frames, events

@@ -70,9 +70,10 @@ def evaluate_part(
 
     def frames() -> Iterator[NDArray[np.float32]]:
         nonlocal reading_s
+        decoded = iter(sequence)
         for k in range(len(sequence)):
             started_s = time.perf_counter()
-            frame = sequence.frame(k)
+            frame = next(decoded)
             reading_s += time.perf_counter() - started_s
             yield frame
             on_progress("simulating", k + 1, len(sequence))
@@ -90,7 +91,6 @@ def evaluate_part(
         if collector:
             collector.push(settings[i], events)
 
-    rows, scored_of_all = [], []
     with ThreadPoolExecutor(cores) as workers:
         for batch in _batches(events_of_all):
             came_s = time.perf_counter()
@@ -98,13 +98,17 @@ def evaluate_part(
             list(workers.map(collect, batch, batch.values()))
             collecting_s += time.perf_counter() - came_s
         simulated_s = time.perf_counter()
-        scored = workers.map(lambda those: [s for one in those for s in one.scores()], scorers)
-        for done, (setting, count, scores) in enumerate(
-            zip(settings, counts, scored, strict=True), start=1
-        ):
-            rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores]
-            scored_of_all += [(setting.model.width, s) for s in scores]
-            on_progress("scoring", done, len(settings))
+        # Large sensors take longest. They come first, so that no core is left with one at the end.
+        order = sorted(range(len(settings)), key=lambda i: -settings[i].model.width)
+        scored = workers.map(_scores, [scorers[i] for i in order])
+        scores_of: dict[int, list[Score]] = {}
+        for i, scores in zip(order, scored, strict=True):
+            scores_of[i] = scores
+            on_progress("scoring", len(scores_of), len(settings))
+    rows, scored_of_all = [], []
+    for i, (setting, count) in enumerate(zip(settings, counts, strict=True)):
+        rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores_of[i]]
+        scored_of_all += [(setting.model.width, s) for s in scores_of[i]]
     costs = PartCosts(
         scene=sequence.manifest.scene,
         sample=sequence.manifest.clip,
@@ -122,6 +126,10 @@ def evaluate_part(
         methods=_method_costs(scored_of_all),
     )
     return PartResult(rows, costs, collector.exhibit(light) if collector else None)
+
+
+def _scores(scorers: Iterable[Scorer]) -> list[Score]:
+    return [score for scorer in scorers for score in scorer.scores()]
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:
