@@ -92,6 +92,24 @@ def test_a_width_with_lost_samples_leaves_no_choice() -> None:
     assert [choice is None for choice in choices.values()] == [False, True]
 
 
+def test_the_papers_choice_is_by_the_same_rule_on_its_medians() -> None:
+    """At night on the carpet it prints 15.47 dB at 240 px, 15.69 at 346 and 15.72 at 640.
+
+    It has no 300 px, so it makes no choice among widths of which that is one.
+    """
+    choices = choose_all(Scores(paper_rows(EI, lambda width, c, s, v: 20.0 - width / 1e6)), EI)
+    for cutoff_hz, width in ((math.inf, 1280), (200.0, 1280), (50.0, 346)):
+        choice = choices["carpet", cutoff_hz, 1.0]
+        assert choice is not None
+        assert (choice.enough, choice.paper) == (128, width)
+        assert f"paper: {width} px" in choice_cell(choice, EI)
+    other = [row(w, i, 20.0) for w in (128, 300) for i in range(3)]
+    choice = choose(Scores(other), EI, "carpet", math.inf, 1.0)
+    assert choice is not None
+    assert choice.paper is None
+    assert "paper" not in choice_cell(choice, EI)
+
+
 def test_for_errors_the_smallest_is_best() -> None:
     """640 px has the least error, 346 px is within 0.05 px of it; 3.5 px is what doing nothing has.
 

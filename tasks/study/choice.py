@@ -34,6 +34,8 @@ class Choice:
         carries, and what they take of it. None where no bus carries any.
     nothing
         Median score of doing nothing, None where it was not run.
+    paper
+        What `enough` is by the paper's medians, None where it does not print those of all widths.
     metric
         Of the scores.
     """
@@ -48,6 +50,7 @@ class Choice:
     tied: int | None
     on_bus: Load | None
     nothing: float | None
+    paper: int | None
     metric: Metric
 
     @property
@@ -87,8 +90,12 @@ def choose(
     cells = {}
     medians: dict[int, float] = {}
     rates: dict[int, float] = {}
+    printed: dict[int, float] = {}
     for width in scores.widths(series):
-        cell = scores.cell(series, Condition(scene, width, cutoff_hz, speed))
+        condition = Condition(scene, width, cutoff_hz, speed)
+        if (median := scores.published(series, condition)) is not None:
+            printed[width] = median
+        cell = scores.cell(series, condition)
         if cell.median is None or cell.event_rate_hz is None:
             return None
         cells[width], medians[width], rates[width] = cell, cell.median, cell.event_rate_hz
@@ -111,6 +118,7 @@ def choose(
         tied=tied,
         on_bus=on_bus,
         nothing=scores.baseline(series, Condition(scene, best, cutoff_hz, speed)).median,
+        paper=_best_and_enough(printed, metric)[1] if len(printed) == len(medians) else None,
         metric=metric,
     )
 

@@ -119,6 +119,7 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
         f"whose median is within {metric.negligible:g} {metric.unit} of the best, and what it "
         "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
         f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
+        "“Paper” is the first rule on the medians that it prints. "
         "Struck out: even the best does not beat doing nothing. “On a bus” is the same choice "
         "among the widths whose mean event rate the fastest real camera of that width carries, and "
         "how much of its bus that takes.</p>"
@@ -159,6 +160,8 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
         facts.append(f"best {choice.best} px: {loss} better{fewer}")
     if choice.tied is not None and choice.tied != choice.enough:
         facts.append(f"tied: {choice.tied} px")
+    if choice.paper is not None:
+        facts.append(f"paper: {choice.paper} px")
     facts.append(_bus_text(choice.on_bus))
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {metric.text(choice.nothing)} {metric.unit}")
