@@ -17,14 +17,14 @@ from tasks.study.parts import Part
 
 _IMAGE_MOTION_PX_S = 700  # of the fastest part of a 1280 px image, at base speed, on average
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
-_RENDER_SAMPLES_PER_S = 55e6  # both cores together
-_SIMULATE_NS_PER_PX = 16  # pixel-frame of one sensor at one speed, one core; keeping events too
+_RENDER_SAMPLES_PER_S = 61e6  # both cores together
+_SIMULATE_NS_PER_PX = 11  # pixel-frame of one sensor at one speed, one core; keeping events too
 _SCORE_S = {  # of one item at 1280 px and at base speed, one core
     "reconstruction": 0.01,
     "flow": 0.04,
-    "video": 1.2,
+    "video": 0.4,
 }
-_TRACKING_US_PER_EVENT = 12  # of the most that a method gets, at any width, baselines counted too
+_TRACKING_US_PER_EVENT = 8  # of the most that a method gets, at any width, baselines counted too
 _CORES_MEASURED_ON = 2
 
 
