@@ -51,7 +51,7 @@ class RadianceSequence:
         return len(self.manifest.t_s)
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
-        cores = len(os.sched_getaffinity(0))
+        cores = _cores()
         with ThreadPoolExecutor(cores, thread_name_prefix="exr") as readers:
             ahead = deque(readers.submit(self.frame, i) for i in range(min(cores, len(self))))
             for i in range(len(self)):
@@ -191,7 +191,9 @@ class SequenceWriter:
 
     def missing(self) -> list[int]:
         """Return the numbers of the frames that are not there yet, or cannot be read."""
-        return [i for i in range(len(self.manifest.t_s)) if not self._holds(i)]
+        with ThreadPoolExecutor(_cores(), thread_name_prefix="exr") as readers:
+            holds = list(readers.map(self._holds, range(len(self.manifest.t_s))))
+        return [i for i, held in enumerate(holds) if not held]
 
     def _holds(self, i: int) -> bool:
         try:
@@ -214,6 +216,10 @@ class SequenceWriter:
         write_sums(self.folder, self._checksums)
         write_manifest(self.folder, dataclasses.replace(self.manifest, complete=True))
         return open_sequence(self.folder)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))
 
 
 def _frame_name(i: int) -> str:

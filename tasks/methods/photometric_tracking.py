@@ -156,18 +156,18 @@ def _problem(sample: TrackingSample, duration_us: int) -> tuple[_Problem, str]:
     follows = inside & (sample.t_before_us >= 0)
     residuals = int(np.count_nonzero(follows))
     inside &= follows | np.append(follows[1:], False)  # a pixel's only event says nothing
-    t_before_us = sample.t_before_us[inside]
+    t_us, t_before_us = sample.t_us[inside], sample.t_before_us[inside]
     wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
     problem = _Problem(
         sample.x[inside],
         sample.y[inside],
-        sample.t_us[inside],
+        t_us,
         t_before_us,
         sample.p[inside],
         _intrinsics(sample.camera.K),
         (np.ascontiguousarray(sample.T_0[:3, :3]), sample.T_0[:3, 3].copy()),
         np.array([*sample.plane.normal, sample.plane.offset_m]),
-        _seen_us(sample.t_us[inside], duration_us),
+        _seen_us(t_us, duration_us),
         residuals,
     )
     if residuals < wanted:
