@@ -51,7 +51,7 @@ def render_clip(
     max_displacement_px
         In pixels of the render.
     on_progress
-        Called after each frame, also for frames that were there already.
+        Called after each frame that is rendered; those that were there already count as done.
 
     Raises
     ------
