@@ -1,5 +1,6 @@
 """A study from scene to rows at low cost: complete, cached, with damage and full disks, refused."""
 
+import json
 import logging
 import os
 import shutil
@@ -260,6 +261,36 @@ def test_damaged_parts_are_named_and_made_again(finished, scene_folder, tmp_path
     assert damaged.endswith("; the part is computed again")
     assert unused.endswith("1 part of another study or version is not used")
     assert read_rows(first) == read_rows(out / "parts" / first.name)
+
+
+def test_where_the_finished_parts_were_computed_stays_known(
+    finished, scene_folder, tmp_path, caplog
+):
+    """Promise: a run that goes on elsewhere names both places; damage is said and costs that."""
+    run = tmp_path / "run"
+    shutil.copytree(finished[0], run)
+    file = run / "environment.json"
+    here = json.loads(file.read_text())
+    caplog.set_level(logging.WARNING)
+
+    def compute_one_again(before):
+        file.write_text(before)
+        next((run / "parts").iterdir()).unlink()
+        run_study(tiny_study(scene_folder), run)
+        return json.loads(file.read_text())
+
+    elsewhere = here | {"code": "git 0123; git 4567", "cores": "1"}
+    found = compute_one_again(json.dumps(elsewhere))
+    code = f"git 0123; git 4567; {here['code']}"
+    assert found == here | {"code": code, "cores": f"1; {here['cores']}"}
+    assert compute_one_again(json.dumps(found)) == found
+    assert not caplog.messages
+    assert compute_one_again("{") == here
+    assert compute_one_again('{"cores": 2}') == here
+    not_json, not_text = caplog.messages
+    assert not_json.startswith(f"{file}: not JSON, Expecting property name")
+    assert not_json.endswith("; where the finished parts were computed is lost")
+    assert not_text.startswith(f"{file}: expected a text for each name; ")
 
 
 FULL = "No space left on device"

@@ -8,8 +8,10 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from itertools import chain
 from pathlib import Path
 
+_BETWEEN = "; "  # values of one name
 _CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
 PACKAGES = ("eres", "numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
 
@@ -69,9 +71,11 @@ def _processor() -> str:
 
 
 def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """What several processes found, by name; where they differ, each value once."""
-    names = dict.fromkeys(name for one in environments for name in one)
-    return {
-        name: "; ".join(dict.fromkeys(one[name] for one in environments if name in one))
-        for name in names
-    }
+    """What several processes found, by name; where they differ, each value once.
+
+    What comes out can be put together with more.
+    """
+    values: dict[str, dict[str, None]] = {}
+    for name, found in chain.from_iterable(one.items() for one in environments):
+        values.setdefault(name, {}).update(dict.fromkeys(found.split(_BETWEEN)))
+    return {name: _BETWEEN.join(found) for name, found in values.items()}

@@ -31,9 +31,10 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
     """Render, simulate and score every part of a study; what `out` holds already is kept.
 
     Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
-    `environment.json` (where the parts of the last start were computed), `previews/` and `scaling/`
-    (pictures and scaling statistics of each scene's first clip), `costs/` (what each part took),
-    and `parts/` with the rows of each part, by which a run that was stopped goes on where it was.
+    `environment.json` (where the parts were computed, and the command of the last start),
+    `previews/` and `scaling/` (pictures and scaling statistics of each scene's first clip),
+    `costs/` (what each part took), and `parts/` with the rows of each part, by which a run that was
+    stopped goes on where it was.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
                 to_do.append(Task(part, key, is_shown))
         if to_do:
             _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
-        environments = []
+        environments = [_environment_so_far(out / "environment.json")] if rows_of else []
         with _progress(len(work), len(work) - len(to_do)) as on_progress:
             for task, computed in computing.compute(to_do, on_progress):
                 for name, data in computed.files.items():
@@ -104,6 +105,21 @@ def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
             *(folder, len(strangers), "part" if one else "parts", "is" if one else "are"),
         )
     return rows_of
+
+
+def _environment_so_far(file: Path) -> dict[str, str]:
+    """Where the parts of earlier starts were computed, by whatever command."""
+    if not file.exists():
+        return {}
+    try:
+        found = json.loads(file.read_text())
+        if isinstance(found, dict) and all(isinstance(value, str) for value in found.values()):
+            return {name: value for name, value in found.items() if name != "command"}
+        reason = "expected a text for each name"
+    except ValueError as error:
+        reason = f"not JSON, {error}"
+    _log.warning("%s: %s; where the finished parts were computed is lost", file, reason)
+    return {}
 
 
 def _is_shown_in(out: Path, scene: str) -> bool:
