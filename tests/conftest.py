@@ -3,8 +3,18 @@
 import sys
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from tasks import cli
+
+# Neither chance nor a busy machine decides a test; examples share a test's tmp_path.
+settings.register_profile(
+    "steady",
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("steady")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,7 +1,7 @@
 """Damaged files: an error that says where, or valid events; no crash, hang or silent loss."""
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from event_streams import COLUMNS, SUFFIXES, assert_same, random_events
@@ -11,12 +11,7 @@ from sensor.formats import FORMATS, load_events, write_events
 EVERY = pytest.mark.parametrize("name", list(FORMATS))
 MODEL = SensorModel(width=640, height=480, cutoff_hz=200.0)
 CHECKSUMMED = {"dsec", "npz"}
-FUZZ = settings(
-    max_examples=150,
-    deadline=5000,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+FUZZ = settings(max_examples=150)
 
 
 @pytest.fixture(scope="module")

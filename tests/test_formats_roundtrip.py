@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from event_streams import SUFFIXES, assert_same, make_events, random_events, streams
@@ -25,12 +25,7 @@ from sensor.formats import (
 )
 
 EVERY = pytest.mark.parametrize("name", list(FORMATS))
-QUICK = settings(
-    max_examples=60,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+QUICK = settings(max_examples=60)
 
 
 def file_of(folder, name):

@@ -36,7 +36,7 @@ def texture_in_motion(seed, frames, size, interval_s, travel_px=8.0):
     return np.exp(views[:, :height, :width]).astype(np.float32), t_s
 
 
-@settings(max_examples=14, deadline=None, derandomize=True)
+@settings(max_examples=14)
 @given(
     seed=st.integers(0, 10_000),
     interval_s=st.sampled_from([5e-5, 5e-4, 5e-3]),
@@ -71,7 +71,7 @@ def test_the_moving_textures_do_make_events(interval_s):
     assert len(events) > 20
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=12)
 @given(
     seed=st.integers(0, 1000),
     interval_s=st.sampled_from([5e-5, 5e-4, 5e-3]),

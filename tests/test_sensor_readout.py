@@ -153,7 +153,7 @@ def slow_read_out(events, rate_hz, depth, overhead_s):
     return sorted(rows), dropped, delays
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10_000),
     rate_hz=st.sampled_from([125_000, 500_000, 1_000_000, 8_000_000]),

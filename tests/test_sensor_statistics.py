@@ -29,7 +29,7 @@ def drawn_events(seed, n, width, height, span_us):
     return Events(t_us, x, y, rng.choice([-1, 1], n).astype(np.int8), width, height)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 1000),
     n=st.integers(0, 600),

@@ -116,7 +116,7 @@ def test_event_decay_bounds_the_state():
     assert free.image(10**5)[0, 0] > 1000 * bound
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 2000), max_size=6), st.lists(st.integers(0, 3_500_000), max_size=5))
 def test_any_division_of_the_stream_gives_the_same_images(cuts, times):
     """Promise: parts, and the images taken on the way, change nothing, not even rounding."""
