@@ -59,6 +59,8 @@ def render_clip(
         If the folder holds a sequence with other settings, or cannot be written; frames that were
         finished stay.
     """
+    import drjit as dr
+
     scene, camera = renderer.scene, renderer.camera
     t_s = adaptive_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     poses = renderer.trajectory.pose(t_s)
@@ -86,6 +88,7 @@ def render_clip(
     with locked(out_dir / ".lock"):
         writer = SequenceWriter(out_dir, manifest, renderer.trajectory)
         _render_missing(renderer, poses, writer, on_progress)
+        dr.flush_malloc_cache()  # else Dr.Jit keeps what it has freed: 0.4 GB of the room
         return writer.finish()
 
 
