@@ -13,6 +13,7 @@ import hashlib
 import json
 import logging
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -70,12 +71,16 @@ _PROBE_LIMIT_S = 180.0
 
 @dataclass(frozen=True, slots=True)
 class VariantVerdict:
-    """Whether a Mitsuba variant works here, how long its first tiny render took, and why not."""
+    """Whether a Mitsuba variant works here, how long its first tiny render took, and why not.
+
+    A verdict is lasting unless the machine was too busy or had too little memory to tell.
+    """
 
     name: str
     works: bool
     seconds: float
     reason: str
+    lasting: bool = True
 
 
 def probe_variants() -> list[VariantVerdict]:
@@ -141,6 +146,8 @@ def _verdict(name: str) -> VariantVerdict:
     except (OSError, ValueError, TypeError):
         pass  # not cached, or unreadable: probe again
     verdict = _probe(name)
+    if not verdict.lasting:
+        return verdict
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
@@ -174,12 +181,12 @@ def _probe(name: str) -> VariantVerdict:
             text=True,
             timeout=_PROBE_LIMIT_S,
         )
-        works, reason = run.returncode == 0, ""
+        works, reason, lasting = run.returncode == 0, "", run.returncode != -signal.SIGKILL
         if not works:
             reason = _last_words(run.stderr + run.stdout) or f"exit status {run.returncode}"
     except subprocess.TimeoutExpired:
-        works, reason = False, f"no answer within {_PROBE_LIMIT_S:g} s"
-    return VariantVerdict(name, works, round(time.perf_counter() - start, 3), reason)
+        works, reason, lasting = False, f"no answer within {_PROBE_LIMIT_S:g} s", False
+    return VariantVerdict(name, works, round(time.perf_counter() - start, 3), reason, lasting)
 
 
 def _last_words(output: str) -> str:

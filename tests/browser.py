@@ -70,8 +70,7 @@ class Browser:
         self._count = 0
         self._events: list[str] = []
         self._session: str | None = None
-        targets = self.call("Target.getTargets")["targetInfos"]
-        page = next(target["targetId"] for target in targets if target["type"] == "page")
+        page = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=page, flatten=True)
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
@@ -110,6 +109,8 @@ class Browser:
         self.call("Page.navigate", url=page.resolve().as_uri())
         while "Page.loadEventFired" not in self._events:
             self._receive()
+        loaded = "new Promise((loaded) => addEventListener('load', () => loaded()))"
+        self.evaluate(f"document.readyState === 'complete' || {loaded}")  # this page, not a blank
         self.evaluate("new Promise((drawn) => requestAnimationFrame(() => setTimeout(drawn)))")
 
     def evaluate(self, script: str) -> Any:

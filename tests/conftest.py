@@ -1,11 +1,35 @@
 """What every test shares."""
 
+import hashlib
+import os
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tasks import cli
+ROOT = Path(__file__).parent.parent
+
+
+def compiled_folder():
+    """Where Numba keeps what it compiles: one folder a worker, and a version of the kernels.
+
+    Its cache is not made for two processes that write at once, and does not see that a function has
+    changed which another file calls.
+    """
+    kernels = hashlib.sha256()
+    for package in ("eres_render", "sensor", "tasks"):
+        for file in sorted((ROOT / package).rglob("*.py")):
+            code = file.read_bytes()
+            if b"numba" in code or b"jit" in code:
+                kernels.update(code)
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
+    return ROOT / "build" / "numba" / f"{worker}-{kernels.hexdigest()[:12]}"
+
+
+os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imported
+
+from tasks import cli  # noqa: E402
 
 # Neither chance nor a busy machine decides a test; examples share a test's tmp_path.
 settings.register_profile(

@@ -20,26 +20,39 @@ from tasks.study import frame_cache
 ROOT = Path(__file__).parent.parent
 
 
-def python(code, **options):
-    """Start a process that finds the tests' modules."""
-    code = f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); {code}"
-    return subprocess.Popen([sys.executable, "-c", code], text=True, cwd=ROOT, **options)
+@pytest.fixture
+def start():
+    """Start processes that find the tests' modules, and are killed when the test is over."""
+    started = []
+
+    def begin(code):
+        code = f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); {code}"
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        process = subprocess.Popen([sys.executable, "-c", code], text=True, cwd=ROOT, **pipes)
+        started.append(process)
+        return process
+
+    yield begin
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def tell(process, line):
+    process.stdin.write(f"{line}\n")
+    process.stdin.flush()
 
 
 @pytest.fixture
-def holder(tmp_path):
+def holder(start, tmp_path):
     """A process that shares the lock on `held`, until it is killed."""
-    process = python(
-        "import time; from pathlib import Path; from eres_render.file_lock import locked\n"
+    process = start(
+        "from pathlib import Path; from eres_render.file_lock import locked\n"
         f"with locked(Path({str(tmp_path / 'held')!r}), shared=True):\n"
-        "    print('holds', flush=True); time.sleep(60)",
-        stdout=subprocess.PIPE,
+        "    print('holds', flush=True); sys.stdin.readline()"
     )
     assert process.stdout.readline() == "holds\n"
-    yield process
-    process.kill()
-    process.wait()
-    process.stdout.close()
+    return process
 
 
 def test_a_lock_is_held_alone_or_shared_until_death(holder, tmp_path):
@@ -64,16 +77,20 @@ def test_where_no_lock_can_be_the_folder_is_named(tmp_path):
         pass
 
 
-def test_one_at_a_time_though_the_file_comes_and_goes(tmp_path):
+def test_one_at_a_time_though_the_file_comes_and_goes(start, tmp_path):
     """Promise: of three processes that take turns with a lock, none ever sees another within."""
     code = (
         "import os; from pathlib import Path; from eres_render.file_lock import locked\n"
         f"folder = Path({str(tmp_path)!r})\n"
-        "for _ in range(100):\n"
+        "print('ready', flush=True); sys.stdin.readline()\n"
+        "for _ in range(1000):\n"
         "    with locked(folder / 'lock'):\n"
         "        os.mkdir(folder / 'within'); os.rmdir(folder / 'within')"
     )
-    crowd = [python(code) for _ in range(3)]
+    crowd = [start(code) for _ in range(3)]
+    assert [one.stdout.readline() for one in crowd] == ["ready\n"] * 3
+    for one in crowd:
+        tell(one, "go")
     assert [one.wait() for one in crowd] == [0] * 3
     assert not list(tmp_path.iterdir())
 
@@ -110,29 +127,24 @@ print(len(frames))
 """
 
 
-def test_processes_that_render_one_clip_share_the_work(tmp_path):
+def test_processes_that_render_one_clip_share_the_work(start, tmp_path):
     """Promise: no frame is rendered twice, also when who began is killed; the clip is whole."""
     scene = small_carpet_folder(tmp_path / "carpet")
     code = RENDER.format(scene=str(scene), out=str(tmp_path / "clip"))
-    crowd = [python(code, stdin=subprocess.PIPE, stdout=subprocess.PIPE) for _ in range(2)]
+    crowd = first, second = [start(code) for _ in range(2)]
     renderer = Renderer(load_scene(scene), 64, 4)
-    first, second = crowd
-    for one in crowd:
-        assert one.stdout.readline() == "ready\n"
-    first.stdin.write("5\n")
-    first.stdin.flush()
+    assert [one.stdout.readline() for one in crowd] == ["ready\n"] * 2
+    tell(first, 5)
     assert first.stdout.readline() == "waits\n"
-    second.stdin.write("none\n")
-    second.stdin.flush()
+    tell(second, "none")
     begun = len(read_sums(tmp_path / "clip"))  # the fifth frame may still be on its way to disk
     assert begun >= 4
     first.kill()
-    first.communicate()
     frames = []
     clip = Clip(0, 1.0, 1.0, 1.2)
     sequence = render_clip(renderer, clip, tmp_path / "clip", 0.25, lambda k, _: frames.append(k))
-    rendered = sorted([len(frames), int(second.communicate()[0])])
-    assert second.returncode == 0
+    rendered = sorted([len(frames), int(second.stdout.readline())])
+    assert second.wait() == 0
     assert rendered[0] == 0 < rendered[1] <= len(sequence) - begun
     assert sum(1 for _ in sequence) == len(sequence)
     assert not [f.name for f in (tmp_path / "clip").rglob("*") if f.name.startswith(".")]

@@ -15,7 +15,7 @@ BAD_LLVM = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so")
 def run_python(code, tmp_path, **environment):
     """Run code in a fresh process with its own cache; return (stdout, stderr)."""
     run = another_process.run_python(
-        code, timeout_s=120, **{"ERES_CACHE": str(tmp_path)} | environment
+        code, timeout_s=600, **{"ERES_CACHE": str(tmp_path)} | environment
     )
     return run.stdout, run.stderr
 
@@ -66,6 +66,25 @@ def test_verdicts_are_remembered_until_the_library_changes(tmp_path, monkeypatch
     os.utime(library, ns=(1, 1))
     backend.probe_variants()
     assert len(probed) == 9
+
+
+@pytest.mark.parametrize(
+    ("code", "limit_s", "reason"),
+    [
+        ("import time; time.sleep(60)", 0.1, "no answer within 0.1 s"),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", 60.0, "exit status -9"),
+    ],
+)
+def test_a_machine_too_busy_to_tell_is_asked_again(tmp_path, monkeypatch, code, limit_s, reason):
+    """Promise: a stall, or memory that ran out, does not make a machine a slow one for good."""
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path))
+    with monkeypatch.context() as patch:
+        patch.setattr(backend, "_PROBE", code)
+        patch.setattr(backend, "_PROBE_LIMIT_S", limit_s)
+        assert {(v.works, v.reason) for v in backend.probe_variants()} == {(False, reason)}
+        patch.setattr(backend, "_PROBE_LIMIT_S", 60.0)
+        patch.setattr(backend, "_probe", lambda name: backend.VariantVerdict(name, True, 0.1, ""))
+        assert all(verdict.works for verdict in backend.probe_variants())
 
 
 def test_a_damaged_verdict_is_made_again(tmp_path, monkeypatch):

@@ -57,7 +57,7 @@ def test_every_variant_sees_the_product_of_luminances(red_floor):
         "f = Renderer(s, 8, 4096, integrator='path').frame(s.trajectory().pose(1.0));"
         "print(json.dumps(f.tolist()))"
     )
-    run = run_python(code, red_floor, timeout_s=120, ERES_VARIANT="scalar_rgb")
+    run = run_python(code, red_floor, timeout_s=600, ERES_VARIANT="scalar_rgb")
     scalar = np.array(json.loads(run.stdout))
     scene = load_scene(red_floor)
     here = Renderer(scene, 8, 4096, integrator="path").frame(scene.trajectory().pose(1.0))

@@ -47,8 +47,7 @@ def _hdf5() -> Any:
         import hdf5plugin  # noqa: F401
     except ImportError as error:
         raise EventFormatError(
-            f"DSEC's HDF5 needs {error.name}, which is not installed: "
-            "pip install h5py hdf5plugin, or pip install eres"
+            f"DSEC's HDF5 needs {error.name}, which is not installed: pip install h5py hdf5plugin"
         ) from error
     return h5py
 

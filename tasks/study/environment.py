@@ -53,7 +53,7 @@ def _git(root: Path, *arguments: str) -> str | None:
     """What git says of a checkout; None where it cannot be asked."""
     try:
         run = subprocess.run(
-            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10
+            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=60
         )
     except (OSError, subprocess.TimeoutExpired):
         return None

@@ -118,7 +118,8 @@ def _connected(address: str) -> Iterator[Client]:
         from distributed import Client
     except ImportError:
         raise StudyError(
-            "--scheduler: Dask is not installed: pip install 'eres[distributed]'"
+            "--scheduler: Dask is not installed; it comes with the extra `distributed`, in a "
+            "checkout by: pip install '.[distributed]'"
         ) from None
     if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
         raise StudyError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
@@ -126,8 +127,9 @@ def _connected(address: str) -> Iterator[Client]:
         try:
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
+            reason = str(error).partition("\n")[0] or f"no answer within {_CONNECT_S:g} s"
             raise StudyError(
-                f"--scheduler: found no Dask scheduler at {address}: {str(error).splitlines()[0]}"
+                f"--scheduler: found no Dask scheduler at {address}: {reason}"
             ) from None
         with client:
             yield client
