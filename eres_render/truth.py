@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -74,37 +75,52 @@ class GroundTruth:
         self._camera = camera
         self._distance = distance
 
-    def camera(self, width: int) -> Camera:
-        """Return the camera at a resolution; its `K` is the camera matrix."""
-        height = round(width * self._camera.height / self._camera.width)
-        return Camera(width, height, self._camera.fov_rad)
+    def camera(self, width: int, height: int | None = None) -> Camera:
+        """Return the camera at a resolution; its `K` is the camera matrix.
+
+        By default its image has the frames' shape. With a height of its own it sees the largest
+        middle of them that has its shape, as a sensor does, so that its pixels are square.
+        """
+        whole = self._camera
+        if height is None:
+            return Camera(width, round(width * whole.height / whole.width), whole.fov_rad)
+        share = whole.height * width / (whole.width * height)  # of the frames' width, if under 1
+        fov_rad = whole.fov_rad
+        if share < 1:
+            fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
+        return Camera(width, height, fov_rad)
 
     def pose(self, t_s: float) -> Float64:
         """Return T_world_cam, (4, 4), at a time on the path in seconds."""
         return self.trajectory.pose(t_s)
 
-    def depth(self, t_s: float, width: int) -> Float32:
+    def depth(self, t_s: float, width: int, height: int | None = None) -> Float32:
         """Return the z-depth at the pixels' centres, (H, W) float32 metres; inf for nothing."""
-        camera, T = self.camera(width), self.pose(t_s)
+        camera, T = self.camera(width, height), self.pose(t_s)
         depth = self._depth(T, camera.rays(camera.centres()))
         return depth.reshape(camera.height, camera.width).astype(np.float32)
 
-    def flow(self, t_0_s: float, t_1_s: float, width: int) -> Flow:
+    def flow(self, t_0_s: float, t_1_s: float, width: int, height: int | None = None) -> Flow:
         """Return the optical flow from one time to another, which may be earlier."""
-        camera = self.camera(width)
-        flow, valid = self.point_flow(camera.centres(), t_0_s, t_1_s, width)
+        camera = self.camera(width, height)
+        flow, valid = self.point_flow(camera.centres(), t_0_s, t_1_s, width, height)
         shape = camera.height, camera.width
         return Flow(flow.astype(np.float32).reshape(*shape, 2), valid.reshape(shape))
 
     def point_flow(
-        self, points_px: Float64, t_0_s: float, t_1_s: float, width: int
+        self,
+        points_px: Float64,
+        t_0_s: float,
+        t_1_s: float,
+        width: int,
+        height: int | None = None,
     ) -> tuple[Float64, NDArray[np.bool_]]:
         """Return the optical flow of what is seen at some points of the image.
 
         Parameters
         ----------
         points_px
-            (N, 2) points, in pixels of an image of that width.
+            (N, 2) points, in pixels of an image of that size.
 
         Returns
         -------
@@ -113,7 +129,7 @@ class GroundTruth:
         valid
             (N,) whether it is within the image at the second time, and nothing hides it.
         """
-        camera = self.camera(width)
+        camera = self.camera(width, height)
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         rays = camera.rays(points_px)
         depth = self._depth(T_0, rays)
@@ -133,7 +149,9 @@ class GroundTruth:
         valid[valid] = reach >= (1 - _OCCLUDER_SHARE) * depth[valid]
         return np.where(ahead[:, None], there - points_px, 0.0), valid
 
-    def homography(self, t_0_s: float, t_1_s: float, width: int) -> Float64:
+    def homography(
+        self, t_0_s: float, t_1_s: float, width: int, height: int | None = None
+    ) -> Float64:
         """Return the (3, 3) matrix from homogeneous pixels at one time to those at another.
 
         Raises
@@ -144,7 +162,7 @@ class GroundTruth:
         if self.plane is None:
             raise SceneError("a homography needs a planar scene, one with a [plane]")
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
-        return plane_homography(self.camera(width).K, T_0, T_1, self.plane)
+        return plane_homography(self.camera(width, height).K, T_0, T_1, self.plane)
 
     def _depth(self, T_world_cam: Float64, rays_cam: Float64) -> Float64:
         return self._distance(T_world_cam[:3, 3], rays_cam @ T_world_cam[:3, :3].T)

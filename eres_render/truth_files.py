@@ -29,6 +29,8 @@ def write_truth(
     out_dir: Path,
     t_s: ArrayLike,
     width: int,
+    height: int | None = None,
+    *,
     flow_png: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
@@ -42,8 +44,10 @@ def write_truth(
     ----------
     t_s
         (T,) increasing times on the path, seconds.
-    width
-        Of the images, px.
+    width, height
+        Of the images, px; see `GroundTruth.camera`.
+    flow_png
+        Write DSEC's PNG as well.
     on_progress
         Called after each time, with the number of times done and that of all.
 
@@ -57,9 +61,10 @@ def write_truth(
     RenderError
         If the folder cannot be written, or a flow does not fit a PNG.
     """
-    if width < 1:
-        raise RenderError(f"width: found {width}, expected at least 1 px")
-    times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width)
+    for name, side in (("width", width), ("height", height)):
+        if side is not None and side < 1:
+            raise RenderError(f"{name}: found {side}, expected at least 1 px")
+    times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
     for folder in (out_dir / "depth", out_dir / "flow"):
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -71,9 +76,9 @@ def write_truth(
     write_text(files[1], tum_text(times, truth.trajectory.pose(times)))
     for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
         files.append(out_dir / "depth" / f"{i:06d}.exr")
-        write_depth(files[-1], truth.depth(t_0, width))
+        write_depth(files[-1], truth.depth(t_0, width, height))
         if t_1 is not None:
-            flow = truth.flow(t_0, t_1, width)
+            flow = truth.flow(t_0, t_1, width, height)
             files.append(out_dir / "flow" / f"{i:06d}.exr")
             write_flow(files[-1], flow)
             if flow_png:

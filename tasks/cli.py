@@ -189,6 +189,7 @@ def truth(
     ],
     out: Path,
     width: int = 346,
+    height: int | None = None,
     step: float = 0.05,
     flow_png: bool = False,
 ) -> None:
@@ -200,6 +201,8 @@ def truth(
     Args:
         out: Folder to write into.
         width: Width of the images, px; best that of the sensor.
+        height: Height of the images, px, for a sensor that is not of the frames' shape: it sees the
+            middle of them. By default all of the frames is seen.
         step: Time from one image to the next, seconds.
         flow_png: Write the flow as 16-bit PNG as well, as in the DSEC dataset.
     """
@@ -207,7 +210,7 @@ def truth(
 
     opened = open_sequence(sequence)
     times_s = window_times(opened, step)
-    files = write_truth(ground_truth(opened), out, times_s, width, flow_png)
+    files = write_truth(ground_truth(opened), out, times_s, width, height, flow_png=flow_png)
     _out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
 
 

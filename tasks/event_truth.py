@@ -32,22 +32,18 @@ def with_truth(
     The file's group `truth` holds, at times `t_us` (T,) from the start of the sequence's window to
     its end, `step_s` of the sequence's time apart: `T_world_cam` (T, 4, 4), `depth` (T, H, W) in
     metres, `flow` (T - 1, H, W, 2) in px from each time to the next with `flow_valid`
-    (T - 1, H, W), and the camera matrix `K` (3, 3).
+    (T - 1, H, W), and the camera matrix `K` (3, 3). They are of what the sensor sees, which is
+    `tasks.event_files.middle` of the frames, to within half a pixel of them.
 
     Raises
     ------
     TaskError
-        The format is not DSEC's, or the sensor is not of the frames' shape.
+        The format is not DSEC's.
     """
     if find_format(out, format).name != "dsec":
         raise TaskError(f"{out}: truth has a place in DSEC's format (.h5) alone")
     truth = ground_truth(sequence)
-    camera = truth.camera(model.width)
-    if camera.height != model.height:
-        raise TaskError(
-            f"truth: found a sensor of {model.width}x{model.height} px, expected the frames' "
-            f"shape, {camera.width}x{camera.height} px"
-        )
+    size = model.width, model.height
     times_s = window_times(sequence, step_s)
     unfinished = out.with_name(f".{out.stem}.{os.getpid()}.unfinished.h5")
     try:
@@ -57,10 +53,10 @@ def with_truth(
             group = file.create_group("truth")
             group["t_us"] = np.round(times_s / speed * 1e6).astype(np.int64)
             group["T_world_cam"] = truth.trajectory.pose(times_s)
-            group["K"] = camera.K
-            depth = np.stack([truth.depth(t_s, model.width) for t_s in times_s])
+            group["K"] = truth.camera(*size).K
+            depth = np.stack([truth.depth(t_s, *size) for t_s in times_s])
             group.create_dataset("depth", data=depth, chunks=(1, *depth.shape[1:]), **images)
-            flows = [truth.flow(*times, model.width) for times in pairwise(times_s)]
+            flows = [truth.flow(*times, *size) for times in pairwise(times_s)]
             flow = np.stack([f.flow_px for f in flows])
             group.create_dataset("flow", data=flow, chunks=(1, *flow.shape[1:]), **images)
             valid = np.stack([f.valid for f in flows])

@@ -1,5 +1,7 @@
 """The light side of the command line: any scene, truth, convergence; bad input is refused."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,11 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert "4 times" in out  # 0, 0.15, 0.3, 0.4
     assert len(list((tmp_path / "truth" / "depth").glob("*.exr"))) == 4
     assert len(list((tmp_path / "truth" / "flow").glob("*.png"))) == 3
+
+    wide = ["--out", tmp_path / "wide", "--width", 20, "--height", 12]
+    assert eres("truth", sequence.folder, *wide)[0] == 0
+    camera = json.loads((tmp_path / "wide" / "camera.json").read_text())
+    assert (camera["width"], camera["height"]) == (20, 12)
 
 
 def test_convergence_prints_each_setting(eres, tmp_path):

@@ -87,6 +87,22 @@ def test_depth_is_along_the_axis_not_along_the_ray(floating_square):
     np.testing.assert_allclose(depth.ravel(), np.where(on_square, 1.5, 2.0), rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("size", "middle"), [((90, 60), np.s_[15:75, :]), ((60, 90), np.s_[:, 15:75])]
+)
+def test_a_sensor_of_another_shape_sees_the_middle(floating_square, size, middle):
+    """Promise: its truth is that of the same pixels of the whole image, wide or tall."""
+    whole, part = floating_square.camera(90), floating_square.camera(*size)
+    assert (part.width, part.height) == size
+    assert part.focal_px == pytest.approx(whole.focal_px, rel=1e-12)
+    depth = floating_square.depth(0.5, *size)
+    np.testing.assert_allclose(depth, floating_square.depth(0.5, 90)[middle], rtol=1e-6)
+    flow, of_whole = floating_square.flow(0.2, 0.4, *size), floating_square.flow(0.2, 0.4, 90)
+    np.testing.assert_allclose(flow.flow_px, of_whole.flow_px[middle], atol=1e-4)
+    assert flow.valid.mean() > 0.9
+    assert not np.any(flow.valid & ~of_whole.valid[middle])
+
+
 def test_flow_and_occlusion_of_a_square_before_a_wall(floating_square):
     """Expected: f (dx, dy) / depth, and invalid where the square gets before the wall."""
     truth = floating_square
