@@ -31,7 +31,7 @@ def read_typed(
     kind
         A dataclass (a table with exactly its fields, those with a default may be absent), a union
         of dataclasses told apart by their field `kind`, dict[str, ...], tuple of one type (a list),
-        Literal of one word, float (finite), int, bool or str. None stands for an absent field.
+        Literal of words, float (finite), int, bool or str. None stands for an absent field.
     found
         The parsed value.
     file, field
@@ -73,7 +73,7 @@ def read_typed(
         if arguments[-1] is not Ellipsis and len(found) != len(arguments):
             raise refuse(f"found {found!r}, expected {_name(kind)}")
         result = tuple(inner(arguments[0], v, f"{field}[{i}]") for i, v in enumerate(found))
-    elif typing.get_origin(kind) is typing.Literal and found == arguments[0]:
+    elif typing.get_origin(kind) is typing.Literal and found in arguments:
         result = found
     elif kind is float and type(found) in (int, float) and math.isfinite(found):
         result = float(found)
@@ -98,4 +98,6 @@ def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueErr
 def _name(kind: Any) -> str:
     if typing.get_origin(kind) is tuple:
         return _NAMES.get(kind, "a list")
+    if typing.get_origin(kind) is typing.Literal:
+        return " or ".join(map(repr, typing.get_args(kind)))
     return _NAMES.get(kind, "a table")

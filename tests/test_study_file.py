@@ -73,6 +73,32 @@ def test_light_stands_for_cutoffs(tmp_path):
             r"found both",
         ),
         ("scenes = [", r"mine.toml: not TOML"),
+        (
+            'scenes = ["carpet"]\n[evaluate.reconstruction]\nupsampling = "cubic"',
+            r"evaluate.reconstruction.upsampling: found 'cubic', expected 'nearest' or 'bilinear' "
+            "or 'bicubic'",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.video]\nequalisation = 3',
+            r"evaluate.video.equalisation: found 3, expected 'none' or 'global' or",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 0.0',
+            r"top level: evaluate.video.every_s: found 0.0, expected a positive number",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.tracking]\nsigmas_mm = [5, -1]',
+            r"evaluate.tracking.sigmas_mm: found -1.0, expected a positive number",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\ndark_fraction = -1e-3',
+            r"simulate.dark_fraction: found -0.001, expected 0 or more",
+        ),
+        (
+            'scenes = ["carpet"]\n[render]\nresolution = 61\n[simulate]\nwidths = [20]',
+            r"render.resolution: found 61 px, expected at least 62",
+        ),
+        ('scenes = ["carpet"]\n[render]\nsamples = 0', r"render.samples: found 0, expected"),
     ],
 )
 def test_a_bad_study_is_refused_by_file_and_field(tmp_path, text, message):

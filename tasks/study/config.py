@@ -6,8 +6,9 @@ import difflib
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+import operator
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Literal
 
 from tasks.errors import StudyError
 from tasks.methods import task_of
@@ -15,6 +16,14 @@ from tasks.methods import task_of
 # Raise a stage's number when its results change, so that artefacts made before are not taken for
 # its own.
 STAGE_VERSIONS = {"render": 3, "simulate": 1, "evaluate": 3}
+
+LEAST_RESOLUTION = 62
+"""Side of frames, px, in which `sensor.statistics.slope_scaling` has room for its blocks."""
+
+_MAY_BE_ZERO = {
+    *("seed", "dark_fraction", "warmup_time_constants"),
+    *("initial_sigma_px", "max_delay_us", "run_in_s"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +102,7 @@ class Reconstruction:
     """
 
     methods: tuple[str, ...] = ("event_integration", "no_events")
-    upsampling: str = "bicubic"
+    upsampling: Literal["nearest", "bilinear", "bicubic"] = "bicubic"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +187,7 @@ class Video:
     duration_s: float = 2.0
     run_in_s: float = 0.5
     every_s: float = 0.05
-    equalisation: str = "local"
+    equalisation: Literal["none", "global", "local", "clahe"] = "local"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +207,8 @@ class Study:
     Raises
     ------
     StudyError
-        There is no sensor, one twice, or one finer than the frames, or a number is not positive.
+        There is no sensor, one twice, or one finer than the frames, or a number is zero or less
+        that may not be.
     """
 
     name: str
@@ -208,20 +218,41 @@ class Study:
     evaluate: Evaluate = field(default_factory=Evaluate)
 
     def __post_init__(self) -> None:
+        for section in (
+            "render",
+            "simulate",
+            *(f"evaluate.{task.name}" for task in fields(Evaluate)),
+        ):
+            self._check_numbers(section)
         sensors = self.simulate
         for name in ("widths", "cutoffs_hz", "contrast_thresholds", "speeds"):
             values = getattr(sensors, name)
-            if not values or not all(value > 0 for value in values):
-                raise StudyError(
-                    f"simulate.{name}: found {values}, expected one or more positive numbers"
-                )
+            if not values:
+                raise StudyError(f"simulate.{name}: found none, expected one or more")
             if len(set(values)) < len(values):
                 raise StudyError(f"simulate.{name}: found {values}, expected each of them once")
+        if self.render.resolution < LEAST_RESOLUTION:
+            raise StudyError(
+                f"render.resolution: found {self.render.resolution} px, expected at least "
+                f"{LEAST_RESOLUTION}, which the scaling statistics need"
+            )
         if max(sensors.widths) > self.render.resolution:
             raise StudyError(
                 f"simulate.widths: found {max(sensors.widths)} px, finer than render.resolution = "
                 f"{self.render.resolution} px"
             )
+
+    def _check_numbers(self, section: str) -> None:
+        values = operator.attrgetter(section)(self)
+        for name in (one.name for one in fields(values)):
+            found = getattr(values, name)
+            for value in found if isinstance(found, tuple) else (found,):
+                if type(value) not in (int, float) or value > 0:
+                    continue
+                if name not in _MAY_BE_ZERO:
+                    raise StudyError(f"{section}.{name}: found {value}, expected a positive number")
+                if value != 0:
+                    raise StudyError(f"{section}.{name}: found {value}, expected 0 or more")
 
 
 PRESETS = {
