@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ from eres_render.frame_times import adaptive_times
 from eres_render.render import Renderer
 
 Float64 = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
 
 REPEATS = 64  # so many times the samples are what events are held against
 _DARK_SHARE = 1e-3  # of white, added before the logarithm: the sensor's default
@@ -79,6 +82,14 @@ class Noise:
             f"{noise}; {fired}, of which {false} are false: "
             f"not there with {REPEATS} times the samples"
         )
+
+
+def warn_of_noise(renderer: Renderer, clips: Sequence[Clip], max_displacement_px: float) -> None:
+    """Warn where frames are path-traced, of how noisy they are: see `measure_noise`."""
+    if renderer.integrator == "path":
+        noise = measure_noise(renderer, clips, max_displacement_px)
+        name, spp = renderer.scene.name, renderer.spp
+        _log.warning("%s is path-traced at %d spp: %s", name, spp, noise.describe())
 
 
 class Comparators:

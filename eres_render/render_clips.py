@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import sys
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,12 +18,10 @@ from eres_render.errors import RenderError
 from eres_render.file_lock import locked
 from eres_render.frame_times import adaptive_times
 from eres_render.manifest import FORMAT_VERSION, Manifest
-from eres_render.noise import measure_noise
+from eres_render.noise import warn_of_noise
 from eres_render.render import Integrator, Renderer
 from eres_render.scene import Scene
 from eres_render.sequence import RadianceSequence, SequenceWriter
-
-_log = logging.getLogger(__name__)
 
 # Called with the number of frames done and the number of frames in all.
 OnProgress = Callable[[int, int], None]
@@ -158,9 +155,7 @@ def render_scene(
     else:
         wanted = {f"clip_{c.index:03d}": c for c in clips(scene, duration_s, samples=samples)}
     renderer = Renderer(scene, resolution, spp, seed, integrator)
-    if renderer.integrator == "path":
-        noise = measure_noise(renderer, list(wanted.values()), max_displacement_px)
-        _log.warning("%s is path-traced at %d spp: %s", scene.name, spp, noise.describe())
+    warn_of_noise(renderer, list(wanted.values()), max_displacement_px)
     console = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),

@@ -20,6 +20,7 @@ from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.event_truth import with_truth
 from tasks.sensor_options import IDEAL_PIXEL, PixelOptions
+from tasks.warm_up import warn_if_short
 
 Frames = Iterable[NDArray[np.float32]]
 
@@ -80,7 +81,7 @@ def simulate_sequence(
 
     A sensor of another shape than the frames sees the middle of them, so that its pixels are
     square. All events are written, those of the sequence's warm-up too; the file's origin says when
-    its window starts and ends.
+    its window starts and ends. A warning says so where the warm-up is short for the sensor.
 
     Parameters
     ----------
@@ -98,6 +99,7 @@ def simulate_sequence(
     """
     if not 0 < speed < np.inf:
         raise TaskError(f"speed: found {speed}, expected a positive factor")
+    warn_if_short(sequence, model.cutoff_hz, speed)
     manifest = sequence.manifest
     window_us = [round(t_s / speed * 1e6) for t_s in sequence.window_s]
     origin: dict[str, Value] = {

@@ -1,5 +1,6 @@
 """`eres simulate`, `convert`, `info` and `sensors`: from a render to any file of events."""
 
+import logging
 import shutil
 from dataclasses import replace
 
@@ -164,12 +165,37 @@ def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkey
         model=SensorModel(width=32, height=18, contrast_threshold=0.1),
     )
     monkeypatch.setitem(presets.SENSORS, "wide", wide)
-    out = tmp_path / "out.raw"
-    assert eres("simulate", sequence.folder, "--out", out, "--sensor", "wide")[0] == 0
+    out = tmp_path / "out.h5"
+    arguments = ["--out", out, "--sensor", "wide", "--truth", 1]
+    assert eres("simulate", sequence.folder, *arguments)[0] == 0
     frames = np.stack([frame[14:50] for frame in sequence])
     events = load_events(out)
     assert events.model.contrast_threshold == 0.1
     assert_same(events, simulate(frames, sequence.t_s, events.model))
+    with h5py.File(out) as file:
+        depth = file["truth"]["depth"][0]
+    whole = ground_truth(sequence).depth(sequence.window_s[0], 64)[14:50]
+    of_four = whole.reshape(18, 2, 32, 2).mean(axis=(1, 3))
+    np.testing.assert_allclose(depth, of_four, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((50, "--speed", 2), None),  # what clips are rendered for
+        ((50, "--speed", 4), "warm-up, 9.55 ms, is 3 time constants of a 50 Hz filter, expected 6"),
+        ((10,), "warm-up, 38.2 ms, is 2.4 time constants of a 10 Hz filter, expected 6"),
+    ],
+)
+def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, arguments, said):
+    """Promise: events that still depend on where the clip starts do not go by unnoticed."""
+    caplog.set_level(logging.WARNING, "tasks")
+    asked = ["--resolution", 16, "--cutoff", *arguments]
+    assert eres("simulate", sequence.folder, "--out", tmp_path / "a.npz", *asked)[0] == 0
+    evaluated = ("evaluate", sequence.folder, "--task", "reconstruction", *asked)
+    assert eres(*evaluated)[0] == 0
+    assert len(caplog.messages) == (0 if said is None else 2)
+    assert all(said in message for message in caplog.messages)
 
 
 def test_middle():

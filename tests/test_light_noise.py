@@ -25,6 +25,8 @@ from eres_render import (
 from eres_render.noise import count_events
 from light_scenes import light_evenly, room_folder, small_carpet_folder
 from sensor import SensorModel, simulate
+from tasks.study.config import Evaluate, Flow, Render, Simulate, Study
+from tasks.study.run import run_study
 
 ROOT = Path(__file__).parent.parent
 LAMP = """<shape type="rectangle" id="lamp">
@@ -229,6 +231,20 @@ def test_a_path_traced_render_warns_with_numbers(tmp_path, shiny_room, caplog):
     assert "path-traced at 4 spp: log noise 0." in warning
     assert "with a contrast threshold of 0.2 fires" in warning
     assert "are false: not there with 64 times the samples" in warning
+
+
+def test_a_study_of_a_path_traced_scene_warns_once(tmp_path, shiny_room, caplog):
+    """Promise: a study that has false events in it says so too, by the same measurement."""
+    study = Study(
+        name="shiny",
+        scenes=(str(shiny_room.folder),),
+        render=Render(resolution=62, spp=4, max_displacement_px=9.0, window_s=0.01, samples=2),
+        simulate=Simulate(widths=(16,), cutoffs_hz=(np.inf,)),
+        evaluate=Evaluate(flow=Flow(methods=())),
+    )
+    run_study(study, tmp_path / "run")
+    (said,) = (r.getMessage() for r in caplog.records if r.name == "eres_render.noise")
+    assert "path-traced at 4 spp: log noise 0." in said
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
+from eres_render.noise import warn_of_noise
 from tasks.row import Row
 from tasks.study.config import digest
 from tasks.study.costs import FrameTimer, costs_file
@@ -108,4 +109,5 @@ def _light_of(part: Part) -> _SceneLight:
     if key not in _loaded:
         _loaded.clear()
         _loaded[key] = _SceneLight(part)
+        warn_of_noise(_loaded[key].renderer, [part.clip], render.max_displacement_px)
     return _loaded[key]

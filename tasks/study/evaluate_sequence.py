@@ -14,6 +14,7 @@ from tasks.row import Row
 from tasks.study.config import Evaluate, Render, Simulate
 from tasks.study.evaluate_part import OnProgress, evaluate_part
 from tasks.study.parts import NOTHING, Part, check_methods
+from tasks.warm_up import warn_if_short
 
 Task = Literal["reconstruction", "flow", "tracking", "video"]
 
@@ -65,6 +66,7 @@ def evaluate_sequence(
         raise TaskError(
             f"{scene.name}: pose tracking needs a planar scene, one whose scene.toml has a [plane]"
         )
+    warn_if_short(sequence, cutoff_hz, speed)
     clip = Clip(sequence.manifest.clip, float(sequence.t_s[0]), *sequence.window_s)
     part = Part(
         scene,
