@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from eres_render.backend import release_memory
 from eres_render.clip import Clip, clips, continuous_stretch
 from eres_render.errors import RenderError
 from eres_render.file_lock import locked
@@ -56,8 +57,6 @@ def render_clip(
         If the folder holds a sequence with other settings, or cannot be written; frames that were
         finished stay.
     """
-    import drjit as dr
-
     scene, camera = renderer.scene, renderer.camera
     t_s = adaptive_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     poses = renderer.trajectory.pose(t_s)
@@ -85,7 +84,7 @@ def render_clip(
     with locked(out_dir / ".lock"):
         writer = SequenceWriter(out_dir, manifest, renderer.trajectory)
         _render_missing(renderer, poses, writer, on_progress)
-        dr.flush_malloc_cache()  # else Dr.Jit keeps what it has freed: 0.4 GB of the room
+        release_memory()
         return writer.finish()
 
 
