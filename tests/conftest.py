@@ -31,7 +31,7 @@ os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imp
 
 from tasks import cli  # noqa: E402
 
-# Neither chance nor a busy machine decides a test; examples share a test's tmp_path.
+# Neither chance nor a busy machine decides a property test; examples share a test's tmp_path.
 settings.register_profile(
     "steady",
     deadline=None,
