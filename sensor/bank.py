@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 from sensor import pixel
 from sensor.errors import SensorError
 from sensor.events import Events, concatenate
-from sensor.frames import FrameReader, Frames, checked_times, refuse_bad_radiance
+from sensor.frames import (
+    FrameReader,
+    Frames,
+    check_spans,
+    checked_times,
+    refuse_bad_radiance,
+    whole_microseconds,
+)
 from sensor.model import SensorModel
 from sensor.optics import integrate
 
@@ -27,6 +34,7 @@ _BLOCK_PX = 4040
 _CHUNK_FRAMES = 8
 _BANDS_A_THREAD = 4  # so that a thread that is held up leaves its share to the others
 _POOL_EVENTS = 1 << 22  # 32 MiB of addresses; memory is taken as it is filled
+_LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # below it, float64 loses digits one by one
 _CHUNK_WORK = 1 << 26  # pixels x frames x settings at a time: bounds the memory of unsorted events
 
 
@@ -53,7 +61,7 @@ class _Group:
     v2: NDArray[np.float64]
     memory: NDArray[np.float64]  # (S, height * width)
     held: list[Events]  # of the last frame's microsecond, in which the next chunk may fire too
-    last_us: list[NDArray[np.int64] | None]  # (height, width) last event, where one is refractory
+    ready_us: list[NDArray[np.int64] | None]  # (height, width) when refractory pixels fire again
 
 
 class Bank:
@@ -75,6 +83,8 @@ class Bank:
             raise SensorError("models: found none, expected at least one SensorModel")
         if len(self.speeds) != len(models) or not all(0 < s < np.inf for s in self.speeds):
             raise SensorError(f"speeds: found {speeds}, expected {len(models)} positive factors")
+        for speed in {*self.speeds}:
+            check_spans(self.t_s / speed, pixel.MAX_INTERVAL_US, speed)
         height, width = self.reader.shape
         for model in models:
             if model.height > height or model.width > width:
@@ -176,8 +186,8 @@ class Bank:
             v2=v.copy(),
             memory=memory,
             held=[self.no_events(i) for i in members],
-            last_us=[
-                np.full((m.height, m.width), -(1 << 62)) if m.refractory_s > 0 else None
+            ready_us=[
+                np.full((m.height, m.width), np.iinfo(np.int64).min) if m.refractory_s > 0 else None
                 for m in models
             ],
         )
@@ -216,13 +226,7 @@ class Bank:
             radiance = np.stack(good)
         _check_positive(radiance, group.dark, index)
         t_s = t_base_s / group.speed[:, None]
-        # Rounding half up, as the kernels do, keeps events and frames on one grid.
-        frame_us = np.floor(t_s * 1e6 + 0.5).astype(np.int64)
-        if np.diff(frame_us).max() > pixel.MAX_INTERVAL_US:
-            raise SensorError(
-                f"t_s: found {np.diff(t_s).max():.0f} s between two frames, expected less than "
-                f"{pixel.MAX_INTERVAL_US * 1e-6:.0f} s"
-            )
+        frame_us, after_us = whole_microseconds(t_s)
         steps = np.array(
             [
                 [
@@ -262,8 +266,8 @@ class Bank:
                     np.uint64(self.seed),
                     index - 1,
                     steps,
-                    t_s,
-                    frame_us,
+                    after_us,
+                    np.diff(frame_us),
                     block,
                     setting,
                     used,
@@ -380,12 +384,12 @@ def _electronics(model: SensorModel) -> list[float]:
 
 def _after_refractory(group: _Group, s: int, events: Events) -> Events:
     """The events that a refractory pixel reports."""
-    last_us = group.last_us[s]
-    if last_us is None:
+    ready_us = group.ready_us[s]
+    if ready_us is None:
         return events
     keep = np.empty(len(events), np.bool_)
-    refractory_us = round(group.models[s].refractory_s * 1e6)
-    pixel.outside_refractory(events.t_us, events.x, events.y, refractory_us, last_us, keep)
+    refractory_us = min(round(group.models[s].refractory_s * 1e6), np.iinfo(np.int64).max)
+    pixel.outside_refractory(events.t_us, events.x, events.y, refractory_us, ready_us, keep)
     return events.where(keep)
 
 
@@ -396,8 +400,10 @@ def _at_pixels(frame: NDArray[np.floating], model: SensorModel) -> NDArray[np.fl
 
 
 def _check_positive(radiance: NDArray[np.floating], dark: float, index: int) -> None:
-    if dark == 0 and not radiance.min() > 0:
+    least = float(radiance.min())
+    if dark == 0 and not least >= _LEAST_LIGHT:
         raise SensorError(
-            f"frame {index} or one soon after: a pixel has no radiance and dark_level is 0, so its "
-            "logarithm does not exist; give dark_level a positive value, or None"
+            f"frame {index} or one soon after: found a pixel of radiance {least:g}, "
+            f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
+            "exists; give dark_level a positive value, or None"
         )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sensor.errors import SensorError
 
 Frames = NDArray[np.floating] | Iterable[NDArray[np.floating]]
+MAX_TIME_S = 9.2e12  # 2^63 us, nearly
 
 
 def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
@@ -34,6 +35,46 @@ def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
             f"t_s[{k}]: found {times[k]} after {times[k - 1]}, expected strictly increasing times"
         )
     return times
+
+
+def check_spans(t_s: NDArray[np.float64], max_interval_us: int, speed: float) -> None:
+    """Check that times (T,), seconds at a speed, fit into 64-bit microseconds and follow in order.
+
+    Raises
+    ------
+    SensorError
+        A time is beyond +-`MAX_TIME_S`, or two frames are too far apart, or the speed leaves no
+        time between two frames.
+    """
+    at_speed = "" if speed == 1 else f" at speed {speed:g}"
+    far = np.flatnonzero(~(np.abs(t_s) <= MAX_TIME_S))
+    if far.size:
+        raise SensorError(
+            f"t_s[{far[0]}]: found {t_s[far[0]]:g} s{at_speed}, expected at most {MAX_TIME_S:g} s "
+            "from 0, so that it has a number of microseconds"
+        )
+    interval_s = np.diff(t_s)
+    if interval_s.size and interval_s.min() <= 0:
+        raise SensorError(f"speed: found {speed:g}, which leaves no time between two frames")
+    if interval_s.size and interval_s.max() * 1e6 > max_interval_us:
+        raise SensorError(
+            f"t_s: found {interval_s.max():.0f} s between two frames{at_speed}, expected less than "
+            f"{max_interval_us * 1e-6:.0f} s"
+        )
+
+
+def whole_microseconds(
+    t_s: NDArray[np.float64],
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Times in whole microseconds, rounded half up, and how far each lies after its own, in µs.
+
+    Whole seconds are taken apart, so that at any time, such as one since 1970, neither loses a
+    digit that t_s has.
+    """
+    seconds = np.floor(t_s)
+    us = (t_s - seconds) * 1e6
+    whole_us = np.floor(us + 0.5)
+    return seconds.astype(np.int64) * 1_000_000 + whole_us.astype(np.int64), us - whole_us
 
 
 class FrameReader:

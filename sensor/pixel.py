@@ -24,9 +24,13 @@ from numba.extending import intrinsic, overload
 
 # "contract" lets a * b + c become one rounding; nothing else about float64 is relaxed.
 jit = numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+# For what is called in loops that must become vectors: a call that stays a call ends them.
+inlined = numba.njit(
+    cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", forceinline=True
+)
 
-# An event while it waits to be sorted, in one uint64: microseconds since the start of its frame
-# interval, polarity, row, column.
+# An event while it waits to be sorted, in one uint64: microseconds since the rounded start of its
+# frame interval, polarity, row, column.
 TIME_SHIFT = np.uint64(33)
 POLARITY_SHIFT = np.uint64(32)
 ROW_SHIFT = np.uint64(16)
@@ -87,11 +91,12 @@ def log(x):
     )
 
 
-@jit
-def exp(x):
-    """exp(x) for |x| <= 700, to 1 ulp or so, in a form that vectorises; beyond, exp(+-700).
+@inlined
+def exp_parts(x):
+    """(scale, r, tail) with exp(x) = scale (1 + r + tail); beyond |x| = 700, of exp(+-700).
 
-    exp(x) = 2^k exp(r) with k an integer and |r| <= ln(2) / 2; exp(r) by its Taylor series.
+    exp(x) = 2^k exp(r) with k an integer and |r| <= ln(2) / 2; the tail of exp(r), from r^2 / 2 on,
+    by its Taylor series. Where |x| < ln(2) / 2, r is x and the scale is 1.
     """
     x = max(min(x, 700.0), -700.0)
     shifted = x * 1.4426950408889634 + 6755399441055744.0  # k in the lowest bits
@@ -108,9 +113,14 @@ def exp(x):
     p = p * r + 1.0 / 24.0
     p = p * r + 1.0 / 6.0
     p = p * r + 0.5
-    p = p * r + 1.0
-    p = p * r + 1.0
-    return p * _float_of(((_bits_of(shifted) + 1023) & 0x7FF) << 52)
+    return _float_of(((_bits_of(shifted) + 1023) & 0x7FF) << 52), r, r * r * p
+
+
+@inlined
+def exp(x):
+    """exp(x) for |x| <= 700, to 1 ulp or so, in a form that vectorizes; beyond, exp(+-700)."""
+    scale, r, tail = exp_parts(x)
+    return scale * (1.0 + (r + tail))
 
 
 @jit
@@ -161,6 +171,18 @@ def log_intensity(
     return good
 
 
+# Below the least a dt a pole stands still, above the greatest it lags by nothing: to float64, both
+# are exact. No cutoff and no light overflows.
+LEAST_X = 1e-30
+GREATEST_X = 1e16
+
+
+@jit
+def within_float(x):
+    """x = a dt, held where float64 holds what is computed from it."""
+    return min(max(x, LEAST_X), GREATEST_X)
+
+
 def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> np.ndarray:
     """Coefficients that take the poles exactly over one frame interval.
 
@@ -172,7 +194,7 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> np.ndar
     step[DT_S] = dt_s
     if math.isinf(cutoff_hz):
         return step
-    x = 2.0 * math.pi * cutoff_hz * dt_s
+    x = within_float(2.0 * math.pi * float(dt_s) * float(cutoff_hz))
     e = math.exp(-x)
     phi = -math.expm1(-x) / x
     step[X], step[E] = x, e
@@ -205,7 +227,7 @@ def poles_to_end_in_own_light(n, u0, u1, v1, v2, dt_s, electronics, v1_end, v2_e
     """
     two = electronics[POLES] == 2.0
     for i in range(n):
-        xi = electronics[LIGHT_A] * dt_s * math.exp(0.5 * (u0[i] + u1[i]))
+        xi = within_float(electronics[LIGHT_A] * dt_s * math.exp(0.5 * (u0[i] + u1[i])))
         ei = math.exp(-xi)
         phi = -math.expm1(-xi) / xi
         x[i] = xi
@@ -315,90 +337,133 @@ def flag_filtered(n, u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C
         flag[i] = (end >= C_on[i]) | (-end >= C_off[i]) | (turns & (over | under))
 
 
-# A crossing to be solved, one column each: v2(y) = level for y in [LOW, HIGH], v2 monotone there.
-# v2(y) = BASE + RISE y + (B + A y) e^{-y}, y = a t: with S = s/a and k poles BASE is u0 - k S, and
-# RISE is S plus what the memory leaks.
-BASE, RISE, POLE_A, POLE_B, LEVEL, LOW, HIGH, V_LOW, V_HIGH, INVERSE_A, ROOT = range(11)
-CROSSING_SIZE = 11
+# Beyond y = a t = TRANSIENT nothing is left of a transient: y^2 e^{-y} < 1e-24.
+TRANSIENT = 64.0
+# Up to this a dt a curve is written in its short form.
+SHORT_X = 0.25
+
+# v2 within an interval, in y = a t. With S = s/a and k poles it is, in its long form,
+#
+#   v2(y) = (u0 - k S) + S y + (B + A y) e^{-y}, A = (k - 1) (v1 - u0 + S), B = v2 - u0 + k S
+#
+# and the same in its short form, for a dt so small that S would cancel the rest away:
+#
+#   v2(y) = v2 + v2'(0) y - A y^2 + (B + A y) (e^{-y} - 1 + y).
+#
+# Both are START_V + RISE y - SHORT A y^2 + (B + A y) decay(y, SHORT). What the memory leaks comes
+# on top of the slope.
+#
+# A crossing to be solved, one column each: v2(y) = LEVEL for y in [LOW, HIGH], v2 monotone there.
+# US is what a unit of y takes in microseconds, SLACK what y may be off by.
+START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH, US, SLACK, ROOT = range(13)
+CROSSING_SIZE = 13
 CROSSING_BATCH = 520  # no power of two: the columns must not fall on the same lines of the cache
 
 
-@jit
-def v2_at(y, base, rise, A, B):
+@inlined
+def decay(y, short):
+    """e^{-y} where short is 0; where it is 1, for y < ln(2) / 2, e^{-y} - 1 + y to all digits."""
+    scale, r, tail = exp_parts(-y)
+    return scale * (tail + (1.0 - short) * (1.0 + r))
+
+
+@inlined
+def v2_at(y, start, rise, A, B, short):
     """v2 at y = a t."""
-    return base + rise * y + (B + A * y) * exp(-y)
+    return start + y * (rise - short * A * y) + (B + A * y) * decay(y, short)
+
+
+@inlined
+def v2_and_slopes_at(y, start, rise, A, B, short):
+    """v2 and its first three derivatives by y at y = a t."""
+    E = decay(y, short)
+    E1 = short * y - E
+    E2 = short - E1
+    w = B + A * y
+    square = short * A
+    v = start + y * (rise - square * y) + w * E
+    slope = rise - 2.0 * square * y + A * E + w * E1
+    curvature = -2.0 * square + 2.0 * A * E1 + w * E2
+    return v, slope, curvature, (3.0 * A - w) * E2
 
 
 @jit
-def v2_slope_at(y, rise, A, B):
-    """dv2/dy at y = a t."""
-    return rise + (A - B - A * y) * exp(-y)
-
-
-@jit
-def turning_point(low, high, rise, A, B):
+def turning_point(low, high, rise, A, B, short):
     """Root of v2's slope between low and high, where it changes its sign exactly once.
 
-    Newton's method from the chord's root, kept inside a shrinking bracket. It doubles the digits,
-    and v2 is flat here: a step below 1e-4 leaves v2 with an error near 1e-16.
+    Halley's method, kept inside a shrinking bracket, which is halved where a step is outside of it
+    or is not half as long as the one before. v2 is flat here: an error of 1e-8 in the root leaves
+    one of 1e-16 in v2.
     """
-    slope_low, slope_high = v2_slope_at(low, rise, A, B), v2_slope_at(high, rise, A, B)
-    falling = slope_low > 0.0
-    y = low + (high - low) * (slope_low / (slope_low - slope_high))
-    for _ in range(60):
-        decay = exp(-y)
-        slope = rise + (A - B - A * y) * decay
+    slope_low = v2_and_slopes_at(low, 0.0, rise, A, B, short)[1]
+    slope_high = v2_and_slopes_at(high, 0.0, rise, A, B, short)[1]
+    falling = slope_low > slope_high
+    close = 1e-4 * min(high - low, 1.0)
+    moved = high - low
+    y = low + moved * min(max(slope_low / (slope_low - slope_high), 0.0), 1.0)
+    for _ in range(200):
+        _, slope, curvature, third = v2_and_slopes_at(y, 0.0, rise, A, B, short)
         if (slope > 0.0) == falling:
             low = y
         else:
             high = y
-        better = y - slope / ((B - 2.0 * A + A * y) * decay)
-        if not (low <= better <= high):
+        better = y - 2.0 * slope * curvature / (2.0 * curvature * curvature - slope * third)
+        if not (low <= better <= high and abs(better - y) <= 0.5 * moved):
             better = 0.5 * (low + high)
         moved = abs(better - y)
         y = better
-        if moved < 1e-4:
+        if moved < close:
             break
     return y
 
 
-@jit
-def halley(y, level, base, rise, A, B):
+@inlined
+def halley(y, level, start, rise, A, B, short, slack):
     """One step of Halley's method towards v2(y) = level. Returns (next y, error, near).
 
-    Near means that the next y is exact. With d = error / slope, about the distance left, the step
-    leaves about d^3 (v2'' / v2')^2, here below 1e-9, of 1/a. The step's own length would not do:
-    it is short near any turn of v2, wherever the level is.
+    Near means that the next y is off by less than the slack. With d = error / slope, about the
+    distance left, the step leaves at most about d^3 (bend^2 + |third|), the second and the third
+    derivative over the first. The step's own length would not do: it is short near any turn of v2,
+    wherever the level is.
     """
-    decay = exp(-y)
-    error = base + rise * y + (B + A * y) * decay - level
-    slope = rise + (A - B - A * y) * decay
-    curvature = (B - 2.0 * A + A * y) * decay
-    step = 2.0 * error * slope / (2.0 * slope * slope - error * curvature)
-    distance = abs(error / slope)
-    bend = curvature / slope
-    near = (distance < 0.01) & (distance * distance * distance * bend * bend < 1e-9)
-    return y - step, error, near
+    v, slope, curvature, third = v2_and_slopes_at(y, start, rise, A, B, short)
+    error = v - level
+    inverse = 1.0 / slope
+    distance = error * inverse
+    bend = curvature * inverse
+    better = y - distance / (1.0 - 0.5 * distance * bend)
+    left = abs(distance * distance * distance) * (bend * bend + abs(third * inverse))
+    return better, error, (abs(distance) < 0.01) & (left < slack)
 
 
 @jit
-def crossing(level, low, high, v_low, v_high, base, rise, A, B):
+def crossing(level, low, high, v_low, v_high, start, rise, A, B, short, slack):
     """y in [low, high] at which v2, monotone there, takes the level: slowly, but surely.
 
-    Halley's method from the chord's crossing, kept inside a shrinking bracket.
+    Halley's method kept inside a shrinking bracket, which is halved where a step is outside of it
+    or is not half as long as the one before. It starts where the chord crosses the level, or, if
+    that comes first, where an exponential tail would: along a tail, Halley's own steps are no
+    longer than 2.
     """
+    share = (level - v_low) / (v_high - v_low)
+    if low >= TRANSIENT:  # a straight line
+        return low + (high - low) * min(max(share, 0.0), 1.0)
     rising = v_high > v_low
-    y = low + (high - low) * ((level - v_low) / (v_high - v_low))
-    for _ in range(100):
-        better, error, near = halley(y, level, base, rise, A, B)
+    moved = high - low
+    y = low + min(moved * share, -math.log1p(-share) if share < 1.0 else moved)
+    y = min(max(y, low), high)
+    for _ in range(200):
+        better, error, near = halley(y, level, start, rise, A, B, short, slack)
         if (error < 0.0) == rising:
             low = y
         else:
             high = y
-        if not (low <= better <= high):
+        if not (low <= better <= high and abs(better - y) <= 0.5 * moved):
             better = 0.5 * (low + high)
+            near = False
+        moved = abs(better - y)
         y = better
-        if near or high - low < 1e-9:
+        if near or high - low < slack:
             break
     return y
 
@@ -407,32 +472,37 @@ def crossing(level, low, high, v_low, v_high, base, rise, A, B):
 def solve_crossings(todo, count):
     """Fill in the roots of the first `count` columns: three steps for all at once, in vectors.
 
-    The few that have not converged by then, near a turn of v2, are solved one by one.
+    The few that have not converged by then, near a turn of v2 or far down a tail, are solved one by
+    one.
     """
-    base, rise, A, B, level = todo[BASE], todo[RISE], todo[POLE_A], todo[POLE_B], todo[LEVEL]
+    start, rise, A, B, short = todo[START_V], todo[RISE], todo[POLE_A], todo[POLE_B], todo[SHORT]
     low, high, v_low, v_high = todo[LOW], todo[HIGH], todo[V_LOW], todo[V_HIGH]
-    root = todo[ROOT]
+    level, slack, root = todo[LEVEL], todo[SLACK], todo[ROOT]
     for k in range(count):
+        curve = level[k], start[k], rise[k], A[k], B[k], short[k], slack[k]
         y = low[k] + (high[k] - low[k]) * ((level[k] - v_low[k]) / (v_high[k] - v_low[k]))
-        better, _, _ = halley(y, level[k], base[k], rise[k], A[k], B[k])
+        better, _, _ = halley(y, *curve)
         y = min(max(better, low[k]), high[k])
-        better, _, _ = halley(y, level[k], base[k], rise[k], A[k], B[k])
+        better, _, _ = halley(y, *curve)
         y = min(max(better, low[k]), high[k])
-        better, _, near = halley(y, level[k], base[k], rise[k], A[k], B[k])
+        better, _, near = halley(y, *curve)
         # A root is a number of at least 0: less marks what is still to be done.
         root[k] = min(max(better, low[k]), high[k]) if near else -1.0
     for k in range(count):
         if not root[k] >= 0.0:
-            root[k] = crossing(
-                level[k], low[k], high[k], v_low[k], v_high[k], base[k], rise[k], A[k], B[k]
-            )
+            curve = start[k], rise[k], A[k], B[k], short[k], slack[k]
+            root[k] = crossing(level[k], low[k], high[k], v_low[k], v_high[k], *curve)
 
 
 @jit
-def pack(t_s, start_us, end_us, polarity_and_position):
-    """One event as a sortable word; the one place where a float time becomes microseconds."""
-    t_us = min(np.int64(math.floor(t_s * 1e6 + 0.5)), end_us) - start_us
-    return (np.uint64(t_us) << TIME_SHIFT) | polarity_and_position
+def pack(since_us, start_us, length_us, polarity_and_position):
+    """One event as a sortable word; the one place where a float time becomes microseconds.
+
+    The event comes `since_us` after its interval starts. Rounding never takes it out of the
+    interval.
+    """
+    t_us = np.int64(math.floor(start_us + since_us + 0.5))
+    return (np.uint64(min(max(t_us, 0), length_us)) << TIME_SHIFT) | polarity_and_position
 
 
 @jit
@@ -461,18 +531,18 @@ LEVEL_RISE, WHOLE_RISE = range(2)
 
 @jit
 def fire_lines(
-    todo, todo_words, count, setting, leader, interval, t_s, steps, base_us, pool, segment
+    todo, todo_words, count, setting, leader, interval, steps, start_us, length_us, pool, segment
 ):
     """Append the listed levels as events to the part of the pool of each setting that fires so."""
     for m in range(setting, leader.size):
         if leader[m] != setting:
             continue
-        t0_s, dt_s = t_s[m, interval], steps[m, interval, DT_S]
-        start_us, end_us = base_us[m, interval], base_us[m, interval + 1]
+        dt_us = steps[m, interval, DT_S] * 1e6
+        first_us, whole_us = start_us[m, interval], length_us[m, interval]
         out = pool[segment[m, STOP] : segment[m, STOP] + count]
         for j in range(count):
-            event_s = t0_s + todo[LEVEL_RISE, j] * (dt_s / todo[WHOLE_RISE, j])
-            out[j] = pack(event_s, start_us, end_us, todo_words[j])
+            since_us = todo[LEVEL_RISE, j] * (dt_us / todo[WHOLE_RISE, j])
+            out[j] = pack(since_us, first_us, whole_us, todo_words[j])
         segment[m, STOP] += count
 
 
@@ -491,9 +561,9 @@ def events_of_lines(
     setting,
     leader,
     interval,
-    t_s,
     steps,
-    base_us,
+    start_us,
+    length_us,
     position,
     todo,
     todo_words,
@@ -548,9 +618,9 @@ def events_of_lines(
                     setting,
                     leader,
                     interval,
-                    t_s,
                     steps,
-                    base_us,
+                    start_us,
+                    length_us,
                     pool,
                     segment,
                 )
@@ -559,7 +629,17 @@ def events_of_lines(
         u0[k] = level + leaked - C_off[i]
         u1[k] = level + leaked + C_on[i]
     fire_lines(
-        todo, todo_words, count, setting, leader, interval, t_s, steps, base_us, pool, segment
+        todo,
+        todo_words,
+        count,
+        setting,
+        leader,
+        interval,
+        steps,
+        start_us,
+        length_us,
+        pool,
+        segment,
     )
     for k in range(flagged.size):
         u0[k] = light_bound(u0[k], BOUND_MARGIN)
@@ -574,45 +654,54 @@ def events_of_lines(
 
 
 @jit
-def fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used):
+def fire(todo, todo_words, count, start_us, length_us, pool, used):
     """Solve the listed crossings and append them to the pool as events; -1 when it is full."""
     if used + count > pool.size:
         return -1
     solve_crossings(todo, count)
     for k in range(count):
-        t_s = t0_s + todo[ROOT, k] * todo[INVERSE_A, k]
-        pool[used + k] = pack(t_s, start_us, end_us, todo_words[k])
+        since_us = todo[ROOT, k] * todo[US, k]
+        pool[used + k] = pack(since_us, start_us, length_us, todo_words[k])
     return used + count
 
 
-# A flagged pixel's v2 over an interval, one column each, in the terms of a crossing; FLAT is where
-# its slope has its own turning point, or else the interval's end, WHOLE = a dt.
-U_START, U_END, V1_START, V2_START, V2_STOP, WHOLE, DECAY = range(7)
-CURVE_BASE, CURVE_RISE, CURVE_A, CURVE_B, FLAT, TURNS_BEFORE, TURNS_AFTER = range(7, 14)
-CURVE_SIZE = 14
+# A flagged pixel's v2 over an interval, one column each, in the terms of a crossing. WHOLE = a dt;
+# SHAPED is where the transient ends or else the interval does, FLAT where before that v2's slope
+# has its own turning point, or else SHAPED.
+U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
+CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
+CURVE_SIZE = 16
 
 
 @jit
 def describe_curves(curve, count, poles, drift):
     """From the state of the first `count` columns to their curves, in vectors."""
     u0, u1, v1, v2 = curve[U_START], curve[U_END], curve[V1_START], curve[V2_START]
-    whole, decay = curve[WHOLE], curve[DECAY]
+    v1_end, v2_end, whole = curve[V1_STOP], curve[V2_STOP], curve[WHOLE]
+    second = poles - 1.0
     for k in range(count):
         S = (u1[k] - u0[k]) / whole[k]
-        A = (poles - 1.0) * (v1[k] - u0[k] + S)
-        B = v2[k] - u0[k] + poles * S
-        rise = S + drift / whole[k]
-        slope_start = rise + A - B
-        slope_end = rise + (A - B - A * whole[k]) * decay[k]
-        flat = (2.0 * A - B) / A
-        inside = (flat > 0.0) & (flat < whole[k])  # never where A is 0
-        flat = flat if inside else whole[k]
-        slope_flat = v2_slope_at(flat, rise, A, B) if inside else slope_end
+        to_v1, to_v2 = v1[k] - u0[k], v2[k] - u0[k]
+        A = second * (to_v1 + S)
+        B = to_v2 + poles * S
+        leak = drift / whole[k]
+        # v2' = v1 - v2 of two poles, u - v2 of one
+        slope_start = second * to_v1 - to_v2 + leak
+        slope_end = second * (v1_end[k] - u1[k]) - (v2_end[k] - u1[k]) + leak
+        short = 1.0 if whole[k] < SHORT_X else 0.0
+        rise = slope_start if short > 0.0 else S + leak
+        shaped = min(whole[k], TRANSIENT)
+        flat = (2.0 * to_v1 - to_v2) / A  # (2 A - B) / A of two poles
+        inside = (second > 0.0) & (flat > 0.0) & (flat < shaped)
+        flat = flat if inside else shaped
+        slope_flat = v2_and_slopes_at(flat, 0.0, rise, A, B, short)[1] if inside else slope_end
         curve[V2_STOP, k] += drift
-        curve[CURVE_BASE, k] = u0[k] - poles * S
+        curve[CURVE_START_V, k] = v2[k] if short > 0.0 else u0[k] - poles * S
         curve[CURVE_RISE, k] = rise
         curve[CURVE_A, k] = A
         curve[CURVE_B, k] = B
+        curve[CURVE_SHORT, k] = short
+        curve[SHAPED, k] = shaped
         curve[FLAT, k] = flat
         curve[TURNS_BEFORE, k] = slope_start * slope_flat < 0.0
         curve[TURNS_AFTER, k] = slope_flat * slope_end < 0.0
@@ -625,18 +714,17 @@ def events_of_curves(
     u1,
     v1,
     v2,
+    v1_end,
     v2_end,
     x,
-    e,
     poles,
     drift,
     memory,
     C_on,
     C_off,
-    t0_s,
     dt_s,
     start_us,
-    end_us,
+    length_us,
     position,
     curve,
     todo,
@@ -646,65 +734,66 @@ def events_of_curves(
 ):
     """Fire the flagged filtered pixels over one interval: v2 is a curve.
 
-    The interval is cut where v2 turns, at most twice, and the levels that each monotone piece
-    crosses are listed; `fire` finds the times. Returns how much of the pool is used, or -1 when it
-    is full.
+    The interval is cut where v2 turns, at most twice, and where its transient has died away; the
+    levels that each monotone piece crosses are listed, and `fire` finds the times. Returns how much
+    of the pool is used, or -1 when it is full.
     """
     for k in range(flagged.size):
         i = flagged[k]
         curve[U_START, k], curve[U_END, k] = u0[i], u1[i]
-        curve[V1_START, k], curve[V2_START, k], curve[V2_STOP, k] = v1[i], v2[i], v2_end[i]
-        curve[WHOLE, k], curve[DECAY, k] = each(x, i), each(e, i)
+        curve[V1_START, k], curve[V1_STOP, k] = v1[i], v1_end[i]
+        curve[V2_START, k], curve[V2_STOP, k] = v2[i], v2_end[i]
+        curve[WHOLE, k] = each(x, i)
     describe_curves(curve, flagged.size, poles, drift)
     count = 0
     for k in range(flagged.size):
         i = flagged[k]
-        base, rise, A, B = (
-            curve[CURVE_BASE, k],
-            curve[CURVE_RISE, k],
-            curve[CURVE_A, k],
-            curve[CURVE_B, k],
-        )
-        whole, flat = curve[WHOLE, k], curve[FLAT, k]
+        start, rise = curve[CURVE_START_V, k], curve[CURVE_RISE, k]
+        A, B, short = curve[CURVE_A, k], curve[CURVE_B, k], curve[CURVE_SHORT, k]
+        whole, shaped, flat = curve[WHOLE, k], curve[SHAPED, k], curve[FLAT, k]
         # v2's slope has at most one turning point of its own; on both sides it is monotone.
-        cut_0, cut_1 = 0.0, whole
+        cut_0, cut_1 = 0.0, shaped
         if curve[TURNS_BEFORE, k] != 0.0:
-            cut_0 = turning_point(0.0, flat, rise, A, B)
+            cut_0 = turning_point(0.0, flat, rise, A, B, short)
         if curve[TURNS_AFTER, k] != 0.0:
-            cut_1 = turning_point(flat, whole, rise, A, B)
+            cut_1 = turning_point(flat, shaped, rise, A, B, short)
+        us = dt_s * 1e6 / whole
+        slack = min(1.0, 1e6 / us) * 1e-9  # of the time constant 1/a, and of a second
         level = memory[i]
         low, v_low = 0.0, curve[V2_START, k]
-        for piece in range(3):
-            high = cut_0 if piece == 0 else (cut_1 if piece == 1 else whole)
+        for high in (cut_0, cut_1, shaped, whole):
             if high <= low:
                 continue
-            v_high = curve[V2_STOP, k] if high == whole else v2_at(high, base, rise, A, B)
+            at_end = high == whole
+            v_high = curve[V2_STOP, k] if at_end else v2_at(high, start, rise, A, B, short)
             sign = math.copysign(1.0, v_high - level)
             on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
             C = on if sign > 0.0 else off
             word = position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
             while (v_high - level) * sign >= C:
                 if count == CROSSING_BATCH:
-                    used = fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used)
+                    used = fire(todo, todo_words, count, start_us, length_us, pool, used)
                     count = 0
                     if used < 0:
                         return -1
                 level += sign * C
-                todo[BASE, count] = base
+                todo[START_V, count] = start
                 todo[RISE, count] = rise
                 todo[POLE_A, count] = A
                 todo[POLE_B, count] = B
+                todo[SHORT, count] = short
                 todo[LEVEL, count] = level
                 todo[LOW, count] = low
                 todo[HIGH, count] = high
                 todo[V_LOW, count] = v_low
                 todo[V_HIGH, count] = v_high
-                todo[INVERSE_A, count] = dt_s / whole
+                todo[US, count] = us
+                todo[SLACK, count] = slack
                 todo_words[count] = word
                 count += 1
             low, v_low = high, v_high
         memory[i] = level
-    return fire(todo, todo_words, count, t0_s, start_us, end_us, pool, used)
+    return fire(todo, todo_words, count, start_us, length_us, pool, used)
 
 
 @jit
@@ -725,6 +814,28 @@ def uniform(seed, pixel, frame, draw):
     return np.float64(random_bits(seed, pixel, frame, draw) >> np.uint64(11)) * 2.0**-53
 
 
+# Mean of a Poisson process that is drawn at once, and room for the draws of its events.
+MOST_NOISE = 64.0
+DRAWS_SHIFT = 20
+
+
+@jit
+def poisson(mean, left):
+    """Number of events of a Poisson process by inversion: mean at most MOST_NOISE, left in [0, 1).
+
+    `left` is what remains of the cumulated probability; rounding may leave 1e-16 of it.
+    """
+    if left < 1.0 - mean:  # exp(-mean) is not less: as a rule, nothing happens
+        return 0
+    probability = math.exp(-mean)
+    count = 0
+    while left >= probability and (count < mean or probability > 1e-18):
+        left -= probability
+        count += 1
+        probability *= mean / count
+    return count
+
+
 @jit
 def noise_events(
     n,
@@ -735,10 +846,9 @@ def noise_events(
     seed,
     first_pixel,
     frame,
-    t0_s,
     dt_s,
     start_us,
-    end_us,
+    length_us,
     position,
     pool,
     begin,
@@ -757,22 +867,20 @@ def noise_events(
         if noise_hz > 0.0:
             rate_hz += noise_hz * math.exp(-exponent * (u0[i] - log_dark))
         mean = rate_hz * dt_s
-        left = uniform(seed, first_pixel + i, frame, 0)
-        if left < 1.0 - mean:  # exp(-mean) is not less: as a rule, nothing happens
-            continue
-        probability = math.exp(-mean)
-        count = 0
-        while left >= probability and count < 1000:
-            left -= probability
-            count += 1
-            probability *= mean / count
-        for k in range(count):
-            if used == pool.size:
-                return -1
-            t_s = t0_s + dt_s * uniform(seed, first_pixel + i, frame, 2 * k + 1)
-            bit = random_bits(seed, first_pixel + i, frame, 2 * k + 2) & np.uint64(1)
-            pool[used] = pack(t_s, start_us, end_us, (bit << POLARITY_SHIFT) | position[i])
-            used += 1
+        # Parts of the interval are Poisson processes of their own, each of a mean that exp holds.
+        parts = np.int64(mean * (1.0 / MOST_NOISE)) + 1
+        part_us = dt_s * 1e6 / parts
+        for part in range(parts):
+            draw = part << DRAWS_SHIFT
+            count = poisson(mean / parts, uniform(seed, first_pixel + i, frame, draw))
+            for k in range(count):
+                if used == pool.size:
+                    return -1
+                share = uniform(seed, first_pixel + i, frame, draw + 2 * k + 1)
+                bit = random_bits(seed, first_pixel + i, frame, draw + 2 * k + 2) & np.uint64(1)
+                word = (bit << POLARITY_SHIFT) | position[i]
+                pool[used] = pack(part_us * (part + share), start_us, length_us, word)
+                used += 1
     signal = pool[begin:signal_end].copy()
     noise = pool[signal_end:used].copy()
     j, k = 0, 0
@@ -822,8 +930,8 @@ def advance_pixels(
     seed,
     first_frame,  # number of the first interval since the start, for the draws
     steps,  # (S, F, STEP_SIZE)
-    t_s,  # (S, F + 1) frame times
-    base_us,  # (S, F + 1) frame times, rounded to microseconds
+    start_us,  # (S, F) how far each interval's start lies after a whole microsecond, or before it
+    length_us,  # (S, F) int64: whole microseconds from an interval's start to its end, both rounded
     first_block,
     first_setting,  # where to go on after the pool was enlarged
     used,  # how much of the pool is used there
@@ -902,32 +1010,25 @@ def advance_pixels(
                     before = u[f], u[f + 1], v1_now[now], v2_now[now]
                     poles, step = electronics[s, POLES], steps[s, f]
                     band = drift, memory_now, C_on_now, C_off_now
-                    interval = t_s[s, f], dt_s, base_us[s, f], base_us[s, f + 1]
+                    interval = dt_s, start_us[s, f], length_us[s, f]
                     work = position, curve, todo, todo_words, pool, used
-                    v2_end = v2_now[end]
+                    after = v1_now[end], v2_now[end]
                     if electronics[s, LIGHT_A] > 0.0:
                         poles_to_end_in_own_light(
-                            n, *before, dt_s, electronics[s], v1_now[end], v2_end, x_now, e_now
+                            n, *before, dt_s, electronics[s], *after, x_now, e_now
                         )
-                        flag_filtered(n, *before, v2_end, x_now, e_now, poles, *band, flag)
+                        flag_filtered(n, *before, v2_now[end], x_now, e_now, poles, *band, flag)
                         flagged = index[: list_flagged(flag, n, index)]
                         used = events_of_curves(
-                            flagged, *before, v2_end, x_now, e_now, poles, *band, *interval, *work
+                            flagged, *before, *after, x_now, poles, *band, *interval, *work
                         )
                     else:
-                        poles_to_end(n, *before, step, v1_now[end], v2_end)
-                        flag_filtered(n, *before, v2_end, step[X], step[E], poles, *band, flag)
+                        poles_to_end(n, *before, step, *after)
+                        ends = v2_now[end], step[X], step[E]
+                        flag_filtered(n, *before, *ends, poles, *band, flag)
                         flagged = index[: list_flagged(flag, n, index)]
                         used = events_of_curves(
-                            flagged,
-                            *before,
-                            v2_end,
-                            step[X],
-                            step[E],
-                            poles,
-                            *band,
-                            *interval,
-                            *work,
+                            flagged, *before, *after, step[X], poles, *band, *interval, *work
                         )
                 else:
                     fade = exp(-leaked - drift)
@@ -962,9 +1063,9 @@ def advance_pixels(
                         s,
                         leader,
                         f,
-                        t_s,
                         steps,
-                        base_us,
+                        start_us,
+                        length_us,
                         position,
                         todo,
                         todo_words,
@@ -989,10 +1090,9 @@ def advance_pixels(
                         seed,
                         start,
                         first_frame + f,
-                        t_s[s, f],
                         dt_s,
-                        base_us[s, f],
-                        base_us[s, f + 1],
+                        start_us[s, f],
+                        length_us[s, f],
                         position,
                         pool,
                         begin,
@@ -1055,12 +1155,13 @@ def sort_by_time(words, other, interval_us, start_us, t_us, x, y, p):
 
 
 @jit
-def outside_refractory(t_us, x, y, refractory_us, last_us, keep):
+def outside_refractory(t_us, x, y, refractory_us, ready_us, keep):
     """Mark which of a pixel's events come at least the refractory period after its last kept one.
 
-    last_us, (height, width) int64, is the time of each pixel's last kept event; updated.
+    ready_us, (height, width) int64, is when each pixel can fire again; updated.
     """
+    latest = np.iinfo(np.int64).max - refractory_us
     for k in range(t_us.size):
-        keep[k] = t_us[k] - last_us[y[k], x[k]] >= refractory_us
+        keep[k] = t_us[k] >= ready_us[y[k], x[k]]
         if keep[k]:
-            last_us[y[k], x[k]] = t_us[k]
+            ready_us[y[k], x[k]] = min(t_us[k], latest) + refractory_us

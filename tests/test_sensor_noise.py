@@ -103,6 +103,19 @@ def test_shot_noise_is_a_poisson_process():
     assert in_windows.var() / in_windows.mean() == pytest.approx(1, abs=4 * math.sqrt(2e-2) / SIDE)
 
 
+@pytest.mark.parametrize("interval_s", [0.5, 0.7, 8.0])
+def test_noise_over_long_intervals_is_a_poisson_process_too(interval_s):
+    """Physics: counts, times and signs of a Poisson process of any mean between two frames."""
+    rate_hz = 100.0
+    events = simulate(*constant(0.0, interval_s, frames=2), model(shot_noise_hz=rate_hz), seed=2)
+    per_pixel, mean = counts(events), rate_hz * interval_s
+    assert abs(per_pixel.mean() - mean) < 4 * math.sqrt(mean) / SIDE
+    assert per_pixel.var() == pytest.approx(mean, rel=4 * math.sqrt(2) / SIDE)
+    assert abs((events.p == 1).mean() - 0.5) < 2 / math.sqrt(len(events))
+    few = events.t_us[:: len(events) // 20_000]
+    assert stats.kstest(few, stats.uniform(0, interval_s * 1e6).cdf).pvalue > 0.001
+
+
 def test_shot_noise_falls_with_the_light():
     """Physics: a hundred times the light, a tenth of the noise (exponent 1/2)."""
     light = np.where(np.arange(SIDE) < SIDE // 2, 0.0, 99 * 0.01)

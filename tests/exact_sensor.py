@@ -1,0 +1,153 @@
+"""One pixel in 200-bit arithmetic, by bisection alone: what the kernels are held to.
+
+It shares no code and no form of an equation with the package. Every turn of the voltage and every
+crossing is bracketed and bisected; nothing cancels that 60 decimal digits do not hold.
+"""
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import gmpy2
+from gmpy2 import mpfr
+
+gmpy2.get_context().precision = 200
+TURN_BISECTIONS = 80  # of a dt up to 1e6: to 1e-18, where v2 is flat
+CROSSING_BISECTIONS = 42  # of a frame interval: to 1e-12 of it
+
+
+@dataclass(frozen=True)
+class Pixel:
+    """What decides the events of a pixel; `cutoff_reference` as in `SensorModel`."""
+
+    C: float
+    cutoff_hz: float = math.inf
+    poles: int = 2
+    leak_hz: float = 0.0
+    dark: float = 0.0
+    cutoff_reference: float | None = None
+
+
+@dataclass(frozen=True)
+class ExactEvents:
+    """Events of a pixel, and how near float64 comes to a different answer."""
+
+    t_us: list[mpfr]
+    p: list[int]
+    margin: float
+    """Least distance, log units, of a level from where the voltage turns short of it or past it."""
+    worst_slowness_us: float
+    """Longest time that the voltage takes for 1e-12 log units at a crossing."""
+
+
+class Voltage:
+    """v(t) of one frame interval, what the memory leaks included, t in seconds from its start."""
+
+    def __init__(self, pixel, u0, u1, v1, v2, dt):
+        self.dt, self.u0, self.s = dt, u0, (u1 - u0) / dt
+        self.leak = mpfr(pixel.leak_hz) * mpfr(pixel.C)
+        self.k = pixel.poles
+        if math.isinf(pixel.cutoff_hz):
+            self.a = None
+            return
+        self.a = 2 * gmpy2.const_pi() * mpfr(pixel.cutoff_hz)
+        if pixel.cutoff_reference is not None:
+            self.a *= gmpy2.exp((u0 + u1) / 2) / mpfr(pixel.cutoff_reference)
+        self.c1 = v1 - u0 + self.s / self.a
+        self.c2 = v2 - u0 + self.k * self.s / self.a
+        self.growth = self.c1 * self.a if self.k == 2 else mpfr(0)
+
+    def filtered(self, t):
+        """Without the leak."""
+        if self.a is None:
+            return self.u0 + self.s * t
+        tail = (self.c2 + self.growth * t) * gmpy2.exp(-self.a * t)
+        return self.u0 + self.s * (t - self.k / self.a) + tail
+
+    def first_pole(self, t):
+        if self.a is None:
+            return self.u0 + self.s * t
+        return self.u0 + self.s * (t - 1 / self.a) + self.c1 * gmpy2.exp(-self.a * t)
+
+    def __call__(self, t):
+        return self.filtered(t) + self.leak * t
+
+    def slope(self, t):
+        """dv/dt."""
+        steady = self.s + self.leak
+        if self.a is None:
+            return steady
+        now = self.growth - self.a * (self.c2 + self.growth * t)
+        return steady + now * gmpy2.exp(-self.a * t)
+
+    def turns(self):
+        """Times within the interval at which the slope changes its sign."""
+        if self.a is None:
+            return []
+        edges = [mpfr(0), self.dt]
+        if self.growth != 0:
+            flat = 2 / self.a - self.c2 / self.growth
+            if 0 < flat < self.dt:
+                edges.insert(1, flat)
+        return [
+            bisect(self.slope, low, high, TURN_BISECTIONS)
+            for low, high in pairwise(edges)
+            if self.slope(low) * self.slope(high) < 0
+        ]
+
+
+def bisect(f, low, high, steps):
+    """Where f, monotone between low and high, changes its sign."""
+    rising = f(high) > 0
+    for _ in range(steps):
+        middle = (low + high) / 2
+        if (f(middle) > 0) == rising:
+            high = middle
+        else:
+            low = middle
+    return (low + high) / 2
+
+
+def exact_events(radiance, t_s, pixel):
+    """Events of a pixel that sees the radiance at the times, both taken as the exact numbers."""
+    u = [gmpy2.log(mpfr(float(light)) + mpfr(pixel.dark)) for light in radiance]
+    t_s = [mpfr(float(t)) for t in t_s]
+    C = mpfr(pixel.C)
+    v1 = v2 = memory = u[0]
+    events, margin, slowness_us = [], math.inf, 0.0
+    direction = 0
+    for (u0, u1), (t0, t1) in zip(pairwise(u), pairwise(t_s), strict=True):
+        voltage = Voltage(pixel, u0, u1, v1, v2, t1 - t0)
+        edges = [mpfr(0), *voltage.turns(), voltage.dt]
+        for low, high in pairwise(edges):
+            v_low, v_high = voltage(low), voltage(high)
+            before, direction = direction, int(gmpy2.sign(v_high - v_low))
+            if direction != before:
+                margin = min(margin, distance_to_level(v_low, memory, C, events))
+            while abs(v_high - memory) >= C:
+                p = int(gmpy2.sign(v_high - memory))
+                level = memory + p * C
+
+                def short_of(t, voltage=voltage, level=level):
+                    return voltage(t) - level
+
+                if short_of(low) * p >= 0:  # met at the interval's very start
+                    t = low
+                else:
+                    t = bisect(short_of, low, high, CROSSING_BISECTIONS)
+                slope = abs(float(voltage.slope(t)))
+                slowness_us = max(slowness_us, 1e-12 / slope * 1e6 if slope else math.inf)
+                events.append(((t0 + t) * 1_000_000, p))
+                memory = level
+        memory -= voltage.leak * voltage.dt
+        v1, v2 = voltage.first_pole(voltage.dt), voltage.filtered(voltage.dt)
+        if pixel.poles == 1:
+            v1 = v2
+    margin = min(margin, distance_to_level(v2, memory, C, events))
+    return ExactEvents([t for t, _ in events], [p for _, p in events], margin, slowness_us)
+
+
+def distance_to_level(v, memory, C, events):
+    """How far v is from the nearer of the two levels that fire, or from the one that fired last."""
+    levels = [memory - C, memory + C, *([memory] if events else [])]
+    return float(min(abs(v - level) for level in levels))
