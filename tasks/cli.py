@@ -23,7 +23,7 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff, OmitArgPrefixes, Positio
 
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
-from tasks.errors import TaskError
+from tasks.errors import StudyError, TaskError
 from tasks.row import Row
 from tasks.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 
@@ -435,7 +435,7 @@ def study(
             help_behavior_hint="",
         ),
     ] = None,
-    preset: str = "quick",
+    preset: Annotated[str | None, arg(help_behavior_hint="(default: quick)")] = None,
     scenes: Annotated[tuple[str, ...], _AS_IN_STUDY] = (),
     samples: Annotated[int | None, _AS_IN_STUDY] = None,
     spp: Annotated[int | None, _AS_IN_STUDY] = None,
@@ -467,7 +467,12 @@ def study(
     from tasks.study.run import run_study
     from tasks.study.study_file import read_study
 
-    chosen = find_preset(preset) if file is None else read_study(file)
+    if file is not None and preset is not None:
+        raise StudyError(
+            f"found both {file} and --preset {preset}, expected one of them: leave out --preset "
+            f"for the study of the file, or the file for preset {preset}"
+        )
+    chosen = find_preset(preset or "quick") if file is None else read_study(file)
     given = {"samples": samples, "spp": spp, "resolution": resolution}
     rendering = replace(chosen.render, **{k: v for k, v in given.items() if v is not None})
     widths = tuple(w for w in chosen.simulate.widths if w <= rendering.resolution)
