@@ -18,7 +18,7 @@ import tyro
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 from tyro.conf import DisallowNone, FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from eres_render.errors import RenderError
@@ -26,6 +26,7 @@ from sensor.errors import EventError, SensorError
 from tasks.errors import StudyError, TaskError
 from tasks.row import Row
 from tasks.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
+from tasks.table import Table
 
 app = tyro.extras.SubcommandApp()
 overview = tyro.extras.SubcommandApp()
@@ -71,7 +72,7 @@ def scenes() -> None:
             f"{scene.duration_s:g} s",
             scene.settings.licence,
         )
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -93,7 +94,7 @@ def sensors() -> None:
             preset.interface or "-",
             "-" if rate is None else f"{rate:g}",
         )
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -105,7 +106,7 @@ def methods() -> None:
     for task, listed in METHODS.items():
         for name, where in listed.items():
             table.add_row(task, name, where)
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -266,7 +267,7 @@ def convergence(
                 f"{100 * (outcome.events / finest - 1):+.1f} %" if finest else "",
                 f"{outcome.psnr_db:.2f} dB",
             )
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -410,7 +411,7 @@ def evaluate(
         median = float(np.median([row.value for row in scored]))
         failed = sum(bool(row.failure) for row in scored)
         table.add_row(name, variant, f"{median:.3f}", metric, str(len(scored)), str(failed))
-    _out.print(table)
+    _out.print(table, crop=False)
     _out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window")
 
 
@@ -544,7 +545,7 @@ def _print_pairs(pairs: dict[str, str]) -> None:
     table = Table(box=None, show_header=False)
     for name, value in pairs.items():
         table.add_row(name, escape(value))
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 def _show_scores(run: Path) -> None:
@@ -556,7 +557,7 @@ def _show_scores(run: Path) -> None:
 
     scores, *others = by_threshold(read_rows(run / "rows.parquet"))
     for table in main_tables(scores):
-        _out.print(to_rich(table))
+        _out.print(to_rich(table), crop=False)
     if others:
         named = join_words([f"{other.contrast_threshold:g}" for other in others])
         _out.print(
@@ -582,10 +583,10 @@ def _show_claims(run: Path) -> None:
     verdicts = judge_all(found[0], read_scaling(run / "scaling"))
     for verdict in verdicts:
         _out.print(f"\n{verdict.number:2} {marks[verdict.status]}: {escape(verdict.title)}")
-        table = Table(box=None, show_header=False, pad_edge=False)
+        table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
         table.add_row("   ours", escape(verdict.ours))
         table.add_row("   paper", escape(verdict.paper))
-        _out.print(table)
+        _out.print(table, crop=False)
     counts = Counter(verdict.status for verdict in verdicts)
     _out.print("\n" + ", ".join(f"{mark}: {counts[status]}" for status, mark in marks.items()))
     if note := threshold_note(found):
