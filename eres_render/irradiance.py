@@ -133,9 +133,9 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
         sampler = mi.load_dict({"type": "independent"})
         sampler.seed(0, _PROBES)
         si: Any = shape.eval_parameterization(sampler.next_2d())
-        found = np.asarray(dr.select(si.is_valid(), 1.0, 0.0), np.float64)
+        found = np.asarray(si.is_valid())
         u_m, v_m = (
-            float(np.asarray(dr.select(si.is_valid(), dr.norm(along), 0.0)) @ found / found.sum())
+            float(np.asarray(dr.norm(along), np.float64).sum(where=found) / found.sum())
             for along in (si.dp_du, si.dp_dv)
         )
         size_m = (u_m, v_m)

@@ -98,7 +98,7 @@ class Trajectory:
         speed = np.linalg.norm(
             self.velocity(edges[:-1, None] + half[:, None] * (nodes + 1)), axis=-1
         )
-        length = np.concatenate([[0.0], np.cumsum(half * (speed @ weights))])
+        length = np.concatenate([[0.0], np.cumsum(half * (speed * weights).sum(axis=-1))])
         return length[np.searchsorted(edges, t)]
 
     def mean_speed_mps(self, duration_s: float) -> float:

@@ -18,14 +18,15 @@ import tyro
 from rich.console import Console
 from rich.logging import RichHandler
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Column
 from tyro.conf import DisallowNone, FlagCreatePairsOff, OmitArgPrefixes, Positional, arg
 
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
-from tasks.errors import TaskError
+from tasks.errors import StudyError, TaskError
 from tasks.row import Row
 from tasks.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
+from tasks.table import Table
 
 app = tyro.extras.SubcommandApp()
 overview = tyro.extras.SubcommandApp()
@@ -71,7 +72,7 @@ def scenes() -> None:
             f"{scene.duration_s:g} s",
             scene.settings.licence,
         )
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -93,7 +94,7 @@ def sensors() -> None:
             preset.interface or "-",
             "-" if rate is None else f"{rate:g}",
         )
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -105,7 +106,7 @@ def methods() -> None:
     for task, listed in METHODS.items():
         for name, where in listed.items():
             table.add_row(task, name, where)
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -266,7 +267,7 @@ def convergence(
                 f"{100 * (outcome.events / finest - 1):+.1f} %" if finest else "",
                 f"{outcome.psnr_db:.2f} dB",
             )
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 @command
@@ -410,7 +411,7 @@ def evaluate(
         median = float(np.median([row.value for row in scored]))
         failed = sum(bool(row.failure) for row in scored)
         table.add_row(name, variant, f"{median:.3f}", metric, str(len(scored)), str(failed))
-    _out.print(table)
+    _out.print(table, crop=False)
     _out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window")
 
 
@@ -435,7 +436,7 @@ def study(
             help_behavior_hint="",
         ),
     ] = None,
-    preset: str = "quick",
+    preset: Annotated[str | None, arg(help_behavior_hint="(default: quick)")] = None,
     scenes: Annotated[tuple[str, ...], _AS_IN_STUDY] = (),
     samples: Annotated[int | None, _AS_IN_STUDY] = None,
     spp: Annotated[int | None, _AS_IN_STUDY] = None,
@@ -467,7 +468,12 @@ def study(
     from tasks.study.run import run_study
     from tasks.study.study_file import read_study
 
-    chosen = find_preset(preset) if file is None else read_study(file)
+    if file is not None and preset is not None:
+        raise StudyError(
+            f"found both {file} and --preset {preset}, expected one of them: leave out --preset "
+            f"for the study of the file, or the file for preset {preset}"
+        )
+    chosen = find_preset(preset or "quick") if file is None else read_study(file)
     given = {"samples": samples, "spp": spp, "resolution": resolution}
     rendering = replace(chosen.render, **{k: v for k, v in given.items() if v is not None})
     widths = tuple(w for w in chosen.simulate.widths if w <= rendering.resolution)
@@ -539,7 +545,7 @@ def _print_pairs(pairs: dict[str, str]) -> None:
     table = Table(box=None, show_header=False)
     for name, value in pairs.items():
         table.add_row(name, escape(value))
-    _out.print(table)
+    _out.print(table, crop=False)
 
 
 def _show_scores(run: Path) -> None:
@@ -551,7 +557,7 @@ def _show_scores(run: Path) -> None:
 
     scores, *others = by_threshold(read_rows(run / "rows.parquet"))
     for table in main_tables(scores):
-        _out.print(to_rich(table))
+        _out.print(to_rich(table), crop=False)
     if others:
         named = join_words([f"{other.contrast_threshold:g}" for other in others])
         _out.print(
@@ -577,10 +583,10 @@ def _show_claims(run: Path) -> None:
     verdicts = judge_all(found[0], read_scaling(run / "scaling"))
     for verdict in verdicts:
         _out.print(f"\n{verdict.number:2} {marks[verdict.status]}: {escape(verdict.title)}")
-        table = Table(box=None, show_header=False, pad_edge=False)
+        table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
         table.add_row("   ours", escape(verdict.ours))
         table.add_row("   paper", escape(verdict.paper))
-        _out.print(table)
+        _out.print(table, crop=False)
     counts = Counter(verdict.status for verdict in verdicts)
     _out.print("\n" + ", ".join(f"{mark}: {counts[status]}" for status, mark in marks.items()))
     if note := threshold_note(found):

@@ -11,12 +11,12 @@ from importlib.metadata import version
 
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
 
 from eres_render.backend import probe_variants
 from eres_render.cache import cache_dir
 from eres_render.scene import scene_root
 from tasks.study.environment import PACKAGES
+from tasks.table import Table
 
 _GB = 1e9
 
@@ -29,11 +29,11 @@ def diagnose(console: Console) -> int:
         mark = "[green]yes[/green]" if verdict.works else "[red]no[/red]"
         remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
         table.add_row(verdict.name, mark, escape(remark))
-    console.print(table)
+    console.print(table, crop=False)
     best = next((v.name for v in verdicts if v.works), None)
     console.print(f"renders use: {best or 'nothing works'}\n")
 
-    facts = Table(Column(), Column(overflow="fold"), box=None, show_header=False)
+    facts = Table(box=None, show_header=False)
     facts.add_row("cores", str(len(os.sched_getaffinity(0))))
     facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
     for name in PACKAGES:
@@ -46,5 +46,5 @@ def diagnose(console: Console) -> int:
     free = shutil.disk_usage(next(p for p in (cache, *cache.parents) if p.exists())).free
     used = sum(f.stat().st_size for f in cache.rglob("*") if f.is_file())
     facts.add_row("cache", f"{cache}: {used / _GB:.1f} GB used, {free / _GB:.0f} GB free")
-    console.print(facts)
+    console.print(facts, crop=False)
     return 0 if best else 1

@@ -9,5 +9,9 @@ class StudyError(TaskError):
     """A study, preset or run folder is unknown, inconsistent or cannot be used."""
 
 
+class MethodError(TaskError):
+    """A method raised, or answered with what its task cannot score."""
+
+
 class ResultError(TaskError):
     """A result file is missing, damaged or of another version."""

@@ -65,6 +65,14 @@ def answer_of(page: str) -> str:
     return html.unescape(re.sub(r"<[^>]*>", "", found[1])).replace("\xa0", " ")
 
 
+def test_a_run_with_scores_that_are_no_numbers_still_has_a_report(tmp_path: Path) -> None:
+    """Promise: a method all of whose values are NaN is shown as missing, beside the others."""
+    rows = task_rows(EPF, samples=3, scenes=["carpet"])
+    lost = [replace(row, method="mine.flow:lost", value=np.nan) for row in rows]
+    page = html_of(tmp_path, [*rows, *lost, *nothing_rows(rows, 3.5)])
+    assert "mine.flow:lost</th><td>0 of 0</td><td>–</td>" in page
+
+
 def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
     """Nothing is loaded from elsewhere, the file is small, and no half file stays behind."""
     run = make_run(tmp_path, paper_rows())

@@ -25,7 +25,16 @@ from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study import schedule as schedule_module
 from tasks.study.compute_part import ComputedPart
-from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking, with_method
+from tasks.study.config import (
+    Evaluate,
+    Flow,
+    Render,
+    Simulate,
+    Study,
+    Tracking,
+    Video,
+    with_method,
+)
 from tasks.study.parts import parts
 from tasks.study.run import run_study
 from tasks.study.schedule import Task, schedule
@@ -81,9 +90,23 @@ def one_worker():
 
 
 def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
-    """Promise: rows and pictures are those of a local run, byte by byte."""
-    study = tiny_study(scene_folder)
+    """Promise: rows and pictures are those of a local run, byte by byte, in every task.
+
+    Workers' linear algebra has one thread, that of a local run one for each core, which join in
+    where a view has more than 10,000 px.
+    """
+    study = replace(
+        tiny_study(scene_folder),
+        render=Render(resolution=128, spp=1, max_displacement_px=0.5, samples=2),
+        simulate=Simulate(widths=(32, 128), cutoffs_hz=(50.0,), speeds=(1.0,)),
+        evaluate=Evaluate(
+            flow=Flow(features=2),
+            tracking=Tracking(methods=("photometric_tracking",), sigmas_mm=(20.0,)),
+            video=Video(methods=("high_pass_filter",), duration_s=0.1, run_in_s=0.05),
+        ),
+    )
     rows = run_study(study, tmp_path / "here")
+    assert {row.task for row in rows} == {"reconstruction", "flow", "tracking", "video"}
     there = tmp_path / "there"
     assert run_study(study, there, cluster.scheduler_address) == rows
     for file in (tmp_path / "here").rglob("*.*"):
@@ -241,6 +264,31 @@ def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkey
         run_study(study, tmp_path / "run", one_worker.scheduler_address)
     assert len(tries) == 3
     assert [file.name for file in (tmp_path / "run").iterdir()] == ["study.json"]
+
+
+def test_a_wrong_method_of_ones_own_ends_the_run_at_once(
+    one_worker, scene_folder, tmp_path, monkeypatch
+):
+    """Promise: said by name from the worker too, after one small part; no other is begun."""
+    (tmp_path / "hasty.py").write_text(
+        "from tasks.flow import FlowSample\n\ndef estimate(sample: FlowSample):\n    return 1 / 0\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    computed = []
+
+    def compute(part, on_progress, *, shown):
+        computed.append(part)
+        return real(part, on_progress, shown=shown)
+
+    real = schedule_module.compute_part
+    monkeypatch.setattr(schedule_module, "compute_part", compute)
+    study = with_method(tiny_study(scene_folder), "hasty:estimate")
+    said = r"^worker tcp://\S+ on \S+: flow, method 'hasty:estimate': raised ZeroDivisionError at "
+    with pytest.raises(StudyError, match=said + r"\S+hasty.py:4: division by zero$"):
+        run_study(study, tmp_path / "run", one_worker.scheduler_address)
+    (part,) = computed
+    assert part.simulate.widths == (32,)
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_worker_of_other_code_or_scenes_is_refused(

@@ -232,6 +232,34 @@ def test_all_directions_are_seen(scene):
     assert eigenvalues[0] > 1e-6 * eigenvalues[-1]
 
 
+def test_normal_equations_are_solved_as_lapack_does():
+    """Oracle: LAPACK, to what the condition allows; what is not positive definite is said to be."""
+    rng = np.random.default_rng(0)
+    for n in (1, 6, 60, 150):
+        J = rng.standard_normal((3 * n, n))
+        A, b = J.T @ J, rng.standard_normal(n)
+        x, solved = eppt.cholesky_solve(A.copy(), b.copy())
+        assert solved
+        np.testing.assert_allclose(x, np.linalg.solve(A, b), rtol=1e-9, atol=1e-12)
+    for diagonal in ([1.0, -1.0], [1.0, 0.0], [np.nan, 1.0], [1.0, np.inf]):
+        assert not eppt.cholesky_solve(np.diag(diagonal), np.ones(2))[1]
+    assert not eppt.cholesky_solve(np.array([[1.0, 2.0], [2.0, 1.0]]), np.ones(2))[1]
+
+
+def test_the_gain_of_a_blurred_view_is_that_of_a_regression():
+    """Oracle: the fine on the coarse gradient, by NumPy's differences."""
+    fine = band_limited(3, 96)[:, :80]
+    coarse = 0.5 * ndimage.gaussian_filter(fine, 1.5)
+    slopes = [
+        np.concatenate([d.ravel() for d in (np.diff(i, axis=0), np.diff(i, axis=1).T)])
+        for i in (coarse, fine)
+    ]
+    expected = np.sum(slopes[0] * slopes[1]) / np.sum(slopes[0] ** 2)
+    assert expected > 1.5
+    assert eppt.gain(fine, coarse) == pytest.approx(expected, rel=1e-12)
+    assert eppt.gain(fine, np.zeros((48, 40))) == 1.0
+
+
 def test_looking_away_is_counted_and_does_not_pay(scene):
     """Promise: events that see nothing of the reference view pull nowhere, and cost rho(C)."""
     sample = sample_of(scene, 0.0, 0, max_events=2000)

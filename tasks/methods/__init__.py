@@ -71,8 +71,9 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
     import_module = importlib.import_module if name in listed else _imported
     try:
         found = getattr(import_module(module), function, None)
-    except ImportError as error:
-        raise TaskError(f"{task}, method {name!r}: cannot be imported: {error}") from error
+    except Exception as error:  # whatever a module of the user's does when it is imported
+        said = str(error) if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
+        raise TaskError(f"{task}, method {name!r}: cannot be imported: {said}") from error
     if not callable(found):
         raise TaskError(f"{task}, method {name!r}: found no function {function!r} in {module}")
     return found
@@ -89,24 +90,65 @@ def task_of(name: str) -> str:
     TaskError
         It cannot be told.
     """
+    function = load_method("reconstruction", name)
+    told = _told_task(function)
+    if told is None:
+        expected = ", ".join(sample.__name__ for sample in _samples().values())
+        raise TaskError(
+            f"method {name!r}: found {_first_type(function)} as the type of its first parameter, "
+            f"expected one of {expected}, which tells the task"
+        )
+    return told
+
+
+def check_method(task: str, name: str) -> None:
+    """Raise a TaskError if a task has no such method, or it says that it is another task's."""
+    function = load_method(task, name)
+    told = _told_task(function) if ":" in name else None
+    if told not in (task, None):
+        found, expected = (
+            "a class" if one == "video" else f"a function of a {_samples()[one].__name__}"
+            for one in (told, task)
+        )
+        raise TaskError(
+            f"{task}, method {name!r}: found {found}, which is for {told}, expected {expected}"
+        )
+
+
+def _samples() -> dict[str, type]:
+    """What a method of each task takes first; of video, it takes none."""
     from tasks.flow import FlowSample
     from tasks.reconstruction import ReconstructionSample
     from tasks.tracking import TrackingSample
 
-    tasks = {ReconstructionSample: "reconstruction", FlowSample: "flow", TrackingSample: "tracking"}
-    function = load_method("reconstruction", name)
+    return {
+        "reconstruction": ReconstructionSample,
+        "flow": FlowSample,
+        "tracking": TrackingSample,
+    }
+
+
+def _told_task(function: Callable[..., Any]) -> str | None:
+    """The task that a method says it is for, or None where it does not."""
     if inspect.isclass(function):
         return "video"
-    hints = get_type_hints(function)
-    first = next(iter(inspect.signature(function).parameters), "")
+    kind = _first_type(function)
+    return next((task for task, sample in _samples().items() if kind is sample), None)
+
+
+def _first_type(function: Callable[..., Any]) -> Any:
+    """The type of a function's first parameter, None where it has none or is not to be had."""
     try:
-        return tasks[hints[first]]
-    except KeyError:
-        expected = ", ".join(kind.__name__ for kind in tasks)
-        raise TaskError(
-            f"method {name!r}: found {hints.get(first)} as the type of its first parameter, "
-            f"expected one of {expected}, which tells the task"
-        ) from None
+        first = next(iter(inspect.signature(function).parameters), "")
+        return get_type_hints(function).get(first)
+    except Exception:  # annotations are the user's code too
+        return None
+
+
+def source_file(task: str, name: str) -> str | None:
+    """The file that a method's function was named to be in, if its module is loaded from one."""
+    module = sys.modules.get(METHODS[task].get(name, name).partition(":")[0])
+    return getattr(module, "__file__", None)
 
 
 def code_of(names: Iterable[str]) -> dict[str, str]:

@@ -22,7 +22,6 @@ import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 
 from eres_render import Trajectory, path_through
@@ -260,13 +259,34 @@ def gain(log_image: Float64, coarse: Float64) -> float:
     millimetres beside the path.
     """
     size = (log_image.shape[1], log_image.shape[0])
-    blurred = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
-    both = total = 0.0
-    for axis in (0, 1):
-        change = np.diff(blurred, axis=axis)
-        both += float(np.vdot(change, np.diff(log_image, axis=axis)))
-        total += float(np.vdot(change, change))
+    blurred = np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
+    both, total = _gradient_products(blurred, log_image)
     return both / total if total > 0 else 1.0
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _gradient_products(a, b):
+    """Sums of grad a . grad b and of |grad a|^2 over two (h, w) images, by their differences.
+
+    Added up row by row in one order: BLAS adds in another with every number of threads, and so the
+    same events would end at another path on another machine.
+    """
+    height, width = a.shape
+    both = total = 0.0
+    for y in range(height):
+        row_both = row_total = 0.0
+        for x in range(width):
+            if x + 1 < width:
+                change = a[y, x + 1] - a[y, x]
+                row_both += change * (b[y, x + 1] - b[y, x])
+                row_total += change * change
+            if y + 1 < height:
+                change = a[y + 1, x] - a[y, x]
+                row_both += change * (b[y + 1, x] - b[y, x])
+                row_total += change * change
+        both += row_both
+        total += row_total
+    return both, total
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -384,12 +404,12 @@ def _levenberg_marquardt(
         floor = 1e-12 * diagonal.max()
         if not math.isfinite(state.cost) or floor == 0.0:
             return path, state, passes, False
-        try:
-            factor = cho_factor(state.hessian + np.diag(damping * diagonal + floor))
-        except LinAlgError:
+        damped = state.hessian + np.diag(damping * diagonal + floor)
+        step, solved = cholesky_solve(damped, -state.gradient)
+        if not solved:
             damping = max(10.0 * damping, 1e-6)
             continue
-        step = -cho_solve(factor, state.gradient).reshape(-1, 6)
+        step = step.reshape(-1, 6)
         trial_path = _moved(path, step)
         trial = _accumulate(problem, level, C, trial_path, interval_us)
         moved_px = level.intrinsics[0] * math.sqrt(
@@ -408,6 +428,38 @@ def _levenberg_marquardt(
             if moved_px < 1e-3 * _CONVERGED_PX:  # no step, however short, goes down
                 return path, state, passes + 1, True
     return path, state, _MAX_PASSES, False
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def cholesky_solve(A, b):
+    """Solve A x = b for a positive definite A; x, and whether A is that.
+
+    LAPACK does it too, but splits large matrices, those of long paths, by its number of threads.
+
+    Parameters
+    ----------
+    A
+        (n, n), of which the upper half is read and overwritten by that of U, A = U^T U.
+    b
+        (n,), overwritten.
+    """
+    n = b.size
+    for k in range(n):
+        if not (A[k, k] > 0.0 and A[k, k] < np.inf):
+            return b, False
+        A[k, k:] /= math.sqrt(A[k, k])
+        b[k] /= A[k, k]
+        for i in range(k + 1, n):
+            factor = A[k, i]
+            b[i] -= factor * b[k]
+            row, pivot = A[i, i:], A[k, i:]
+            for j in range(n - i):
+                row[j] -= factor * pivot[j]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            b[i] -= A[i, j] * b[j]
+        b[i] /= A[i, i]
+    return b, True
 
 
 def _moved(path: Trajectory, step: Float64) -> Trajectory:

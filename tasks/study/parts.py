@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 
@@ -12,7 +12,7 @@ import numpy as np
 from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor import SensorModel
 from tasks.errors import StudyError
-from tasks.methods import code_of, load_method
+from tasks.methods import METHODS, check_method, code_of
 from tasks.study.config import (
     STAGE_VERSIONS,
     Evaluate,
@@ -188,11 +188,79 @@ def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
     return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
 
 
+def trials(study: Study, to_do: Collection[Part], done: Iterable[Part]) -> list[Part]:
+    """Parts, small ones, in which every method of the user's own that is new to a run works once.
+
+    They are on the first clip where the method can work: with the sensor of fewest pixels, and one
+    sample of each task. Their frames are those of the parts to do, but for a video that would be
+    all there is: of that, only the first image's.
+
+    Parameters
+    ----------
+    to_do, done
+        The parts of the study that have no scores yet, and those that have.
+    """
+    known = set(_own_methods(done))
+    new = [method for method in _own_methods(to_do) if method not in known]
+    found = []
+    for part in to_do:
+        planar = part.scene.plane is not None
+        fitting = [method for method in new if planar or method[0] != "tracking"]
+        if fitting:
+            found.append(_trial(study, part, fitting))
+            new = [method for method in new if method not in fitting]
+    return found
+
+
+def _own_methods(parts: Iterable[Part]) -> list[tuple[str, str]]:
+    """Task and name of each of the user's own methods, once."""
+    named = (item for part in parts for item in _methods(part.evaluate).items())
+    return list(dict.fromkeys((task, one) for task, names in named for one in names if ":" in one))
+
+
+def _trial(study: Study, part: Part, methods: list[tuple[str, str]]) -> Part:
+    sensors, wanted = study.simulate, study.evaluate
+    names = {task: tuple(n for t, n in methods if t == task) for task in METHODS}
+    clip = part.clip
+    if part.evaluate.video.methods:
+        end_s = min(clip.t_start_s + wanted.video.every_s, clip.t_window_end_s)
+        clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
+    return replace(
+        part,
+        clip=clip,
+        simulate=replace(
+            sensors,
+            widths=(min(sensors.widths),),
+            cutoffs_hz=sensors.cutoffs_hz[:1],
+            contrast_thresholds=sensors.contrast_thresholds[:1],
+            speeds=sensors.speeds[:1],
+        ),
+        evaluate=Evaluate(
+            reconstruction=replace(wanted.reconstruction, methods=names["reconstruction"]),
+            flow=replace(
+                wanted.flow,
+                methods=names["flow"],
+                features=1,
+                native_patch=False,
+                fast_methods=(),
+            ),
+            tracking=replace(
+                wanted.tracking, methods=names["tracking"], sigmas_mm=wanted.tracking.sigmas_mm[:1]
+            ),
+            video=replace(
+                wanted.video,
+                methods=names["video"],
+                every_s=clip.t_window_end_s - clip.t_window_start_s,
+            ),
+        ),
+    )
+
+
 def check_methods(evaluate: Evaluate) -> None:
-    """Raise a TaskError if a method does not exist, before anything is rendered for it."""
+    """Raise a TaskError if a method does not exist or is another task's, before any rendering."""
     for task, names in _methods(evaluate).items():
         for name in names:
-            load_method(task, name)
+            check_method(task, name)
 
 
 def _methods(evaluate: Evaluate) -> dict[str, tuple[str, ...]]:

@@ -21,8 +21,8 @@ from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
 from tasks.study.cost import cost
 from tasks.study.environment import command, together
-from tasks.study.parts import check_methods, parts
-from tasks.study.schedule import OnTasks, Task, schedule
+from tasks.study.parts import Part, check_methods, parts, trials
+from tasks.study.schedule import OnTasks, Schedule, Task, schedule
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +47,8 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
         The study asks for what cannot be, `out` is not a folder, or the cluster is not there or not
         of the same code and scenes.
     TaskError
-        A method does not exist.
+        A method does not exist or is another task's; a `MethodError` if it raises, or answers with
+        what is no answer, which the first sample shows before anything else is computed.
     RenderError, SensorError, OSError
         As the stages raise them. Nothing is left under a final name that is not whole.
     """
@@ -59,7 +60,6 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
         if out.exists() and not out.is_dir():
             raise StudyError(f"{out}: found a file, expected a folder for the run")
         rows_of = _rows_so_far(out / "parts", work)
-        write_bytes(out / "study.json", _json(to_json(study)))
         to_do = []
         for key, part in work.items():
             is_shown = part is shown[part.scene.name]
@@ -67,6 +67,10 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
                 to_do.append(Task(part, key, is_shown))
         if to_do:
             _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
+            _try_own_methods(
+                trials(study, [t.part for t in to_do], [work[key] for key in rows_of]), computing
+            )
+        write_bytes(out / "study.json", _json(to_json(study)))
         environments = [_environment_so_far(out / "environment.json")] if rows_of else []
         with _progress(len(work), len(work) - len(to_do)) as on_progress:
             for task, computed in computing.compute(to_do, on_progress):
@@ -81,6 +85,22 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
     rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)
     return rows
+
+
+def _try_own_methods(parts: list[Part], computing: Schedule) -> None:
+    """Have the user's own methods work once, so that a mistake in them does not show hours later.
+
+    Raises
+    ------
+    MethodError
+        As their scorers raise it.
+    """
+    if not parts:
+        return
+    _log.info("first, methods of your own are tried on one sample")
+    with _progress(len(parts), 0) as on_progress:
+        for _ in computing.compute([Task(part, part.key, False) for part in parts], on_progress):
+            pass  # their scores are no part of the study
 
 
 def _rows_file(folder: Path, key: str) -> Path:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import rich.console
-import rich.table
 from rich.text import Text
 
 from tasks.study.labels import (
@@ -24,6 +23,7 @@ from tasks.study.labels import (
 from tasks.study.paper import CONTRAST_THRESHOLD, source
 from tasks.study.perturbation import is_main, shown_series
 from tasks.study.scores import METRICS, TASKS, Cell, Condition, Scores, Series, method_label
+from tasks.table import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,8 +284,8 @@ def to_rich(table: ComparisonTable) -> rich.console.Group:
     return rich.console.Group(*parts, Text(f"\n{table.footnote}", "dim"))
 
 
-def _rich_block(block: Block, table: ComparisonTable) -> rich.table.Table:
-    shown = rich.table.Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+def _rich_block(block: Block, table: ComparisonTable) -> Table:
+    shown = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     shown.add_column("", no_wrap=True)
     columns = [column for column in _columns(table) if column.in_terminal]
     for cutoff_hz in table.cutoffs_hz:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from html import escape
 
 import numpy as np
@@ -147,7 +146,7 @@ def _failures_html(scores: Scores) -> str:
         why = ", ".join(f"{escape(reason)} ({count:,})" for reason, count in reasons.most_common(4))
         rows.append(
             f'<tr><th scope="row">{escape(one.title)}</th><td>{failed:,} of {total:,}</td>'
-            f"<td>{share_text(failed / total if total else math.nan)}</td>"
+            f"<td>{share_text(failed / total if total else None)}</td>"
             f'<td class="why">{why}</td></tr>'
         )
     table = (

@@ -11,6 +11,7 @@ from tasks.flow import flow_sample, initial_sigma_px, patch_mask, patch_px, rnep
 from tasks.methods import load_method
 from tasks.study.parts import Setting
 from tasks.study.scorers import Score
+from tasks.study.scorers.answers import blamed, flow_answer
 from tasks.study.scorers.light import Light
 
 NATIVE_PATCH = "61 px patch"
@@ -58,8 +59,10 @@ class FlowScorer:
                 )
                 for name, method in methods.items():
                     started_s = time.thread_time()
-                    estimate = method(sample)
+                    with blamed("flow", name):
+                        answer = method(sample)
                     cpu_s = time.thread_time() - started_s
+                    estimate = flow_answer(name, sample, answer)
                     error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
                     for variant in variants:
                         yield Score(

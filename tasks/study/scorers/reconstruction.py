@@ -12,6 +12,7 @@ from tasks.methods import load_method
 from tasks.reconstruction import ReconstructionSample, psnr_db
 from tasks.study.parts import Setting
 from tasks.study.scorers import Score
+from tasks.study.scorers.answers import blamed, image_answer
 from tasks.study.scorers.light import Light
 
 
@@ -40,7 +41,17 @@ class ReconstructionScorer:
             options = {"upsampling": config.upsampling} if name == "event_integration" else {}
             method = load_method("reconstruction", name)
             started_s = time.thread_time()
-            prediction = method(sample, **options)
+            with blamed("reconstruction", name):
+                answer = method(sample, **options)
             cpu_s = time.thread_time() - started_s
+            prediction, failure = image_answer("reconstruction", name, answer, light.log_start)
             value = psnr_db(prediction, light.log_end, light.log_white)
-            yield Score("reconstruction", name, "psnr_db", value, events=self._events, cpu_s=cpu_s)
+            yield Score(
+                "reconstruction",
+                name,
+                "psnr_db",
+                value,
+                failure=failure,
+                events=self._events,
+                cpu_s=cpu_s,
+            )

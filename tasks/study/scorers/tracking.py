@@ -14,6 +14,7 @@ from sensor.events import concatenate
 from tasks.methods import load_method
 from tasks.study.parts import Setting
 from tasks.study.scorers import Score
+from tasks.study.scorers.answers import blamed, path_answer
 from tasks.study.scorers.light import Light
 from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
 
@@ -74,8 +75,10 @@ class TrackingScorer:
             for name in config.methods:
                 method = load_method("tracking", name)
                 started_s = time.thread_time()
-                estimate = method(sample)
+                with blamed("tracking", name):
+                    answer = method(sample)
                 cpu_s = time.thread_time() - started_s
+                estimate = path_answer(name, sample, answer)
                 error_mm = self._error_mm(estimate.path)
                 moved = estimate.path is not sample.initial
                 lost = moved and not succeeded(estimate, error_mm, initial_mm)

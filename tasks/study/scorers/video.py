@@ -5,10 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+import numpy as np
+
 from sensor import Events
 from tasks.methods import load_method
 from tasks.study.parts import Setting
 from tasks.study.scorers import Score
+from tasks.study.scorers.answers import blamed, image_answer
 from tasks.study.scorers.light import Light
 from tasks.video import ImageTaker, picture, psnr_db
 
@@ -21,13 +24,13 @@ class VideoScorer:
         self._config = light.part.evaluate.video
         model = setting.model
         self._samples = {round(t_s / setting.speed * 1e6): t_s for t_s in light.video_times_s}
-        self._takers = {
-            name: ImageTaker(
-                load_method("video", name)(model.width, model.height, model.contrast_threshold),
-                self._samples,
-            )
-            for name in self._config.methods
-        }
+        self._takers = {}
+        for name in self._config.methods:
+            start = load_method("video", name)
+            with blamed("video", name):
+                method = start(model.width, model.height, model.contrast_threshold)
+            self._takers[name] = ImageTaker(method, self._samples)
+        self._blank = np.zeros((model.height, model.width))
         self._scores: list[Score] = []
         # Of each method since its last image.
         self._events = dict.fromkeys(self._takers, 0)
@@ -37,7 +40,8 @@ class VideoScorer:
         """Pass the events on, and score the images that are due: they are too large to keep."""
         for name, taker in self._takers.items():
             started_s = time.thread_time()
-            taken = taker.push(events)
+            with blamed("video", name):
+                taken = taker.push(events)
             self._cpu_s[name] += time.thread_time() - started_s
             self._events[name] += len(events)
             self._score(name, taken)
@@ -45,11 +49,14 @@ class VideoScorer:
     def scores(self) -> Iterator[Score]:
         """One score an image and method."""
         for name, taker in self._takers.items():
-            self._score(name, taker.finish())
+            with blamed("video", name):
+                taken = taker.finish()
+            self._score(name, taken)
         yield from self._scores
 
     def _score(self, name: str, taken: list) -> None:
-        for t_us, log_image in taken:
+        for t_us, answer in taken:
+            log_image, failure = image_answer("video", name, answer, self._blank)
             t_s = self._samples[t_us]
             truth = self._light.video_picture(t_s)
             found = picture(log_image, truth.shape, self._config.equalisation)
@@ -61,6 +68,7 @@ class VideoScorer:
                     name,
                     "psnr_db",
                     value,
+                    failure=failure,
                     sample=sample,
                     events=self._events[name],
                     cpu_s=self._cpu_s[name],

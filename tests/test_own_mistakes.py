@@ -1,0 +1,331 @@
+"""Methods of one's own that are wrong: said by name on the first sample, or counted as failures."""
+
+import math
+import traceback
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eres_render import load_scene, path_through
+from light_scenes import small_carpet_folder
+from sensor import Events
+from tasks.errors import MethodError, TaskError
+from tasks.flow import FlowEstimate, FlowSample
+from tasks.methods import task_of
+from tasks.reconstruction import ReconstructionSample
+from tasks.study import schedule
+from tasks.study.config import (
+    Evaluate,
+    Flow,
+    Reconstruction,
+    Render,
+    Simulate,
+    Study,
+    Tracking,
+    Video,
+    preset,
+    with_method,
+)
+from tasks.study.parts import NOTHING, parts, trials
+from tasks.study.report import write_report
+from tasks.study.run import run_study
+from tasks.tracking import TrackingEstimate, TrackingSample
+
+HERE = __name__
+
+
+def image_of(value):
+    def reconstruct(sample: ReconstructionSample):
+        return value(sample) if callable(value) else value
+
+    return reconstruct
+
+
+def flow_of(value):
+    def estimate(sample: FlowSample):
+        return value(sample) if callable(value) else value
+
+    return estimate
+
+
+def path_of(value):
+    def estimate(sample: TrackingSample):
+        return value(sample) if callable(value) else value
+
+    return estimate
+
+
+class Blank:
+    """Right in everything; those below are wrong in one thing each."""
+
+    def __init__(self, width, height, contrast_threshold):
+        self.shape = height, width
+
+    def push(self, events: Events):
+        pass
+
+    def image(self, t_us):
+        return np.zeros(self.shape)
+
+
+class Unmade(Blank):
+    def __init__(self):
+        pass
+
+
+class Deaf(Blank):
+    push = None
+
+
+class Wide(Blank):
+    def image(self, t_us):
+        return np.zeros((self.shape[0], 2 * self.shape[1]))
+
+
+class NotFiniteVideo(Blank):
+    def image(self, t_us):
+        return np.full(self.shape, -np.inf)
+
+
+def raises(sample):
+    return {}["no such key"]
+
+
+def raises_elsewhere(sample):
+    return np.linalg.inv(np.zeros((2, 2)))
+
+
+def lines(sample):
+    raise RuntimeError("two\nlines")
+
+
+def one_pixel_is_nan(sample):
+    image = sample.log_keyframe.copy()
+    image[3, 4] = np.nan
+    return image
+
+
+def short_path(sample):
+    controls = sample.initial.controls
+    return TrackingEstimate(path_through([0.0, 1e-3], controls[:2]))
+
+
+def not_finite_path(sample):
+    controls = sample.initial.controls.copy()
+    controls[:, 0, 3] = np.nan
+    return TrackingEstimate(replace(sample.initial, controls=controls))
+
+
+RAISED = rf"{HERE}:method': raised KeyError at {__file__}:\d+: 'no such key'$"
+WRONG = {
+    "image raises": (image_of(raises), f"reconstruction, method '{RAISED}"),
+    "no image": (image_of(None), r"returned None, expected an array of numbers of \(64, 64\)$"),
+    "small image": (image_of(np.zeros((3, 4))), r"returned an array of \(3, 4\) float64, expected"),
+    "ragged image": (image_of([[1.0], [1.0, 2.0]]), "returned a list, expected an array"),
+    "complex image": (image_of(lambda s: s.log_keyframe * 1j), r"array of \(64, 64\) complex128,"),
+    "flow raises": (flow_of(raises), f"flow, method '{RAISED}"),
+    "a library raises": (flow_of(raises_elsewhere), rf"raised LinAlgError at {__file__}:\d+: Sing"),
+    "two lines": (flow_of(lines), "raised RuntimeError at .*: two lines$"),
+    "bare flow": (flow_of((1.0, 2.0)), "returned a tuple, expected a tasks.flow.FlowEstimate$"),
+    "flow in 3d": (flow_of(FlowEstimate(np.zeros(3))), r"flow is an array of \(3,\) float64, exp"),
+    "worded flow": (flow_of(FlowEstimate("up")), "flow is a str, expected two numbers$"),
+    "no reason": (flow_of(FlowEstimate(np.zeros(2), None)), "returned None as failure, expected"),
+    "path raises": (path_of(raises), f"tracking, method '{RAISED}"),
+    "bare path": (path_of(lambda s: s.initial), "returned a Trajectory, expected a tasks.tracking"),
+    "path of poses": (path_of(TrackingEstimate(np.eye(4))), r"whose path is an array of \(4, 4\)"),
+    "short path": (path_of(short_path), "a path of 0.001 s, expected one of at least 0.014 s$"),
+    "video takes nothing": (Unmade, "video, method .* raised TypeError .*positional argument"),
+    "video is not pushed": (Deaf, "video, method .* raised TypeError .*not callable"),
+    "wide video": (Wide, r"returned an array of \(32, 64\) float64, expected an array of numbers"),
+}
+
+
+@pytest.fixture(scope="module")
+def scene_folder(tmp_path_factory):
+    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
+
+
+def tiny_study(scene_folder):
+    return Study(
+        name="tiny",
+        scenes=(str(scene_folder),),
+        render=Render(resolution=64, spp=1, max_displacement_px=0.5, samples=2),
+        simulate=Simulate(widths=(64, 32), cutoffs_hz=(math.inf, 50.0), speeds=(1.0,)),
+        evaluate=NOTHING,
+    )
+
+
+@pytest.mark.parametrize(("method", "said"), WRONG.values(), ids=WRONG)
+def test_a_wrong_method_ends_the_study_on_its_first_sample(
+    scene_folder, tmp_path, monkeypatch, method, said
+):
+    """Promise: by name, with what was found, in one line; only one sensor has seen one clip."""
+    monkeypatch.setitem(globals(), "method", method)
+    study = with_method(tiny_study(scene_folder), f"{HERE}:method")
+    computed = []
+
+    def compute(part, on_progress, *, shown):
+        computed.append(part)
+        return real(part, on_progress, shown=shown)
+
+    real = schedule.compute_part
+    monkeypatch.setattr(schedule, "compute_part", compute)
+    with pytest.raises(MethodError, match=said) as refused:
+        run_study(study, tmp_path / "run")
+    assert "\n" not in str(refused.value)
+    assert f"method '{HERE}:method': " in str(refused.value)
+    (part,) = computed
+    assert (part.simulate.widths, part.simulate.cutoffs_hz) == ((32,), (math.inf,))
+    assert not (tmp_path / "run").exists()
+
+
+def test_the_traceback_of_what_a_method_raised_is_kept(scene_folder, tmp_path, monkeypatch):
+    """Promise: from Python the method's own error is the cause, with every line on the way."""
+    monkeypatch.setitem(globals(), "method", flow_of(raises))
+    study = with_method(tiny_study(scene_folder), f"{HERE}:method")
+    with pytest.raises(MethodError) as refused:
+        run_study(study, tmp_path / "run")
+    cause = refused.value.__cause__
+    assert isinstance(cause, KeyError)
+    assert [frame.name for frame in traceback.extract_tb(cause.__traceback__)][-1] == "raises"
+
+
+NOT_FINITE = {
+    "reconstruction": (image_of(one_pixel_is_nan),),
+    "flow": (
+        flow_of(FlowEstimate(np.array([1.0, np.nan]))),
+        flow_of(FlowEstimate(np.array([1.0, np.inf]))),
+        flow_of(FlowEstimate(np.array([1.0, 1e300]))),
+    ),
+    "tracking": (path_of(not_finite_path),),
+    "video": (NotFiniteVideo,),
+}
+
+
+def test_what_is_not_finite_is_a_failure(scene_folder, tmp_path, monkeypatch):
+    """Promise: it scores what doing nothing does, is counted with its reason, and is reported."""
+    own = {}
+    for task, methods in NOT_FINITE.items():
+        for i, method in enumerate(methods):
+            monkeypatch.setitem(globals(), f"{task}_{i}", method)
+        own[task] = tuple(f"{HERE}:{task}_{i}" for i in range(len(methods)))
+    study = replace(
+        tiny_study(scene_folder),
+        evaluate=Evaluate(
+            reconstruction=Reconstruction(methods=("no_events", *own["reconstruction"])),
+            flow=Flow(methods=("initial_flow", *own["flow"]), features=2),
+            tracking=Tracking(methods=("initial_path", *own["tracking"])),
+            video=Video(methods=("blank", *own["video"]), duration_s=0.1, run_in_s=0.05),
+        ),
+    )
+    rows = run_study(study, tmp_path / "run")
+    reasons = {"flow": "the flow", "tracking": "the path"}
+    for task, names in own.items():
+        mine = [row for row in rows if row.method in names]
+        nothing = [row for row in rows if row.task == task and ":" not in row.method]
+        assert len(mine) == len(names) * len(nothing) > 0
+        assert {row.failure for row in mine} == {f"{reasons.get(task, 'the image')} is not finite"}
+        for name in names:
+            assert [row.value for row in mine if row.method == name] == [r.value for r in nothing]
+    assert f"{HERE}:flow_0" in write_report(tmp_path / "run").read_text()
+
+
+def test_a_method_of_another_task_is_refused_before_anything_is_rendered(
+    eres, scene_folder, tmp_path, monkeypatch
+):
+    """Promise: by what it says it takes; one line that names both tasks, nothing is left."""
+    monkeypatch.setattr(schedule, "compute_part", None)
+    monkeypatch.setitem(globals(), "function", image_of(None))
+    for task, name, found in (
+        ("flow", "function", "found a function of a ReconstructionSample, which is for reconstruc"),
+        ("tracking", "Blank", "found a class, which is for video, expected a function of a Track"),
+        ("video", "function", "which is for reconstruction, expected a class"),
+    ):
+        toml = tmp_path / "my.toml"
+        toml.write_text(
+            f'scenes = ["{scene_folder}"]\n[evaluate.{task}]\nmethods = ["{HERE}:{name}"]\n'
+        )
+        code, _, err = eres("study", toml, "--out", tmp_path / "run")
+        assert (code, len(err.splitlines())) == (1, 1)
+        assert err.startswith(f"error: {task}, method '{HERE}:{name}': found ")
+        assert found in err
+    assert [file.name for file in tmp_path.iterdir()] == ["my.toml"]
+
+
+def test_evaluate_says_whose_mistake_it_is(eres, scene_folder, tmp_path, monkeypatch):
+    """Promise: one line with the place in the method's file, and exit code 1, here too."""
+    (tmp_path / "hasty.py").write_text(
+        "from tasks.flow import FlowSample\n\ndef estimate(sample: FlowSample):\n    return 1 / 0\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    args = ("--resolution", 64, "--spp", 1, "--samples", 1)
+    assert eres("render", scene_folder, "--out", tmp_path / "clips", *args)[0] == 0
+    args = ("--task", "flow", "--method", "hasty:estimate", "initial_flow", "--resolution", 32)
+    code, out, err = eres("evaluate", tmp_path / "clips" / "clip_000", *args)
+    assert (code, out, len(err.splitlines())) == (1, "", 1)
+    where = tmp_path / "hasty.py"
+    assert f"method 'hasty:estimate': raised ZeroDivisionError at {where}:4: division" in err
+
+
+def test_every_new_method_is_tried_once_where_it_can_work(scene_folder):
+    """Promise: tracking on the first planar scene, video without its stretch, none tried before."""
+    study = replace(
+        preset("quick"),
+        scenes=("room", "carpet"),
+        evaluate=Evaluate(
+            reconstruction=Reconstruction(methods=("event_integration", "mine:recon")),
+            flow=Flow(methods=(), fast_methods=("mine:flow",)),
+            tracking=Tracking(methods=("mine:track", "initial_path")),
+            video=Video(methods=("mine:video",)),
+        ),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tasks.study.parts.code_of", lambda names: {})
+        work = [part for name in study.scenes for part in parts(study, load_scene(name))]
+        room, carpet = trials(study, work, [])
+        assert (room.scene.name, room.clip) == ("room", work[0].clip)
+        assert room.evaluate.reconstruction.methods == ("mine:recon",)
+        assert room.evaluate.flow.methods == ("mine:flow",)
+        assert room.evaluate.video.methods == ("mine:video",)
+        assert room.evaluate.tracking.methods == ()
+        assert (carpet.scene.name, carpet.evaluate.tracking.methods) == ("carpet", ("mine:track",))
+        assert not any(_others(carpet.evaluate))
+        assert trials(study, work, work) == []
+        films = [part for part in work if part.evaluate.video.methods]
+        (film,) = trials(study, films, [part for part in work if part not in films])
+        assert film.clip.t_window_end_s == pytest.approx(study.evaluate.video.every_s)
+        assert film.frames_decided_by != films[0].frames_decided_by
+
+
+def _others(evaluate):
+    return evaluate.reconstruction.methods, evaluate.flow.methods, evaluate.video.methods
+
+
+class _Untyped:
+    def __call__(self, sample):
+        return sample
+
+
+untyped = _Untyped()
+
+
+def of_unknown(sample: "NoSuchSample"):  # noqa: F821
+    return sample
+
+
+@pytest.mark.parametrize("name", ["untyped", "of_unknown"])
+def test_a_method_whose_task_cannot_be_told_is_refused(name):
+    """Promise: also where its annotations are missing or cannot be looked up."""
+    with pytest.raises(TaskError, match="as the type of its first parameter, expected one of Rec"):
+        task_of(f"{HERE}:{name}")
+
+
+def test_a_module_that_raises_when_imported_is_named(tmp_path, monkeypatch):
+    """Promise: whatever it raises, a syntax error too, is one line with the method's name."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "unfinished.py").write_text("def estimate(sample:\n")
+    (tmp_path / "unlucky.py").write_text("1 / 0\n")
+    for module, said in (("unfinished", "SyntaxError: "), ("unlucky", "ZeroDivisionError: div")):
+        with pytest.raises(TaskError, match=f"'{module}:estimate': cannot be imported: {said}"):
+            task_of(f"{module}:estimate")
