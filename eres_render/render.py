@@ -18,6 +18,7 @@ from eres_render.camera import Camera
 from eres_render.clearance import check_clearance
 from eres_render.errors import RenderError
 from eres_render.frame_times import ImageMotion, depth_image_motion, plane_image_motion
+from eres_render.memory import check_memory
 from eres_render.raycast import RayCaster
 from eres_render.scene import Scene
 from eres_render.trajectory import Trajectory
@@ -59,7 +60,8 @@ class Renderer:
     Raises
     ------
     RenderError
-        If the sampler cannot lay out `spp` samples, or the image or the seed cannot be.
+        If the sampler cannot lay out `spp` samples, or the image or the seed cannot be, or the
+        image needs more memory than this machine has.
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
@@ -79,11 +81,15 @@ class Renderer:
         self.scene = scene
         self.seed = seed
         self.variant = select_variant()
-        self._use_camera(scene.camera(width), spp)  # before anything that takes long
+        camera = scene.camera(width)
+        # Before anything that takes long; a baked scene needs more, which is checked below.
+        check_memory(camera, spp, integrator or "path", self.variant)
+        self._use_camera(camera, spp)
 
         import mitsuba as mi
 
         self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
+        check_memory(camera, spp, self.integrator, self.variant)
         baked = self.integrator == "baked"
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
             # Baking takes minutes: a path that hits something is refused before.
@@ -94,6 +100,7 @@ class Renderer:
 
     def at(self, *, spp: int) -> Renderer:
         """Return a renderer with other samples per pixel, without loading the scene again."""
+        check_memory(self.camera, spp, self.integrator, self.variant)
         other = copy.copy(self)
         other.white_level = self.white_level
         other._use_camera(self.camera, spp)

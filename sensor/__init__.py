@@ -4,6 +4,7 @@
 >>> events = simulate(frames, t_s, model)  # frames (T, H, W) float32 linear radiance
 """
 
+from sensor.encoding import to_linear
 from sensor.errors import EventError, EventFormatError, SensorError
 from sensor.events import Events
 from sensor.model import SensorModel, cutoff_in_light
@@ -24,4 +25,5 @@ __all__ = [
     "simulate_bank",
     "stream",
     "stream_bank",
+    "to_linear",
 ]

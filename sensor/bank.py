@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -14,6 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sensor import pixel
+from sensor.arguments import (
+    check_fit,
+    check_memory,
+    checked_models,
+    checked_seed,
+    checked_speeds,
+    checked_threads,
+)
 from sensor.errors import SensorError
 from sensor.events import Events, concatenate
 from sensor.frames import (
@@ -22,6 +29,8 @@ from sensor.frames import (
     check_spans,
     checked_times,
     refuse_bad_radiance,
+    warn_of_long_intervals,
+    warn_of_whole_numbers,
     whole_microseconds,
 )
 from sensor.model import SensorModel
@@ -76,30 +85,25 @@ class Bank:
         seed: int,
         threads: int | None,
     ) -> None:
+        models = checked_models(models)
+        self.speeds = checked_speeds(speeds, len(models))
+        self.seed = checked_seed(seed)
+        self.threads = checked_threads(threads)
         self.t_s = checked_times(t_s)
         self.reader = FrameReader(frames, len(self.t_s))
-        self.speeds = [1.0] * len(models) if speeds is None else [float(s) for s in speeds]
-        if not models:
-            raise SensorError("models: found none, expected at least one SensorModel")
-        if len(self.speeds) != len(models) or not all(0 < s < np.inf for s in self.speeds):
-            raise SensorError(f"speeds: found {speeds}, expected {len(models)} positive factors")
         for speed in {*self.speeds}:
             check_spans(self.t_s / speed, pixel.MAX_INTERVAL_US, speed)
-        height, width = self.reader.shape
         for model in models:
-            if model.height > height or model.width > width:
-                raise SensorError(
-                    f"sensor of {model.width}x{model.height} px is finer than the frames of "
-                    f"{width}x{height} px; render larger frames or choose a smaller sensor"
-                )
+            check_fit(model, *self.reader.shape)
+        check_memory(models)
+        warn_of_long_intervals(self.t_s)
+        warn_of_whole_numbers(self.reader.first)
         if any(m.dark_level is None for m in models):
             dark_level = self._default_dark_level()
             models = [
                 m if m.dark_level is not None else replace(m, dark_level=dark_level) for m in models
             ]
-        self.models = list(models)
-        self.seed = seed
-        self.threads = threads or len(os.sched_getaffinity(0))
+        self.models = models
         # Room for the kernels' events, one a band; and for each thread that sorts, room to do so.
         self._bands = 1 if self.threads == 1 else _BANDS_A_THREAD * self.threads
         self._pools = [np.empty(_POOL_EVENTS, np.uint64) for _ in range(self._bands)]

@@ -105,8 +105,20 @@ class Events:
         return Events.trusted(self.t_us[part], self.x[part], self.y[part], self.p[part], like=self)
 
     def between(self, t_start_us: int, t_end_us: int) -> Events:
-        """Events in the half-open window [t_start_us, t_end_us), as views of the same memory."""
-        first, last = np.searchsorted(self.t_us, (t_start_us, t_end_us))
+        """Events in the half-open window [t_start_us, t_end_us), as views of the same memory.
+
+        Raises
+        ------
+        EventError
+            A time is no integer: microseconds are whole, and what is not may be seconds.
+        """
+        for name, t_us in (("t_start_us", t_start_us), ("t_end_us", t_end_us)):
+            if not isinstance(t_us, int | np.integer):
+                raise EventError(
+                    f"Events.between: found {name} = {t_us!r}, expected whole microseconds as an "
+                    "integer: round(1e6 * seconds)"
+                )
+        first, last = np.searchsorted(self.t_us, (int(t_start_us), int(t_end_us)))
         return self[first:last]
 
     def where(self, keep: NDArray[np.bool_]) -> Events:

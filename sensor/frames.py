@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -12,6 +13,12 @@ from sensor.errors import SensorError
 
 Frames = NDArray[np.floating] | Iterable[NDArray[np.floating]]
 MAX_TIME_S = 9.2e12  # 2^63 us, nearly
+
+_log = logging.getLogger(__name__)
+
+_LONG_INTERVAL_S = 1.0
+# So many different whole numbers are an image; fewer may be a mask, a checkerboard or a wedge.
+_LEVELS_OF_AN_IMAGE = 16
 
 
 def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
@@ -151,9 +158,13 @@ class FrameReader:
         if chunk.ndim != 3 or chunk.size == 0:
             raise SensorError(f"frame {index}: found shape {chunk.shape[1:]}, expected (H, W)")
         if chunk.dtype.kind != "f":
+            advice = (
+                "; images of integers are encoded for a screen as a rule, and "
+                "sensor.to_linear(frames, 'srgb') makes radiance of them"
+            )
             raise SensorError(
                 f"frame {index}: found {chunk.dtype}, expected linear radiance as float32 or "
-                "float64; integer images are gamma-coded as a rule and must be linearised first"
+                f"float64{advice if chunk.dtype.kind in 'ui' else ''}"
             )
         wide = chunk.dtype if chunk.dtype == np.float64 else np.dtype(np.float32)
         return np.ascontiguousarray(chunk, dtype=wide)
@@ -174,3 +185,35 @@ def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
             f"frame {index + f}, pixel x={x} y={y}: found radiance {chunk[f, y, x]}, "
             "expected a finite number of at least 0"
         )
+
+
+def warn_of_long_intervals(t_s: NDArray[np.float64]) -> None:
+    """Warn where times may be in another unit than seconds: their median interval is above 1 s."""
+    if len(t_s) > 1 and (median_s := float(np.median(np.diff(t_s)))) > _LONG_INTERVAL_S:
+        _log.warning(
+            "t_s: found a median of %.6g s between two frames; are the times in ms or us? "
+            "They are taken as seconds",
+            median_s,
+        )
+
+
+def warn_of_whole_numbers(frame: NDArray[np.floating]) -> None:
+    """Warn where a frame (H, W) looks like an 8-bit image: many values, all of 0 to 255 and whole.
+
+    Photon counts look the same, so this is no error.
+    """
+    highest = frame.max()
+    if highest > 255 or not (_whole(frame[0]) and _whole(frame)):
+        return
+    levels = np.count_nonzero(np.bincount(frame.astype(np.uint8).ravel()))
+    if levels >= _LEVELS_OF_AN_IMAGE:
+        _log.warning(
+            "frames: all values of the first are whole numbers from %d to %d, %d different ones, "
+            "as in an 8-bit image, and are taken as linear radiance; if they are encoded for a "
+            "screen, sensor.to_linear(frames.astype(np.uint8), 'srgb') makes radiance of them",
+            *(frame.min(), highest, levels),
+        )
+
+
+def _whole(values: NDArray[np.floating]) -> bool:
+    return bool(np.all(np.trunc(values) == values))

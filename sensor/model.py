@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
-from sensor.errors import SensorError
+import numpy as np
+
+from sensor.numbers import real, refusal, whole
 
 MAX_SIDE_PX = 1 << 16  # event coordinates are uint16
+MAX_RATE_HZ = 1e6  # event times are whole microseconds
 _CUTOFF_HZ_PER_LUX = 3.0
 
 
@@ -20,9 +24,10 @@ def cutoff_in_light(illuminance_lux: float) -> float:
     photographers' standards. Give `cutoff_reference` the radiance of white as well, and darker
     surfaces are slower in proportion.
     """
-    if not 0 < illuminance_lux < math.inf:
-        raise SensorError(f"illuminance_lux: found {illuminance_lux!r}, expected a positive number")
-    return _CUTOFF_HZ_PER_LUX * illuminance_lux
+    lux = real("illuminance_lux", illuminance_lux, "a positive number")
+    if not 0 < lux < math.inf:
+        raise refusal("illuminance_lux", illuminance_lux, "a positive number")
+    return _CUTOFF_HZ_PER_LUX * lux
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +38,8 @@ class SensorModel:
     ----------
     width, height
         Pixels of the sensor. Its field of view is the frames' whatever its size, so a finer sensor
-        has smaller pixels, not a wider view.
+        has smaller pixels, not a wider view. Pixels are square: the frames must have the sensor's
+        shape, as nearly as whole pixels allow (346x259 and 346x260 both suit 1280x960).
     contrast_threshold
         C of Eq. (1), in units of log intensity. The paper uses 0.2.
     cutoff_hz
@@ -76,7 +82,7 @@ class SensorModel:
     Raises
     ------
     SensorError
-        A parameter is outside its range; the text names it.
+        A parameter is outside its range, or no number; the text names it.
     """
 
     width: int
@@ -97,42 +103,55 @@ class SensorModel:
     refractory_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            side = getattr(self, name)
-            if not (isinstance(side, int) and 1 <= side <= MAX_SIDE_PX):
-                raise SensorError(
-                    f"SensorModel.{name}: found {side!r}, expected an integer in 1..{MAX_SIDE_PX}"
-                )
-
         def check(name: str, holds: bool, expected: str) -> None:
             if not holds:
-                raise SensorError(
-                    f"SensorModel.{name}: found {getattr(self, name)!r}, expected {expected}"
-                )
+                raise refusal(f"SensorModel.{name}", getattr(self, name), expected)
 
-        C, dark, reference = self.contrast_threshold, self.dark_level, self.cutoff_reference
-        check("contrast_threshold", 0 < C < math.inf, "a positive number (log units; 0.2 is usual)")
-        check("cutoff_hz", self.cutoff_hz > 0, "a positive number of Hz, or inf for an ideal pixel")
-        check("dark_level", dark is None or 0 <= dark < math.inf, "a radiance >= 0, or None")
-        check("poles", self.poles in (1, 2), "1 or 2")
-        check(
-            "cutoff_reference",
-            reference is None or (0 < reference < math.inf and self.cutoff_hz < math.inf),
-            "a positive radiance, and a finite cutoff_hz to go with it, or None",
+        def check_number(
+            name: str,
+            expected: str,
+            holds: Callable[[float], bool],
+            kind: Callable[[str, object, str], float] = real,
+        ) -> None:
+            number = kind(f"SensorModel.{name}", getattr(self, name), expected)
+            check(name, holds(number), expected)
+            object.__setattr__(self, name, number)  # Python's own: a file's JSON has no NumPy
+
+        for name in ("width", "height"):
+            expected = f"an integer in 1..{MAX_SIDE_PX}"
+            check_number(name, expected, lambda side: 1 <= side <= MAX_SIDE_PX, whole)
+        check_number("poles", "1 or 2", lambda poles: poles in (1, 2), whole)
+        check_number(
+            "contrast_threshold",
+            "a positive number (log units; 0.2 is usual)",
+            lambda C: 0 < C < math.inf,
         )
-        check("fill_factor", 0 < self.fill_factor <= 1, "a share in (0, 1]")
-        for name in (
-            "threshold_mismatch",
-            "leak_hz",
-            "shot_noise_hz",
-            "shot_noise_exponent",
-            "hot_pixel_hz",
-            "refractory_s",
-        ):
-            check(name, 0 <= getattr(self, name) < math.inf, "a number of at least 0")
-        check("hot_pixel_fraction", 0 <= self.hot_pixel_fraction <= 1, "a share in [0, 1]")
+        check_number(
+            "cutoff_hz", "a positive number of Hz, or inf for an ideal pixel", lambda hz: hz > 0
+        )
+        if self.dark_level is not None:
+            check_number(
+                "dark_level",
+                "0, or a radiance from 1e-300 to 1e300, or None",
+                lambda dark: dark == 0 or 1e-300 <= dark <= 1e300,
+            )
+        if self.cutoff_reference is not None:
+            check_number(
+                "cutoff_reference",
+                "a positive radiance, and a finite cutoff_hz to go with it, or None",
+                lambda reference: 0 < reference < math.inf and self.cutoff_hz < math.inf,
+            )
+        check_number("fill_factor", "a share in (0, 1]", lambda share: 0 < share <= 1)
+        check_number("hot_pixel_fraction", "a share in [0, 1]", lambda share: 0 <= share <= 1)
+        for name in ("threshold_mismatch", "shot_noise_exponent", "refractory_s"):
+            check_number(name, "a number of at least 0", lambda number: 0 <= number < math.inf)
+        for name in ("leak_hz", "shot_noise_hz", "hot_pixel_hz"):
+            expected = f"Hz from 0 to {MAX_RATE_HZ:g}, one event a microsecond"
+            check_number(name, expected, lambda hz: 0 <= hz <= MAX_RATE_HZ)
         check(
             "shot_noise_hz",
-            self.shot_noise_hz == 0 or dark != 0,
+            self.shot_noise_hz == 0 or self.dark_level != 0,
             "0 where dark_level is 0: its fall with the light starts from the dark level",
         )
+        check("random_start", isinstance(self.random_start, bool | np.bool_), "True or False")
+        object.__setattr__(self, "random_start", bool(self.random_start))

@@ -61,3 +61,15 @@ def integrate(
     rows = area_weights(frame.shape[0], height, aperture)
     columns = area_weights(frame.shape[1], width, aperture)
     return out if pixel.integrate_area(frame, *rows, *columns, out) else None
+
+
+def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:
+    """Rows and columns of the largest middle of a frame that has a sensor's shape, in whole pixels.
+
+    >>> middle(1280, 1280, 720, 1280)
+    (slice(280, 1000, None), slice(0, 1280, None))
+    """
+    seen_height = min(height, round(width * sensor_height / sensor_width))
+    seen_width = min(width, round(height * sensor_width / sensor_height))
+    top, left = (height - seen_height) // 2, (width - seen_width) // 2
+    return slice(top, top + seen_height), slice(left, left + seen_width)

@@ -23,15 +23,16 @@ starts to compare anew only then, so what it loses under load is contrast, not e
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor import arbiter
-from sensor.errors import EventError, SensorError
+from sensor.errors import EventError
 from sensor.events import Events, concatenate
+from sensor.numbers import real, refusal, whole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +53,7 @@ class Readout:
     Raises
     ------
     SensorError
-        A parameter is outside its range; the text names it.
+        A parameter is outside its range, or no number; the text names it.
     """
 
     max_rate_hz: float
@@ -60,19 +61,17 @@ class Readout:
     row_overhead_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (self.max_rate_hz > 0 and math.isfinite(self.max_rate_hz)):
-            raise SensorError(
-                f"Readout.max_rate_hz: found {self.max_rate_hz!r}, expected a positive number of "
-                "events a second"
-            )
-        if not (isinstance(self.fifo_depth, int) and self.fifo_depth >= 1):
-            raise SensorError(
-                f"Readout.fifo_depth: found {self.fifo_depth!r}, expected an integer of at least 1"
-            )
-        if not (self.row_overhead_s >= 0 and math.isfinite(self.row_overhead_s)):
-            raise SensorError(
-                f"Readout.row_overhead_s: found {self.row_overhead_s!r}, expected seconds >= 0"
-            )
+        def check(
+            name: str, kind: Callable[[str, object, str], float], expected: str, least: float
+        ) -> None:
+            number = kind(f"Readout.{name}", getattr(self, name), expected)
+            if not least <= number < math.inf:
+                raise refusal(f"Readout.{name}", getattr(self, name), expected)
+            object.__setattr__(self, name, number)  # Python's own, which a file can hold
+
+        check("max_rate_hz", real, "a positive number of events a second", math.ulp(0.0))
+        check("fifo_depth", whole, "an integer of at least 1", 1)
+        check("row_overhead_s", real, "seconds >= 0", 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +119,7 @@ class ReadOut:
         self._readout = readout
         self._counts = np.zeros(arbiter.COUNTS_SIZE, np.int64)
         self._delay_us = np.zeros(arbiter.DELAYS_SIZE)
+        self._begun = False
         self._parts = self._run()
 
     def __iter__(self) -> Iterator[Events]:
@@ -133,6 +133,7 @@ class ReadOut:
         return self._parts
 
     def _run(self) -> Iterator[Events]:
+        self._begun = True
         fifo: _Fifo | None = None
         held: Events | None = None
         end_us = -arbiter.END_OF_TIME_US
@@ -160,7 +161,18 @@ class ReadOut:
 
     @property
     def report(self) -> ReadoutReport:
-        """Counts and delays of all that has been read out so far."""
+        """Counts and delays of all that has been read out so far.
+
+        Raises
+        ------
+        EventError
+            Nothing has been: the events are read out as the parts are iterated over.
+        """
+        if not self._begun:
+            raise EventError(
+                "ReadOut.report: found parts that nobody has read yet, expected the report to be "
+                "asked for after them: `for events in parts: ...`, then `parts.report`"
+            )
         fired, dropped, left, delayed = self._counts.tolist()
         total_us, max_us = self._delay_us.tolist()
         mean_us = total_us / left if left else 0.0

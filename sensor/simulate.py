@@ -28,16 +28,24 @@ def simulate(
     Parameters
     ----------
     frames
-        (T, H, W) linear radiance, float32 or float64, at least as large as the sensor; or any
-        iterable of (H, W) frames, which is read once, a few frames at a time.
+        (T, H, W) linear radiance, float32 or float64, at least as large as the sensor and of its
+        shape; or any iterable of (H, W) frames, which is read once, a few frames at a time. Images
+        encoded for a screen are made linear by `to_linear`; a warning says so where the first
+        frame's values are whole numbers from 0 to 255, as theirs are.
+
+        Shape means that pixels are square: the sensor's height is what its width and the frames'
+        shape make of it, or its width what its height does, to less than one of its pixels. So
+        both 346x259 and 346x260 can look at 1280x960, and 1280x720 cannot.
     t_s
-        (T,) strictly increasing frame times in seconds.
+        (T,) strictly increasing frame times in seconds. A warning says so where their median
+        interval is above 1 s, as it is where they are in milliseconds.
     model
         The sensor.
     seed
-        Of everything random in the model; the same seed gives the same events on any machine.
+        Of everything random in the model, 0 to 2^63 - 1; the same seed gives the same events on
+        any machine.
     threads
-        How many to use; None for one a core. Results do not depend on it.
+        How many to use, 1 to 1024; None for one a core. Results do not depend on it.
 
     Returns
     -------
@@ -47,7 +55,8 @@ def simulate(
     Raises
     ------
     SensorError
-        Frames or times that are unusable; the text names the frame and what was found.
+        Frames or times that are unusable, or do not suit the sensor; the text names the frame and
+        what was found. Or the sensor needs more memory than there is.
     """
     return collect(Bank(frames, t_s, [model], None, seed, threads))[0]
 

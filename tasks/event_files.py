@@ -16,6 +16,7 @@ from sensor.bank import DARK_FRACTION
 from sensor.formats import find_format, read_events, read_header, write_events
 from sensor.formats.header import Header, Value, model_to_json
 from sensor.model import MAX_SIDE_PX
+from sensor.optics import middle
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.event_truth import with_truth
@@ -125,18 +126,6 @@ def simulate_sequence(
             out = stack.enter_context(with_truth(out, sequence, model, speed, truth_step_s, format))
         count = write_events(out, parts, format=format, origin=origin)
     return count, leaving.report if leaving is not None else None
-
-
-def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:
-    """Rows and columns of the largest middle of a frame that has a sensor's shape, in whole pixels.
-
-    >>> middle(1280, 1280, 720, 1280)
-    (slice(280, 1000, None), slice(0, 1280, None))
-    """
-    seen_height = min(height, round(width * sensor_height / sensor_width))
-    seen_width = min(width, round(height * sensor_width / sensor_height))
-    top, left = (height - seen_height) // 2, (width - seen_width) // 2
-    return slice(top, top + seen_height), slice(left, left + seen_width)
 
 
 def convert(

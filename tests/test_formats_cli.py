@@ -14,7 +14,7 @@ from light_scenes import small_carpet_folder
 from sensor import Readout, SensorModel, presets, read_out, simulate
 from sensor.events import concatenate
 from sensor.formats import FORMATS, load_events, read_header, write_events
-from tasks.event_files import middle
+from sensor.optics import middle
 
 
 @pytest.fixture(scope="module")

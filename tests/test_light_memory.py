@@ -1,12 +1,14 @@
-"""Long sequences render in memory that does not grow, and that is given back."""
+"""Long sequences render in memory that does not grow, is given back, and is there."""
 
 from pathlib import Path
 
 import pytest
 
 from another_process import run_python
-from eres_render import load_scene
+from eres_render import Renderer, RenderError, load_scene, memory, render
 from eres_render.backend import select_variant
+from eres_render.camera import Camera
+from light_scenes import light_evenly, small_carpet_folder
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
 
@@ -79,3 +81,106 @@ def test_what_rendering_no_longer_needs_goes_back_to_the_system(tmp_path):
     load_scene("room").texture_files()  # whoever made them would have more on its heap
     during_kib, after_kib = map(int, run_python(GIVE_BACK, tmp_path / "s").stdout.split())
     assert after_kib < during_kib - 300_000
+
+
+PEAK = """
+import sys
+from pathlib import Path
+from eres_render import *
+
+def peak_kib():
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return int(next(l for l in lines if l.startswith("VmHWM")).split()[1])
+
+renderer = Renderer(load_scene(sys.argv[1]), 16, 1)
+renderer.white_level
+before_kib = peak_kib()
+renderer = Renderer(renderer.scene, int(sys.argv[2]), int(sys.argv[3]))
+renderer.frame(renderer.trajectory.pose(0.1))
+renderer.white_level
+print(peak_kib() - before_kib)
+"""
+
+
+@pytest.fixture(scope="module")
+def small_carpet(tmp_path_factory):
+    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
+    return light_evenly(folder, "carpet", 3.0)
+
+
+@pytest.mark.parametrize("spp", [4, 16])
+def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monkeypatch):
+    """Promise: what could be rendered is not refused, and what is refused by a factor of two could
+    not have been: peak memory beyond that of a tiny image is within once and twice the estimate."""
+    if not select_variant().startswith("llvm"):
+        pytest.skip("samples are not in the machine's memory")
+    load_scene(small_carpet).texture_files()
+    took_kib = int(run_python(PEAK, small_carpet, 1280, spp).stdout)
+    camera = Camera(1280, 1280, 1.0)
+    for there, fits in ((took_kib * 1024, True), (took_kib * 512, False)):
+        monkeypatch.setattr(memory, "memory_bytes", lambda there=there: there)
+        if fits:
+            memory.check_memory(camera, spp, "baked", "llvm_ad_mono")
+        else:
+            with pytest.raises(RenderError):
+                memory.check_memory(camera, spp, "baked", "llvm_ad_mono")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "needed"),
+    [
+        (
+            ["--integrator", "path"],
+            "4960.0 GB",
+        ),  # 4e10 px of 60 bytes, and 4 for each of 16 samples
+        (["--spp", "1", "--continuous"], "2560.0 GB"),
+    ],
+)
+def test_an_image_larger_than_memory_is_refused_at_once(
+    eres, small_carpet, tmp_path, monkeypatch, arguments, needed
+):
+    """Promise: before anything is loaded, baked or written, both numbers are said."""
+    if not select_variant().startswith("llvm"):
+        pytest.skip("samples are not in the machine's memory")
+    for loads in ("load_world", "baked_scene", "has_lightmaps"):
+        monkeypatch.setattr(render, loads, None)  # none of them is called
+    monkeypatch.setattr(memory, "memory_bytes", lambda: 64 * 10**9)
+    out = tmp_path / "out"
+    code, _, err = eres("render", small_carpet, "--out", out, "--resolution", "200000", *arguments)
+    assert code == 1
+    assert "resolution: found 200000x200000 px at " in err
+    assert f"need {needed} of memory, and this machine has 64.0 GB; choose a lower" in err
+    assert err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_more_samples_never_need_more_than_there_is(small_carpet, monkeypatch):
+    """Promise: a renderer that exists is not given more samples than fit either."""
+    renderer = Renderer(load_scene(small_carpet), 64, 1)
+    if not renderer.variant.startswith("llvm"):
+        pytest.skip("samples are not in the machine's memory")
+    monkeypatch.setattr(memory, "memory_bytes", lambda: 64 * 64 * (60 + 12 * 16))
+    assert renderer.at(spp=16).spp == 16
+    with pytest.raises(RenderError, match="found 64x64 px at 25 samples a pixel, which need"):
+        renderer.at(spp=25)
+
+
+@pytest.mark.parametrize(("variant", "spp"), [("llvm_ad_mono", 16), ("cuda_ad_mono", 16)])
+def test_samples_beyond_32_bits_are_refused_wherever_memory_is_plenty(monkeypatch, variant, spp):
+    """Promise: Dr.Jit counts samples in 32 bits; 16384 x 16384 px at 16 are one too many, which was
+    a TypeError. The scalar variant, which has no such limit, renders them."""
+    monkeypatch.setattr(memory, "memory_bytes", lambda: 1 << 50)
+    camera = Camera(16384, 16384, 1.0)
+    with pytest.raises(
+        RenderError, match=r"at 16 samples a pixel, expected at most 2\^32 - 1 samples"
+    ):
+        memory.check_memory(camera, spp, "baked", variant)
+    memory.check_memory(camera, spp - 1, "baked", variant)
+    memory.check_memory(camera, spp, "baked", "scalar_rgb")
+
+
+def test_the_memory_of_this_machine_is_known():
+    """Promise: as the system has it, or less in a container."""
+    lines = Path("/proc/meminfo").read_text().splitlines()
+    total_kib = int(next(line for line in lines if line.startswith("MemTotal")).split()[1])
+    assert 1e8 < memory.memory_bytes() <= 1.001 * total_kib * 1024

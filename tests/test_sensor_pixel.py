@@ -198,7 +198,7 @@ def drawn_frames(seed, shape, roughness, intervals, interval_s):
     C=st.sampled_from([0.05, 0.2, 0.5]),
     roughness=st.sampled_from([0.02, 0.2, 1.0]),
     interval_s=st.sampled_from([5e-5, 1e-3, 5e-3]),
-    size=st.sampled_from([(1, 1), (3, 2), (4, 5)]),
+    size=st.sampled_from([(1, 1), (2, 3), (4, 5)]),
     poles=st.sampled_from([1, 2]),
     leak=st.sampled_from([0.0, 0.3]),
 )

@@ -1,0 +1,93 @@
+"""`to_linear`: images as files and screens have them, turned into the light that they stand for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sensor.errors import SensorError
+from sensor.numbers import refusal
+
+Floats = NDArray[np.floating]
+
+
+def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
+    """Linear radiance of encoded images, as `simulate` takes it, with white at 1.
+
+    Parameters
+    ----------
+    frames
+        An array of any shape, one frame or many: uint8 or uint16, whose largest number is white, or
+        floats from 0 to 1. Data of fewer bits than their type (12 in a uint16) are to be divided by
+        their own white first.
+    encoding
+        What made numbers of the light:
+
+        - "srgb": IEC 61966-2-1, which images and most videos for screens follow;
+        - "rec709": ITU-R BT.709, the curve of a video camera;
+        - "gamma:2.2", or any other positive number: a power law;
+        - "linear": none, the numbers are proportional to light already.
+
+    Returns
+    -------
+    float32, in the shape of `frames`.
+
+    Raises
+    ------
+    SensorError
+        There is no such encoding, or the frames are of another type or range.
+    """
+    decode = _decoder(encoding)
+    values = np.asarray(frames)
+    if values.dtype.kind == "u" and values.dtype.itemsize <= 2:
+        white = np.iinfo(values.dtype).max
+        light: NDArray[np.float32] = decode(np.arange(white + 1) / white).astype(np.float32)
+        return light[values]
+    if values.dtype.kind != "f":
+        raise SensorError(
+            f"frames: found {values.dtype}, expected uint8, uint16, or floats from 0 to 1"
+        )
+    outside = values[~((values >= 0) & (values <= 1))]  # NaN fails both comparisons
+    if outside.size:
+        raise SensorError(
+            f"frames: found {outside[0]:g}, expected {values.dtype} values from 0 to 1; divide by "
+            "what stands for white, or keep the integers"
+        )
+    wide = values.astype(np.result_type(values, np.float32), copy=False)
+    return decode(wide).astype(np.float32)
+
+
+def _from_srgb(v: Floats) -> Floats:
+    """IEC 61966-2-1:1999, section 5.2."""
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def _from_rec709(v: Floats) -> Floats:
+    """The inverse of ITU-R BT.709-6, item 1.2, whose straight part ends at 4.5 x 0.018."""
+    return np.where(v < 0.081, v / 4.5, ((v + 0.099) / 1.099) ** (1 / 0.45))
+
+
+_DECODERS: dict[str, Callable[[Floats], Floats]] = {
+    "srgb": _from_srgb,
+    "rec709": _from_rec709,
+    "linear": lambda v: v,
+}
+
+
+def _decoder(encoding: str) -> Callable[[Floats], Floats]:
+    expected = "'srgb', 'rec709', 'gamma:2.2' (or another positive number), or 'linear'"
+    if not isinstance(encoding, str):
+        raise refusal("encoding", encoding, expected)
+    if encoding in _DECODERS:
+        return _DECODERS[encoding]
+    kind, _, number = encoding.partition(":")
+    try:
+        gamma = float(number)
+    except ValueError:
+        gamma = math.nan
+    if kind != "gamma" or not 0 < gamma < math.inf:
+        raise refusal("encoding", encoding, expected)
+    return lambda v: v**gamma
