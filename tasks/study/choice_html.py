@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from html import escape
 
-from tasks.study.bus import Load
+from tasks.study.bus import capacities_hz
 from tasks.study.choice import Choice, Choices
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.labels import (
@@ -120,9 +120,10 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
         "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
         f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
         "“Paper” is the first rule on the medians that it prints. "
-        "Struck out: even the best does not beat doing nothing. “On a bus” is the same choice "
-        "among the widths whose mean event rate the fastest real camera of that width carries, and "
-        "how much of its bus that takes.</p>"
+        "Struck out: even the best does not beat doing nothing by more than that. “On a bus” is the "
+        "same choice among the widths whose own mean event rate the bus carries, and how much of "
+        "it that takes: for the slowest bus of a real camera, and for each faster one on which "
+        f"another width is enough. These carry {_listed(capacities_hz())} Mev/s.</p>"
     ]
     cutoffs = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
     heads = "".join(
@@ -162,7 +163,7 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
         facts.append(f"tied: {choice.tied} px")
     if choice.paper is not None:
         facts.append(f"paper: {choice.paper} px")
-    facts.append(_bus_text(choice.on_bus))
+    facts.append(_bus_text(choice))
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {metric.text(choice.nothing)} {metric.unit}")
     kind = "" if choice.worthwhile else ' class="worthless"'
@@ -170,8 +171,21 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
     return f"<td{kind}><b>{choice.enough} px</b>{small}</td>"
 
 
-def _bus_text(on_bus: Load | None) -> str:
-    if on_bus is None:
-        return "on a bus: none carries it"
-    camera = on_bus.camera
-    return f"on a bus: {camera.model.width} px, {camera.camera} at {share_text(on_bus.share)}"
+def _bus_text(choice: Choice) -> str:
+    """What is enough on which bus, as in "on a bus of 1 Mev/s: none; 12: 240 px at 22 %"."""
+    answers = []
+    for bus in choice.on_buses:
+        answer = "none"
+        if bus.enough is not None:
+            share = choice.event_rates_hz[bus.enough] / bus.capacity_hz
+            answer = f"{bus.enough} px at {share_text(share)}"
+        answers.append((bus.capacity_hz / 1e6, answer))
+    if len(answers) == 1 and choice.on_buses[0].enough is None:
+        return "on a bus: none"
+    (slowest, first), *faster = answers
+    others = "".join(f"; {capacity:g}: {answer}" for capacity, answer in faster)
+    return f"on a bus of {slowest:g} Mev/s: {first}{others}"
+
+
+def _listed(capacities: Iterable[float]) -> str:
+    return join_words([f"{capacity / 1e6:g}" for capacity in capacities])
