@@ -43,10 +43,11 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
         "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
         f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
         "“Paper” is the first rule on the medians that it prints. "
-        "Struck out: even the best does not beat doing nothing by more than that. “On a bus” is "
-        "the same choice among the widths whose own mean event rate the bus carries, and how much "
-        "of it that takes: for the slowest bus of a real camera, and for each faster one on which "
-        f"another width is enough. These carry {_listed(capacities_hz())} Mev/s.</p>"
+        "Struck out: even the best does not beat doing nothing by more than that. On a bus it is "
+        "the same choice among the widths whose own mean event rate, of the square sensor, the bus "
+        "carries, and how much of it that takes: for the slowest bus of a real camera, and for "
+        "each faster one on which another width is enough. These buses carry "
+        f"{_listed(capacities_hz())} Mev/s.</p>"
     ]
     cutoffs = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
     heads = "".join(
@@ -86,7 +87,7 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
         facts.append(f"tied: {choice.tied} px")
     if choice.paper is not None:
         facts.append(f"paper: {choice.paper} px")
-    facts.append(_bus_text(choice))
+    facts += _bus_texts(choice)
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {metric.text(choice.nothing)} {metric.unit}")
     kind = "" if choice.worthwhile else ' class="worthless"'
@@ -94,20 +95,18 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
     return f"<td{kind}><b>{choice.enough} px</b>{small}</td>"
 
 
-def _bus_text(choice: Choice) -> str:
-    """What is enough on which bus, as in "on a bus of 1 Mev/s: none; 12: 240 px at 22 %"."""
-    answers = []
+def _bus_texts(choice: Choice) -> list[str]:
+    """What is enough on which bus, as in "1 Mev/s bus: none", "12 Mev/s bus: 240 px at 22 %"."""
+    if all(bus.enough is None for bus in choice.on_buses):
+        return ["on any bus: none"]
+    texts = []
     for bus in choice.on_buses:
         answer = "none"
         if bus.enough is not None:
             share = choice.event_rates_hz[bus.enough] / bus.capacity_hz
             answer = f"{bus.enough} px at {share_text(share)}"
-        answers.append((bus.capacity_hz / 1e6, answer))
-    if len(answers) == 1 and choice.on_buses[0].enough is None:
-        return "on a bus: none"
-    (slowest, first), *faster = answers
-    others = "".join(f"; {capacity:g}: {answer}" for capacity, answer in faster)
-    return f"on a bus of {slowest:g} Mev/s: {first}{others}"
+        texts.append(f"{bus.capacity_hz / 1e6:g} Mev/s bus: {answer}")
+    return texts
 
 
 def _listed(capacities: Iterable[float]) -> str:
