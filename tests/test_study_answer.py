@@ -17,7 +17,7 @@ from tasks.study.scores import Scores, Series
 
 ROOT = Path(__file__).parent.parent
 RUN = ROOT / "docs" / "results" / "paper"
-PAGE = "Before.\n\n<!-- answer: {} -->\nold\n<!-- end of answer -->\nAfter.\n"
+PAGE = "Before.\n\n<!-- answer: {} -->\nold\n<!-- end of answer --> After."
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,7 @@ def test_pages_are_written_anew_or_left_as_they_are(tmp_path: Path) -> None:
         assert text.startswith(
             "Before.\n\n<!-- answer: overview, of a run -->\n\nReconstruction by"
         )
-        assert text.endswith("|\n\n<!-- end of answer -->\nAfter.\n")
+        assert text.endswith("|\n\n<!-- end of answer --> After.")
         assert "old" not in text
         assert " ".join(text.split()).count("it takes all **1280 px**") == 1
     for content, fault in (

@@ -28,7 +28,7 @@ from tasks.study.perturbation import shown_series, sigma_mm
 from tasks.study.scores import METRICS, Series, by_threshold
 
 _PAGE_WIDTH = 100
-_BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->\n)", re.DOTALL)
+_BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
 
 
 def headline(choices: Choices, series: Series) -> str:
