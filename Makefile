@@ -1,11 +1,12 @@
 # make demo    set everything up, run the quick study, say where its report is
 # make test    set everything up, run the tests
 # make docs    set everything up, build the documentation site into build/docs
+# make answers write which resolution is enough, as docs/results/paper has it, into README and docs
 PYTHON ?= python3
 RUN ?= runs/quick
 BIN := .venv/bin
 
-.PHONY: demo test test-slow docs lint format bench clean
+.PHONY: demo test test-slow docs answers lint format bench clean
 
 demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
@@ -20,6 +21,9 @@ test-slow: .venv/.dev .venv/.llvm
 docs: .venv/.docs
 	$(BIN)/sphinx-build -q -E -W --keep-going docs build/docs
 	@echo "eres: build/docs/index.html"
+
+answers: .venv/.ready
+	$(BIN)/python -m tasks.study.answer docs/results/paper README.md docs/results.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .

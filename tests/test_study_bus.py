@@ -6,7 +6,7 @@ import pytest
 
 from sensor.presets import SENSORS
 from study_rows import paper_rows
-from tasks.study.bus import bus_loads, buses_html
+from tasks.study.bus import bus_loads, buses_html, capacities_hz
 from tasks.study.judging import EVENT_INTEGRATION
 from tasks.study.scores import Scores
 
@@ -30,6 +30,14 @@ def test_cameras_without_a_width_or_a_bandwidth_are_left_out() -> None:
         *("Gen3 CD", "DVXPlorer", "DVS-Gen2", "DVS-Gen3"),
         *("CeleX-V", "Gen4 CD", "DVS-Gen4"),
     ]
+
+
+def test_capacities_are_those_of_real_buses() -> None:
+    """Each once, from the slowest to the fastest; a camera that states none has none."""
+    found = capacities_hz()
+    assert found == sorted(set(found))
+    assert (found[0], found[-1]) == (1e6, 1200e6)
+    assert capacities_hz({"atis": SENSORS["atis"]}) == []
 
 
 def test_the_table_marks_what_saturates() -> None:

@@ -66,12 +66,10 @@ def bus_loads(
     return sorted(loads, key=lambda load: (load.camera.model.width, load.capacity_hz))
 
 
-def survivors(
-    rates_hz: Mapping[int, float], cameras: Mapping[str, SensorPreset] = SENSORS
-) -> dict[int, Load]:
-    """The widest bus for each width, where it carries the rate; parameters as of `bus_loads`."""
-    widest = {load.camera.model.width: load for load in bus_loads(rates_hz, cameras)}
-    return {width: load for width, load in widest.items() if load.survives}
+def capacities_hz(cameras: Mapping[str, SensorPreset] = SENSORS) -> list[float]:
+    """Most events a second that buses of real cameras carry, ascending, each once."""
+    stated = {c.max_bandwidth_mev_s for c in cameras.values()} - {None}
+    return sorted(1e6 * bandwidth for bandwidth in stated if bandwidth is not None)
 
 
 def buses_html(scores: Scores, series: Series) -> str:

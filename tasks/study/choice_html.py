@@ -1,11 +1,13 @@
-"""Which resolution to choose, in words: the report's headline and its table of choices."""
+"""Which resolution to choose: the report's headline and its tables of choices."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable
 from html import escape
 
-from tasks.study.bus import Load
+from tasks.study.answer import headline, times_text
+from tasks.study.bus import capacities_hz
 from tasks.study.choice import Choice, Choices
 from tasks.study.judging import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.labels import (
@@ -21,94 +23,15 @@ from tasks.study.scores import METRICS, Series
 
 
 def answer_html(choices: Choices, series: Series, *, named: bool = False) -> str:
-    """Say what is enough in the hardest and in the easiest condition that all scenes have.
-
-    `named` puts the series before it, for a page that answers for several.
-    """
-    scenes = list(dict.fromkeys(scene for scene, _, _ in choices))
-    common = set.intersection(*({key[1:] for key in choices if key[0] == s} for s in scenes))
-    hardest = min(common, key=lambda one: (one[0], -one[1]))
-    easiest = min(common, key=lambda one: (-one[0], one[1]))
-    sentences = []
-    for cutoff, speed in (hardest, easiest):
-        found = {scene: choices[scene, cutoff, speed] for scene in scenes}
-        light = {"ideal": "In ideal light", "day": "By day", "night": "At night"}.get(
-            cutoff_label(cutoff), f"At a cutoff of {cutoff:g} Hz"
-        )
-        sentences.append(f"{light} and speed {speed:.2g}, {_enough_text(found, series)}.")
-    answer = " ".join(dict.fromkeys(sentences))
-    if len(scenes) == 1:
-        answer = f"On {escape(scenes[0])}, {answer[0].lower()}{answer[1:]}"
+    """Render the answer in words; `named` puts the series before it, for a page that answers for
+    several."""
+    answer = re.sub(r"\*\*(.+?)\*\*", r"<b>\1</b>", escape(headline(choices, series)))
     for unit in ("px", METRICS[series.metric].unit):
         answer = answer.replace(f" {unit}", f"&nbsp;{unit}")
     if not named:
         return f'<p class="answer">{answer}</p>'
     title = escape(series.title[0].upper() + series.title[1:])
     return f'<p class="answer several"><span class="task">{title}</span> {answer}</p>'
-
-
-def _enough_text(found: Mapping[str, Choice | None], series: Series) -> str:
-    """Say what is enough where; a run's only scene is not named, the sentence is all about it."""
-
-    def on(scenes: Iterable[str]) -> str:
-        return f" on {escape(join_words(list(scenes)))}" if len(found) > 1 else ""
-
-    def where(choices: Iterable[Choice]) -> str:
-        return on(choice.scene for choice in choices)
-
-    measured = [choice for choice in found.values() if choice]
-    useful = [choice for choice in measured if choice.worthwhile]
-    coarser = [choice for choice in useful if choice.enough < max(choice.scores)]
-    parts = []
-    if coarser:
-        groups = [
-            f"<b>{width} px</b> is enough{where(c for c in coarser if c.enough == width)}"
-            for width in sorted({choice.enough for choice in coarser})
-        ]
-        parts.append(f"{join_words(groups)}{_near_text(coarser, series)}{_fewer_text(coarser)}")
-    if finest := [choice for choice in useful if choice not in coarser]:
-        gain = _gain_text(finest, series)
-        gain = gain and f" ({gain})"
-        parts.append(f"it takes all <b>{finest[0].enough} px</b>{where(finest)}{gain}")
-    if idle := [choice for choice in measured if not choice.worthwhile]:
-        parts.append(f"no resolution beats doing nothing{where(idle)}")
-    if unknown := [scene for scene, choice in found.items() if choice is None]:
-        parts.append(f"not all samples are measured{on(unknown)}")
-    return "; ".join(parts)
-
-
-def _near_text(choices: list[Choice], series: Series) -> str:
-    """How near to the best these are, and how good that is."""
-    metric = METRICS[series.metric]
-    gain = _gain_text(choices, series)
-    if all(choice.enough == choice.best for choice in choices):
-        return f" (the best{gain and f', {gain}'})"
-    near = f"within {metric.negligible:g} {metric.unit} of the best"
-    return f" ({near}{gain and f', which is {gain}'})"
-
-
-def _gain_text(choices: Iterable[Choice], series: Series) -> str:
-    """How much better the best width is than doing nothing, as a range over the scenes."""
-    metric = METRICS[series.metric]
-    gains = [choice.gain for choice in choices if choice.gain is not None]
-    if not gains:
-        return ""
-    low, high = (metric.text(gain) for gain in (min(gains), max(gains)))
-    return f"{low if low == high else f'{low} to {high}'} {metric.unit} better than doing nothing"
-
-
-def _fewer_text(choices: list[Choice]) -> str:
-    """How many times fewer events than at the finest width, as a range over the scenes."""
-    savings = [saving for c in choices if (saving := c.saving(max(c.scores))) is not None]
-    if not savings:
-        return ""
-    low, high = (_times(value) for value in (min(savings), max(savings)))
-    times = low if low == high else f"{low} to {high}"
-    return f", with {times} times fewer events than {max(choices[0].scores)} px"
-
-
-def _times(ratio: float) -> str:
-    return f"{ratio:.2g}" if ratio < 10 else f"{ratio:.0f}"
 
 
 def choice_tables_html(choices: Choices, series: Series) -> str:
@@ -120,9 +43,11 @@ def choice_tables_html(choices: Choices, series: Series) -> str:
         "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
         f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
         "“Paper” is the first rule on the medians that it prints. "
-        "Struck out: even the best does not beat doing nothing. “On a bus” is the same choice "
-        "among the widths whose mean event rate the fastest real camera of that width carries, and "
-        "how much of its bus that takes.</p>"
+        "Struck out: even the best does not beat doing nothing by more than that. On a bus it is "
+        "the same choice among the widths whose own mean event rate, of the square sensor, the bus "
+        "carries, and how much of it that takes: for the slowest bus of a real camera, and for "
+        "each faster one on which another width is enough. These buses carry "
+        f"{_listed(capacities_hz())} Mev/s.</p>"
     ]
     cutoffs = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
     heads = "".join(
@@ -155,14 +80,14 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
         facts.append("the best")
     else:
         saving = choice.saving(choice.best)
-        fewer = "" if saving is None else f", {_times(saving)} times the events"
+        fewer = "" if saving is None else f", {times_text(saving)} times the events"
         loss = f"{metric.text(choice.loss)} {metric.unit}"
         facts.append(f"best {choice.best} px: {loss} better{fewer}")
     if choice.tied is not None and choice.tied != choice.enough:
         facts.append(f"tied: {choice.tied} px")
     if choice.paper is not None:
         facts.append(f"paper: {choice.paper} px")
-    facts.append(_bus_text(choice.on_bus))
+    facts += _bus_texts(choice)
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {metric.text(choice.nothing)} {metric.unit}")
     kind = "" if choice.worthwhile else ' class="worthless"'
@@ -170,8 +95,19 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
     return f"<td{kind}><b>{choice.enough} px</b>{small}</td>"
 
 
-def _bus_text(on_bus: Load | None) -> str:
-    if on_bus is None:
-        return "on a bus: none carries it"
-    camera = on_bus.camera
-    return f"on a bus: {camera.model.width} px, {camera.camera} at {share_text(on_bus.share)}"
+def _bus_texts(choice: Choice) -> list[str]:
+    """What is enough on which bus, as in "1 Mev/s bus: none", "12 Mev/s bus: 240 px at 22 %"."""
+    if all(bus.enough is None for bus in choice.on_buses):
+        return ["on any bus: none"]
+    texts = []
+    for bus in choice.on_buses:
+        answer = "none"
+        if bus.enough is not None:
+            share = choice.event_rates_hz[bus.enough] / bus.capacity_hz
+            answer = f"{bus.enough} px at {share_text(share)}"
+        texts.append(f"{bus.capacity_hz / 1e6:g} Mev/s bus: {answer}")
+    return texts
+
+
+def _listed(capacities: Iterable[float]) -> str:
+    return join_words([f"{capacity / 1e6:g}" for capacity in capacities])
