@@ -43,9 +43,9 @@ class SensorModel:
     contrast_threshold
         C of Eq. (1), in units of log intensity. The paper uses 0.2.
     cutoff_hz
-        f_cutoff, the corner frequency of each of the photoreceptor's two poles (Hu et al. 2021);
-        `math.inf` is the ideal pixel, the paper's day is 200 Hz and its night 50 Hz. The cascade of
-        both poles is 3 dB down at 0.644 f_cutoff already.
+        f_cutoff, the corner frequency of each of the photoreceptor's two poles; `math.inf` is the
+        ideal pixel, the paper's day is 200 Hz and its night 50 Hz. The cascade of both poles is
+        3 dB down at 0.644 f_cutoff already.
     dark_level
         I_dark of `u = log(I + I_dark)`, in the frames' unit of radiance. None means 1e-3 of the
         white level, for which the first frame's 99.9th percentile stands; 0 is allowed when every
