@@ -235,7 +235,11 @@ def _read_frame(
 ) -> NDArray[np.float32]:
     path = _frame_file(folder, i)
     try:
-        radiance = read_luminance(path)
+        intact = sha256(path) == checksums.get(_frame_name(i))
+    except OSError:
+        intact = False  # what is wrong with it shows when it is read
+    try:
+        radiance = read_luminance(path, intact=intact)
     except RenderError as error:
         raise SequenceError(str(error)) from error
     if radiance.shape != (manifest.height, manifest.width):
@@ -251,7 +255,7 @@ def _read_frame(
             f"{path}: found {radiance[y, x]} at pixel ({x}, {y}), and {np.sum(~good)} bad values "
             "in all, expected finite radiance >= 0"
         )
-    if sha256(path) != checksums.get(_frame_name(i)):
+    if not intact:
         raise SequenceError(
             f"{path}: found other bytes than were rendered, by its SHA-256 in {FILE_NAME}; remove "
             "it and render again"
