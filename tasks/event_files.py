@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -15,10 +14,12 @@ from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.bank import DARK_FRACTION
 from sensor.formats import find_format, read_events, read_header, write_events
 from sensor.formats.header import Header, Value, model_to_json
+from sensor.formats.registry import warn_of_loss
 from sensor.model import MAX_SIDE_PX
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
-from tasks.event_truth import with_truth
+from tasks.event_truth import truth_to_add, truth_to_copy
+from tasks.files import check_new
 from tasks.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.warm_up import warn_if_short
 
@@ -75,6 +76,7 @@ def simulate_sequence(
     readout: Readout | None = None,
     truth_step_s: float | None = None,
     format: str | None = None,
+    overwrite: bool = False,
     watch: Callable[[Frames], Frames] = lambda frames: frames,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires before a sequence; returns their number.
@@ -93,10 +95,18 @@ def simulate_sequence(
         The bus that the events leave by; without one, all leave when they fire. The second result
         is then its report, else None.
     truth_step_s
-        Add ground truth of the window to the file, this far apart; see `with_truth`.
+        Add ground truth of the window to the file, this far apart; see `truth_to_add`.
+    overwrite
+        Replace the file if it exists.
     watch
         Passes the frames on, and may show how far they are.
+
+    Raises
+    ------
+    TaskError
+        The speed is none, the file exists, or its format has no place for truth.
     """
+    check_new(out, overwrite)
     if not 0 < speed < np.inf:
         raise TaskError(f"speed: found {speed}, expected a positive factor")
     warn_if_short(sequence, model.cutoff_hz, speed)
@@ -120,10 +130,12 @@ def simulate_sequence(
     if readout is not None:
         origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
         parts = leaving = read_out(parts, readout)
-    with ExitStack() as stack:
-        if truth_step_s is not None:
-            out = stack.enter_context(with_truth(out, sequence, model, speed, truth_step_s, format))
-        count = write_events(out, parts, format=format, origin=origin)
+    add = None
+    if truth_step_s is not None:
+        if find_format(out, format, new=True).name != "dsec":
+            raise TaskError(f"{out}: truth has a place in DSEC's format (.h5) alone")
+        add = truth_to_add(sequence, model, speed, truth_step_s)
+    count = write_events(out, parts, format=format, origin=origin, add=add)
     return count, leaving.report if leaving is not None else None
 
 
@@ -146,11 +158,37 @@ def convert(
     format: str | None = None,
     input_format: str | None = None,
     size: tuple[int, int] | None = None,
+    overwrite: bool = False,
 ) -> int:
-    """Write a file's events in another format, with all it says of them; returns their number."""
+    """Write a file's events in another format, with all it says of them; returns their number.
+
+    Truth is kept from DSEC to DSEC. A warning names what is not kept.
+
+    Raises
+    ------
+    TaskError
+        Both are one file, or the one to write exists and is not to be overwritten.
+    """
     header = read_header(source, format=input_format)
+    if out.exists() and out.samefile(source):
+        raise TaskError(f"{out}: is {source} itself, which cannot be replaced while it is read")
+    check_new(out, overwrite)
+    to = find_format(out, format, new=True)
+    left_out, add = list(header.others), None
+    if "truth" in left_out and to.name == find_format(source, input_format).name == "dsec":
+        left_out.remove("truth")
+        add = truth_to_copy(source)
     parts = read_events(source, format=input_format, size=size)
-    return write_events(out, parts, format=format, origin=header.origin)
+    count = write_events(
+        out,
+        parts,
+        format=format,
+        origin=header.origin,
+        t_offset_us=header.t_offset_us,
+        add=add,
+    )
+    warn_of_loss(out, to, left_out)
+    return count
 
 
 def describe(path: Path, *, format: str | None = None) -> dict[str, str]:

@@ -73,6 +73,36 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert (camera["width"], camera["height"]) == (20, 12)
 
 
+def test_truth_replaces_truth_only_when_told(eres, tmp_path):
+    """Promise: a folder never holds truth of two steps; --overwrite removes the old, no more."""
+    folder, out = room_folder(tmp_path / "room"), tmp_path / "truth"
+    options = ["--resolution", 24, "--spp", 1, "--samples", 1, "--max-displacement", 1]
+    assert eres("render", folder, "--out", tmp_path / "r", *options)[0] == 0
+    clip = tmp_path / "r" / "clip_000"
+    truth = ["truth", clip, "--out", out, "--width", 20, "--step"]
+    assert eres(*truth, 0.01, "--flow-png")[0] == 0
+    fine = sorted(out.rglob("*"))
+    (out / "notes.txt").write_text("mine")
+    (out / "depth" / "mine.exr").write_text("mine")
+    code, _, err = eres(*truth, 0.025)
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert f"{out}: holds truth already" in err
+    assert "--overwrite" in err
+    assert set(out.rglob("*")) - set(fine) == {out / "notes.txt", out / "depth" / "mine.exr"}
+
+    assert eres(*truth, 0.025, "--overwrite")[0] == 0
+    files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    assert files == {
+        *("camera.json", "poses.txt", "notes.txt", "depth/mine.exr"),
+        *("depth/000000.exr", "depth/000001.exr", "depth/000002.exr"),
+        *("flow/000000.exr", "flow/000001.exr"),
+    }
+    poses = (clip / "poses.txt").read_bytes()
+    code, _, err = eres("truth", clip, "--out", clip, "--overwrite")
+    assert (code, "found a sequence, whose poses.txt" in err) == (1, True)
+    assert (clip / "poses.txt").read_bytes() == poses
+
+
 def test_convergence_prints_each_setting(eres, tmp_path):
     folder = room_folder(tmp_path / "room")
     code, out, _ = eres("convergence", folder, "--resolution", "24", "--duration", "0.02")
