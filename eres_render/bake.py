@@ -101,11 +101,7 @@ def _bake_into_cache(scene: Scene) -> list[Path]:
     cached = _cached_lightmaps(scene)
     _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
     unfinished = cached.with_name(f"{cached.name}.unfinished")
-    try:
-        bake_scene(scene, unfinished)
-    except BaseException:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        raise
+    bake_scene(scene, unfinished)
     shutil.rmtree(cached, ignore_errors=True)
     unfinished.rename(cached)
     return _lightmap_files(scene)

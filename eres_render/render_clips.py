@@ -80,6 +80,7 @@ def render_clip(
         integrator=renderer.integrator,
         variant=renderer.variant,
         mitsuba=version("mitsuba"),
+        t_offset_us=renderer.trajectory.t_offset_us,
     )
     with locked(out_dir / ".lock"):
         writer = SequenceWriter(out_dir, manifest, renderer.trajectory)

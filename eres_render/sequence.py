@@ -6,6 +6,9 @@ A folder holds
 - `frames/000000.exr`, ...: half-float OpenEXR, channel Y, and `SHA256SUMS` of them,
 - `poses.txt`: the pose of every frame (TUM),
 - `path.txt`: the control poses of the camera's path (TUM), each at the time of its knot.
+
+Times count from the path's start. In the two files of poses they are on the clock of the poses that
+the path was given by, `t_offset_us` later, to the last digit.
 """
 
 from __future__ import annotations
@@ -64,6 +67,11 @@ class RadianceSequence:
     def t_s(self) -> Float64:
         """(T,) frame times, strictly increasing."""
         return np.array(self.manifest.t_s)
+
+    @property
+    def t_offset_us(self) -> int:
+        """Time 0 on the clock of the poses that the path was given by, microseconds; mostly 0."""
+        return self.manifest.t_offset_us
 
     @property
     def window_s(self) -> tuple[float, float]:
@@ -125,8 +133,9 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         raise SequenceError(f"{folder / FILE_NAME}: found no line for {_frame_name(without[0])}")
     poses_file, path_file = folder / "poses.txt", folder / "path.txt"
     try:
-        t_s, T_world_cam = read_tum(poses_file)
-        trajectory = Trajectory(*read_tum(path_file))
+        t_s, T_world_cam = read_tum(poses_file, manifest.t_offset_us)
+        controls = read_tum(path_file, manifest.t_offset_us)
+        trajectory = Trajectory(*controls, manifest.t_offset_us)
     except TrajectoryError as error:
         raise SequenceError(str(error)) from error
     if not np.array_equal(t_s, manifest.t_s):
@@ -169,9 +178,10 @@ class SequenceWriter:
             (folder / "frames").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
-        poses = tum_text(np.array(manifest.t_s), trajectory.pose(manifest.t_s))
-        write_text(folder / "poses.txt", poses)
-        write_text(folder / "path.txt", tum_text(trajectory.knots_s, trajectory.controls))
+        offset_us, t_s = manifest.t_offset_us, np.array(manifest.t_s)
+        path = tum_text(trajectory.knots_s, trajectory.controls, offset_us)
+        write_text(folder / "poses.txt", tum_text(t_s, trajectory.pose(t_s), offset_us))
+        write_text(folder / "path.txt", path)
         self._checksums = read_sums(folder)
         write_sums(folder, self._checksums)  # without what a kill may have left half written
         write_manifest(folder, self.manifest)

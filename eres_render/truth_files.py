@@ -41,7 +41,8 @@ def write_truth(
 ) -> list[Path]:
     """Write the ground truth at some times, and the flow from each to the next.
 
-    Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM), `depth/000000.exr`, ... (float
+    Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM, on the clock of the poses that
+    the camera's path was given by, if it was), `depth/000000.exr`, ... (float
     channel Z, metres), `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on
     request `flow/000000.png`, ... as in the DSEC dataset. All of them, or none: if one cannot be
     written, those before it are removed.
@@ -88,7 +89,8 @@ def write_truth(
             _make(folder)
         sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
         write("camera.json", lambda file: write_text(file, json.dumps(sides, indent=1) + "\n"))
-        poses = tum_text(times, truth.trajectory.pose(times))
+        path = truth.trajectory
+        poses = tum_text(times, path.pose(times), path.t_offset_us)
         write("poses.txt", lambda file: write_text(file, poses))
         for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
             depth = truth.depth(t_0, width, height)

@@ -537,17 +537,22 @@ def info(
         _print_pairs(describe(path, format=format))
         return
     from eres_render import open_sequence
+    from tasks.event_files import seconds
 
     sequence = open_sequence(path)
     manifest = sequence.manifest
     start_s, end_s = sequence.window_s
     length_m = float(np.diff(sequence.trajectory.length_m(sequence.t_s[[0, -1]]))[0])
     part = "continuous" if sequence.is_continuous else f"clip {manifest.clip}"
+    clock = {}
+    if sequence.t_offset_us:
+        clock["clock"] = f"time 0 is {seconds(sequence.t_offset_us)} s on that of the poses given"
     pairs = {
         "scene": f"{manifest.scene}, {part}",
         "found at": manifest.scene_source,
         "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
         "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
+        **clock,
         "window": f"{start_s:.4f} to {end_s:.4f} s",
         "camera speed": f"{length_m / (sequence.t_s[-1] - sequence.t_s[0]):.3g} m/s on average",
         "white": f"{sequence.white_level:.4g} W m^-2 sr^-1",

@@ -85,6 +85,9 @@ def simulate_sequence(
     square. All events are written, those of the sequence's warm-up too; the file's origin says when
     its window starts and ends. A warning says so where the warm-up is short for the sensor.
 
+    If the path was given by poses whose times do not start at 0, time 0 of the sequence is that of
+    the first, at any speed.
+
     Parameters
     ----------
     sequence, model, out, seed, format
@@ -111,7 +114,8 @@ def simulate_sequence(
         raise TaskError(f"speed: found {speed}, expected a positive factor")
     warn_if_short(sequence, model.cutoff_hz, speed)
     manifest = sequence.manifest
-    window_us = [round(t_s / speed * 1e6) for t_s in sequence.window_s]
+    offset_us = sequence.t_offset_us
+    window_us = [offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
     origin: dict[str, Value] = {
         "scene": manifest.scene,
         "clip": manifest.clip,
@@ -130,13 +134,20 @@ def simulate_sequence(
     if readout is not None:
         origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
         parts = leaving = read_out(parts, readout)
+    if offset_us:
+        parts = _later(parts, offset_us)
     add = None
     if truth_step_s is not None:
         if find_format(out, format, new=True).name != "dsec":
             raise TaskError(f"{out}: truth has a place in DSEC's format (.h5) alone")
         add = truth_to_add(sequence, model, speed, truth_step_s)
-    count = write_events(out, parts, format=format, origin=origin, add=add)
+    count = write_events(out, parts, format=format, origin=origin, t_offset_us=offset_us, add=add)
     return count, leaving.report if leaving is not None else None
+
+
+def _later(parts: Iterable[Events], offset_us: int) -> Iterator[Events]:
+    for part in parts:
+        yield Events.trusted(part.t_us + offset_us, part.x, part.y, part.p, like=part)
 
 
 def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:
@@ -213,12 +224,24 @@ def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
         "file": f"{size_bytes} bytes{each}",
         "events": str(count),
     }
+    if header.t_offset_us:
+        lines["clock starts at"] = f"{seconds(header.t_offset_us)} s"
     if first_us is not None:
         span_s = (last_us - first_us) * 1e-6
-        lines["time"] = f"{first_us * 1e-6:.6f} to {last_us * 1e-6:.6f} s"
+        lines["time"] = f"{seconds(first_us)} to {seconds(last_us)} s"
         lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
         lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
     return lines | dict(_made(header))
+
+
+def seconds(t_us: int) -> str:
+    """Write microseconds as seconds, all digits of them.
+
+    >>> seconds(1600000000123456)
+    '1600000000.123456'
+    """
+    sign, whole = "-" if t_us < 0 else "", abs(t_us)
+    return f"{sign}{whole // 10**6}.{whole % 10**6:06}"
 
 
 def _made(header: Header) -> Iterator[tuple[str, str]]:

@@ -23,11 +23,11 @@ def truth_to_add(
 ) -> AddTo:
     """Return what adds ground truth to a DSEC file of the events of a sequence.
 
-    The file's group `truth` holds, at times `t_us` (T,) from the start of the sequence's window to
-    its end, `step_s` of the sequence's time apart: `T_world_cam` (T, 4, 4), `depth` (T, H, W) in
-    metres, `flow` (T - 1, H, W, 2) in px from each time to the next with `flow_valid`
-    (T - 1, H, W), and the camera matrix `K` (3, 3). They are of what the sensor sees, which is
-    `tasks.event_files.middle` of the frames, to within half a pixel of them.
+    The file's group `truth` holds, at times `t_us` (T,) on the events' clock, from the start of the
+    sequence's window to its end, `step_s` of the sequence's time apart: `T_world_cam` (T, 4, 4),
+    `depth` (T, H, W) in metres, `flow` (T - 1, H, W, 2) in px from each time to the next with
+    `flow_valid` (T - 1, H, W), and the camera matrix `K` (3, 3). They are of what the sensor sees,
+    which is `tasks.event_files.middle` of the frames, to within half a pixel of them.
     """
     truth = ground_truth(sequence)
     size = model.width, model.height
@@ -37,7 +37,8 @@ def truth_to_add(
         images = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
         with writable(path, new=False) as (file, storage):
             group = file.create_group("truth")
-            group["t_us"] = np.round(times_s / speed * 1e6).astype(np.int64)
+            t_us = np.round(times_s / speed * 1e6).astype(np.int64)
+            group["t_us"] = sequence.t_offset_us + t_us
             group["T_world_cam"] = truth.trajectory.pose(times_s)
             group["K"] = truth.camera(*size).K
             depth = np.stack([truth.depth(t_s, *size) for t_s in times_s])

@@ -83,9 +83,11 @@ class _SceneLight:
 
     def key(self, part: Part) -> str:
         """Name of the part's frames: a digest of everything that decides them."""
+        t_offset_us = self.renderer.trajectory.t_offset_us
         return digest(
             {
                 **part.frames_decided_by,
+                **({"t_offset_us": t_offset_us} if t_offset_us else {}),
                 "white_level": self.renderer.white_level,
                 "integrator": self.renderer.integrator,
                 "variant": self.renderer.variant,
