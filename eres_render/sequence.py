@@ -117,6 +117,13 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         contents are checked when they are read.
     """
     folder = Path(path)
+    if not (folder / "manifest.json").exists():
+        inside = sorted(file.parent for file in folder.glob("*/manifest.json"))
+        if inside:
+            raise SequenceError(
+                f"{folder}: found a folder of sequences, expected one of them: give {inside[0]}"
+                f"{f' or another of {len(inside)}' if len(inside) > 1 else ''}"
+            )
     manifest = read_manifest(folder)
     frames = [_frame_file(folder, i) for i in range(len(manifest.t_s))]
     missing = [file for file in frames if not file.is_file()]

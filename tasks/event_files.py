@@ -21,7 +21,7 @@ from tasks.errors import TaskError
 from tasks.event_truth import truth_to_add, truth_to_copy
 from tasks.files import check_new
 from tasks.sensor_options import IDEAL_PIXEL, PixelOptions
-from tasks.warm_up import warn_if_short
+from tasks.warm_up import warn_if_coarse, warn_if_short
 
 Frames = Iterable[NDArray[np.float32]]
 
@@ -59,7 +59,11 @@ def sensor_for(
         height = max(1, round(resolution * frames.height / frames.width))
         model = SensorModel(width=resolution, height=height)
     else:
-        raise TaskError("found both or neither of sensor and resolution, expected one of them")
+        found = "neither" if sensor is None else "both"
+        raise TaskError(
+            f"sensor, resolution: found {found}, expected one of them: --sensor NAME, as in "
+            "`eres sensors`, or --resolution WIDTH"
+        )
     C = model.contrast_threshold if contrast_threshold is None else contrast_threshold
     white = sequence.white_level
     lit = replace(model, contrast_threshold=C, dark_level=DARK_FRACTION * white)
@@ -83,7 +87,8 @@ def simulate_sequence(
 
     A sensor of another shape than the frames sees the middle of them, so that its pixels are
     square. All events are written, those of the sequence's warm-up too; the file's origin says when
-    its window starts and ends. A warning says so where the warm-up is short for the sensor.
+    its window starts and ends. Warnings say so where the warm-up is short for the sensor, or frames
+    lie far apart.
 
     If the path was given by poses whose times do not start at 0, time 0 of the sequence is that of
     the first, at any speed.
@@ -113,6 +118,7 @@ def simulate_sequence(
     if not 0 < speed < np.inf:
         raise TaskError(f"speed: found {speed}, expected a positive factor")
     warn_if_short(sequence, model.cutoff_hz, speed)
+    warn_if_coarse(sequence)
     manifest = sequence.manifest
     offset_us = sequence.t_offset_us
     window_us = [offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]

@@ -402,7 +402,13 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["simulate", "{seq}", "--out", "{tmp}/a.h5"], 1, "both or neither of sensor and"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/a.h5"],
+            1,
+            "found neither, expected one of them: --sensor NAME, as in `eres sensors`, or "
+            "--resolution WIDTH",
+        ),
+        ([*SIMULATE, "--sensor", "davis346"], 1, "found both, expected one of them: --sensor NAME"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "davis34"], 1, "'davis346'?"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "finer than"),
         (["simulate", "{seq}", "--out", "{tmp}/a.dat", "--resolution", "64"], 1, "'.dat'"),
@@ -425,6 +431,12 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ([*SIMULATE, "--leak", "-1"], 1, "leak_hz: found -1"),
         ([*SIMULATE, "--poles", "3"], 1, "poles: found 3"),
         ([*SIMULATE, "--bus", "davis34"], 1, "did you mean 'davis346'"),
+        (
+            [*SIMULATE, "--bus", "foo"],
+            1,
+            "bus: found 'foo', which is neither a rate in million events a second, such as --bus "
+            "12, nor a camera; expected one of dvs128",
+        ),
         ([*SIMULATE, "--bus", "atis"], 1, "no bandwidth is known of 'atis'"),
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
         ([*SIMULATE, "--fifo", "9"], 1, "expected a bus beside"),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
+from eres_render.frame_times import warn_if_far_apart
 from eres_render.noise import warn_of_noise
 from tasks.row import Row
 from tasks.study.config import digest
@@ -111,5 +112,6 @@ def _light_of(part: Part) -> _SceneLight:
     if key not in _loaded:
         _loaded.clear()
         _loaded[key] = _SceneLight(part)
+        warn_if_far_apart(part.scene.name, render.max_displacement_px)
         warn_of_noise(_loaded[key].renderer, [part.clip], render.max_displacement_px)
     return _loaded[key]
