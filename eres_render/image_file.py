@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import io
 import os
 import threading
@@ -97,6 +98,24 @@ def read_attributes(path: Path) -> dict[str, str]:
         return {k: v for k, v in file.header().items() if isinstance(v, str)}
 
 
+def check_readable(path: Path) -> None:
+    """Refuse an image of any channels that is damaged; Mitsuba would end the process over it.
+
+    Raises
+    ------
+    RenderError
+        If OpenEXR cannot read it.
+    """
+    status = path.stat()
+    _check_readable(path, status.st_mtime_ns, status.st_size)
+
+
+@functools.cache  # once a process, for a second or so of a scene with many images
+def _check_readable(path: Path, changed_ns: int, size: int) -> None:
+    with _silence(), _open(path, expected="a whole image") as file:
+        file.channels()
+
+
 @contextmanager
 def _silence() -> Iterator[None]:
     """Send to nowhere what C and C++ libraries print, past Python's own streams."""
@@ -116,7 +135,9 @@ def _silence() -> Iterator[None]:
 
 
 @contextmanager
-def _open(path: Path, header_only: bool = False) -> Iterator[OpenEXR.File]:
+def _open(
+    path: Path, header_only: bool = False, expected: str = "an image with a channel Y"
+) -> Iterator[OpenEXR.File]:
     """Open an image; what goes wrong with it is told as a RenderError that names it."""
     if not path.is_file():
         raise RenderError(f"{path}: missing")
@@ -125,4 +146,4 @@ def _open(path: Path, header_only: bool = False) -> Iterator[OpenEXR.File]:
             yield file
     except (RuntimeError, ValueError, KeyError, TypeError) as error:
         found = f"{path.stat().st_size} bytes that OpenEXR cannot read"
-        raise RenderError(f"{path}: found {found}, expected an image with a channel Y") from error
+        raise RenderError(f"{path}: found {found}, expected {expected}") from error

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from eres_render.errors import SceneError
+from eres_render.image_file import check_readable
 from eres_render.scene import Scene
 
 if TYPE_CHECKING:
@@ -39,9 +40,15 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
     ------
     SceneError
         If Mitsuba refuses the scene.
+    RenderError
+        If an OpenEXR image of it is damaged.
     """
     import mitsuba as mi
 
+    textures = scene.texture_files()
+    for image in (*map(Path, textures.values()), *scene.files):
+        if image.suffix.lower() == ".exr":
+            check_readable(image)
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_meshes = False  # merging would lose the shapes' ids
     mitsuba: Any = mi  # whose type stubs lack the file resolver
@@ -50,7 +57,7 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
     beside_the_scene.prepend(str(scene.folder))
     mitsuba.set_file_resolver(beside_the_scene)
     try:
-        state = mi.parser.parse_file(config, str(scene.xml_file), **scene.texture_files())
+        state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
         top = state.nodes[0].props
         for key in list(top.keys()):
             reference = isinstance(top[key], mi.Properties.ResolvedReference)
