@@ -16,13 +16,13 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 
 from eres_render.cache import cache_dir
-from eres_render.errors import BackendError
+from eres_render.errors import BackendError, RenderError
+from eres_render.whole_file import write_text
 
 _log = logging.getLogger(__name__)
 
@@ -160,10 +160,8 @@ def _verdict(name: str) -> VariantVerdict:
         return verdict
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-            json.dump(asdict(verdict), file)
-        os.replace(file.name, path)
-    except OSError as error:
+        write_text(path, json.dumps(asdict(verdict)))
+    except (OSError, RenderError) as error:
         _log.debug("the verdict on %s is not cached: %s", name, error)
     return verdict
 

@@ -43,7 +43,11 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
     turned = (np.array(parameters[key].matrix) for key in keys if key.endswith(".to_uv"))
     if not all(np.allclose(matrix, np.eye(len(matrix))) for matrix in turned):
         return "has a texture with a to_uv transform"
-    if not str(mi.variant()).startswith("scalar") and not _has_own_uv(shape):
+    if str(mi.variant()).startswith("scalar"):
+        return ""
+    if isinstance(shape, mi.Mesh) and not shape.has_vertex_texcoords():
+        return "has no UV coordinates"
+    if not _has_own_uv(shape):
         return "has points that share a UV coordinate, or lie outside the UV square"
     return ""
 

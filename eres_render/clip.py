@@ -72,9 +72,11 @@ def clips(
         )
     fitting = math.floor((duration_s - window_s) / every_s + 0.5 + 1e-9)
     if fitting < 1:
+        needed_s = 0.5 * every_s + window_s
+        longer = f"--duration {needed_s:g} or more, or " if needed_s <= scene.duration_s else ""
         raise RenderError(
-            f"no clip fits: {duration_s:g} s of path with a sample every {every_s} s; render it as "
-            "one continuous sequence"
+            f"no clip fits: found {duration_s:g} s of path, expected at least {needed_s:g} s for "
+            f"the first of them; give {longer}--continuous for one sequence of all of it"
         )
     count = fitting if samples is None else samples
     if not 1 <= count <= fitting:

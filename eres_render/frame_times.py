@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -18,6 +19,9 @@ Float64 = NDArray[np.float64]
 # Largest motion in the image, px at render resolution, from the first time to the second, in s.
 ImageMotion = Callable[[float, float], float]
 
+_log = logging.getLogger(__name__)
+
+_FAR_APART_PX = 1.0
 _TIME_RESOLUTION_S = 1e-9
 _LONGEST_STRIDE_S = 1e-3  # no camera that moves like a body goes and returns within it
 
@@ -111,3 +115,13 @@ def adaptive_times(
                 step_s = high
             times.append(mark_s if mark_s - (t + high) < _TIME_RESOLUTION_S else t + high)
     return np.array(times)
+
+
+def warn_if_far_apart(what: str, max_displacement_px: float) -> None:
+    """Warn that events are missed where the image moves far from frame to frame."""
+    if max_displacement_px > _FAR_APART_PX:
+        _log.warning(
+            "%s: frames lie up to %g px apart, expected at most %g (--max-displacement): what "
+            "turns back in between makes no events, at 2 px about a fifth of them",
+            *(what, max_displacement_px, _FAR_APART_PX),
+        )

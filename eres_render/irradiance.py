@@ -77,6 +77,8 @@ def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]
         )
     start = time.perf_counter()
     world = load_world(scene)
+    if not world.emitters():
+        raise SceneError(f"{scene.xml_file}: found no light, expected an <emitter>")
     shapes = {shape.id(): shape for shape in bakeable_surfaces(world, scene)}
     sizes_m = _texture_sizes_m(scene)
     sides = {name: _cells(shape, cell_m, sizes_m) for name, shape in shapes.items()}

@@ -21,7 +21,8 @@ class Manifest:
     """What manifest.json says: everything that decides the frames, and how bright white is.
 
     `scene_source` is what `load_scene` finds the scene by: the name of a packaged one, else a path.
-    `light_digest` tells whether surfaces and light are still those of the frames.
+    `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
+    when time 0 was on the clock of the poses that were given, and not written where it is 0.
     """
 
     version: int
@@ -43,6 +44,7 @@ class Manifest:
     integrator: str
     variant: str
     mitsuba: str
+    t_offset_us: int = 0
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)
@@ -87,5 +89,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write the manifest into a sequence folder."""
-    text = json.dumps(dataclasses.asdict(manifest), indent=1)
-    write_text(folder / "manifest.json", text + "\n")
+    table = dataclasses.asdict(manifest)
+    if not manifest.t_offset_us:
+        del table["t_offset_us"]
+    write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

@@ -16,7 +16,7 @@ from eres_render.bake import baked_scene, has_lightmaps
 from eres_render.bakeable import reason_not_to_bake, surfaces
 from eres_render.camera import Camera
 from eres_render.clearance import check_clearance
-from eres_render.errors import RenderError
+from eres_render.errors import RenderError, SceneError
 from eres_render.frame_times import ImageMotion, depth_image_motion, plane_image_motion
 from eres_render.memory import check_memory
 from eres_render.raycast import RayCaster
@@ -158,10 +158,22 @@ class Renderer:
 
         Over five frames of the whole image, evenly spaced in time, at 4 samples per pixel whatever
         `spp` is. It does not depend on which clips are rendered, nor on how many threads render.
+
+        Raises
+        ------
+        SceneError
+            If nearly all of what the camera sees is black.
         """
         t_s = np.linspace(0.0, self.scene.duration_s, 5)
         frames = [self._render(T, _WHITE_SPP, self.seed) for T in self.trajectory.pose(t_s)]
-        return float(np.percentile(np.stack(frames), 99.9))
+        white = float(np.percentile(np.stack(frames), 99.9))
+        if not white > 0:
+            raise SceneError(
+                f"{self.scene.xml_file}: found no light (white, the 99.9th percentile of radiance "
+                f"along the path, is {white:g}), expected an <emitter> that lights what the camera "
+                "sees"
+            )
+        return white
 
     @cached_property
     def trajectory(self) -> Trajectory:

@@ -17,7 +17,7 @@ from eres_render.backend import release_memory
 from eres_render.clip import Clip, clips, continuous_stretch
 from eres_render.errors import RenderError
 from eres_render.file_lock import locked
-from eres_render.frame_times import adaptive_times
+from eres_render.frame_times import adaptive_times, warn_if_far_apart
 from eres_render.manifest import FORMAT_VERSION, Manifest
 from eres_render.noise import warn_of_noise
 from eres_render.render import Integrator, Renderer
@@ -80,6 +80,7 @@ def render_clip(
         integrator=renderer.integrator,
         variant=renderer.variant,
         mitsuba=version("mitsuba"),
+        t_offset_us=renderer.trajectory.t_offset_us,
     )
     with locked(out_dir / ".lock"):
         writer = SequenceWriter(out_dir, manifest, renderer.trajectory)
@@ -127,7 +128,7 @@ def render_scene(
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
     What is there already is kept. Where frames are path-traced, a warning says how noisy they are
-    and how many false events that makes.
+    and how many false events that makes; another one, where frames lie far apart.
 
     Parameters
     ----------
@@ -153,6 +154,7 @@ def render_scene(
         wanted = {"continuous": continuous_stretch(scene, duration_s)}
     else:
         wanted = {f"clip_{c.index:03d}": c for c in clips(scene, duration_s, samples=samples)}
+    warn_if_far_apart(scene.name, max_displacement_px)
     renderer = Renderer(scene, resolution, spp, seed, integrator)
     warn_of_noise(renderer, list(wanted.values()), max_displacement_px)
     console = Console(stderr=True)

@@ -26,7 +26,7 @@ from eres_render.scene_toml import (
 )
 from eres_render.scene_xml import read_scene_xml
 from eres_render.trajectory import Trajectory, path_through
-from eres_render.tum import read_tum
+from eres_render.tum import read_tum_from_start
 from eres_render.typed_reader import Vector3, read_typed
 
 BAKE_VERSION = 3  # counts every change of the baking code that alters a lightmap
@@ -157,9 +157,9 @@ class Scene:
     def _unchecked_trajectory(self) -> Trajectory:
         path, square, plane = self.settings.path, self.settings.plane, self.plane
         if isinstance(path, TumPath):
-            t_s, poses = read_tum(self._tum_file)
+            t_offset_us, t_s, poses = read_tum_from_start(self._tum_file)
             try:
-                return path_through(t_s, poses)
+                return path_through(t_s, poses, t_offset_us)
             except TrajectoryError as error:
                 raise TrajectoryError(f"{self._tum_file}: {error}") from error
         if isinstance(path, WaypointsPath):
@@ -232,7 +232,8 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
         Mitsuba file (.xml) with exactly one camera, which gives the field of view.
     trajectory_file
         Poses T_world_cam in TUM's format, in place of the scene's own path. The camera passes
-        through each at its time, counted from the first; see `path_through`.
+        through each at its time, counted from the first, whose own time the path keeps as
+        `t_offset_us`; see `path_through`.
 
     Raises
     ------

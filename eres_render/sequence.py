@@ -6,6 +6,9 @@ A folder holds
 - `frames/000000.exr`, ...: half-float OpenEXR, channel Y, and `SHA256SUMS` of them,
 - `poses.txt`: the pose of every frame (TUM),
 - `path.txt`: the control poses of the camera's path (TUM), each at the time of its knot.
+
+Times count from the path's start. In the two files of poses they are on the clock of the poses that
+the path was given by, `t_offset_us` later, to the last digit.
 """
 
 from __future__ import annotations
@@ -66,6 +69,11 @@ class RadianceSequence:
         return np.array(self.manifest.t_s)
 
     @property
+    def t_offset_us(self) -> int:
+        """Time 0 on the clock of the poses that the path was given by, microseconds; mostly 0."""
+        return self.manifest.t_offset_us
+
+    @property
     def window_s(self) -> tuple[float, float]:
         """Start and end of the window that is looked at; what comes before is warm-up."""
         return self.manifest.window_s
@@ -109,6 +117,13 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         contents are checked when they are read.
     """
     folder = Path(path)
+    if not (folder / "manifest.json").exists():
+        inside = sorted(file.parent for file in folder.glob("*/manifest.json"))
+        if inside:
+            raise SequenceError(
+                f"{folder}: found a folder of sequences, expected one of them: give {inside[0]}"
+                f"{f' or another of {len(inside)}' if len(inside) > 1 else ''}"
+            )
     manifest = read_manifest(folder)
     frames = [_frame_file(folder, i) for i in range(len(manifest.t_s))]
     missing = [file for file in frames if not file.is_file()]
@@ -125,8 +140,9 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         raise SequenceError(f"{folder / FILE_NAME}: found no line for {_frame_name(without[0])}")
     poses_file, path_file = folder / "poses.txt", folder / "path.txt"
     try:
-        t_s, T_world_cam = read_tum(poses_file)
-        trajectory = Trajectory(*read_tum(path_file))
+        t_s, T_world_cam = read_tum(poses_file, manifest.t_offset_us)
+        controls = read_tum(path_file, manifest.t_offset_us)
+        trajectory = Trajectory(*controls, manifest.t_offset_us)
     except TrajectoryError as error:
         raise SequenceError(str(error)) from error
     if not np.array_equal(t_s, manifest.t_s):
@@ -169,9 +185,10 @@ class SequenceWriter:
             (folder / "frames").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
-        poses = tum_text(np.array(manifest.t_s), trajectory.pose(manifest.t_s))
-        write_text(folder / "poses.txt", poses)
-        write_text(folder / "path.txt", tum_text(trajectory.knots_s, trajectory.controls))
+        offset_us, t_s = manifest.t_offset_us, np.array(manifest.t_s)
+        path = tum_text(trajectory.knots_s, trajectory.controls, offset_us)
+        write_text(folder / "poses.txt", tum_text(t_s, trajectory.pose(t_s), offset_us))
+        write_text(folder / "path.txt", path)
         self._checksums = read_sums(folder)
         write_sums(folder, self._checksums)  # without what a kill may have left half written
         write_manifest(folder, self.manifest)
@@ -235,7 +252,11 @@ def _read_frame(
 ) -> NDArray[np.float32]:
     path = _frame_file(folder, i)
     try:
-        radiance = read_luminance(path)
+        intact = sha256(path) == checksums.get(_frame_name(i))
+    except OSError:
+        intact = False  # what is wrong with it shows when it is read
+    try:
+        radiance = read_luminance(path, intact=intact)
     except RenderError as error:
         raise SequenceError(str(error)) from error
     if radiance.shape != (manifest.height, manifest.width):
@@ -251,7 +272,7 @@ def _read_frame(
             f"{path}: found {radiance[y, x]} at pixel ({x}, {y}), and {np.sum(~good)} bad values "
             "in all, expected finite radiance >= 0"
         )
-    if sha256(path) != checksums.get(_frame_name(i)):
+    if not intact:
         raise SequenceError(
             f"{path}: found other bytes than were rendered, by its SHA-256 in {FILE_NAME}; remove "
             "it and render again"

@@ -33,10 +33,14 @@ class Trajectory:
     controls
         (N, 4, 4) control poses T_world_cam; the path runs near them, not through them. For a path
         through given poses see `path_through`.
+    t_offset_us
+        Time 0 of the path on the clock that its poses came with, microseconds. Kept apart, as
+        seconds since 1970 in float64 would be 0.2 us apart.
     """
 
     knots_s: Float64
     controls: Float64
+    t_offset_us: int = 0
 
     def __post_init__(self) -> None:
         shape = self.controls.shape
@@ -134,7 +138,7 @@ class Trajectory:
         return i, *_cumulative_basis(_evenly_extended(self.knots_s), i, t)
 
 
-def path_through(t_s: ArrayLike, T_world_cam: Float64) -> Trajectory:
+def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> Trajectory:
     """Return the spline that passes through given poses at given times.
 
     It has a knot at each of the times and no acceleration at either end (a natural spline).
@@ -147,6 +151,8 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64) -> Trajectory:
         (N,) strictly increasing times, N >= 2. The path starts at the first, its time 0.
     T_world_cam
         (N, 4, 4) poses.
+    t_offset_us
+        Of the path; see `Trajectory`.
 
     Raises
     ------
@@ -198,7 +204,7 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64) -> Trajectory:
         controls = np.tile(np.eye(4), (n + 2, 1, 1))
         controls[:, :3, :3] = Rotation.concatenate([first, inner, last]).as_matrix()
         controls[:, :3, 3] = position
-        path = Trajectory(knots, controls)
+        path = Trajectory(knots, controls, t_offset_us)
         reached = Rotation.from_matrix(path.pose(knots[1:-1])[:, :3, :3])
         return path, (reached.inv() * wanted).as_rotvec()
 
@@ -214,8 +220,8 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64) -> Trajectory:
         if damping < _LEAST_DAMPING:
             worst = int(np.argmax(np.linalg.norm(missed, axis=1)))
             raise TrajectoryError(
-                f"path_through: the camera turns too far from pose to pose near t = {t[worst]:g} s;"
-                " give more poses there"
+                "path_through: the camera turns too far from pose to pose near t = "
+                f"{t[worst]:g} s{' after the first' if t_offset_us else ''}; give more poses there"
             )
     return path
 

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import cv2
 import numpy as np
-import OpenEXR
 from numpy.typing import ArrayLike, NDArray
 
 from eres_render.errors import RenderError
+from eres_render.image_file import write_channels
 from eres_render.sequence import RadianceSequence
 from eres_render.truth import Flow, GroundTruth
 from eres_render.tum import tum_text
 from eres_render.whole_file import write_text, write_whole
 
 _PNG_ZERO, _PNG_PER_PX = 1 << 15, 128
+_NUMBER = re.compile(r"\d{6,}", re.ASCII)
 
 Float64 = NDArray[np.float64]
 
@@ -32,13 +36,16 @@ def write_truth(
     height: int | None = None,
     *,
     flow_png: bool = False,
+    overwrite: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Path]:
     """Write the ground truth at some times, and the flow from each to the next.
 
-    Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM), `depth/000000.exr`, ... (float
+    Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM, on the clock of the poses that
+    the camera's path was given by, if it was), `depth/000000.exr`, ... (float
     channel Z, metres), `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on
-    request `flow/000000.png`, ... as in the DSEC dataset.
+    request `flow/000000.png`, ... as in the DSEC dataset. All of them, or none: if one cannot be
+    written, those before it are removed.
 
     Parameters
     ----------
@@ -48,6 +55,8 @@ def write_truth(
         Of the images, px; see `GroundTruth.camera`.
     flow_png
         Write DSEC's PNG as well.
+    overwrite
+        Remove truth that the folder holds, and write this; other files there stay.
     on_progress
         Called after each time, with the number of times done and that of all.
 
@@ -59,34 +68,76 @@ def write_truth(
     Raises
     ------
     RenderError
-        If the folder cannot be written, or a flow does not fit a PNG.
+        If the folder holds truth already or is that of a sequence, cannot be written, or a flow
+        does not fit a PNG.
     """
     for name, side in (("width", width), ("height", height)):
         if side is not None and side < 1:
             raise RenderError(f"{name}: found {side}, expected at least 1 px")
+    _make_room(out_dir, overwrite)
     times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
-    for folder in (out_dir / "depth", out_dir / "flow"):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
-    files = [out_dir / "camera.json", out_dir / "poses.txt"]
-    sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
-    write_text(files[0], json.dumps(sides, indent=1) + "\n")
-    write_text(files[1], tum_text(times, truth.trajectory.pose(times)))
-    for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
-        files.append(out_dir / "depth" / f"{i:06d}.exr")
-        write_depth(files[-1], truth.depth(t_0, width, height))
-        if t_1 is not None:
-            flow = truth.flow(t_0, t_1, width, height)
-            files.append(out_dir / "flow" / f"{i:06d}.exr")
-            write_flow(files[-1], flow)
-            if flow_png:
-                files.append(files[-1].with_suffix(".png"))
-                write_flow_png(files[-1], flow)
-        if on_progress is not None:
-            on_progress(i + 1, len(times))
+    folders = [out_dir, out_dir / "depth", out_dir / "flow"]
+    made = [folder for folder in folders if not folder.is_dir()]
+    files: list[Path] = []
+
+    def write(name: str, to_file: Callable[[Path], object]) -> None:
+        to_file(out_dir / name)
+        files.append(out_dir / name)
+
+    try:
+        for folder in folders:
+            _make(folder)
+        sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
+        write("camera.json", lambda file: write_text(file, json.dumps(sides, indent=1) + "\n"))
+        path = truth.trajectory
+        poses = tum_text(times, path.pose(times), path.t_offset_us)
+        write("poses.txt", lambda file: write_text(file, poses))
+        for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
+            depth = truth.depth(t_0, width, height)
+            write(f"depth/{i:06d}.exr", partial(write_depth, depth=depth))
+            if t_1 is not None:
+                flow = truth.flow(t_0, t_1, width, height)
+                write(f"flow/{i:06d}.exr", partial(write_flow, flow=flow))
+                if flow_png:
+                    write(f"flow/{i:06d}.png", partial(write_flow_png, flow=flow))
+            if on_progress is not None:
+                on_progress(i + 1, len(times))
+    except BaseException:
+        for file in files:
+            file.unlink(missing_ok=True)
+        for folder in reversed(made):
+            with suppress(OSError):  # it was not made, or others have put files there
+                folder.rmdir()
+        raise
     return files
+
+
+def _make_room(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder in which truth would be mixed up; remove from one the truth of old."""
+    if (folder / "manifest.json").exists():
+        raise RenderError(
+            f"{folder}: found a sequence, whose poses.txt truth would replace; write elsewhere"
+        )
+    numbered = [*folder.glob("depth/*.exr"), *folder.glob("flow/*.exr"), *folder.glob("flow/*.png")]
+    old = [file for file in numbered if _NUMBER.fullmatch(file.stem)]
+    old += [file for name in ("camera.json", "poses.txt") if (file := folder / name).exists()]
+    if old and not overwrite:
+        raise RenderError(
+            f"{folder}: holds truth already, {len(old)} files such as {old[0].name}; add "
+            "--overwrite to replace it, or write elsewhere"
+        )
+    for file in old:
+        try:
+            file.unlink()
+        except OSError as error:
+            raise RenderError(f"{file}: cannot be removed: {error.strerror}") from error
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
 
 
 def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
@@ -134,6 +185,5 @@ def write_flow_png(path: Path, flow: Flow) -> None:
 
 
 def _write_float_exr(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> None:
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     planes = {name: np.ascontiguousarray(c, dtype=np.float32) for name, c in channels.items()}
-    write_whole(path, lambda unfinished: OpenEXR.File(header, planes).write(str(unfinished)))
+    write_channels(path, planes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Context, Decimal
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +13,48 @@ from eres_render.errors import TrajectoryError
 
 Float64 = NDArray[np.float64]
 
+_EXACT = Context(prec=1000)  # digits: more than a float64 has behind the point
 
-def tum_text(t_s: Float64, T_world_cam: Float64) -> str:
-    """Return the TUM lines `t x y z qx qy qz qw` of (N,) times and (N, 4, 4) poses."""
+
+def tum_text(t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0) -> str:
+    """Return the TUM lines `t x y z qx qy qz qw` of (N,) times and (N, 4, 4) poses.
+
+    Times are written `t_offset_us` later, with all digits that this takes: `read_tum` with the same
+    offset gives them back to the last bit.
+    """
     xyz = T_world_cam[:, :3, 3]
     xyzw = Rotation.from_matrix(T_world_cam[:, :3, :3]).as_quat()
     rows = np.column_stack([t_s, xyz, xyzw])
-    lines = (" ".join(repr(float(value)) for value in row) for row in rows)
+    lines = (
+        " ".join([_later(t, t_offset_us), *(repr(float(value)) for value in row)])
+        for t, *row in rows
+    )
     return "# t_s x_m y_m z_m qx qy qz qw (T_world_cam)\n" + "\n".join(lines) + "\n"
 
 
-def read_tum(path: Path) -> tuple[Float64, Float64]:
+def _later(t_s: float, t_offset_us: int) -> str:
+    """Write a time with an offset added, exactly."""
+    text = repr(float(t_s))
+    if not t_offset_us:
+        return text
+    return f"{_EXACT.add(Decimal(text), _EXACT.scaleb(Decimal(t_offset_us), -6)):f}"
+
+
+def _earlier(times: list[Decimal], t_offset_us: int) -> Float64:
+    """Take an offset off times before they become float64."""
+    offset_s = _EXACT.scaleb(Decimal(t_offset_us), -6)
+    return np.array([float(_EXACT.subtract(time, offset_s)) for time in times])
+
+
+def read_tum(path: Path, t_offset_us: int = 0) -> tuple[Float64, Float64]:
     """Read a TUM file into (N,) times in seconds and (N, 4, 4) poses T_world_cam.
+
+    Parameters
+    ----------
+    path
+        The file.
+    t_offset_us
+        What to take off the times before they become float64.
 
     Raises
     ------
@@ -31,12 +62,39 @@ def read_tum(path: Path) -> tuple[Float64, Float64]:
         If the file is missing or no text, a line does not hold 8 numbers with a quaternion of
         length 1 to 1e-3 (what is nearer is normalised), or times do not increase.
     """
+    times, poses = _read(path)
+    return _earlier(times, t_offset_us), poses
+
+
+def read_tum_from_start(path: Path) -> tuple[int, Float64, Float64]:
+    """Read a TUM file; times count from the first, to a microsecond, which is returned too.
+
+    Returns
+    -------
+    t_offset_us
+        The first time, microseconds.
+    t_s, T_world_cam
+        As of `read_tum`, with that offset.
+
+    Raises
+    ------
+    TrajectoryError
+        As `read_tum`.
+    """
+    times, poses = _read(path)
+    t_offset_us = round(_EXACT.scaleb(times[0], 6))
+    return t_offset_us, _earlier(times, t_offset_us), poses
+
+
+def _read(path: Path) -> tuple[list[Decimal], Float64]:
+    """Read a TUM file into its times, to the last digit, and (N, 4, 4) poses."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise TrajectoryError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise TrajectoryError(f"{path}: not a text file: {error.reason}") from error
+    times: list[Decimal] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):
@@ -54,11 +112,13 @@ def read_tum(path: Path) -> tuple[Float64, Float64]:
                 f"{path}: line {number}: found a quaternion of length "
                 f"{np.linalg.norm(row[4:]):.4g}, expected 1"
             )
-        if rows and not row[0] > rows[-1][0]:
+        time = Decimal(line.split()[0])
+        if times and not time > times[-1]:
             raise TrajectoryError(
                 f"{path}: line {number}: found time {row[0]!r} after {rows[-1][0]!r}, expected "
                 "increasing times"
             )
+        times.append(time)
         rows.append(row)
     if not rows:
         raise TrajectoryError(f"{path}: found no pose, expected lines t x y z qx qy qz qw")
@@ -66,4 +126,4 @@ def read_tum(path: Path) -> tuple[Float64, Float64]:
     T = np.tile(np.eye(4), (len(table), 1, 1))
     T[:, :3, 3] = table[:, 1:4]
     T[:, :3, :3] = Rotation.from_quat(table[:, 4:]).as_matrix()
-    return table[:, 0], T
+    return times, T

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+import logging
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from eres_render.errors import SceneError
+from eres_render.image_file import check_readable
 from eres_render.scene import Scene
 
 if TYPE_CHECKING:
     import mitsuba as mi
+
+_log = logging.getLogger(__name__)
+
+# How a warning of Mitsuba's begins, and how one of a PLY file's attribute goes on.
+_WARNING = re.compile(r"^\d{4}-\d\d-\d\d [\d:]+ WARN +", re.MULTILINE)
+_ATTRIBUTE = re.compile(r'^\[ply\.h:\d+\] .*attribute "(\w+)"')
 
 # Of linear sRGB primaries, Rec. 709: what Mitsuba's monochrome variants weigh colours with.
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
@@ -27,9 +40,15 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
     ------
     SceneError
         If Mitsuba refuses the scene.
+    RenderError
+        If an OpenEXR image of it is damaged.
     """
     import mitsuba as mi
 
+    textures = scene.texture_files()
+    for image in (*map(Path, textures.values()), *scene.files):
+        if image.suffix.lower() == ".exr":
+            check_readable(image)
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_meshes = False  # merging would lose the shapes' ids
     mitsuba: Any = mi  # whose type stubs lack the file resolver
@@ -38,7 +57,7 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
     beside_the_scene.prepend(str(scene.folder))
     mitsuba.set_file_resolver(beside_the_scene)
     try:
-        state = mi.parser.parse_file(config, str(scene.xml_file), **scene.texture_files())
+        state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
         top = state.nodes[0].props
         for key in list(top.keys()):
             reference = isinstance(top[key], mi.Properties.ResolvedReference)
@@ -51,7 +70,8 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
             if emitters and node.props.id() in emitters:
                 node.props["glow"] = emitters[node.props.id()]
         mi.parser.transform_all(config, state)
-        world = cast("mi.Scene", mi.parser.instantiate(config, state))
+        with _warnings_of(scene):
+            world = cast("mi.Scene", mi.parser.instantiate(config, state))
     except RuntimeError as error:
         raise SceneError(f"{scene.xml_file}: Mitsuba refuses it: {error}") from error
     finally:
@@ -59,6 +79,42 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
     if str(mi.variant()).endswith("_rgb"):
         _drop_colour(world)
     return world
+
+
+@contextmanager
+def _warnings_of(scene: Scene) -> Iterator[None]:
+    """Take what Mitsuba warns of into our log, but for attributes of meshes that nothing uses.
+
+    It warns of every one in a PLY file that it could not use as it is, such as colours of 0 to 255.
+    """
+    import mitsuba
+
+    mi: Any = mitsuba  # whose type stubs know little of its logger
+    logger = mi.logger()
+    appenders = [logger.appender(i) for i in range(logger.appender_count())]
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as file:
+        logger.clear_appenders()
+        logger.add_appender(mi.StreamAppender(file.name))
+        try:
+            yield
+        finally:
+            logger.clear_appenders()  # which closes the file
+            for appender in appenders:
+                logger.add_appender(appender)
+            named = "".join(xml.read_text(encoding="utf-8") for xml in _xml_files(scene))
+            for text in _WARNING.split(file.read())[1:]:
+                unused = _ATTRIBUTE.search(text)
+                if unused is None or unused[1] in named:
+                    _warn(scene.xml_file, " ".join(text.split()))
+
+
+@functools.cache  # once a process: a scene is loaded more than once
+def _warn(file: Path, text: str) -> None:
+    _log.warning("%s: Mitsuba warns: %s", file, text)
+
+
+def _xml_files(scene: Scene) -> list[Path]:
+    return [scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")]
 
 
 def _drop_colour(world: mi.Scene) -> None:

@@ -82,6 +82,10 @@ def find_sensor(name: str) -> SensorPreset:
     """
     if name in SENSORS:
         return SENSORS[name]
+    raise SensorError(f"sensor: found {name!r}; {hint(name)}")
+
+
+def hint(name: str) -> str:
+    """What to say of a name that no preset has: which one comes close, or all of them."""
     close = difflib.get_close_matches(name.lower(), SENSORS, n=1)
-    hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(SENSORS)}"
-    raise SensorError(f"sensor: found {name!r}; {hint}")
+    return f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(SENSORS)}"

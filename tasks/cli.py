@@ -193,6 +193,7 @@ def truth(
     height: int | None = None,
     step: float = 0.05,
     flow_png: bool = False,
+    overwrite: bool = False,
 ) -> None:
     """Write ground truth of a sequence: depth, optical flow with what is visible, poses.
 
@@ -206,12 +207,21 @@ def truth(
             middle of them. By default all of the frames is seen.
         step: Time from one image to the next, seconds.
         flow_png: Write the flow as 16-bit PNG as well, as in the DSEC dataset.
+        overwrite: Replace truth that the folder holds; without it such a folder is refused.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
 
     opened = open_sequence(sequence)
     times_s = window_times(opened, step)
-    files = write_truth(ground_truth(opened), out, times_s, width, height, flow_png=flow_png)
+    files = write_truth(
+        ground_truth(opened),
+        out,
+        times_s,
+        width,
+        height,
+        flow_png=flow_png,
+        overwrite=overwrite,
+    )
     _out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
 
 
@@ -281,6 +291,7 @@ def simulate(
     seed: int = 0,
     format: str | None = None,
     truth: float | None = None,
+    overwrite: bool = False,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
     bus: OmitArgPrefixes[BusOptions] = NO_BUS,
 ) -> None:
@@ -299,6 +310,7 @@ def simulate(
         seed: Seed of everything random in the sensor.
         format: dsec, evt3, evt2, npz or text, in place of what the file's extension says.
         truth: Add true depth, flow and poses to a DSEC file, this many seconds apart.
+        overwrite: Replace the file if it exists; without it such a file is refused.
     """
     from rich.progress import track
 
@@ -322,6 +334,7 @@ def simulate(
         readout=bus.readout(),
         truth_step_s=truth,
         format=format,
+        overwrite=overwrite,
         watch=lambda frames: track(
             frames,
             "frames",
@@ -343,19 +356,29 @@ def convert(
     format: str | None = None,
     input_format: str | None = None,
     size: tuple[int, int] | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Write a file of events in another format.
 
-    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt).
+    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt). A warning names what
+    OUT cannot hold of IN; truth is kept from DSEC to DSEC.
 
     Args:
         format: The format of OUT, in place of what its extension says; a .raw is EVT3 by default.
         input_format: The format of IN, in place of what its extension or header says.
         size: Width and height of the sensor, for files that do not store it.
+        overwrite: Replace OUT if it exists; without it such a file is refused.
     """
     from tasks.event_files import convert as convert_file
 
-    count = convert_file(source, out, format=format, input_format=input_format, size=size)
+    count = convert_file(
+        source,
+        out,
+        format=format,
+        input_format=input_format,
+        size=size,
+        overwrite=overwrite,
+    )
     _out.print(f"{out}: {count} events", soft_wrap=True)
 
 
@@ -520,17 +543,22 @@ def info(
         _print_pairs(describe(path, format=format))
         return
     from eres_render import open_sequence
+    from tasks.event_files import seconds
 
     sequence = open_sequence(path)
     manifest = sequence.manifest
     start_s, end_s = sequence.window_s
     length_m = float(np.diff(sequence.trajectory.length_m(sequence.t_s[[0, -1]]))[0])
     part = "continuous" if sequence.is_continuous else f"clip {manifest.clip}"
+    clock = {}
+    if sequence.t_offset_us:
+        clock["clock"] = f"time 0 is {seconds(sequence.t_offset_us)} s on that of the poses given"
     pairs = {
         "scene": f"{manifest.scene}, {part}",
         "found at": manifest.scene_source,
         "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
         "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
+        **clock,
         "window": f"{start_s:.4f} to {end_s:.4f} s",
         "camera speed": f"{length_m / (sequence.t_s[-1] - sequence.t_s[0]):.3g} m/s on average",
         "white": f"{sequence.white_level:.4g} W m^-2 sr^-1",

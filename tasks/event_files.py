@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -15,13 +14,15 @@ from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.bank import DARK_FRACTION
 from sensor.formats import find_format, read_events, read_header, write_events
 from sensor.formats.header import Header, Value, model_to_json
+from sensor.formats.registry import warn_of_loss
 from sensor.model import MAX_SIDE_PX
 from sensor.optics import middle
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
-from tasks.event_truth import with_truth
+from tasks.event_truth import truth_to_add, truth_to_copy
+from tasks.files import check_new
 from tasks.sensor_options import IDEAL_PIXEL, PixelOptions
-from tasks.warm_up import warn_if_short
+from tasks.warm_up import warn_if_coarse, warn_if_short
 
 Frames = Iterable[NDArray[np.float32]]
 
@@ -59,7 +60,11 @@ def sensor_for(
         height = max(1, round(resolution * frames.height / frames.width))
         model = SensorModel(width=resolution, height=height)
     else:
-        raise TaskError("found both or neither of sensor and resolution, expected one of them")
+        found = "neither" if sensor is None else "both"
+        raise TaskError(
+            f"sensor, resolution: found {found}, expected one of them: --sensor NAME, as in "
+            "`eres sensors`, or --resolution WIDTH"
+        )
     C = model.contrast_threshold if contrast_threshold is None else contrast_threshold
     white = sequence.white_level
     lit = replace(model, contrast_threshold=C, dark_level=DARK_FRACTION * white)
@@ -76,13 +81,18 @@ def simulate_sequence(
     readout: Readout | None = None,
     truth_step_s: float | None = None,
     format: str | None = None,
+    overwrite: bool = False,
     watch: Callable[[Frames], Frames] = lambda frames: frames,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires before a sequence; returns their number.
 
     A sensor of another shape than the frames sees the middle of them, so that its pixels are
     square. All events are written, those of the sequence's warm-up too; the file's origin says when
-    its window starts and ends. A warning says so where the warm-up is short for the sensor.
+    its window starts and ends. Warnings say so where the warm-up is short for the sensor, or frames
+    lie far apart.
+
+    If the path was given by poses whose times do not start at 0, time 0 of the sequence is that of
+    the first, at any speed.
 
     Parameters
     ----------
@@ -94,15 +104,25 @@ def simulate_sequence(
         The bus that the events leave by; without one, all leave when they fire. The second result
         is then its report, else None.
     truth_step_s
-        Add ground truth of the window to the file, this far apart; see `with_truth`.
+        Add ground truth of the window to the file, this far apart; see `truth_to_add`.
+    overwrite
+        Replace the file if it exists.
     watch
         Passes the frames on, and may show how far they are.
+
+    Raises
+    ------
+    TaskError
+        The speed is none, the file exists, or its format has no place for truth.
     """
+    check_new(out, overwrite)
     if not 0 < speed < np.inf:
         raise TaskError(f"speed: found {speed}, expected a positive factor")
     warn_if_short(sequence, model.cutoff_hz, speed)
+    warn_if_coarse(sequence)
     manifest = sequence.manifest
-    window_us = [round(t_s / speed * 1e6) for t_s in sequence.window_s]
+    offset_us = sequence.t_offset_us
+    window_us = [offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
     origin: dict[str, Value] = {
         "scene": manifest.scene,
         "clip": manifest.clip,
@@ -121,11 +141,20 @@ def simulate_sequence(
     if readout is not None:
         origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
         parts = leaving = read_out(parts, readout)
-    with ExitStack() as stack:
-        if truth_step_s is not None:
-            out = stack.enter_context(with_truth(out, sequence, model, speed, truth_step_s, format))
-        count = write_events(out, parts, format=format, origin=origin)
+    if offset_us:
+        parts = _later(parts, offset_us)
+    add = None
+    if truth_step_s is not None:
+        if find_format(out, format, new=True).name != "dsec":
+            raise TaskError(f"{out}: truth has a place in DSEC's format (.h5) alone")
+        add = truth_to_add(sequence, model, speed, truth_step_s)
+    count = write_events(out, parts, format=format, origin=origin, t_offset_us=offset_us, add=add)
     return count, leaving.report if leaving is not None else None
+
+
+def _later(parts: Iterable[Events], offset_us: int) -> Iterator[Events]:
+    for part in parts:
+        yield Events.trusted(part.t_us + offset_us, part.x, part.y, part.p, like=part)
 
 
 def convert(
@@ -135,11 +164,37 @@ def convert(
     format: str | None = None,
     input_format: str | None = None,
     size: tuple[int, int] | None = None,
+    overwrite: bool = False,
 ) -> int:
-    """Write a file's events in another format, with all it says of them; returns their number."""
+    """Write a file's events in another format, with all it says of them; returns their number.
+
+    Truth is kept from DSEC to DSEC. A warning names what is not kept.
+
+    Raises
+    ------
+    TaskError
+        Both are one file, or the one to write exists and is not to be overwritten.
+    """
     header = read_header(source, format=input_format)
+    if out.exists() and out.samefile(source):
+        raise TaskError(f"{out}: is {source} itself, which cannot be replaced while it is read")
+    check_new(out, overwrite)
+    to = find_format(out, format, new=True)
+    left_out, add = list(header.others), None
+    if "truth" in left_out and to.name == find_format(source, input_format).name == "dsec":
+        left_out.remove("truth")
+        add = truth_to_copy(source)
     parts = read_events(source, format=input_format, size=size)
-    return write_events(out, parts, format=format, origin=header.origin)
+    count = write_events(
+        out,
+        parts,
+        format=format,
+        origin=header.origin,
+        t_offset_us=header.t_offset_us,
+        add=add,
+    )
+    warn_of_loss(out, to, left_out)
+    return count
 
 
 def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
@@ -164,12 +219,24 @@ def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
         "file": f"{size_bytes} bytes{each}",
         "events": str(count),
     }
+    if header.t_offset_us:
+        lines["clock starts at"] = f"{seconds(header.t_offset_us)} s"
     if first_us is not None:
         span_s = (last_us - first_us) * 1e-6
-        lines["time"] = f"{first_us * 1e-6:.6f} to {last_us * 1e-6:.6f} s"
+        lines["time"] = f"{seconds(first_us)} to {seconds(last_us)} s"
         lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
         lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
     return lines | dict(_made(header))
+
+
+def seconds(t_us: int) -> str:
+    """Write microseconds as seconds, all digits of them.
+
+    >>> seconds(1600000000123456)
+    '1600000000.123456'
+    """
+    sign, whole = "-" if t_us < 0 else "", abs(t_us)
+    return f"{sign}{whole // 10**6}.{whole % 10**6:06}"
 
 
 def _made(header: Header) -> Iterator[tuple[str, str]]:

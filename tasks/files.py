@@ -5,6 +5,20 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from tasks.errors import TaskError
+
+
+def check_new(path: Path, overwrite: bool) -> None:
+    """Refuse to replace a file, unless that was asked for.
+
+    Raises
+    ------
+    TaskError
+        It exists.
+    """
+    if os.path.lexists(path) and not path.is_dir() and not overwrite:
+        raise TaskError(f"{path}: exists already; add --overwrite to replace it")
+
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a file by way of a temporary name beside it; its folder is made if need be.

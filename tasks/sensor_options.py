@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from sensor import Readout, SensorModel, cutoff_in_light
-from sensor.presets import find_sensor
+from sensor.presets import SENSORS, hint
 from tasks.errors import TaskError
 
 
@@ -73,10 +73,16 @@ class PixelOptions:
         cutoff_hz = model.cutoff_hz if self.cutoff is None else self.cutoff
         if self.illuminance is not None:
             if self.cutoff is not None:
-                raise TaskError("found both cutoff and illuminance, expected at most one of them")
+                raise TaskError(
+                    "found both cutoff and illuminance, expected at most one of them: leave out "
+                    "--cutoff or --illuminance"
+                )
             cutoff_hz = cutoff_in_light(self.illuminance)
         if self.cutoff_follows_light and cutoff_hz == float("inf"):
-            raise TaskError("cutoff-follows-light: expected a cutoff or an illuminance beside it")
+            raise TaskError(
+                "cutoff-follows-light: expected a cutoff or an illuminance beside it, such as "
+                "--cutoff 200"
+            )
         return replace(
             model,
             cutoff_hz=cutoff_hz,
@@ -129,16 +135,22 @@ class BusOptions:
         """
         if self.bus is None:
             if self != NO_BUS:
-                raise TaskError("fifo, row-overhead: expected a bus beside them")
+                raise TaskError("fifo, row-overhead: expected a bus beside them, such as --bus 12")
             return None
+        rate_mev_s: float | None
         try:
-            rate_mev_s: float | None = float(self.bus)
+            rate_mev_s = float(self.bus)
         except ValueError:
-            rate_mev_s = find_sensor(self.bus).max_bandwidth_mev_s
+            if self.bus not in SENSORS:
+                raise TaskError(
+                    f"bus: found {self.bus!r}, which is neither a rate in million events a second, "
+                    f"such as --bus 12, nor a camera; {hint(self.bus)}"
+                ) from None
+            rate_mev_s = SENSORS[self.bus].max_bandwidth_mev_s
         if rate_mev_s is None:
             raise TaskError(
                 f"bus: no bandwidth is known of {self.bus!r}, expected a rate in million events a "
-                "second or another camera"
+                "second, such as --bus 12, or another camera"
             )
         return Readout(
             max_rate_hz=rate_mev_s * 1e6, fifo_depth=self.fifo, row_overhead_s=self.row_overhead

@@ -1,4 +1,4 @@
-"""How long a sensor looks at a sequence before its window starts."""
+"""Whether a sequence shows a sensor enough: before its window starts, and between its frames."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import logging
 import math
 
 from eres_render import RadianceSequence
+from eres_render.frame_times import warn_if_far_apart
 
 _log = logging.getLogger(__name__)
 
@@ -30,3 +31,8 @@ def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) ->
             "the window's first events still depend on where the sequence starts",
             *(1e3 * seconds, time_constants, cutoff_hz, _ENOUGH),
         )
+
+
+def warn_if_coarse(sequence: RadianceSequence) -> None:
+    """Warn where the image moves so far from frame to frame that events are missed."""
+    warn_if_far_apart(str(sequence.folder), sequence.manifest.max_displacement_px)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from eres_render import open_sequence
+from eres_render import load_scene, open_sequence, render_scene
 from eres_render.paths import look_at
 from eres_render.tum import tum_text
 from light_scenes import edit_scene, room_folder
@@ -73,6 +73,36 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert (camera["width"], camera["height"]) == (20, 12)
 
 
+def test_truth_replaces_truth_only_when_told(eres, tmp_path):
+    """Promise: a folder never holds truth of two steps; --overwrite removes the old, no more."""
+    folder, out = room_folder(tmp_path / "room"), tmp_path / "truth"
+    options = ["--resolution", 24, "--spp", 1, "--samples", 1, "--max-displacement", 1]
+    assert eres("render", folder, "--out", tmp_path / "r", *options)[0] == 0
+    clip = tmp_path / "r" / "clip_000"
+    truth = ["truth", clip, "--out", out, "--width", 20, "--step"]
+    assert eres(*truth, 0.01, "--flow-png")[0] == 0
+    fine = sorted(out.rglob("*"))
+    (out / "notes.txt").write_text("mine")
+    (out / "depth" / "mine.exr").write_text("mine")
+    code, _, err = eres(*truth, 0.025)
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert f"{out}: holds truth already" in err
+    assert "--overwrite" in err
+    assert set(out.rglob("*")) - set(fine) == {out / "notes.txt", out / "depth" / "mine.exr"}
+
+    assert eres(*truth, 0.025, "--overwrite")[0] == 0
+    files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file()}
+    assert files == {
+        *("camera.json", "poses.txt", "notes.txt", "depth/mine.exr"),
+        *("depth/000000.exr", "depth/000001.exr", "depth/000002.exr"),
+        *("flow/000000.exr", "flow/000001.exr"),
+    }
+    poses = (clip / "poses.txt").read_bytes()
+    code, _, err = eres("truth", clip, "--out", clip, "--overwrite")
+    assert (code, "found a sequence, whose poses.txt" in err) == (1, True)
+    assert (clip / "poses.txt").read_bytes() == poses
+
+
 def test_convergence_prints_each_setting(eres, tmp_path):
     folder = room_folder(tmp_path / "room")
     code, out, _ = eres("convergence", folder, "--resolution", "24", "--duration", "0.02")
@@ -96,6 +126,7 @@ BAD_SCENES = [
         "gone.png is missing",
     ),
     ([CAMERA, '<shape type="sphre"/>'], "Mitsuba refuses it"),
+    ([CAMERA, SCENE.partition("\n")[2]], "mine.xml: found no light (white, the 99.9th percentile"),
 ]
 BAD_POSES = [
     ("0 0 0 3 0 0 0 1\n1 0 0 4 0 0 0 1\n0.5 0 0 5 0 0 0 1\n", "line 3: found time 0.5 after 1.0"),
@@ -145,6 +176,18 @@ def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text
 
 
 @pytest.mark.parametrize(
+    ("path_s", "instead"),
+    [(0.4, "give --duration 0.3 or more, or --continuous"), (0.25, "give --continuous")],
+)
+def test_a_path_without_room_for_a_clip_says_what_to_do(eres, tmp_path, path_s, instead):
+    xml = write_scene(tmp_path, CAMERA, SCENE)
+    poses = write_poses(tmp_path, t_s=(0.0, 0.2, path_s))
+    text = f"found 0.22 s of path, expected at least 0.3 s for the first of them; {instead} for one"
+    options = ("--out", tmp_path / "out", "--duration", 0.22)
+    refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, *options)
+
+
+@pytest.mark.parametrize(
     ("make", "text"),
     [
         (
@@ -168,6 +211,100 @@ def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text
 def test_paths_that_leave_their_scene_are_refused_and_leave_nothing(eres, tmp_path, make, text):
     folder = make(tmp_path / "scene")
     refused(eres, tmp_path, text, "render", folder, "--out", tmp_path / "out", "--spp", "1")
+
+
+PLY = """ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+property uchar red
+property uchar green
+property uchar blue
+property float quality
+element face 2
+property list uchar int vertex_indices
+end_header
+-1 -1 0 200 100 50 1
+1 -1 0 200 100 50 1
+1 1 0 200 100 50 1
+-1 1 0 200 100 50 1
+3 0 1 2
+3 0 2 3
+"""
+
+
+def write_mesh(folder, material=""):
+    """A mesh in the colours of its vertices, and the poses of a camera above it."""
+    (folder / "mesh.ply").write_text(PLY)
+    mesh = f'<shape type="ply"><string name="filename" value="mesh.ply"/>{material}</shape>'
+    xml = write_scene(folder, CAMERA, '<emitter type="constant"/>', mesh)
+    return xml, write_poses(folder, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)))
+
+
+def test_colours_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplog):
+    """Promise: a mesh with colours, as scanners write it, renders without a word of Mitsuba's; one
+    without UV coordinates is path-traced, not a traceback."""
+    scene = load_scene(*write_mesh(tmp_path))
+    (sequence,) = render_scene(scene, tmp_path / "r", resolution=8, spp=1, continuous=True)
+    assert "".join(capfd.readouterr()) == ""
+    assert not any("Mitsuba" in message or "quality" in message for message in caplog.messages)
+    assert sequence.manifest.integrator == "path"
+
+
+def test_colours_of_a_mesh_that_a_material_uses_are_said_once(tmp_path, capfd, caplog):
+    """Promise: what Mitsuba warns of that matters is said, with the scene's name, and once."""
+    material = """<bsdf type="diffuse"><texture type="mesh_attribute" name="reflectance">
+        <string name="name" value="vertex_color"/></texture></bsdf>"""
+    xml, poses = write_mesh(tmp_path, material)
+    render_scene(load_scene(xml, poses), tmp_path / "r", resolution=8, spp=1, continuous=True)
+    assert "WARN" not in "".join(capfd.readouterr())
+    (said,) = (message for message in caplog.messages if "Mitsuba" in message)
+    assert said.startswith(f"{xml}: Mitsuba warns: ")
+    assert "[0, 1] range" in said
+
+
+def test_a_scene_without_a_lamp_is_not_baked_for_minutes(eres, tmp_path):
+    """Promise: one clear line before the light is computed, where there is none."""
+    plane = '<shape type="rectangle" id="floor"/>'
+    xml = write_scene(tmp_path, CAMERA, plane)
+    poses = write_poses(tmp_path, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)))
+    options = ("--resolution", 8, "--continuous", "--out", tmp_path / "out")
+    refused(
+        eres, tmp_path, f"{xml}: found no light", "render", xml, "--trajectory", poses, *options
+    )
+
+
+def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
+    """Promise: given what `eres render` was given, the error names a folder to give instead."""
+    for k in range(2):
+        (tmp_path / "r" / f"clip_00{k}").mkdir(parents=True)
+        (tmp_path / "r" / f"clip_00{k}" / "manifest.json").write_text("{}")
+    instead = f"expected one of them: give {tmp_path / 'r' / 'clip_000'} or another of 2"
+    folder, out = tmp_path / "r", tmp_path / "o"
+    refused(eres, tmp_path, instead, "info", folder)
+    refused(eres, tmp_path, instead, "truth", folder, "--out", out)
+    refused(eres, tmp_path, instead, "simulate", folder, "--out", out, "--resolution", 8)
+    refused(eres, tmp_path, instead, "evaluate", folder, "--task", "flow")
+
+
+def test_frames_far_apart_are_said(eres, tmp_path, caplog):
+    """Promise: whoever renders, simulates or evaluates frames more than 1 px apart is told by how
+    many; at 1 px nothing is said."""
+    folder = room_folder(tmp_path / "room")
+    usual = ["--resolution", 32, "--spp", 1, "--samples", 1]
+    for motion in (1, 3.5):
+        out, clip = tmp_path / str(motion), tmp_path / str(motion) / "clip_000"
+        asked = ["--max-displacement", motion, "--out", out]
+        assert eres("render", folder, *usual, *asked)[0] == 0
+        events = clip.with_suffix(".h5")
+        assert eres("simulate", clip, "--out", events, "--resolution", 8)[0] == 0
+        task = ["--task", "reconstruction", "--resolution", 16]
+        assert eres("evaluate", clip, *task)[0] == 0
+    said = [message for message in caplog.messages if "px apart" in message]
+    assert [message.split(":")[0] for message in said] == ["room", str(clip), str(clip)]
+    assert all("frames lie up to 3.5 px apart, expected at most 1" in line for line in said)
 
 
 def test_truth_of_no_sequence_and_senseless_steps_are_refused(eres, tmp_path):

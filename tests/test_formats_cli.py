@@ -219,6 +219,126 @@ def test_convert_there_and_back(eres, tmp_path, name):
     assert back.read_bytes() == first.read_bytes()
 
 
+def test_truth_is_kept_from_dsec_to_dsec(eres, sequence, tmp_path, caplog):
+    """Promise: nothing that the file to write can hold is lost, nor is any of it changed."""
+    a, b = tmp_path / "a.h5", tmp_path / "b.hdf5"
+    arguments = ["--resolution", 16, "--truth", 0.02]
+    assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
+    with h5py.File(a, "r+") as file:
+        file["truth"].attrs["made by"] = "hand"
+        file["truth"].create_group("more")["empty"] = h5py.Empty("f4")
+        # Seven rows of two chunks, the second of them not full.
+        more = np.arange(35, dtype=np.int16).reshape(7, 5)
+        file["truth/more"].create_dataset("odd", data=more, chunks=(1, 3), fletcher32=True)
+    caplog.clear()
+    assert eres("convert", a, b)[0] == 0
+    assert caplog.messages == []
+    assert_same(load_events(a), load_events(b))
+    with h5py.File(a) as before, h5py.File(b) as after:
+        names = []
+        before["truth"].visit(names.append)
+        assert len(names) == 9
+        assert dict(after["truth"].attrs) == {"made by": "hand"}
+        for name in names:
+            old, new = before["truth"][name], after["truth"][name]
+            if isinstance(old, h5py.Group):
+                continue
+            assert (new.dtype, new.shape, new.chunks) == (old.dtype, old.shape, old.chunks)
+            assert (new.fletcher32, new.shuffle) == (old.fletcher32, old.shuffle)
+            if old.shape is not None:
+                np.testing.assert_array_equal(new[...], old[...])
+
+
+def test_damaged_truth_is_not_copied(eres, sequence, tmp_path):
+    """Promise: a checksum that does not hold is an error that names the file, and none appears."""
+    a, b = tmp_path / "a.h5", tmp_path / "b.h5"
+    arguments = ["--resolution", 16, "--truth", 0.02]
+    assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
+    with h5py.File(a) as file:
+        chunk = file["truth/depth"].id.get_chunk_info(1)
+    data = bytearray(a.read_bytes())
+    data[chunk.byte_offset + chunk.size // 2] ^= 1
+    a.write_bytes(data)
+    code, _, err = eres("convert", a, b)
+    assert (code, f"{a}: truth: cannot be read" in err) == (1, True)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
+    """Promise: a warning names all that a conversion leaves out."""
+    events = random_events(9, model=SensorModel(width=640, height=480))
+    dsec, raw, npz, text = (tmp_path / f"a.{end}" for end in ("h5", "raw", "npz", "txt"))
+    write_events(dsec, events, origin={"seed": 3})
+    with h5py.File(dsec, "r+") as file:
+        file["truth/depth"] = [1.0]
+        file["imu"], file["events/z"] = [1.0], [2.0]
+        file.attrs["camera"] = "mine"
+
+    def convert(source, out):
+        caplog.clear()
+        assert eres("convert", source, out)[0] == 0
+        return caplog.messages
+
+    assert convert(dsec, tmp_path / "b.h5") == [
+        f"{tmp_path / 'b.h5'}: without camera, imu, events/z, for which DSEC HDF5 has no place"
+    ]
+    assert convert(dsec, npz) == [
+        f"{npz}: without camera, imu, truth, events/z, for which numpy arrays has no place"
+    ]
+    assert convert(npz, raw) == []
+    assert convert(raw, text) == [
+        f"{text}: without sensor model, origin, for which text, t x y p has no place"
+    ]
+    assert convert(text, tmp_path / "c.raw") == []
+    header, words = raw.read_bytes().split(b"% end\n", 1)
+    raw.write_bytes(header + b"% serial_number 12\n% end\n" + words)
+    assert convert(raw, tmp_path / "d.raw") == [
+        f"{tmp_path / 'd.raw'}: without serial_number, for which Prophesee EVT3 has no place"
+    ]
+    with np.load(npz) as columns:
+        np.savez(tmp_path / "e.npz", **columns, extra=np.zeros(3))
+    assert convert(tmp_path / "e.npz", tmp_path / "f.npz") == [
+        f"{tmp_path / 'f.npz'}: without extra, for which numpy arrays has no place"
+    ]
+
+
+@pytest.mark.parametrize("how", ["itself", "relative", "symlink", "hardlink"])
+def test_convert_in_place_is_refused(eres, tmp_path, monkeypatch, how):
+    """Promise: no name of a file overwrites it with what is read from it, --overwrite or not."""
+    source = tmp_path / "a.h5"
+    write_events(source, random_events(500))
+    before = source.read_bytes()
+    out = source if how == "itself" else tmp_path / "b.h5"
+    if how == "relative":
+        monkeypatch.chdir(tmp_path)
+        out = "../" + tmp_path.name + "/a.h5"
+    elif how == "symlink":
+        out.symlink_to(source)
+    elif how == "hardlink":
+        out.hardlink_to(source)
+    for also in ([], ["--overwrite"]):
+        code, _, err = eres("convert", source, out, *also)
+        assert (code, "itself" in err) == (1, True)
+    assert source.read_bytes() == before
+
+
+def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
+    """Promise: simulate and convert replace a file only with --overwrite, and then do."""
+    source, out = tmp_path / "a.npz", tmp_path / "b.h5"
+    write_events(source, random_events(500))
+    arguments = {
+        "simulate": [sequence.folder, "--out", out, "--resolution", 16],
+        "convert": [source, out],
+    }
+    for command, words in arguments.items():
+        out.write_bytes(b"precious")
+        code, _, err = eres(command, *words)
+        assert (code, f"{out}: exists already; add --overwrite" in err) == (1, True)
+        assert out.read_bytes() == b"precious"
+        assert eres(command, *words, "--overwrite")[0] == 0
+        assert len(load_events(out)) > 0
+
+
 def test_convert_asks_for_a_size(eres, tmp_path):
     """Promise: --size WIDTH HEIGHT for files that store none; the error says so."""
     source, out = tmp_path / "a.txt", tmp_path / "b.npz"
@@ -282,7 +402,13 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["simulate", "{seq}", "--out", "{tmp}/a.h5"], 1, "both or neither of sensor and"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/a.h5"],
+            1,
+            "found neither, expected one of them: --sensor NAME, as in `eres sensors`, or "
+            "--resolution WIDTH",
+        ),
+        ([*SIMULATE, "--sensor", "davis346"], 1, "found both, expected one of them: --sensor NAME"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "davis34"], 1, "'davis346'?"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "finer than"),
         (["simulate", "{seq}", "--out", "{tmp}/a.dat", "--resolution", "64"], 1, "'.dat'"),
@@ -305,6 +431,12 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ([*SIMULATE, "--leak", "-1"], 1, "leak_hz: found -1"),
         ([*SIMULATE, "--poles", "3"], 1, "poles: found 3"),
         ([*SIMULATE, "--bus", "davis34"], 1, "did you mean 'davis346'"),
+        (
+            [*SIMULATE, "--bus", "foo"],
+            1,
+            "bus: found 'foo', which is neither a rate in million events a second, such as --bus "
+            "12, nor a camera; expected one of dvs128",
+        ),
         ([*SIMULATE, "--bus", "atis"], 1, "no bandwidth is known of 'atis'"),
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
         ([*SIMULATE, "--fifo", "9"], 1, "expected a bus beside"),

@@ -49,6 +49,18 @@ def test_an_independent_decoder_reads_what_we_write(name, kind, tmp_path):
 
 
 @BOTH
+def test_times_of_the_clock_of_the_day_have_an_offset(name, tmp_path):
+    """Promise: what words of EVT cannot say is said as faery says it, and faery reads it."""
+    events = random_events(3_000, start_us=1_600_000_000_123_457, mean_us=9)
+    write_events(tmp_path / "a.raw", events, format=name, t_offset_us=1_600_000_000_000_000)
+    assert b"% t0 1600000000000000\n" in (tmp_path / "a.raw").read_bytes()
+    assert_same(by_faery(tmp_path / "a.raw")[1], events)
+    assert_same(load_events(tmp_path / "a.raw"), events)
+    with pytest.raises(EventFormatError, match="subtract an offset first"):
+        write_events(tmp_path / "b.raw", events, format=name)
+
+
+@BOTH
 @pytest.mark.parametrize("from_zero", [False, True])
 @pytest.mark.parametrize("kind", STREAMS)
 def test_we_read_what_an_independent_encoder_writes(name, kind, from_zero, tmp_path):

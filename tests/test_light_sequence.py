@@ -3,6 +3,8 @@
 import hashlib
 import json
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import OpenEXR
@@ -148,6 +150,22 @@ def test_a_truncated_frame_is_refused(folder, kept_bytes):
     file.write_bytes(file.read_bytes()[:kept_bytes])
     with pytest.raises(SequenceError, match=r"000001\.exr: found \d+ bytes that OpenEXR cannot"):
         open_sequence(folder).frame(1)
+
+
+@pytest.mark.parametrize("kept_bytes", [4, -5])
+def test_only_we_say_that_a_frame_is_damaged(folder, kept_bytes):
+    """Promise: what OpenEXR prints of damage, on both streams, does not stand beside our error."""
+    file = folder / "frames" / "000001.exr"
+    file.write_bytes(file.read_bytes()[:kept_bytes])
+    code = (
+        "import sys; from eres_render import open_sequence, SequenceError\n"
+        "print('before')\n"
+        "try: open_sequence(sys.argv[1]).frame(1)\n"
+        "except SequenceError: print('refused')\n"
+        "print('after', file=sys.stderr)\n"
+    )
+    run = subprocess.run([sys.executable, "-c", code, folder], capture_output=True, text=True)
+    assert (run.stdout, run.stderr) == ("before\nrefused\n", "after\n")
 
 
 def test_a_colour_image_is_no_radiance_frame(folder):

@@ -15,7 +15,7 @@ how it was made: `width`, `height`, and as JSON `sensor_model`, where the events
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ import numpy as np
 from sensor.errors import EventError, EventFormatError
 from sensor.events import Events
 from sensor.formats import parts as cut
+from sensor.formats.hdf5_file import load_h5py, writable
 from sensor.formats.header import (
     Header,
     model_from_json,
@@ -35,21 +36,12 @@ from sensor.formats.header import (
 
 _CHUNK_EVENTS = 1 << 16
 _COLUMNS: dict[str, type] = {"t": np.uint32, "x": np.uint16, "y": np.uint16, "p": np.uint8}
+_ATTRIBUTES = ("width", "height", "sensor_model", "origin")
+_PLACES = ("events", "t_offset", "ms_to_idx")
 _MAX_SPAN_US = 1 << 32
-# Times count from 0 as the frames do, and t_offset is 0, unless they would soon leave uint32.
+# Times count from 0 as the frames do, and t_offset is 0 or the header's, unless they would soon
+# leave uint32.
 _MAX_START_US = 1 << 31
-
-
-def _hdf5() -> Any:
-    """Load h5py, and with hdf5plugin the filters."""
-    try:
-        import h5py
-        import hdf5plugin  # noqa: F401
-    except ImportError as error:
-        raise EventFormatError(
-            f"DSEC's HDF5 needs {error.name}, which is not installed: pip install h5py hdf5plugin"
-        ) from error
-    return h5py
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
@@ -60,12 +52,13 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     EventFormatError
         The events start before 2^31 us and end after 2^32 us (71 minutes), or h5py or hdf5plugin is
         not installed.
+    OSError
+        The disk does not take it; HDF5 lets go of the file all the same.
     """
-    h5py = _hdf5()
+    h5py = load_h5py()
     import hdf5plugin
 
-    # From version 1.10 on HDF5 has checksums on its own structures too.
-    with h5py.File(path, "w", libver=("v110", "v110")) as file:
+    with writable(path, new=True) as (file, storage):
         file.attrs["width"] = header.width
         file.attrs["height"] = header.height
         # Texts of fixed length: those of variable length lie where HDF5 has no checksum.
@@ -87,9 +80,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
         parts = iter(parts)
         first = next(parts)
-        offset_us = 0
-        if len(first) and not 0 <= first.t_us[0] < _MAX_START_US:
-            offset_us = int(first.t_us[0]) // 1000 * 1000
+        offset_us = _offset_us(header, first)
         dtypes = _COLUMNS | ({"t": np.int64} if offset_us else {})
         columns = {name: create(f"events/{name}", dtype) for name, dtype in dtypes.items()}
         ms_to_idx = create("ms_to_idx", np.uint64)
@@ -108,6 +99,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             _append(columns["y"], part.y)
             _append(columns["p"], part.p > 0)
             count += len(part)
+            storage.check()
         # Kept in the dataset's own header, where HDF5 has a checksum.
         compact = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         compact.set_layout(h5py.h5d.COMPACT)
@@ -116,6 +108,14 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
         t_offset = h5py.h5d.create(file.id, b"t_offset", h5py.h5t.STD_I64LE, scalar, compact)
         t_offset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.array(offset_us, np.int64))
     return count
+
+
+def _offset_us(header: Header, first: Events) -> int:
+    """Return t_offset: what the header says if that suits the events, else a time before them."""
+    start_us = int(first.t_us[0]) if len(first) else header.t_offset_us
+    if 0 <= start_us - header.t_offset_us < _MAX_START_US:
+        return header.t_offset_us
+    return start_us // 1000 * 1000
 
 
 def _append(dataset: Any, values: np.ndarray) -> None:
@@ -137,7 +137,7 @@ def _said(where: str) -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    h5py = _hdf5()
+    h5py = load_h5py()
     with _said("not a whole HDF5 file"):
         file = h5py.File(path, "r")
     with file:
@@ -145,7 +145,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def read_header(path: Path) -> Header:
-    """Read a DSEC file's size, model and origin; DSEC's own recordings store none of them.
+    """Read a DSEC file's size, model, origin and t_offset, of which DSEC's own have only that.
 
     Raises
     ------
@@ -154,17 +154,36 @@ def read_header(path: Path) -> Header:
     """
     with _opened(path) as file:
         found: dict[str, Any] = {}
-        for name in ("width", "height", "sensor_model", "origin"):
+        for name in _ATTRIBUTES:
             with _said(f"attribute {name}"):
                 if name in file.attrs:
                     value = file.attrs[name]
                     found[name] = int(value) if name in ("width", "height") else _text(value)
+        offset_us = _read_offset_us(file)
+        with _said("names"):
+            others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, _PLACES))
+            if isinstance(file.get("events"), load_h5py().Group):
+                others += tuple(f"events/{name}" for name in _strangers(file["events"], _COLUMNS))
     return Header(
         found.get("width"),
         found.get("height"),
         model_from_json(found["sensor_model"]) if "sensor_model" in found else None,
         origin_from_json(found["origin"]) if "origin" in found else {},
+        offset_us,
+        others,
     )
+
+
+def _strangers(names: Iterable[str], known: Container[str]) -> Iterator[str]:
+    return (name for name in names if name not in known)
+
+
+def _read_offset_us(file: Any) -> int:
+    with _said("t_offset"):
+        offset_us = int(file["t_offset"][()]) if "t_offset" in file else 0
+    if abs(offset_us) >= 1 << 62:
+        raise EventFormatError(f"t_offset: found {offset_us} us")
+    return offset_us
 
 
 def _text(value: Any) -> str:
@@ -188,10 +207,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                 raise EventFormatError(
                     f"events/{name}: found {len(column)} entries, expected {length} as in events/t"
                 )
-        offset_us = 0
-        with _said("t_offset"):
-            if "t_offset" in file:
-                offset_us = int(file["t_offset"][()])
+        offset_us = _read_offset_us(file)
         yield cut.no_events(width, height, header.model)
         last_us = np.iinfo(np.int64).min
         for start in range(0, length, cut.PART_EVENTS):
@@ -231,8 +247,6 @@ def _checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: 
             raise EventFormatError(
                 f"events/{name}, entry {k}: found {wrong}, expected 0 to {limit - 1}"
             )
-    if abs(offset_us) >= 1 << 62:
-        raise EventFormatError(f"t_offset: found {offset_us} us")
     try:
         return Events(
             values["t"].astype(np.int64) + offset_us,

@@ -6,6 +6,7 @@
     % geometry 1280x720
     % sensor_model {"width": 1280, ...}     ours: where the events have a model
     % origin {"seed": 3}                    ours
+    % t0 1600000000000000                   faery's: what to add to all times, microseconds
     % end
 
 Lines are `% key value`; readers pass over keys that they do not know. Words follow, little-endian.
@@ -13,6 +14,7 @@ Lines are `% key value`; readers pass over keys that they do not know. Words fol
 
 from __future__ import annotations
 
+import itertools
 import logging
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -37,10 +39,16 @@ logger = logging.getLogger(__name__)
 
 MAX_SIDE_PX = 1 << 11  # coordinates have 11 bits
 MAX_TIME_US = 1 << 40  # the clock wraps sooner; reaching 12.7 days takes a megabyte of its words
+_MAX_START_US = MAX_TIME_US // 2  # of times without an offset, which the stream might outrun
 _READ_WORDS = 1 << 18
 _WRITE_WORDS = 1 << 16
 _COUNT_DIGITS = 20
 _MAX_HEADER_BYTES = 1 << 20
+
+_FIELDS = {
+    *("evt", "format", "geometry", "endianness", "end"),
+    *("event_count", "sensor_model", "origin", "t0"),
+}
 
 # What a decoder found when it stopped; see `decode` of `evt2` and `evt3`.
 DONE, FULL, BAD_X, BAD_Y, BACKWARDS, BAD_WORD, NO_BASE = range(7)
@@ -95,6 +103,11 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
         lines.append(f"sensor_model {model_to_json(header.model)}")
     if header.origin:
         lines.append(f"origin {origin_to_json(header.origin)}")
+    parts = iter(parts)
+    first = next(parts)
+    start_us = _start_us(header, first)
+    if start_us:
+        lines.append(f"t0 {start_us}")
     lines.append("end")
     words = np.empty(_WRITE_WORDS, codec.word)
     state = _new_state()
@@ -102,9 +115,10 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
     with path.open("wb") as file:
         file.write(_count_line(0))
         file.write("".join(f"% {line}\n" for line in lines).encode())
-        for part in parts:
-            if len(part) and not 0 <= part.t_us[0] <= part.t_us[-1] < MAX_TIME_US:
-                wrong = part.t_us[0] if part.t_us[0] < 0 else part.t_us[-1]
+        for part in itertools.chain([first], parts):
+            t = part.t_us - start_us
+            if len(part) and not 0 <= t[0] <= t[-1] < MAX_TIME_US:
+                wrong = t[0] if t[0] < 0 else t[-1]
                 raise EventFormatError(
                     f"{codec.name}: found time {wrong} us, expected 0 to {MAX_TIME_US - 1} us; "
                     "subtract an offset first"
@@ -114,7 +128,7 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
             while done < len(part):
                 rest = slice(done, None)
                 taken, made = codec.encode(
-                    part.t_us[rest], part.x[rest], part.y[rest], p[rest], width, state, words
+                    t[rest], part.x[rest], part.y[rest], p[rest], width, state, words
                 )
                 file.write(words[:made].astype(words.dtype.newbyteorder("<"), copy=False).data)
                 done += taken
@@ -122,6 +136,12 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
         file.seek(0)
         file.write(_count_line(count))
     return count
+
+
+def _start_us(header: Header, first: Events) -> int:
+    """Return the header line `t0`: where the clock starts if its words cannot say the times."""
+    too_late = len(first) and first.t_us[0] >= _MAX_START_US
+    return max(0, header.t_offset_us) if too_late else 0
 
 
 def _count_line(count: int) -> bytes:
@@ -135,7 +155,6 @@ class _Raw:
     version: str | None  # of the words, "evt2" or "evt3"
     header: Header
     count: int | None
-    start_us: int  # faery's `t0`, to be added to all times
     length: int  # bytes, up to the first word
 
 
@@ -206,8 +225,10 @@ def _read_raw(file: BinaryIO) -> _Raw:
         height,
         model_from_json(fields["sensor_model"]) if "sensor_model" in fields else None,
         origin_from_json(fields["origin"]) if "origin" in fields else {},
+        _number(fields, "t0") or 0,
+        tuple(name for name in fields if name and name not in _FIELDS),
     )
-    return _Raw(_version(fields), header, count, _number(fields, "t0") or 0, length)
+    return _Raw(_version(fields), header, count, length)
 
 
 def _number(fields: dict[str, str], name: str) -> int | None:
@@ -276,7 +297,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
                 t, p = np.empty(room, np.int64), np.empty(room, np.int8)
                 x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
                 taken, made, found = codec.decode(words, width, height, state, t, x, y, p)
-                t[:made] += raw.start_us
+                t[:made] += raw.header.t_offset_us
                 offset += size * taken
                 if made:
                     count += made

@@ -30,6 +30,10 @@ class Header:
     origin
         Whatever else says how the events were made: seed, speed, sequence. Names are lower-case
         words joined by underscores; values are strings, integers or finite floats.
+    t_offset_us
+        Where the file's own clock starts, microseconds on that of the events, if it says so.
+    others
+        Names of what else the file holds: data, attributes, header lines. They are not read.
 
     Raises
     ------
@@ -41,6 +45,8 @@ class Header:
     height: int | None
     model: SensorModel | None = None
     origin: Mapping[str, Value] = field(default_factory=dict)
+    t_offset_us: int = 0
+    others: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):

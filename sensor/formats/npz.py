@@ -36,6 +36,7 @@ _COLUMNS: dict[str, np.dtype[Any]] = {
     "y": np.dtype("<u2"),
     "p": np.dtype("i1"),
 }
+_ENTRIES = {*_COLUMNS, "width", "height", "sensor_model", "origin"}
 _MAX_TEXT_BYTES = 1 << 20
 _COPY_BYTES = 1 << 20
 _DATE = (1980, 1, 1, 0, 0, 0)  # zip's first: the file depends on its events alone
@@ -155,11 +156,13 @@ def read_header(path: Path) -> Header:
     with _opened(path) as archive:
         width, height = (_read_scalar(archive, name, "iu") for name in ("width", "height"))
         model, origin = (_read_scalar(archive, name, "U") for name in ("sensor_model", "origin"))
+        names = [name.removesuffix(".npy") for name in archive.namelist()]
     return Header(
         width if isinstance(width, int) else None,
         height if isinstance(height, int) else None,
         model_from_json(model) if isinstance(model, str) else None,
         origin_from_json(origin) if isinstance(origin, str) else {},
+        others=tuple(name for name in names if name not in _ENTRIES),
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
+from eres_render.frame_times import warn_if_far_apart
 from eres_render.noise import warn_of_noise
 from tasks.row import Row
 from tasks.study.config import digest
@@ -83,9 +84,11 @@ class _SceneLight:
 
     def key(self, part: Part) -> str:
         """Name of the part's frames: a digest of everything that decides them."""
+        t_offset_us = self.renderer.trajectory.t_offset_us
         return digest(
             {
                 **part.frames_decided_by,
+                **({"t_offset_us": t_offset_us} if t_offset_us else {}),
                 "white_level": self.renderer.white_level,
                 "integrator": self.renderer.integrator,
                 "variant": self.renderer.variant,
@@ -109,5 +112,6 @@ def _light_of(part: Part) -> _SceneLight:
     if key not in _loaded:
         _loaded.clear()
         _loaded[key] = _SceneLight(part)
+        warn_if_far_apart(part.scene.name, render.max_displacement_px)
         warn_of_noise(_loaded[key].renderer, [part.clip], render.max_displacement_px)
     return _loaded[key]

@@ -14,7 +14,7 @@ from tasks.row import Row
 from tasks.study.config import Evaluate, Render, Simulate
 from tasks.study.evaluate_part import OnProgress, evaluate_part
 from tasks.study.parts import NOTHING, Part, check_methods
-from tasks.warm_up import warn_if_short
+from tasks.warm_up import warn_if_coarse, warn_if_short
 
 Task = Literal["reconstruction", "flow", "tracking", "video"]
 
@@ -67,6 +67,7 @@ def evaluate_sequence(
             f"{scene.name}: pose tracking needs a planar scene, one whose scene.toml has a [plane]"
         )
     warn_if_short(sequence, cutoff_hz, speed)
+    warn_if_coarse(sequence)
     clip = Clip(sequence.manifest.clip, float(sequence.t_s[0]), *sequence.window_s)
     part = Part(
         scene,
