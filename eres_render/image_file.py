@@ -8,7 +8,7 @@ import io
 import os
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import numpy as np
@@ -122,7 +122,10 @@ def _silence() -> Iterator[None]:
     flush_all = ctypes.CDLL(None).fflush
     with _silencing, open(os.devnull, "wb") as nowhere:
         flush_all(None)
-        kept = {stream: os.dup(stream) for stream in (1, 2)}
+        kept = {}
+        for stream in (1, 2):
+            with suppress(OSError):  # a process may have none
+                kept[stream] = os.dup(stream)
         try:
             for stream in kept:
                 os.dup2(nowhere.fileno(), stream)

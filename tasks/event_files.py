@@ -244,3 +244,5 @@ def _made(header: Header) -> Iterator[tuple[str, str]]:
         yield "sensor model", model_to_json(header.model)
     for name, value in header.origin.items():
         yield name.replace("_", " "), str(value)
+    if header.others:
+        yield "also holds", ", ".join(header.others)

@@ -279,6 +279,7 @@ def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
         assert eres("convert", source, out)[0] == 0
         return caplog.messages
 
+    assert "also holds    camera, imu, truth, events/z" in eres("info", dsec)[1]
     assert convert(dsec, tmp_path / "b.h5") == [
         f"{tmp_path / 'b.h5'}: without camera, imu, events/z, for which DSEC HDF5 has no place"
     ]
