@@ -153,7 +153,8 @@ def test_processes_that_render_one_clip_share_the_work(start, tmp_path):
 def test_a_bake_that_was_stopped_leaves_no_half_of_the_lightmaps(tmp_path, monkeypatch):
     """Promise: all of a scene's lightmaps are in the cache or none, for others look there too."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
-    folder = room_folder(tmp_path / "room")  # of seven surfaces
+    lamp = '<emitter type="point"><point name="position" value="0 0 2.5"/></emitter></scene>'
+    folder = room_folder(tmp_path / "room", ("</scene>", lamp))  # of seven surfaces
     for lightmap in folder.glob("lightmap_*.exr"):
         lightmap.unlink()
     scene = load_scene(folder)

@@ -52,7 +52,7 @@ class Cost:
         hours, minutes = divmod(round(self.seconds / 60), 60)
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
         return (
-            f"{self.parts} parts to do: about {self.frames} frames, "
+            f"{self.parts} part{'s' * (self.parts != 1)} to do: about {self.frames} frames, "
             f"{self.disk_bytes / 1e9:.2g} GB of them on disk, {time}"
         )
 
