@@ -117,6 +117,11 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         contents are checked when they are read.
     """
     folder = Path(path)
+    if folder.is_file():
+        raise SequenceError(
+            f"{folder}: found a file, expected the folder of a rendered sequence, such as "
+            "clip_000 of `eres render`"
+        )
     if not (folder / "manifest.json").exists():
         inside = sorted(file.parent for file in folder.glob("*/manifest.json"))
         if inside:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import cast
 
 import rich.table
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.measure import Measurement
+from rich.segment import Segment
 
 _UNBOUNDED = 100_000  # columns
 
@@ -32,7 +34,20 @@ class Table(rich.table.Table):
         for column, width in zip(self.columns, widths, strict=True):
             column.width = width
         wide = options.update(width=max(options.max_width, sum(widths) + padding))
-        yield from super().__rich_console__(console, wide)
+        segments = cast(Iterable[Segment], super().__rich_console__(console, wide))
+        for line in Segment.split_lines(segments):
+            yield from _without_trailing_blanks(line)
+            yield Segment.line()
+
+
+def _without_trailing_blanks(line: list[Segment]) -> Iterator[Segment]:
+    """The padding at a line's end is of no use, and in a pipe may be hundreds of columns."""
+    end = len(line)
+    while end and not line[end - 1].text.strip():
+        end -= 1
+    yield from line[: end - 1] if end else []
+    if end:
+        yield Segment(line[end - 1].text.rstrip(), line[end - 1].style)
 
 
 def _fitted(natural: list[int], least: list[int], room: int) -> Iterator[int]:

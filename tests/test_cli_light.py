@@ -289,6 +289,15 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
     refused(eres, tmp_path, instead, "evaluate", folder, "--task", "flow")
 
 
+def test_a_file_is_not_a_sequence(eres, tmp_path):
+    """Promise: who gives a file of events where a folder belongs is told so."""
+    recording = tmp_path / "a.h5"
+    recording.touch()
+    said = f"{recording}: found a file, expected the folder of a rendered sequence"
+    refused(eres, tmp_path, said, "evaluate", recording, "--task", "flow")
+    refused(eres, tmp_path, said, "truth", recording, "--out", tmp_path / "out")
+
+
 def test_frames_far_apart_are_said(eres, tmp_path, caplog):
     """Promise: whoever renders, simulates or evaluates frames more than 1 px apart is told by how
     many; at 1 px nothing is said."""

@@ -139,3 +139,9 @@ def test_tables_wrap_between_words_where_that_is_enough(clip):
     assert len(run("methods", screen="40")[0].splitlines()) == len(
         run("methods", screen="pipe")[0].splitlines()
     )
+
+
+def test_a_row_in_a_pipe_has_no_blanks_at_its_end(clip):
+    """Promise: the longest cell of a table does not widen the lines of the others."""
+    out, _ = run("info", clip[1], screen="pipe")
+    assert all(line == line.rstrip() for line in out.splitlines())
