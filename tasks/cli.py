@@ -640,6 +640,8 @@ def main() -> None:
         _fail(str(error))
     except OSError as error:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}")
+    except MemoryError as error:
+        _fail(f"out of memory: {error}; choose a lower resolution")
     except KeyboardInterrupt:
         _err.print("stopped; the same command takes up what is whole so far")
         sys.exit(130)

@@ -289,6 +289,18 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
     refused(eres, tmp_path, instead, "evaluate", folder, "--task", "flow")
 
 
+def test_truth_beyond_memory_is_one_line(eres, tmp_path):
+    """Promise: images of truth that no machine holds are refused, and leave nothing."""
+    folder, out = room_folder(tmp_path / "room"), tmp_path / "out"
+    render = ["--resolution", 16, "--spp", 1, "--samples", 1, "--out", tmp_path / "r"]
+    assert eres("render", folder, *render)[0] == 0
+    clip = tmp_path / "r" / "clip_000"
+    code, _, err = eres("truth", clip, "--out", out, "--width", 2_000_000)
+    assert code == 1
+    assert err.splitlines()[-1].startswith("error: out of memory: ")
+    assert not out.exists()
+
+
 def test_a_file_is_not_a_sequence(eres, tmp_path):
     """Promise: who gives a file of events where a folder belongs is told so."""
     recording = tmp_path / "a.h5"
