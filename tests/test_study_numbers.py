@@ -34,6 +34,7 @@ from tasks.row import Row
 from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking, Video
 from tasks.study.costs import read_costs
 from tasks.study.run import run_study
+from test_guards import score_digest, stored_bits
 
 FILE = Path(__file__).parent / "data" / "study_numbers.csv"
 COMMAND = "python tests/test_study_numbers.py --rewrite"
@@ -142,6 +143,11 @@ def test_numbers_are_those_that_are_stored(run):
         f"{len(found)} of {len(rows)} rows are not as stored (variant {variant}). If it is meant, "
         f'say so in CHANGELOG.md, "Numbers change", and run: {COMMAND}\n' + "\n".join(found)
     )
+
+
+def test_scores_are_the_same_to_the_bit(run):
+    """Promise: on the machine on which they were stored, to the last bit; see test_guards.py."""
+    assert score_digest(run[1]) == stored_bits("scores")
 
 
 def test_a_change_is_told_by_row_and_size(run):

@@ -1,0 +1,168 @@
+"""What a rebuilt house must not change: names of results, and results to the last bit.
+
+`tests/data/guards.json` keeps them. A change that is meant comes with a raised stage version and an
+entry under "Numbers change" in CHANGELOG.md, and is stored by
+
+    python tests/test_guards.py --rewrite
+
+Bits are of one processor and of one version of each library: elsewhere those tests are skipped.
+`test_study_numbers.py` holds the same scores within tolerances on any machine.
+"""
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import sys
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+
+import llvmlite.binding
+import pytest
+
+from eres_render import list_scenes, load_scene
+from sensor import SensorModel, simulate
+from tasks.row import Row
+from tasks.study.config import preset
+from tasks.study.parts import parts
+from tasks.study.report import write_report
+from tasks.study.run import run_study
+from test_sensor_exactness import texture_in_motion
+
+FILE = Path(__file__).parent / "data" / "guards.json"
+COMMAND = "python tests/test_guards.py --rewrite"
+PAPER_RUN = Path(__file__).parent.parent / "docs" / "results" / "paper"
+LIBRARIES = ("numpy", "numba", "scipy", "mitsuba", "opencv-python-headless", "OpenEXR")
+
+SIZE = {"width": 60, "height": 48, "dark_level": 0.01}
+MODELS = {
+    "ideal": SensorModel(**SIZE),
+    "200 Hz": SensorModel(**SIZE, cutoff_hz=200.0),
+    "one pole": SensorModel(**SIZE, cutoff_hz=200.0, poles=1),
+    "own light, all noise": SensorModel(
+        **SIZE,
+        cutoff_hz=300.0,
+        cutoff_reference=1.0,
+        random_start=True,
+        threshold_mismatch=0.03,
+        leak_hz=5.0,
+        shot_noise_hz=20.0,
+        hot_pixel_fraction=0.01,
+        refractory_s=1e-3,
+        fill_factor=0.5,
+    ),
+    "leaky": SensorModel(**SIZE, leak_hz=40.0),
+}
+
+
+def digest(*chunks: bytes) -> str:
+    whole = hashlib.sha256()
+    for chunk in chunks:
+        whole.update(chunk)
+    return whole.hexdigest()
+
+
+def part_keys() -> list[str]:
+    study = preset("paper")
+    return sorted(part.key for name in study.scenes for part in parts(study, load_scene(name)))
+
+
+def scene_digests() -> dict[str, list[str]]:
+    scenes = map(load_scene, list_scenes())
+    return {scene.name: [scene.digest, scene.light_digest] for scene in scenes}
+
+
+def event_digests() -> dict[str, str]:
+    frames, t_s = texture_in_motion(3, 14, (96, 120), 2e-3, travel_px=14.0)
+    found = {}
+    for name, model in MODELS.items():
+        events = simulate(frames, t_s, model, seed=7)
+        columns = (events.t_us, events.x, events.y, events.p)
+        found[name] = f"{len(events)} {digest(*(column.tobytes() for column in columns))}"
+    return found
+
+
+def score_digest(rows: list[Row]) -> str:
+    lines = sorted(
+        f"{r.task} {r.method} {r.variant} {r.width} {r.cutoff_hz} {r.speed} {r.sample} {r.item} "
+        f"{r.metric} {r.value.hex()} {r.event_rate_hz.hex()} {r.failure}"
+        for r in rows
+    )
+    return f"{len(lines)} {digest(chr(10).join(lines).encode())}"
+
+
+def machine() -> dict[str, str]:
+    """What bits depend on: the processor that code is compiled for, and who computes."""
+    found = {"processor": llvmlite.binding.get_host_cpu_name(), "python": sys.version.split()[0]}
+    return found | {name: version(name) for name in LIBRARIES}
+
+
+@pytest.fixture(scope="module")
+def stored() -> dict:
+    return json.loads(FILE.read_text())
+
+
+def stored_bits(kind: str) -> dict[str, str] | str:
+    """What this machine must make again to the bit; skips the test on another machine."""
+    found, here = json.loads(FILE.read_text()), machine()
+    if different := [name for name in here if here[name] != found["machine"].get(name)]:
+        pytest.skip(f"bits were stored on a machine with another {', '.join(different)}")
+    return found[kind]
+
+
+def test_parts_of_the_paper_preset_keep_their_names(stored):
+    """Promise: results that are there stay the results of the same study."""
+    keys = part_keys()
+    assert keys == sorted(file.stem for file in (PAPER_RUN / "parts").glob("*.parquet"))
+    assert digest("\n".join(keys).encode()) == stored["part_keys"]
+
+
+def test_scenes_keep_their_digests(stored):
+    """Promise: shipped lightmaps stay those of their scenes, cached frames those of their light."""
+    assert scene_digests() == stored["scenes"]
+
+
+def test_events_are_the_same_to_the_bit():
+    """Promise: five kinds of sensor on one moving texture. The scores of a small study are held in
+    the same way by test_study_numbers.py."""
+    assert event_digests() == stored_bits("events")
+
+
+def test_the_report_of_the_paper_run_is_the_same(tmp_path):
+    """Promise: report and tables made from docs/results/paper are those that lie there, but for
+    white space."""
+    run = tmp_path / "paper"
+    shutil.copytree(PAPER_RUN, run, ignore=shutil.ignore_patterns("parts", "*.html", "*.csv"))
+    write_report(run)
+    for name in ("report.html", "tables.csv"):
+        made, there = ((folder / name).read_text() for folder in (run, PAPER_RUN))
+        assert plain(made) == plain(there), name
+
+
+def plain(text: str) -> str:
+    """Text without the white space between tags and at the ends of lines."""
+    return re.sub(r"\s+", " ", re.sub(r">\s+", ">", re.sub(r"\s+<", "<", text))).strip()
+
+
+def rewrite() -> None:
+    """Store what is so now."""
+    from test_study_numbers import STUDY
+
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["ERES_CACHE"] = f"{folder}/cache"
+        found = {
+            "part_keys": digest("\n".join(part_keys()).encode()),
+            "scenes": scene_digests(),
+            "events": event_digests(),
+            "scores": score_digest(run_study(STUDY, Path(folder) / "run")),
+            "machine": machine(),
+        }
+    FILE.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] != ["--rewrite"]:
+        sys.exit(f"usage: {COMMAND}")
+    rewrite()
