@@ -23,7 +23,7 @@ docs: .venv/.docs
 	@echo "eres: build/docs/index.html"
 
 answers: .venv/.ready
-	$(BIN)/python -m tasks.study.answer docs/results/paper README.md docs/results.md
+	$(BIN)/python -m tasks.study.results.answer docs/results/paper README.md docs/results.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .
@@ -61,7 +61,7 @@ clean:
 	@touch $@
 
 # Mitsuba's fast variant needs an LLVM that it gets on with; some releases would end the process.
-RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.backend import probe_variants; \
+RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.rendering.backend import probe_variants; \
   sys.exit(not any(v.works for v in probe_variants() if v.name != 'scalar_rgb'))"
 AS_ROOT := $(shell test "$$(id -u)" = 0 || echo "sudo -n")
 

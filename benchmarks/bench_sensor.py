@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eres_render.image_file import read_luminance, write_luminance
+from eres_render.storage.exr import read_luminance, write_luminance
 from sensor import SensorModel, simulate, stream, stream_bank
 
 

@@ -19,11 +19,11 @@ from pathlib import Path
 from distributed import LocalCluster
 
 from eres_render import load_scene
-from tasks.study.compute_part import compute_part
 from tasks.study.config import Study, preset
-from tasks.study.parts import parts
 from tasks.study.run import run_study
-from tasks.study.schedule import Task
+from tasks.study.run.compute import compute_part
+from tasks.study.run.jobs import parts
+from tasks.study.run.scheduler import Task
 
 
 def study_of(seed: int, resolution: int, samples: int) -> Study:

@@ -1,4 +1,4 @@
-"""What preset paper would take on many workers, reckoned from the estimates of `tasks.study.cost`.
+"""What preset paper would take on many workers, by the estimates of `tasks.study.run.estimate`.
 
 Workers have one core each, take the longest tasks first, and wait for nothing but each other. The
 second table splits the parts further, as eres does not: frames are rendered ten at a time, and when
@@ -13,8 +13,8 @@ from itertools import product
 
 from eres_render import load_scene
 from tasks.study.config import Simulate, preset
-from tasks.study.cost import cost
-from tasks.study.parts import NOTHING, Part, parts
+from tasks.study.run.estimate import cost
+from tasks.study.run.jobs import NOTHING, Part, parts
 
 WORKERS = (1, 2, 8, 32, 81, 1000)
 FRAMES_AT_A_TIME = 10

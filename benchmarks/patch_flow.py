@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from eres_render import GroundTruth, Renderer, clips, load_scene
-from eres_render.truth import surface_distance
+from eres_render.sequence.ground_truth import surface_distance
 from tasks.flow import PATCH_PX, find_features
 from tasks.row import read_rows
 

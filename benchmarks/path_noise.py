@@ -26,7 +26,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from eres_render import Noise, Renderer, Scene, continuous_stretch, load_scene, measure_noise
-from eres_render.frame_times import adaptive_times
+from eres_render.trajectory.frame_times import adaptive_times
 from sensor import SensorModel, simulate
 
 WIDTH, SPP, MORE = 48, 16, 256

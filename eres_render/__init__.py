@@ -4,7 +4,6 @@ Importing this package does not load Mitsuba; making a `Renderer` does.
 """
 
 from eres_render.camera import Camera, Plane, plane_homography
-from eres_render.clip import Clip, clips, continuous_stretch
 from eres_render.errors import (
     BackendError,
     RenderError,
@@ -12,15 +11,16 @@ from eres_render.errors import (
     SequenceError,
     TrajectoryError,
 )
-from eres_render.noise import Noise, measure_noise
-from eres_render.paths import random_path, waypoint_loop
-from eres_render.render import Renderer
-from eres_render.render_clips import render_clip, render_scene
-from eres_render.scene import Scene, list_scenes, load_scene
-from eres_render.sequence import RadianceSequence, open_sequence
-from eres_render.trajectory import Trajectory, path_through
-from eres_render.truth import Flow, GroundTruth, ground_truth
-from eres_render.truth_files import window_times, write_truth
+from eres_render.rendering.renderer import Renderer
+from eres_render.scene.scene import Scene, list_scenes, load_scene
+from eres_render.sequence.clips import Clip, clips, continuous_stretch
+from eres_render.sequence.ground_truth import Flow, GroundTruth, ground_truth
+from eres_render.sequence.ground_truth_files import window_times, write_truth
+from eres_render.sequence.monte_carlo_noise import Noise, measure_noise
+from eres_render.sequence.render_clips import render_clip, render_scene
+from eres_render.sequence.sequence import RadianceSequence, open_sequence
+from eres_render.trajectory.generators import random_path, waypoint_loop
+from eres_render.trajectory.spline import Trajectory, path_through
 
 __all__ = [
     "BackendError",

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor import pixel
+from sensor.kernels import pixel
 
 
 def area_weights(

@@ -29,9 +29,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor import arbiter
 from sensor.errors import EventError
 from sensor.events import Events, concatenate
+from sensor.kernels import fifo
 from sensor.numbers import real, refusal, whole
 
 
@@ -117,8 +117,8 @@ class ReadOut:
     def __init__(self, events: Iterable[Events], readout: Readout) -> None:
         self._source = events
         self._readout = readout
-        self._counts = np.zeros(arbiter.COUNTS_SIZE, np.int64)
-        self._delay_us = np.zeros(arbiter.DELAYS_SIZE)
+        self._counts = np.zeros(fifo.COUNTS_SIZE, np.int64)
+        self._delay_us = np.zeros(fifo.DELAYS_SIZE)
         self._begun = False
         self._parts = self._run()
 
@@ -134,12 +134,12 @@ class ReadOut:
 
     def _run(self) -> Iterator[Events]:
         self._begun = True
-        fifo: _Fifo | None = None
+        waiting: _Fifo | None = None
         held: Events | None = None
-        end_us = -arbiter.END_OF_TIME_US
+        end_us = -fifo.END_OF_TIME_US
         for part in self._source:
-            if fifo is None or held is None:
-                fifo, held = _Fifo(self._readout, part.height), part[:0].copy()
+            if waiting is None or held is None:
+                waiting, held = _Fifo(self._readout, part.height), part[:0].copy()
             if (part.width, part.height) != (held.width, held.height):
                 raise EventError(
                     f"read_out: found a part of {part.width}x{part.height} px after one of "
@@ -151,13 +151,13 @@ class ReadOut:
                     f"at {end_us} us, expected consecutive parts of one stream"
                 )
             end_us = int(part.t_us[-1]) if len(part) else end_us
-            sent = concatenate([held, fifo.take(part, self._counts, self._delay_us)])
+            sent = concatenate([held, waiting.take(part, self._counts, self._delay_us)])
             # Events that have not left yet may share the last one's microsecond.
             final = int(np.searchsorted(sent.t_us, sent.t_us[-1])) if len(sent) else 0
             held = sent[final:].copy()
             yield _in_order(sent[:final])
-        if fifo is not None and held is not None:
-            yield _in_order(concatenate([held, fifo.drain(held, self._counts, self._delay_us)]))
+        if waiting is not None and held is not None:
+            yield _in_order(concatenate([held, waiting.drain(held, self._counts, self._delay_us)]))
 
     @property
     def report(self) -> ReadoutReport:
@@ -208,8 +208,8 @@ class _Fifo:
         depth = readout.fifo_depth
         self._rate_per_us = readout.max_rate_hz / 1e6
         self._overhead_us = readout.row_overhead_s * 1e6
-        self._state = np.zeros(arbiter.STATE_SIZE, np.int64)
-        self._state[arbiter.BURST] = -1
+        self._state = np.zeros(fifo.STATE_SIZE, np.int64)
+        self._state[fifo.BURST] = -1
         self._slot_t_us = np.empty(depth, np.int64)
         self._slot_x = np.empty(depth, np.uint16)
         self._slot_p = np.empty(depth, np.int8)
@@ -224,7 +224,7 @@ class _Fifo:
     ) -> Events:
         """Let the part's events fire; return those that have left by its last one."""
         columns = self._room(len(part))
-        used = arbiter.accept(
+        used = fifo.accept(
             part.t_us,
             part.x,
             part.y,
@@ -252,8 +252,8 @@ class _Fifo:
     ) -> Events:
         """Return all that still waits, as it leaves."""
         columns = self._room(0)
-        arbiter.advance(
-            arbiter.END_OF_TIME_US,
+        fifo.advance(
+            fifo.END_OF_TIME_US,
             self._rate_per_us,
             self._overhead_us,
             self._state,
@@ -274,11 +274,11 @@ class _Fifo:
         self, more: int
     ) -> tuple[NDArray[np.int64], NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int8]]:
         """Columns for all that waits and `more` events."""
-        size = int(self._state[arbiter.WAITING]) + more
+        size = int(self._state[fifo.WAITING]) + more
         x, y = np.empty((2, size), np.uint16)
         return np.empty(size, np.int64), x, y, np.empty(size, np.int8)
 
 
 def _in_order(events: Events) -> Events:
-    arbiter.order_ties(events.t_us, events.x, events.y, events.p)
+    fifo.order_ties(events.t_us, events.x, events.y, events.p)
     return events

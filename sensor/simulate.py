@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 from numpy.typing import ArrayLike
 
-from sensor.bank import Bank, collect
+from sensor.engine.bank import Bank, collect
+from sensor.engine.frames import Frames
 from sensor.events import Events
-from sensor.frames import Frames
 from sensor.model import SensorModel
 
 

@@ -24,8 +24,8 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff, OmitArgPrefixes, Positio
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks.errors import StudyError, TaskError
+from tasks.events.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 from tasks.row import Row
-from tasks.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 from tasks.table import Table
 
 app = tyro.extras.SubcommandApp()
@@ -119,8 +119,8 @@ def bake(
     have neither can use lightmaps that others made.
     """
     from eres_render import load_scene
-    from eres_render.backend import select_variant
-    from eres_render.bake import bake_scene
+    from eres_render.rendering.backend import select_variant
+    from eres_render.rendering.lightmaps import bake_scene
 
     found = load_scene(scene)
     select_variant()
@@ -315,7 +315,7 @@ def simulate(
     from rich.progress import track
 
     from eres_render import open_sequence
-    from tasks.event_files import sensor_for, simulate_sequence
+    from tasks.events.files import sensor_for, simulate_sequence
 
     sequence = open_sequence(path)
     model = sensor_for(
@@ -369,7 +369,7 @@ def convert(
         size: Width and height of the sensor, for files that do not store it.
         overwrite: Replace OUT if it exists; without it such a file is refused.
     """
-    from tasks.event_files import convert as convert_file
+    from tasks.events.files import convert as convert_file
 
     count = convert_file(
         source,
@@ -412,7 +412,7 @@ def evaluate(
     from rich.progress import Progress
 
     from eres_render import open_sequence
-    from tasks.study.evaluate_sequence import evaluate_sequence
+    from tasks.evaluation.sequence import evaluate_sequence
 
     with Progress(console=_err, disable=not _err.is_terminal, transient=True) as bar:
         stage_task = bar.add_task("")
@@ -538,12 +538,12 @@ def info(
         format: dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
     """
     if path.is_file():
-        from tasks.event_files import describe
+        from tasks.events.files import describe
 
         _print_pairs(describe(path, format=format))
         return
     from eres_render import open_sequence
-    from tasks.event_files import seconds
+    from tasks.events.files import seconds
 
     sequence = open_sequence(path)
     manifest = sequence.manifest
@@ -579,9 +579,9 @@ def _print_pairs(pairs: dict[str, str]) -> None:
 def _show_scores(run: Path) -> None:
     """Print the main methods' scores at the base speed, beside the paper's where it has them."""
     from tasks.row import read_rows
-    from tasks.study.markup import join_words
-    from tasks.study.scores import by_threshold
-    from tasks.study.tables import main_tables, to_rich
+    from tasks.study.report.markup import join_words
+    from tasks.study.results.comparison import main_tables, to_rich
+    from tasks.study.results.scores import by_threshold
 
     scores, *others = by_threshold(read_rows(run / "rows.parquet"))
     for table in main_tables(scores):
@@ -597,10 +597,10 @@ def _show_scores(run: Path) -> None:
 
 def _show_claims(run: Path) -> None:
     from tasks.row import read_rows
-    from tasks.study.claims import judge_all
-    from tasks.study.judging import Status, threshold_note
-    from tasks.study.scaling import read_scaling
-    from tasks.study.scores import by_threshold
+    from tasks.study.claims.judge import judge_all
+    from tasks.study.results.intervals import Status, threshold_note
+    from tasks.study.results.scaling import read_scaling
+    from tasks.study.results.scores import by_threshold
 
     marks = {
         Status.HOLDS: "[green]holds[/green]",

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Renderer, Scene
-from eres_render.frame_times import adaptive_times
+from eres_render.trajectory.frame_times import adaptive_times
 from sensor import SensorModel, stream
 from tasks.errors import TaskError
 from tasks.methods.event_integration import reconstruct

@@ -12,10 +12,10 @@ from importlib.metadata import version
 from rich.console import Console
 from rich.markup import escape
 
-from eres_render.backend import probe_variants
-from eres_render.cache import cache_dir
-from eres_render.scene import scene_root
-from tasks.study.environment import PACKAGES
+from eres_render.rendering.backend import probe_variants
+from eres_render.scene.scene import scene_root
+from eres_render.storage.cache import cache_dir
+from tasks.study.run.provenance import PACKAGES
 from tasks.table import Table
 
 _GB = 1e9

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from eres_render import load_scene
-from eres_render.image_file import write_luminance
-from eres_render.scene import scene_root
+from eres_render.scene.scene import scene_root
+from eres_render.storage.exr import write_luminance
 
 DOTS_M = np.array(
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], [-0.4, -0.5, 0.0], [0.35, 0.45, 0.0]]

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterable
 
 from tasks.row import Row
-from tasks.study.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.scores import TASKS, Series
+from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
+from tasks.study.results.scores import TASKS, Series
 
 EI = Series("reconstruction", "event_integration", "psnr_db")
 HF = Series("video", "high_pass_filter", "psnr_db")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene, open_sequence, render_scene
-from eres_render.paths import look_at
-from eres_render.tum import tum_text
+from eres_render.trajectory.generators import look_at
+from eres_render.trajectory.tum import tum_text
 from light_scenes import edit_scene, room_folder
 
 CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene, open_sequence, render_scene
-from eres_render.trajectory import path_through
-from eres_render.tum import read_tum, read_tum_from_start, tum_text
+from eres_render.trajectory.spline import path_through
+from eres_render.trajectory.tum import read_tum, read_tum_from_start, tum_text
 from event_streams import SUFFIXES, assert_same, random_events
 from light_scenes import small_carpet_folder
 from sensor.formats import FORMATS, load_events, read_header, write_events

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from eres_render import Clip, Renderer, bake, load_scene, render_clip
-from eres_render.backend import select_variant
-from eres_render.checksums import read_sums
+from eres_render import Clip, Renderer, load_scene, render_clip
 from eres_render.errors import RenderError
-from eres_render.file_lock import locked
-from eres_render.image_file import write_luminance
+from eres_render.rendering import lightmaps as bake
+from eres_render.rendering.backend import select_variant
+from eres_render.storage.checksums import read_sums
+from eres_render.storage.exr import write_luminance
+from eres_render.storage.locks import locked
 from light_scenes import room_folder, small_carpet_folder
-from tasks.study import frame_cache
+from tasks.study.run import frame_cache
 
 ROOT = Path(__file__).parent.parent
 
@@ -47,7 +48,7 @@ def tell(process, line):
 def holder(start, tmp_path):
     """A process that shares the lock on `held`, until it is killed."""
     process = start(
-        "from pathlib import Path; from eres_render.file_lock import locked\n"
+        "from pathlib import Path; from eres_render.storage.locks import locked\n"
         f"with locked(Path({str(tmp_path / 'held')!r}), shared=True):\n"
         "    print('holds', flush=True); sys.stdin.readline()"
     )
@@ -80,7 +81,7 @@ def test_where_no_lock_can_be_the_folder_is_named(tmp_path):
 def test_one_at_a_time_though_the_file_comes_and_goes(start, tmp_path):
     """Promise: of three processes that take turns with a lock, none ever sees another within."""
     code = (
-        "import os; from pathlib import Path; from eres_render.file_lock import locked\n"
+        "import os; from pathlib import Path; from eres_render.storage.locks import locked\n"
         f"folder = Path({str(tmp_path)!r})\n"
         "print('ready', flush=True); sys.stdin.readline()\n"
         "for _ in range(1000):\n"

@@ -23,7 +23,8 @@ from tasks.flow import (
     rnepe_px,
     times_before,
 )
-from tasks.methods import bicubic, contrast_maximization, photometric_flow
+from tasks.methods import contrast_maximization, photometric_flow
+from tasks.numerics import bicubic
 
 SIZE = 160  # part of a 640 px sensor's view
 WIDTH = 640

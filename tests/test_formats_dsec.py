@@ -11,7 +11,8 @@ import pytest
 
 from event_streams import assert_same, make_events, random_events
 from sensor import EventFormatError, SensorModel
-from sensor.formats import load_events, parts, read_header, write_events
+from sensor.formats import batching as parts
+from sensor.formats import load_events, read_header, write_events
 
 
 class Slicer:

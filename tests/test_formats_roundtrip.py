@@ -17,11 +17,13 @@ from sensor.formats import (
     evt,
     find_format,
     load_events,
-    parts,
     read_events,
     read_header,
     text,
     write_events,
+)
+from sensor.formats import (
+    batching as parts,
 )
 
 EVERY = pytest.mark.parametrize("name", list(FORMATS))

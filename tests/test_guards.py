@@ -26,9 +26,9 @@ from eres_render import list_scenes, load_scene
 from sensor import SensorModel, simulate
 from tasks.row import Row
 from tasks.study.config import preset
-from tasks.study.parts import parts
 from tasks.study.report import write_report
 from tasks.study.run import run_study
+from tasks.study.run.jobs import parts
 from test_sensor_exactness import texture_in_motion
 
 FILE = Path(__file__).parent / "data" / "guards.json"

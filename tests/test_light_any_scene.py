@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from eres_render import Renderer, SceneError, TrajectoryError, load_scene
-from eres_render.backend import select_variant
-from eres_render.paths import look_at
-from eres_render.scene_xml import read_scene_xml
-from eres_render.tum import tum_text
-from eres_render.world import load_world
+from eres_render.rendering.backend import select_variant
+from eres_render.rendering.load import load_world
+from eres_render.scene.xml import read_scene_xml
+from eres_render.trajectory.generators import look_at
+from eres_render.trajectory.tum import tum_text
 
 CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'
 BALL = '<shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>'

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 import another_process
-from eres_render import BackendError, backend
+from eres_render import BackendError
+from eres_render.rendering import backend
 
 BAD_LLVM = Path("/usr/lib/x86_64-linux-gnu/libLLVM-15.so")
 
@@ -38,7 +39,11 @@ def test_an_llvm_that_aborts_the_process_is_survived_and_reported(tmp_path):
     assert not llvm["works"]
     assert "Cannot select" in llvm["reason"]
     assert chosen == "scalar_rgb"
-    warnings = [line for line in err.splitlines() if line.startswith("WARNING:eres_render.backend")]
+    warnings = [
+        line
+        for line in err.splitlines()
+        if line.startswith("WARNING:eres_render.rendering.backend")
+    ]
     assert len(warnings) == 1
     assert "apt-get install libllvm19" in warnings[0]
     assert "20x slower" in warnings[0]

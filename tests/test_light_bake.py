@@ -5,11 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eres_render import BackendError, Renderer, SceneError, backend, bake, load_scene
-from eres_render.image_file import read_attributes, read_luminance
+from eres_render import BackendError, Renderer, SceneError, load_scene
 from eres_render.interior.pieces import PIECES
-from eres_render.irradiance import irradiance_maps
-from eres_render.world import load_world
+from eres_render.rendering import backend
+from eres_render.rendering import lightmaps as bake
+from eres_render.rendering.irradiance import irradiance_maps
+from eres_render.rendering.load import load_world
+from eres_render.storage.exr import read_attributes, read_luminance
 from light_scenes import drop_textures, edit_scene, small_carpet_folder
 
 

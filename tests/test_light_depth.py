@@ -10,14 +10,14 @@ from eres_render import (
     Renderer,
     SceneError,
     TrajectoryError,
-    bake,
     load_scene,
     path_through,
     render_clip,
     waypoint_loop,
 )
-from eres_render.frame_times import depth_image_motion, plane_image_motion
-from eres_render.paths import look_at
+from eres_render.rendering import lightmaps as bake
+from eres_render.trajectory.frame_times import depth_image_motion, plane_image_motion
+from eres_render.trajectory.generators import look_at
 from light_scenes import edit_scene, light_evenly, room_folder, small_carpet_folder
 
 UP = (0.0, 0.0, 1.0)

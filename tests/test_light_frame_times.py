@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eres_render import RenderError, load_scene
-from eres_render.frame_times import adaptive_times, plane_image_motion
+from eres_render.trajectory.frame_times import adaptive_times, plane_image_motion
 
 MARKS_S = (0.2118, 0.25, 0.3)
 

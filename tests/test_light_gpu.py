@@ -7,9 +7,9 @@ import pytest
 
 from another_process import run_python
 from eres_render import Renderer, load_scene
-from eres_render.backend import select_variant
-from eres_render.bake import lightmaps
-from eres_render.irradiance import irradiance_maps
+from eres_render.rendering.backend import select_variant
+from eres_render.rendering.irradiance import irradiance_maps
+from eres_render.rendering.lightmaps import lightmaps
 
 pytestmark = pytest.mark.gpu
 

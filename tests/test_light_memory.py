@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from another_process import run_python
-from eres_render import Renderer, RenderError, load_scene, memory, render
-from eres_render.backend import select_variant
+from eres_render import Renderer, RenderError, load_scene
 from eres_render.camera import Camera
+from eres_render.rendering import memory
+from eres_render.rendering import renderer as render
+from eres_render.rendering.backend import select_variant
 from light_scenes import light_evenly, small_carpet_folder
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")

@@ -15,14 +15,14 @@ from eres_render import (
     Noise,
     Renderer,
     RenderError,
-    backend,
     clips,
     continuous_stretch,
     load_scene,
     measure_noise,
     render_scene,
 )
-from eres_render.noise import count_events
+from eres_render.rendering import backend
+from eres_render.sequence.monte_carlo_noise import count_events
 from light_scenes import light_evenly, room_folder, small_carpet_folder
 from sensor import SensorModel, simulate
 from tasks.study.config import Evaluate, Flow, Render, Simulate, Study
@@ -243,7 +243,9 @@ def test_a_study_of_a_path_traced_scene_warns_once(tmp_path, shiny_room, caplog)
         evaluate=Evaluate(flow=Flow(methods=())),
     )
     run_study(study, tmp_path / "run")
-    (said,) = (r.getMessage() for r in caplog.records if r.name == "eres_render.noise")
+    (said,) = (
+        r.getMessage() for r in caplog.records if r.name == "eres_render.sequence.monte_carlo_noise"
+    )
     assert "path-traced at 4 spp: log noise 0." in said
 
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from eres_render import Renderer, backend, clips, list_scenes, load_scene
-from eres_render.image_file import read_attributes, read_luminance
+from eres_render import Renderer, clips, list_scenes, load_scene
 from eres_render.interior.atlas import CELL_M
 from eres_render.interior.pieces import PIECES
+from eres_render.rendering import backend
+from eres_render.storage.exr import read_attributes, read_luminance
 
 SPEEDS_MPS = {"carpet": 0.9, "rocks": 0.7, "room": 1.2}
 

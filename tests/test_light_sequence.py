@@ -11,9 +11,9 @@ import OpenEXR
 import pytest
 
 from eres_render import SequenceError, Trajectory, open_sequence
-from eres_render.image_file import RenderError, write_luminance
-from eres_render.manifest import FORMAT_VERSION, Manifest
-from eres_render.sequence import SequenceWriter
+from eres_render.sequence.manifest import FORMAT_VERSION, Manifest
+from eres_render.sequence.sequence import SequenceWriter
+from eres_render.storage.exr import RenderError, write_luminance
 
 T_S = (0.1, 0.11, 0.125)
 KNOTS_S = 0.1 * np.arange(-1.0, 4.0)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from eres_render import SceneError
-from eres_render.image_file import read_luminance
 from eres_render.interior.pieces import PIECES
+from eres_render.scene.texture_recipes import TEXTURES, TextureRecipe
+from eres_render.storage.exr import read_luminance
 from eres_render.textures.carpet import bokhara
 from eres_render.textures.nature import garden_view
-from eres_render.textures.recipe import TEXTURES, TextureRecipe
 from eres_render.textures.stones import pebble_bed
 
 PLANES = {"carpet": bokhara, "stones": pebble_bed}

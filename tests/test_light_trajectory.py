@@ -15,8 +15,8 @@ from eres_render import (
     random_path,
 )
 from eres_render.camera import map_pixels
-from eres_render.paths import facing_plane
-from eres_render.tum import read_tum, tum_text
+from eres_render.trajectory.generators import facing_plane
+from eres_render.trajectory.tum import read_tum, tum_text
 
 HOME = facing_plane(Plane((0.0, 0.0, 1.0), 0.0), (0.0, 0.0, 0.0), 1.8)
 

@@ -20,13 +20,13 @@ from eres_render import (
     render_clip,
     write_truth,
 )
-from eres_render.backend import select_variant
 from eres_render.camera import map_pixels
-from eres_render.raycast import RayCaster
-from eres_render.truth import surface_distance
-from eres_render.truth_files import write_flow_png
-from eres_render.tum import read_tum, tum_text
-from eres_render.world import load_world
+from eres_render.rendering.backend import select_variant
+from eres_render.rendering.load import load_world
+from eres_render.rendering.raycast import RayCaster
+from eres_render.sequence.ground_truth import surface_distance
+from eres_render.sequence.ground_truth_files import write_flow_png
+from eres_render.trajectory.tum import read_tum, tum_text
 from light_scenes import DOTS_M, dots_folder, light_evenly, room_folder
 
 WIDTH = 90

@@ -14,7 +14,6 @@ from tasks.errors import MethodError, TaskError
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import task_of
 from tasks.reconstruction import ReconstructionSample
-from tasks.study import schedule
 from tasks.study.config import (
     Evaluate,
     Flow,
@@ -27,9 +26,10 @@ from tasks.study.config import (
     preset,
     with_method,
 )
-from tasks.study.parts import NOTHING, parts, trials
 from tasks.study.report import write_report
 from tasks.study.run import run_study
+from tasks.study.run import scheduler as schedule
+from tasks.study.run.jobs import NOTHING, parts, trials
 from tasks.tracking import TrackingEstimate, TrackingSample
 
 HERE = __name__
@@ -281,7 +281,7 @@ def test_every_new_method_is_tried_once_where_it_can_work(scene_folder):
         ),
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tasks.study.parts.code_of", lambda names: {})
+        patch.setattr("tasks.study.run.jobs.code_of", lambda names: {})
         work = [part for name in study.scenes for part in parts(study, load_scene(name))]
         room, carpet = trials(study, work, [])
         assert (room.scene.name, room.clip) == ("room", work[0].clip)

@@ -7,8 +7,8 @@ import pytest
 from browser import Browser, find_chromium
 from study_rows import EI, EPF, EPPT, nothing_rows
 from study_rows import paper_rows as task_rows
+from tasks.evaluation.timings import costs_file
 from tasks.row import Row
-from tasks.study.costs import costs_file
 from tasks.study.report import write_report
 from test_study_costs import PART
 from test_study_report import add_previews, make_run

@@ -15,14 +15,13 @@ from sensor import (
     Readout,
     SensorError,
     SensorModel,
-    arguments,
-    bank,
     cutoff_in_light,
     read_out,
     simulate,
     simulate_bank,
     stream,
 )
+from sensor.engine import arguments, bank
 from sensor.formats.header import model_from_json, model_to_json
 from sensor.optics import middle
 

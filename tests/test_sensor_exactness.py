@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference_sensor
-from sensor import SensorModel, bank, simulate_bank
+from sensor import SensorModel, simulate_bank
+from sensor.engine import bank
 
 COLUMNS = ("t_us", "x", "y", "p")
 CUTOFFS_HZ = (math.inf, 200.0, 50.0)

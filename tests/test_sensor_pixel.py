@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 import reference_sensor
-from sensor import SensorModel, pixel, simulate
+from sensor import SensorModel, simulate
+from sensor.kernels import pixel
 
 IDEAL = math.inf
 

@@ -5,16 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from sensor import (
-    EventError,
-    Events,
-    SensorError,
-    SensorModel,
-    bank,
-    simulate,
-    simulate_bank,
-    stream,
-)
+from sensor import EventError, Events, SensorError, SensorModel, simulate, simulate_bank, stream
+from sensor.engine import bank
 
 COLUMNS = ("t_us", "x", "y", "p")
 

@@ -10,10 +10,10 @@ import pytest
 
 from study_rows import EI, EPF, HF, nothing_rows, paper_rows
 from tasks.row import Row, write_rows
-from tasks.study.answer import choices_of, details, headline, main, overview, with_answers
-from tasks.study.choice import Choices, answered, choose_all
-from tasks.study.choice_html import answer_html
-from tasks.study.scores import Scores, Series
+from tasks.study.report.sections.choice import answer_html
+from tasks.study.results.answer import choices_of, details, headline, main, overview, with_answers
+from tasks.study.results.choice import Choices, answered, choose_all
+from tasks.study.results.scores import Scores, Series
 
 ROOT = Path(__file__).parent.parent
 RUN = ROOT / "docs" / "results" / "paper"

@@ -6,9 +6,9 @@ import pytest
 
 from sensor.presets import SENSORS
 from study_rows import paper_rows
-from tasks.study.bus import bus_loads, buses_html, capacities_hz
-from tasks.study.judging import EVENT_INTEGRATION
-from tasks.study.scores import Scores
+from tasks.study.results.bandwidth import bus_loads, buses_html, capacities_hz
+from tasks.study.results.intervals import EVENT_INTEGRATION
+from tasks.study.results.scores import Scores
 
 
 def test_a_bus_saturates_above_its_capacity() -> None:

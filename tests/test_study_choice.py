@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from study_rows import EI, EPF, nothing_rows, paper_rows
 from tasks.row import Row
-from tasks.study.choice import Choice, choose, choose_all
-from tasks.study.choice_html import answer_html, choice_cell
-from tasks.study.scores import Scores
+from tasks.study.report.sections.choice import answer_html, choice_cell
+from tasks.study.results.choice import Choice, choose, choose_all
+from tasks.study.results.scores import Scores
 
 
 def row(width: int, sample: int, value: float) -> Row:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tasks.errors import ResultError
-from tasks.study.cost_html import costs_html
-from tasks.study.costs import FrameTimer, MethodCost, PartCosts, costs_file, read_costs
+from tasks.evaluation.timings import FrameTimer, MethodCost, PartCosts, costs_file, read_costs
+from tasks.study.report.sections.timings import costs_html
 
 FLOW = MethodCost("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
 NOTHING = MethodCost("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)

@@ -4,14 +4,14 @@ import importlib.util
 import subprocess
 from pathlib import Path
 
-from tasks.study import environment
+from tasks.study.run import provenance
 
 
 def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
     """Promise: the commit that a run names is that of its code, and "dirty" is its code alone."""
-    copy = tmp_path / "tasks" / "study" / "environment.py"
+    copy = tmp_path / "tasks" / "study" / "run" / "provenance.py"
     copy.parent.mkdir(parents=True)
-    copy.write_text(Path(environment.__file__).read_text())
+    copy.write_text(Path(provenance.__file__).read_text())
 
     def git(*arguments):
         identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
@@ -21,7 +21,7 @@ def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
     git("init")
     git("add", ".")
     git("commit", "-m", "code")
-    spec = importlib.util.spec_from_file_location("copied_environment", copy)
+    spec = importlib.util.spec_from_file_location("copied_provenance", copy)
     copied = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(copied)
     commit = f"git {git('rev-parse', '--short=12', 'HEAD')}"

@@ -7,8 +7,8 @@ import numpy as np
 
 from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
-from tasks.study.figure import figure_files, tradeoff_figure
-from tasks.study.scores import Scores
+from tasks.study.report.figures import figure_files, tradeoff_figure
+from tasks.study.results.scores import Scores
 
 
 def scores(nothing_db: float) -> Scores:

@@ -30,9 +30,9 @@ from pathlib import Path
 
 import pytest
 
+from tasks.evaluation.timings import read_costs
 from tasks.row import Row
 from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking, Video
-from tasks.study.costs import read_costs
 from tasks.study.run import run_study
 from test_guards import score_digest, stored_bits
 

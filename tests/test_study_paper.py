@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tasks.study.paper import (
+from tasks.study.results.paper import (
     BASE_SPEED_M_PER_S,
     CUTOFFS_HZ,
     SPEEDS,

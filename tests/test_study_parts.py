@@ -7,7 +7,7 @@ import pytest
 from eres_render import load_scene
 from tasks.errors import StudyError
 from tasks.study.config import PRESETS, Study, Tracking, Video
-from tasks.study.parts import NOTHING, parts
+from tasks.study.run.jobs import NOTHING, parts
 
 
 def test_only_what_is_scored_is_rendered() -> None:

@@ -14,9 +14,10 @@ from study_rows import CM, EI, EPF, EPPT, HF, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
-from tasks.study.exhibit import PREVIEW_S
-from tasks.study.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.report import MAX_BYTES, write_report
+from tasks.study.report import write_report
+from tasks.study.report.page import MAX_BYTES
+from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
+from tasks.study.run.highlights import PREVIEW_S
 
 
 def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene
-from eres_render.cache import cache_dir
 from eres_render.errors import RenderError
-from eres_render.sequence import SequenceWriter
+from eres_render.sequence.sequence import SequenceWriter
+from eres_render.storage.cache import cache_dir
 from light_scenes import small_carpet_folder
 from tasks.errors import StudyError
 from tasks.row import read_rows
-from tasks.study import environment, frame_cache, schedule
 from tasks.study.config import (
     PRESETS,
     Evaluate,
@@ -30,11 +29,13 @@ from tasks.study.config import (
     Video,
     preset,
 )
-from tasks.study.cost import cost
-from tasks.study.parts import parts
 from tasks.study.report import write_report
-from tasks.study.run import run_study
-from tasks.study.scaling import read_scaling
+from tasks.study.results.scaling import read_scaling
+from tasks.study.run import frame_cache, run_study
+from tasks.study.run import provenance as environment
+from tasks.study.run import scheduler as schedule
+from tasks.study.run.estimate import cost
+from tasks.study.run.jobs import parts
 
 
 def tiny_study(scene_folder):

@@ -12,11 +12,12 @@ import pytest
 
 from sensor.statistics import PowerLaw, log_bin_edges_us
 from tasks.errors import ResultError
-from tasks.study.claims import judge_all
-from tasks.study.judging import Status, Verdict
-from tasks.study.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.scaling import Intervals, Scaling, Slopes, read_scaling, scaling_files
-from tasks.study.scaling_html import scaling_html
+from tasks.study.claims.judge import judge_all
+from tasks.study.report.sections.scaling import scaling_html
+from tasks.study.results.intervals import Status, Verdict
+from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
+from tasks.study.results.scaling import Intervals, Scaling, Slopes, read_scaling
+from tasks.study.run.scaling import scaling_files
 from test_study_claims import paper_rows
 
 EDGES_US = log_bin_edges_us()

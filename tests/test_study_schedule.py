@@ -19,12 +19,10 @@ import pytest
 from distributed import LocalCluster
 
 from eres_render import load_scene
-from eres_render.cache import cache_dir
+from eres_render.storage.cache import cache_dir
 from light_scenes import small_carpet_folder
 from tasks.errors import StudyError
 from tasks.row import read_rows
-from tasks.study import schedule as schedule_module
-from tasks.study.compute_part import ComputedPart
 from tasks.study.config import (
     Evaluate,
     Flow,
@@ -35,9 +33,11 @@ from tasks.study.config import (
     Video,
     with_method,
 )
-from tasks.study.parts import parts
 from tasks.study.run import run_study
-from tasks.study.schedule import Task, schedule
+from tasks.study.run import scheduler as schedule_module
+from tasks.study.run.compute import ComputedPart
+from tasks.study.run.jobs import parts
+from tasks.study.run.scheduler import Task, schedule
 
 ROOT = Path(__file__).parent.parent
 

@@ -11,14 +11,8 @@ from rich.console import Console
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row
-from tasks.study.scores import Condition, Scores, Series
-from tasks.study.tables import (
-    comparison_table,
-    main_tables,
-    to_csv,
-    to_html,
-    to_rich,
-)
+from tasks.study.results.comparison import comparison_table, main_tables, to_csv, to_html, to_rich
+from tasks.study.results.scores import Condition, Scores, Series
 
 
 def row(width: int, sample: int, value: float, **changes: object) -> Row:

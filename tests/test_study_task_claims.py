@@ -9,11 +9,11 @@ import pytest
 
 from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows
 from tasks.row import Row
-from tasks.study.bootstrap import DRAWS, resampled_medians
-from tasks.study.claims import CLAIMS
-from tasks.study.judging import Status, Verdict, estimate
-from tasks.study.perturbation import judged_series, shown_series
-from tasks.study.scores import Condition, Scores, Series
+from tasks.study.claims.judge import CLAIMS
+from tasks.study.results.bootstrap import DRAWS, resampled_medians
+from tasks.study.results.intervals import Status, Verdict, estimate
+from tasks.study.results.perturbation import judged_series, shown_series
+from tasks.study.results.scores import Condition, Scores, Series
 
 SERIES = {10: HF, 12: EPF, 13: EPF, 14: EPF, 15: CM, 16: CM, 18: EPPT, 19: EPPT, 20: EPPT}
 INF = math.inf

@@ -14,12 +14,12 @@ import pytest
 from study_rows import CM, EI, EPF, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row, read_rows, write_rows
-from tasks.study.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.plot_data import plot_data
 from tasks.study.report import write_report
-from tasks.study.scores import Series, by_threshold
-from tasks.study.tables import comparison_table, to_html
-from tasks.study.threshold_html import threshold_html
+from tasks.study.report.sections.threshold import threshold_html
+from tasks.study.report.tradeoff import plot_data
+from tasks.study.results.comparison import comparison_table, to_html
+from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
+from tasks.study.results.scores import Series, by_threshold
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
 """What 1280 px gains at event integration from another threshold; nothing else does."""
@@ -261,10 +261,8 @@ def test_a_report_of_several_thresholds_from_the_command_line(eres, tmp_path) ->
 
 def test_the_terminal_prints_the_first_threshold(tmp_path, monkeypatch, eres) -> None:
     """What `eres study` prints: the first threshold's scores, and where the others are."""
-    from tasks.study import run as run_module
-
     run = run_of(tmp_path, several(usual_rows(samples=1)))
-    monkeypatch.setattr(run_module, "run_study", lambda *given: None)
+    monkeypatch.setattr("tasks.study.run.run_study", lambda *given: None)
     code, out, _ = eres("study", "--out", run)
     assert code == 0
     assert "24.09" in out

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from eres_render import Camera, Plane, Trajectory, path_through
 from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
-from tasks.methods import bicubic, cumulative_spline, initial_path, load_method
+from tasks.methods import initial_path, load_method
 from tasks.methods import photometric_tracking as eppt
+from tasks.numerics import bicubic, cumulative_spline
 from tasks.tracking import (
     TrackingEstimate,
     path_at,

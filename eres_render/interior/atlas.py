@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.interior.chart import Chart
-from eres_render.textures.noise import Float32
+from eres_render.interior.uv_charts import Chart
+from eres_render.textures.fractal_noise import Float32
 
 CELL_M = 0.02
 """Charts take up whole cells of this size, with an empty one around, so that a lightmap with such

@@ -6,7 +6,6 @@ from functools import partial
 
 import numpy as np
 
-from eres_render.interior.chart import Chart, Painter, both_sides, box, face, grid, lathe, moved
 from eres_render.interior.paints import everywhere, glazed, lacquered, wooden
 from eres_render.interior.shell import (
     EAST_M,
@@ -16,6 +15,7 @@ from eres_render.interior.shell import (
     WINDOW_NORTH_M,
     WINDOW_SOUTH_M,
 )
+from eres_render.interior.uv_charts import Chart, Painter, both_sides, box, face, grid, lathe, moved
 from eres_render.textures.cloth import striped
 from eres_render.textures.nature import earth, leaf, peel
 from eres_render.textures.printed import (

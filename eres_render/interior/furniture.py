@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eres_render.interior.chart import Chart, box, face, grid, moved, rectangle, rounded_box
 from eres_render.interior.paints import cushion, everywhere, lacquered, upholstered, wooden
 from eres_render.interior.shell import EAST_M, NORTH_M
+from eres_render.interior.uv_charts import Chart, box, face, grid, moved, rectangle, rounded_box
 from eres_render.textures.cloth import kilim, striped
 from eres_render.textures.printed import book_cover, book_pages, book_spine
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
-from eres_render.interior.chart import FacePainter, Painter
+from eres_render.interior.uv_charts import FacePainter, Painter
 from eres_render.textures.cloth import striped, tweed
 from eres_render.textures.masonry import plaster
 from eres_render.textures.nature import glaze

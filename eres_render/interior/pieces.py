@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from eres_render.errors import SceneError
 from eres_render.interior import decor, furniture, shell
 from eres_render.interior.atlas import CELL_M, Atlas, layout
-from eres_render.interior.chart import Chart
-from eres_render.textures.noise import Float32
+from eres_render.interior.uv_charts import Chart
+from eres_render.textures.fractal_noise import Float32
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from eres_render.interior.chart import Chart, box, plate, rectangle
 from eres_render.interior.paints import lacquered, wooden
+from eres_render.interior.uv_charts import Chart, box, plate, rectangle
 from eres_render.textures.masonry import bricks, plaster, wallpaper
 from eres_render.textures.wood import planks
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.textures.noise import Float32
+from eres_render.textures.fractal_noise import Float32
 from eres_render.textures.reflectance import saturated
 
 Bool = NDArray[np.bool_]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eres_render.textures.noise import Float32, fractal_noise
+from eres_render.textures.fractal_noise import Float32, fractal_noise
 
 
 def tweed(

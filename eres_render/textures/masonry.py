@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from eres_render.textures.noise import Float32, fractal_noise
+from eres_render.textures.fractal_noise import Float32, fractal_noise
 
 
 def plaster(

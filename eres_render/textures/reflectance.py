@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eres_render.textures.noise import Float32
+from eres_render.textures.fractal_noise import Float32
 
 _DARKEST, _BRIGHTEST = 0.02, 0.85  # no dye, wool or rock is darker or brighter
 

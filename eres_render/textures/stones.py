@@ -10,7 +10,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.textures.noise import Float32, fractal_noise
+from eres_render.textures.fractal_noise import Float32, fractal_noise
 from eres_render.textures.reflectance import saturated
 
 # Radii of stones: from a small boulder to a grain of sand. The number of stones tried per area goes

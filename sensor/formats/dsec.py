@@ -24,7 +24,7 @@ import numpy as np
 
 from sensor.errors import EventError, EventFormatError
 from sensor.events import Events
-from sensor.formats import parts as cut
+from sensor.formats import batching
 from sensor.formats.hdf5_file import load_h5py, writable
 from sensor.formats.header import (
     Header,
@@ -208,10 +208,10 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                     f"events/{name}: found {len(column)} entries, expected {length} as in events/t"
                 )
         offset_us = _read_offset_us(file)
-        yield cut.no_events(width, height, header.model)
+        yield batching.no_events(width, height, header.model)
         last_us = np.iinfo(np.int64).min
-        for start in range(0, length, cut.PART_EVENTS):
-            stop = min(start + cut.PART_EVENTS, length)
+        for start in range(0, length, batching.PART_EVENTS):
+            stop = min(start + batching.PART_EVENTS, length)
             values = {}
             for name, column in columns.items():
                 with _said(f"events/{name}, entries {start} to {stop}"):

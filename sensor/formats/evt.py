@@ -26,7 +26,7 @@ import numpy as np
 
 from sensor.errors import EventFormatError
 from sensor.events import Events
-from sensor.formats import parts as cut
+from sensor.formats import batching
 from sensor.formats.header import (
     Header,
     model_from_json,
@@ -281,7 +281,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     """
     width, height = header.width or 0, header.height or 0
     size = np.dtype(codec.word).itemsize
-    none = cut.no_events(width, height, header.model)
+    none = batching.no_events(width, height, header.model)
     state = _new_state()
     count = 0
     with path.open("rb") as file:
@@ -293,7 +293,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
             words = np.frombuffer(data, f"<u{size}", len(data) // size)
             words = words.astype(codec.word, copy=False)  # where the machine is big-endian
             while len(words):
-                room = min(cut.PART_EVENTS, 12 * len(words))  # no word makes more than 12
+                room = min(batching.PART_EVENTS, 12 * len(words))  # no word makes more than 12
                 t, p = np.empty(room, np.int64), np.empty(room, np.int8)
                 x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
                 taken, made, found = codec.decode(words, width, height, state, t, x, y, p)

@@ -21,7 +21,7 @@ import numpy as np
 
 from sensor.errors import EventError, EventFormatError
 from sensor.events import Events
-from sensor.formats import parts as cut
+from sensor.formats import batching
 from sensor.formats.header import (
     Header,
     model_from_json,
@@ -188,11 +188,11 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                     f"({'N' if length is None else length},)"
                 )
             length = shape[0]
-        yield cut.no_events(width, height, header.model)
+        yield batching.no_events(width, height, header.model)
         done = 0
         last_us = np.iinfo(np.int64).min
         while done < (length or 0):
-            count = min(cut.PART_EVENTS, (length or 0) - done)
+            count = min(batching.PART_EVENTS, (length or 0) - done)
             columns = {}
             for name, entry in entries.items():
                 with _said(f"entry {name}, from event {done}"):

@@ -13,8 +13,8 @@ from pathlib import Path
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
 from sensor.formats import dsec, evt, evt2, evt3, npz, text
+from sensor.formats.batching import rebatch
 from sensor.formats.header import Header, Value
-from sensor.formats.parts import rebatch
 
 _log = logging.getLogger(__name__)
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from sensor.errors import EventFormatError
 from sensor.events import Events
-from sensor.formats import parts as cut
+from sensor.formats import batching
 from sensor.formats.header import Header
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
@@ -224,7 +224,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         A line is not an event of this sensor, or earlier than the one before it.
     """
     width, height = header.width or 0, header.height or 0
-    none = cut.no_events(width, height, header.model)
+    none = batching.no_events(width, height, header.model)
     last = np.iinfo(np.int64).min
     rest = b""
     with path.open("rb") as file:
@@ -244,7 +244,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                 raise EventFormatError(f"byte {offset + whole}: found a line without end")
             lines = np.frombuffer(data, np.uint8, whole)
             while len(lines):
-                room = min(cut.PART_EVENTS, len(lines) // _SHORTEST_LINE_BYTES + 1)
+                room = min(batching.PART_EVENTS, len(lines) // _SHORTEST_LINE_BYTES + 1)
                 t, p = np.empty(room, np.int64), np.empty(room, np.int8)
                 x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
                 taken, made, found, last = _parse_lines(lines, width, height, last, t, x, y, p)

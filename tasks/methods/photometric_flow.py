@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.flow import FlowEstimate, FlowSample
-from tasks.methods import bicubic
+from tasks.numerics import bicubic
 
 MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 from eres_render import Trajectory, path_through
 from eres_render.camera import map_pixels, plane_homography
 from tasks.errors import TaskError
-from tasks.methods import bicubic, cumulative_spline
+from tasks.numerics import bicubic, cumulative_spline
 from tasks.tracking import TrackingDiagnostics, TrackingEstimate, TrackingSample
 
 Float64 = NDArray[np.float64]

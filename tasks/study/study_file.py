@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from eres_render.typed_reader import read_typed
+from eres_render.storage.settings_reader import read_typed
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.study.config import Study

@@ -1,0 +1,1 @@
+"""All that touches Mitsuba: variants, loading, baked light, the renderer."""

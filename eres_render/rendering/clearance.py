@@ -1,0 +1,83 @@
+"""Does a camera path keep clear of what stands in the scene?"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.errors import TrajectoryError
+from eres_render.rendering.raycast import RayCaster
+from eres_render.trajectory.spline import Trajectory
+
+Float64 = NDArray[np.float64]
+
+_DIRECTIONS = 512  # one every 9 degrees: 3 cm apart at 0.2 m
+_FEWEST_PLACES, _MOST_PLACES = 100, 2000
+_RAYS_AT_ONCE = 1 << 18
+
+
+def check_clearance(
+    trajectory: Trajectory,
+    duration_s: float,
+    caster: RayCaster,
+    min_clearance_m: float,
+    where: str,
+) -> None:
+    """Refuse a path that passes through a surface, into a solid, or too near to a surface.
+
+    Rays go out from places along the path, no farther apart than half the clearance (2000 places at
+    most), in 512 directions, and from each place to the next. What is thinner than the gaps between
+    the rays, and not crossed, is not seen.
+
+    Parameters
+    ----------
+    where
+        What to call the path in an error.
+
+    Raises
+    ------
+    TrajectoryError
+        Naming the first time at which it happens, and the shape.
+    """
+    length_m = trajectory.mean_speed_mps(duration_s) * duration_s
+    count = int(np.clip(2 * length_m / min_clearance_m, _FEWEST_PLACES, _MOST_PLACES)) + 1
+    t_s = np.linspace(0.0, duration_s, count)
+    places = trajectory.pose(t_s)[:, :3, 3]
+    steps = np.diff(places, axis=0, append=places[-1:])
+    directions = _sphere(_DIRECTIONS)
+    places_at_once = _RAYS_AT_ONCE // _DIRECTIONS
+    for start in range(0, count, places_at_once):
+        part = slice(start, start + places_at_once)
+        n = len(places[part])
+        hits = caster.cast(
+            np.repeat(places[part], _DIRECTIONS, axis=0), np.tile(directions, (n, 1))
+        )
+        distance = hits.distance.reshape(n, -1)
+        shape = hits.shape.reshape(n, -1)
+        blind = hits.blind_side.reshape(n, -1)
+        moves = np.linalg.norm(steps[part], axis=1) > 0
+        ahead = caster.cast(places[part], np.where(moves[:, None], steps[part], [0.0, 0.0, 1.0]))
+        crossed = moves & (ahead.distance <= 1)
+        inside = 2 * blind.sum(axis=1) > np.maximum(1, (shape >= 0).sum(axis=1))
+        near = distance.min(axis=1) < min_clearance_m
+        for k in np.flatnonzero(inside | near | crossed)[:1]:
+            nearest = caster.shape_ids[shape[k, np.argmin(distance[k])]]
+            if inside[k]:
+                found = f"is inside a solid or behind a wall, shape {nearest!r}"
+            elif near[k]:
+                found = f"comes within {distance[k].min():.3g} m of shape {nearest!r}"
+            else:
+                found = f"passes through shape {caster.shape_ids[ahead.shape[k]]!r}"
+            raise TrajectoryError(
+                f"{where}: at t = {t_s[start + k]:.3f} s the camera {found}, expected a path that "
+                f"keeps min_clearance_m = {min_clearance_m:g} m from every surface"
+            )
+
+
+def _sphere(n: int) -> Float64:
+    """Return (n, 3) unit vectors spread evenly over the sphere, on a Fibonacci spiral."""
+    k = np.arange(n) + 0.5
+    z = 1 - 2 * k / n
+    angle = np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - z**2)
+    return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])

@@ -1,0 +1,354 @@
+"""How much light falls on every part of every surface of a scene.
+
+All surfaces are Lambertian: what arrives at a point, from anywhere, decides all that leaves it. So
+light can be carried from surface to surface by the cells of their lightmaps.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import sys
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from scipy.ndimage import distance_transform_edt
+
+from eres_render.errors import BackendError, RenderError, SceneError
+from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
+from eres_render.rendering.load import load_world
+from eres_render.scene.scene import Scene
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+_log = logging.getLogger(__name__)
+
+Float32 = NDArray[np.float32]
+
+# Called with points on a surface, a sampler and which points are valid; returns the irradiance at
+# each and whether it counts.
+Light = Callable[[Any, Any, Any], tuple[Any, Any]]
+
+Size = tuple[float, float]  # along u and along v, m
+
+_SAMPLES_AT_ONCE = 1 << 22  # bounds the memory of one wavefront
+_BOUNCES = 8  # of light between surfaces; what half of it survives has lost 99.6 % by then
+_FEWEST_SAMPLES = 4
+_PROBES = 1 << 14  # points at which a UV square is measured
+_PROBES_PER_POINT = 4  # rays that tell whether a point is covered
+_LEAST_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
+
+
+def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]:
+    """Return the mean irradiance, W m^-2, in each cell of each surface's UV square.
+
+    First comes what every cell gets from the lamps, by rays to each of them. Then every surface
+    glows by what it reflects of that, and all cells gather the light of the glowing surfaces;
+    this is repeated, once for each bounce, with few samples, and the last time with all.
+    Points that something covers, such as those of a floor under a table's leg, count for nothing.
+    Cells without any point that counts take over the nearest cell that has some.
+
+    Parameters
+    ----------
+    cell_m
+        Side of a cell on the surface, about: a UV square has a whole number of them each way.
+    spp
+        Samples in each cell, rounded up to a square: positions, each with a ray to every lamp, a
+        ray to gather, and rays that find out whether it is covered.
+
+    Returns
+    -------
+    maps
+        From shape id to (rows, columns) float32; rows run along v, columns along u.
+    """
+    import mitsuba as mi
+
+    if (variant := str(mi.variant())).startswith("scalar"):
+        raise BackendError(
+            f"{scene.name}: baking needs a vectorised Mitsuba variant, found {variant}; "
+            "install LLVM (apt-get install libllvm19) or use lightmaps baked elsewhere"
+        )
+    start = time.perf_counter()
+    world = load_world(scene)
+    if not world.emitters():
+        raise SceneError(f"{scene.xml_file}: found no light, expected an <emitter>")
+    shapes = {shape.id(): shape for shape in bakeable_surfaces(world, scene)}
+    sizes_m = _texture_sizes_m(scene)
+    sides = {name: _cells(shape, cell_m, sizes_m) for name, shape in shapes.items()}
+    albedo = {
+        name: _shrunk(reflectance(shape.bsdf(), scene), sides[name])
+        for name, shape in shapes.items()
+    }
+    glowing = _glowing(scene, {name: np.zeros(a.shape, np.float32) for name, a in albedo.items()})
+    spp, few = _square(spp), _square(max(_FEWEST_SAMPLES, spp // 16))
+    work = sum(u * v for u, v in sides.values()) * (2 * spp + (_BOUNCES - 1) * few)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(f"baking {scene.name}", total=work)
+
+        def everywhere(light: Light, samples: int, smooth: bool) -> dict[str, Float32]:
+            return {
+                name: _per_cell(
+                    shape, sides[name], samples, light, smooth, lambda done: bar.advance(task, done)
+                )
+                for name, shape in shapes.items()
+            }
+
+        direct = everywhere(_light_of_lamps(world), spp, smooth=False)
+        maps = direct
+        for bounce in range(1, _BOUNCES + 1):
+            glow = {name: albedo[name] * maps[name] / np.float32(np.pi) for name in maps}
+            _set_glow(glowing, glow)
+            light = _light_of_surfaces(glowing, set(shapes))
+            reflected = everywhere(light, spp if bounce == _BOUNCES else few, smooth=True)
+            maps = {name: direct[name] + reflected[name] for name in direct}
+            if not any(irradiance.any() for irradiance in reflected.values()):
+                break  # no surface sees another
+    _log.info("baked %s in %.1f s", scene.name, time.perf_counter() - start)
+    return maps
+
+
+def _square(spp: int) -> int:
+    """Return the least square that is no smaller: what the multijittered sampler lays out best."""
+    return (math.isqrt(spp - 1) + 1) ** 2
+
+
+def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[int, int]:
+    """Return how many cells a shape's lightmap has along u and along v.
+
+    The size of the UV square is that of the texture on it, if `sizes_m` knows it, which lets cells
+    line up with the parts of an atlas; else the mean stretch of the parametrisation over the shape.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    if shape.id() in sizes_m:
+        size_m = sizes_m[shape.id()]
+    else:
+        sampler = mi.load_dict({"type": "independent"})
+        sampler.seed(0, _PROBES)
+        si: Any = shape.eval_parameterization(sampler.next_2d())
+        found = np.asarray(si.is_valid())
+        u_m, v_m = (
+            float(np.asarray(dr.norm(along), np.float64).sum(where=found) / found.sum())
+            for along in (si.dp_du, si.dp_dv)
+        )
+        size_m = (u_m, v_m)
+    # Mitsuba wants two texels each way of an image that changes.
+    n_u, n_v = (max(2, round(side_m / cell_m)) for side_m in size_m)
+    return n_u, n_v
+
+
+def _texture_sizes_m(scene: Scene) -> dict[str, Size]:
+    """Return width and height of the UV square of each named shape with a texture made by us."""
+    import mitsuba as mi
+
+    files = scene.texture_files()
+    recipes = {files[name]: recipe for name, recipe in scene.settings.textures.items()}
+    config = mi.parser.ParserConfig(str(mi.variant()))
+    nodes = list(mi.parser.parse_file(config, str(scene.xml_file), **files).nodes)
+
+    def below(node: Any) -> list[Any]:
+        reference: Any = mi.Properties.ResolvedReference
+        return [nodes[v.index()] for _, v in node.props.items() if isinstance(v, reference)]
+
+    sizes_m = {}
+    for shape in (node for node in nodes if node.type == mi.ObjectType.Shape):
+        for texture in (texture for bsdf in below(shape) for texture in below(bsdf)):
+            recipe = recipes.get(texture.props.get("filename", ""))
+            if recipe is not None:
+                rows, columns = recipe.shape
+                sizes_m[shape.props.id()] = (columns * recipe.texel_m, rows * recipe.texel_m)
+    return sizes_m
+
+
+def _per_cell(
+    shape: mi.Shape,
+    sides: tuple[int, int],
+    spp: int,
+    light: Light,
+    smooth: bool,
+    on_samples: Callable[[int], None],
+) -> Float32:
+    """Return the mean of a light over each cell of a shape, (rows, columns).
+
+    Parameters
+    ----------
+    sides
+        Cells along u and along v.
+    smooth
+        Take the mean over each cell and its neighbours, which surfaces that glow all over allow.
+    on_samples
+        Told, now and then, how many more samples are done.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    n_u, n_v = sides
+    sampler = mi.load_dict({"type": "multijitter", "sample_count": spp})
+    sampler.set_samples_per_wavefront(spp)
+    cells_at_once = max(1, _SAMPLES_AT_ONCE // spp)
+    total, count = np.zeros(n_u * n_v), np.zeros(n_u * n_v)
+    for first in range(0, n_u * n_v, cells_at_once):
+        cells = min(cells_at_once, n_u * n_v - first)
+        # Numbers that change from call to call are opaque: they would otherwise be compiled into
+        # the kernel, and each kernel takes longer to compile than to run.
+        sampler.seed(dr.opaque(mi.UInt32, first), cells * spp)
+        cell = dr.arange(mi.UInt32, cells * spp) // spp + dr.opaque(mi.UInt32, first)
+        columns, rows = dr.opaque(mi.UInt32, n_u), dr.opaque(mi.UInt32, n_v)
+        corner = mi.Point2f(mi.Float(cell % columns), mi.Float(cell // columns))
+        uv = (corner + sampler.next_2d()) / mi.Point2f(mi.Float(columns), mi.Float(rows))
+        found: Any = shape.eval_parameterization(uv)
+        point = dr.zeros(mi.SurfaceInteraction3f)
+        point.p, point.n, point.sh_frame = found.p, found.n, mi.Frame3f(found.sh_frame.n)
+        valid = found.is_valid()
+        sampler.schedule_state()
+        # Up to here the kernel is this shape's own; the long one that follows serves all shapes.
+        dr.eval(point, valid)
+        irradiance, counts = light(point, sampler, valid)
+        irradiance = dr.block_sum(dr.select(counts, irradiance, 0.0), spp)
+        counted = dr.block_sum(dr.select(counts, mi.Float(1), mi.Float(0)), spp)
+        dr.eval(irradiance, counted)
+        part = slice(first, first + cells)
+        total[part], count[part] = np.asarray(irradiance), np.asarray(counted)
+        on_samples(cells * spp)
+    sums, counts_2d = total.reshape(n_v, n_u), count.reshape(n_v, n_u)
+    known = counts_2d >= _LEAST_SHARE * spp
+    if smooth:
+        sums, counts_2d = _with_neighbours(sums * known), _with_neighbours(counts_2d * known)
+    mean = np.divide(sums, counts_2d, out=np.zeros((n_v, n_u)), where=known)
+    return _fill(mean, known).astype(np.float32)
+
+
+def _outside(world: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
+    """Return which points lie on no covered part of a surface, such as a floor under a table's leg.
+
+    Rays from a covered point all meet the back of something. A few backs alone may be seen through
+    the open side of a hollow thing, and are as black as they look.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    covered = valid
+    for _ in range(_PROBES_PER_POINT):
+        towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
+        seen = world.ray_intersect(point.spawn_ray(towards), active=covered)
+        covered = covered & seen.is_valid() & (dr.dot(seen.n, towards) > 0)
+    return valid & ~covered
+
+
+def _light_of_lamps(world: mi.Scene) -> Light:
+    """Return the irradiance that comes straight from the emitters, by one ray to each."""
+    import drjit as dr
+    import mitsuba as mi
+
+    def light(point: Any, sampler: Any, valid: Any) -> tuple[Any, Any]:
+        counts = _outside(world, point, sampler, valid)
+        irradiance = mi.Float(0)
+        for emitter in world.emitters():
+            sample, weight = emitter.sample_direction(point, sampler.next_2d(), counts)
+            cosine = dr.dot(sample.d, point.sh_frame.n)
+            above = counts & (cosine > 0) & (dr.dot(sample.d, point.n) > 0) & (sample.pdf > 0)
+            hidden = world.ray_test(point.spawn_ray_to(sample.p), above)
+            irradiance += dr.select(above & ~hidden, weight[0] * cosine, 0.0)
+        return irradiance, counts
+
+    return light
+
+
+def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> Light:
+    """Return the irradiance that comes from the glowing surfaces of these names."""
+    import drjit as dr
+    import mitsuba as mi
+
+    lamps = [mi.ShapePtr(shape) for shape in glowing.shapes() if shape.id() not in names]
+
+    def light(point: Any, sampler: Any, valid: Any) -> tuple[Any, Any]:
+        counts = _outside(glowing, point, sampler, valid)
+        towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
+        seen = glowing.ray_intersect(point.spawn_ray(towards), active=counts)
+        surface = counts & seen.is_valid()  # whose emitter is black from behind
+        for lamp in lamps:
+            surface &= seen.shape != lamp
+        radiance = seen.emitter(glowing).eval(seen, surface)
+        return dr.select(surface, dr.pi * radiance[0], 0.0), counts
+
+    return light
+
+
+def _glowing(scene: Scene, radiance: dict[str, Float32]) -> mi.Scene:
+    """Load the scene with its surfaces glowing, radiances as (rows, columns) over the UV square."""
+    import mitsuba as mi
+
+    emitters = {}
+    for name, image in radiance.items():
+        texture = {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(image[..., None]),
+            "raw": True,
+            "wrap_mode": "clamp",
+        }
+        emitters[name] = mi.load_dict({"type": "area", "radiance": texture})
+    return load_world(scene, emitters)
+
+
+def _set_glow(glowing: mi.Scene, radiance: dict[str, Float32]) -> None:
+    """Change the radiances of a glowing scene."""
+    import mitsuba as mi
+
+    parameters = mi.traverse(glowing)
+    for name, image in radiance.items():
+        parameters[f"{name}.emitter.radiance.data"] = mi.TensorXf(image[..., None])
+    parameters.update()
+
+
+def _shrunk(image: Float32, sides: tuple[int, int]) -> Float32:
+    """Return the image at (columns, rows), the mean of what each covers."""
+    small = cv2.resize(image, sides, interpolation=cv2.INTER_AREA)
+    return small.astype(np.float32, copy=False)
+
+
+def _with_neighbours(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the sum over each pixel and the eight around it; beyond the edge lies nothing."""
+    outside = cv2.BORDER_CONSTANT
+    return cv2.boxFilter(image, -1, (3, 3), normalize=False, borderType=outside).astype(np.float64)
+
+
+def _fill(image: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the image with every unknown cell replaced by the nearest known one."""
+    if not known.any():
+        return image
+    nearest = distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return image[tuple(nearest)]
+
+
+def bakeable_surfaces(world: mi.Scene, scene: Scene) -> list[mi.Shape]:
+    """Return the shapes that reflect light, all of which can be baked."""
+    for shape in surfaces(world):
+        if reason := reason_not_to_bake(shape):
+            raise SceneError(
+                f"{scene.xml_file}: cannot be baked: shape {shape.id()!r} {reason}; path-trace it "
+                "(--integrator path)"
+            )
+    return surfaces(world)
+
+
+def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:
+    """Return the texels of a diffuse material, (H, W); one texel if it is uniform."""
+    import mitsuba as mi
+
+    parameters = mi.traverse(bsdf)
+    for key in parameters.keys():  # noqa: SIM118 - it is no mapping
+        if key.endswith("reflectance.data"):
+            return np.asarray(parameters[key], dtype=np.float32).mean(axis=2)
+        if key.endswith("reflectance.value"):
+            value = np.mean(np.asarray(parameters[key], dtype=np.float32))
+            return np.full((1, 1), value, dtype=np.float32)
+    raise RenderError(f"{scene.xml_file}: material {bsdf.id()!r}: found no reflectance")

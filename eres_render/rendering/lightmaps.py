@@ -1,0 +1,159 @@
+"""Light transport once, into textures, so that a frame costs one ray per sample.
+
+Surfaces are Lambertian and the light stands still, so a surface point sends the same radiance
+`reflectance * irradiance / pi` in every direction, at any time. The irradiance is smooth: a coarse
+lightmap, made once, holds it. Multiplied by the fine reflectance it becomes the emission of
+the surface, and the scene with these emitting surfaces looks the same to every camera.
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.errors import SceneError
+from eres_render.rendering.irradiance import bakeable_surfaces, irradiance_maps, reflectance
+from eres_render.rendering.load import load_world
+from eres_render.scene.scene import BAKE_VERSION, Scene
+from eres_render.storage.cache import cache_dir
+from eres_render.storage.exr import read_attributes, read_luminance, write_luminance
+from eres_render.storage.locks import locked
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+_log = logging.getLogger(__name__)
+
+Float32 = NDArray[np.float32]
+
+_DIGEST_ATTRIBUTE = "eresLightDigest"
+
+
+def bake_scene(scene: Scene, folder: Path | None = None) -> list[Path]:
+    """Find the irradiance of every surface and write one lightmap each.
+
+    Needs a selected variant that is not scalar.
+
+    Parameters
+    ----------
+    scene
+        Its `bake` settings give the size of the lightmaps' cells and the samples in each.
+    folder
+        Where to; the scene's own folder by default.
+
+    Returns
+    -------
+    files
+        The lightmaps, half-float EXR, irradiance in W m^-2, rounded to 0.2 % rms.
+
+    Raises
+    ------
+    BackendError
+        If the selected variant is scalar.
+    SceneError
+        If a surface is not Lambertian.
+    """
+    folder = folder or scene.folder
+    settings = scene.settings.bake
+    maps = irradiance_maps(scene, settings.cell_m, settings.spp)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for shape_id, irradiance in maps.items():
+        path = folder / _lightmap_name(shape_id)
+        write_luminance(path, _rounded(irradiance), {_DIGEST_ATTRIBUTE: scene.light_digest})
+        files.append(path)
+    return files
+
+
+def _rounded(irradiance: Float32) -> Float32:
+    """Return values with 8 binary digits: a third less to store, and an error below the noise."""
+    mantissa, exponent = np.frexp(irradiance)
+    return np.ldexp(np.round(mantissa * 256) / 256, exponent).astype(np.float32, copy=False)
+
+
+def lightmaps(scene: Scene) -> dict[str, Float32]:
+    """Return the lightmaps of a scene by shape id: packaged, cached, or baked and cached now.
+
+    Lightmaps that belong to another state of the scene are passed over. While another process bakes
+    the scene, this one waits.
+
+    Raises
+    ------
+    BackendError
+        If they would have to be baked and the selected variant is scalar.
+    """
+    files = _lightmap_files(scene)
+    if not files:
+        cached = _cached_lightmaps(scene)
+        with locked(cached.with_name(f"{cached.name}.lock")):
+            files = _lightmap_files(scene) or _bake_into_cache(scene)
+    return {path.stem.removeprefix("lightmap_"): read_luminance(path) for path in files}
+
+
+def _bake_into_cache(scene: Scene) -> list[Path]:
+    """Bake into a folder that gets its name when all lightmaps are there."""
+    cached = _cached_lightmaps(scene)
+    _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
+    unfinished = cached.with_name(f"{cached.name}.unfinished")
+    bake_scene(scene, unfinished)
+    shutil.rmtree(cached, ignore_errors=True)
+    unfinished.rename(cached)
+    return _lightmap_files(scene)
+
+
+def has_lightmaps(scene: Scene) -> bool:
+    """Whether lightmaps of the scene as it is are packaged or cached."""
+    return bool(_lightmap_files(scene))
+
+
+def _lightmap_files(scene: Scene) -> list[Path]:
+    """Return the files of a folder all of whose lightmaps belong to the scene as it is."""
+    for folder in (scene.folder, _cached_lightmaps(scene)):
+        files = sorted(folder.glob(_lightmap_name("*")))
+        digests = {read_attributes(path).get(_DIGEST_ATTRIBUTE) for path in files}
+        if digests == {scene.light_digest}:
+            return files
+    return []
+
+
+def _cached_lightmaps(scene: Scene) -> Path:
+    name = f"{scene.name}-{scene.light_digest[:16]}-v{BAKE_VERSION}"
+    return cache_dir() / "lightmaps" / name
+
+
+def _lightmap_name(shape_id: str) -> str:
+    return f"lightmap_{shape_id}.exr"
+
+
+def baked_scene(scene: Scene) -> mi.Scene:
+    """Load scene.xml with every surface black and glowing as its light would make it look."""
+    import mitsuba as mi
+
+    maps = lightmaps(scene)
+    emitters = {}
+    world = load_world(scene)  # held on to: its shapes must not outlive it
+    for shape in bakeable_surfaces(world, scene):
+        if shape.id() not in maps:
+            raise SceneError(
+                f"{scene.folder}: no lightmap of shape {shape.id()!r} among {list(maps)}"
+            )
+        reflected = reflectance(shape.bsdf(), scene)
+        height, width = reflected.shape
+        # Cell means lie at cell centres, as texels do for Mitsuba's bilinear look-up.
+        irradiance = cv2.resize(maps[shape.id()], (width, height), interpolation=cv2.INTER_LINEAR)
+        radiance = (irradiance * np.float32(1 / np.pi) * reflected).astype(np.float32, copy=False)
+        texture = {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(radiance[..., None]),
+            "raw": True,
+            "format": "fp16",  # as fine as the reflectance on disk, in half the memory
+            "wrap_mode": "clamp",
+        }
+        emitters[shape.id()] = mi.load_dict({"type": "area", "radiance": texture})
+    return load_world(scene, emitters)

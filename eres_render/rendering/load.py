@@ -1,0 +1,131 @@
+"""Load a scene into Mitsuba, in black and white."""
+
+from __future__ import annotations
+
+import functools
+import logging
+import re
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from eres_render.errors import SceneError
+from eres_render.scene.scene import Scene
+from eres_render.storage.exr import check_readable
+
+if TYPE_CHECKING:
+    import mitsuba as mi
+
+_log = logging.getLogger(__name__)
+
+# How a warning of Mitsuba's begins, and how one of a PLY file's attribute goes on.
+_WARNING = re.compile(r"^\d{4}-\d\d-\d\d [\d:]+ WARN +", re.MULTILINE)
+_ATTRIBUTE = re.compile(r'^\[ply\.h:\d+\] .*attribute "(\w+)"')
+
+# Of linear sRGB primaries, Rec. 709: what Mitsuba's monochrome variants weigh colours with.
+_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
+
+
+def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
+    """Load scene.xml for the selected variant; shapes named in `emitters` glow with these.
+
+    Every colour becomes its luminance before light travels, in all variants: the monochrome ones do
+    that by themselves when they read a file, for the others it is done here.
+
+    Raises
+    ------
+    SceneError
+        If Mitsuba refuses the scene.
+    RenderError
+        If an OpenEXR image of it is damaged.
+    """
+    import mitsuba as mi
+
+    textures = scene.texture_files()
+    for image in (*map(Path, textures.values()), *scene.files):
+        if image.suffix.lower() == ".exr":
+            check_readable(image)
+    config = mi.parser.ParserConfig(str(mi.variant()))
+    config.merge_meshes = False  # merging would lose the shapes' ids
+    mitsuba: Any = mi  # whose type stubs lack the file resolver
+    everywhere = mitsuba.file_resolver()
+    beside_the_scene = mitsuba.FileResolver(everywhere)
+    beside_the_scene.prepend(str(scene.folder))
+    mitsuba.set_file_resolver(beside_the_scene)
+    try:
+        state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
+        top = state.nodes[0].props
+        for key in list(top.keys()):
+            reference = isinstance(top[key], mi.Properties.ResolvedReference)
+            if reference and state.nodes[top[key].index()].type == mi.ObjectType.Sensor:
+                del top[key]  # its cameras are not used, and Mitsuba would warn of their films
+        shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
+        for number, node in enumerate(shapes):
+            if not node.props.id():  # lightmaps and errors go by it
+                node.props.set_id(f"{node.props.plugin_name()}_{number}")
+            if emitters and node.props.id() in emitters:
+                node.props["glow"] = emitters[node.props.id()]
+        mi.parser.transform_all(config, state)
+        with _warnings_of(scene):
+            world = cast("mi.Scene", mi.parser.instantiate(config, state))
+    except RuntimeError as error:
+        raise SceneError(f"{scene.xml_file}: Mitsuba refuses it: {error}") from error
+    finally:
+        mitsuba.set_file_resolver(everywhere)
+    if str(mi.variant()).endswith("_rgb"):
+        _drop_colour(world)
+    return world
+
+
+@contextmanager
+def _warnings_of(scene: Scene) -> Iterator[None]:
+    """Take what Mitsuba warns of into our log, but for attributes of meshes that nothing uses.
+
+    It warns of every one in a PLY file that it could not use as it is, such as colours of 0 to 255.
+    """
+    import mitsuba
+
+    mi: Any = mitsuba  # whose type stubs know little of its logger
+    logger = mi.logger()
+    appenders = [logger.appender(i) for i in range(logger.appender_count())]
+    with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as file:
+        logger.clear_appenders()
+        logger.add_appender(mi.StreamAppender(file.name))
+        try:
+            yield
+        finally:
+            logger.clear_appenders()  # which closes the file
+            for appender in appenders:
+                logger.add_appender(appender)
+            named = "".join(xml.read_text(encoding="utf-8") for xml in _xml_files(scene))
+            for text in _WARNING.split(file.read())[1:]:
+                unused = _ATTRIBUTE.search(text)
+                if unused is None or unused[1] in named:
+                    _warn(scene.xml_file, " ".join(text.split()))
+
+
+@functools.cache  # once a process: a scene is loaded more than once
+def _warn(file: Path, text: str) -> None:
+    _log.warning("%s: Mitsuba warns: %s", file, text)
+
+
+def _xml_files(scene: Scene) -> list[Path]:
+    return [scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")]
+
+
+def _drop_colour(world: mi.Scene) -> None:
+    import mitsuba as mi
+
+    parameters = mi.traverse(world)
+    for key in parameters.keys():  # noqa: SIM118 - it is no mapping
+        value = parameters[key]
+        if isinstance(value, mi.Color3f):
+            parameters[key] = mi.Color3f(float(np.asarray(value) @ _LUMINANCE))
+        elif key.endswith(".data") and np.ndim(value) == 3 and np.shape(value)[2] == 3:
+            grey = np.asarray(value, np.float32) @ _LUMINANCE.astype(np.float32)
+            parameters[key] = mi.TensorXf(np.repeat(grey[:, :, None], 3, axis=2))
+    parameters.update()

@@ -1,0 +1,348 @@
+"""Frames: a scene through a moving pinhole."""
+
+from __future__ import annotations
+
+import copy
+import logging
+import math
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.camera import Camera
+from eres_render.errors import RenderError, SceneError
+from eres_render.rendering.backend import select_variant
+from eres_render.rendering.clearance import check_clearance
+from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
+from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
+from eres_render.rendering.load import load_world
+from eres_render.rendering.memory import check_memory
+from eres_render.rendering.raycast import RayCaster
+from eres_render.scene.scene import Scene
+from eres_render.trajectory.frame_times import ImageMotion, depth_image_motion, plane_image_motion
+from eres_render.trajectory.spline import Trajectory
+
+Float64 = NDArray[np.float64]
+Integrator = Literal["baked", "path"]
+
+_log = logging.getLogger(__name__)
+
+_WHITE_SPP = 4  # averaging more would move the 99.9th percentile by far less than white matters
+
+# Mitsuba's camera looks along z with x to the left and y up; ours has x right and y down.
+_CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+class Renderer:
+    """Renders linear radiance of one scene from any pose.
+
+    Every frame uses the same random numbers, so radiance is a continuous function of the pose and
+    what Monte Carlo error remains moves with the camera instead of flickering.
+
+    Parameters
+    ----------
+    scene
+        What to look at.
+    width
+        Side of the square image in pixels.
+    spp
+        Samples per pixel, stratified and spread evenly over the pixel's area (a box filter: any
+        other would blur resolution in). Best a square: 1, 4, 9, 16, ...; else it must be a multiple
+        of its square root, rounded down, for the multijittered sampler to lay it out.
+    seed
+        Of the sampler, 0 to 2^32 - 1.
+    integrator
+        "baked" (one ray per sample, Lambertian surfaces) or "path" (path tracing in every frame,
+        which is noisy: see `measure_noise`). By default baked where that is possible, else path.
+
+    Raises
+    ------
+    RenderError
+        If the sampler cannot lay out `spp` samples, or the image or the seed cannot be, or the
+        image needs more memory than this machine has.
+    BackendError
+        If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
+    SceneError
+        If Mitsuba refuses the scene or it cannot be baked.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        width: int = 1280,
+        spp: int = 16,
+        seed: int = 0,
+        integrator: Integrator | None = None,
+    ) -> None:
+        if not 0 <= seed < 1 << 32:
+            raise RenderError(f"seed: found {seed}, expected 0 to 2^32 - 1")
+        self.scene = scene
+        self.seed = seed
+        self.variant = select_variant()
+        camera = scene.camera(width)
+        # Before anything that takes long; a baked scene needs more, which is checked below.
+        check_memory(camera, spp, integrator or "path", self.variant)
+        self._use_camera(camera, spp)
+
+        import mitsuba as mi
+
+        self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
+        check_memory(camera, spp, self.integrator, self.variant)
+        baked = self.integrator == "baked"
+        if baked and scene.settings.path is not None and not has_lightmaps(scene):
+            # Baking takes minutes: a path that hits something is refused before.
+            _check_path(scene, RayCaster(load_world(scene)))
+        self._world: Any = baked_scene(scene) if baked else load_world(scene)
+        # In the baked scene every path ends at the first surface it meets.
+        self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
+
+    def at(self, *, spp: int) -> Renderer:
+        """Return a renderer with other samples per pixel, without loading the scene again."""
+        check_memory(self.camera, spp, self.integrator, self.variant)
+        other = copy.copy(self)
+        other.white_level = self.white_level
+        other._use_camera(self.camera, spp)
+        return other
+
+    def _use_camera(self, camera: Camera, spp: int) -> None:
+        import mitsuba as mi
+
+        rows = math.isqrt(max(spp, 0))  # the multijittered sampler's, so many columns in each
+        if rows == 0 or spp % rows:
+            raise RenderError(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")
+        self.camera, self.spp = camera, spp
+        self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
+        self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
+        self._camera_parameters = mi.traverse(self._sensor)
+
+    def frame(self, T_world_cam: Float64, seed: int | None = None) -> NDArray[np.float32]:
+        """Return the radiance seen from a (4, 4) pose: (H, W) float32, W m^-2 sr^-1.
+
+        Parameters
+        ----------
+        seed
+            Of the sampler, in place of the renderer's own. Frames of different seeds have noise of
+            their own, which an event camera takes for light that flickers.
+        """
+        return self._render(T_world_cam, self.spp, self.seed if seed is None else seed)
+
+    def repeats(
+        self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int
+    ) -> NDArray[np.float32]:
+        """Return the radiance of a few pixels, each rendered several times over.
+
+        Each time has random numbers of its own, which stay the same from pose to pose, as those of
+        a frame's pixels do.
+
+        Parameters
+        ----------
+        pixels
+            (N,) `row * width + column`.
+
+        Returns
+        -------
+        radiance
+            (count, N) float32, W m^-2 sr^-1.
+        """
+        if self.variant.startswith("scalar"):
+            return self._repeats_scalar(T_world_cam, pixels, count)
+        self._look_from(T_world_cam)
+        flat = self._render_vectorised(self.spp, self.seed, np.tile(pixels, count))
+        return flat.reshape(count, len(pixels))
+
+    @cached_property
+    def white_level(self) -> float:
+        """The scene's white: 99.9th percentile of the radiance along its whole path.
+
+        Over five frames of the whole image, evenly spaced in time, at 4 samples per pixel whatever
+        `spp` is. It does not depend on which clips are rendered, nor on how many threads render.
+
+        Raises
+        ------
+        SceneError
+            If nearly all of what the camera sees is black.
+        """
+        t_s = np.linspace(0.0, self.scene.duration_s, 5)
+        frames = [self._render(T, _WHITE_SPP, self.seed) for T in self.trajectory.pose(t_s)]
+        white = float(np.percentile(np.stack(frames), 99.9))
+        if not white > 0:
+            raise SceneError(
+                f"{self.scene.xml_file}: found no light (white, the 99.9th percentile of radiance "
+                f"along the path, is {white:g}), expected an <emitter> that lights what the camera "
+                "sees"
+            )
+        return white
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The scene's camera path, after a check that it keeps clear of all surfaces.
+
+        Raises
+        ------
+        TrajectoryError, SceneError
+            If there is no such path, or it does not; the text names when, and what is in the way.
+        """
+        return _check_path(self.scene, self._caster)
+
+    @cached_property
+    def image_motion(self) -> ImageMotion:
+        """How far the image moves between two times on the path, px."""
+        if self.scene.plane is not None:
+            return plane_image_motion(self.trajectory, self.camera, self.scene.plane)
+        return depth_image_motion(self.trajectory, self.camera, self.inverse_depth)
+
+    def inverse_depth(self, T_world_cam: Float64, points_px: Float64) -> Float64:
+        """Return 1 / z-depth, 1/m, seen from a (4, 4) pose at (N, 2) pixels; 0 for nothing."""
+        rays = self.camera.rays(points_px) @ T_world_cam[:3, :3].T
+        return 1 / self._caster.cast(T_world_cam[:3, 3], rays).distance
+
+    @cached_property
+    def _caster(self) -> RayCaster:
+        return RayCaster(self._world)
+
+    def _render(self, T_world_cam: Float64, spp: int, seed: int) -> NDArray[np.float32]:
+        self._look_from(T_world_cam)
+        if self.variant.startswith("scalar"):
+            image = self._tracer.render(self._world, self._sensor, seed, spp)
+            return np.asarray(image, dtype=np.float32)[:, :, 0]
+        height, width = self.camera.height, self.camera.width
+        return self._render_vectorised(spp, seed).reshape(height, width)
+
+    def _look_from(self, T_world_cam: Float64) -> None:
+        self._camera_parameters["to_world"] = _to_world(T_world_cam)
+        self._camera_parameters.update()
+
+    def _render_vectorised(
+        self, spp: int, seed: int, pixels: NDArray[np.integer] | None = None
+    ) -> NDArray[np.float32]:
+        """Render by hand what `mi.render` would, each pixel's samples summed in a fixed order.
+
+        All pixels, or those listed, which may come more than once: (N,).
+
+        Mitsuba's vectorised films add samples to pixels atomically, in an order that changes from
+        run to run unless `spp` is a power of two, so the same pose would not give the same frame.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        if self.integrator == "baked":
+            ray, weight = self._rays(self._positions(spp, seed, pixels))
+            # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
+            # camera rays run side by side: together nearly twice as fast.
+            si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
+            radiance = si.emitter(self._world).eval(si)
+        else:
+            sampler, position = self._sampled(spp, seed, pixels)
+            ray, weight = self._rays(position)
+            radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
+        means = dr.block_sum((weight * radiance)[0], spp) / spp
+        return np.asarray(means, dtype=np.float32)
+
+    def _positions(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> Any:
+        """Where the samples lie in the image, 0 to 1; kept for the next frame if of all pixels."""
+        import drjit as dr
+
+        if pixels is not None:
+            return self._sampled(spp, seed, pixels)[1]
+        if self._kept_positions is None or self._kept_positions[0] != (spp, seed):
+            position = self._sampled(spp, seed, None)[1]
+            dr.eval(position)  # else every frame would draw its random numbers again
+            self._kept_positions = (spp, seed), position
+        return self._kept_positions[1]
+
+    def _sampled(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> tuple[Any, Any]:
+        """A new sampler, and the positions in the image that it gave first."""
+        import drjit as dr
+        import mitsuba as mi
+
+        width, height = self.camera.width, self.camera.height
+        n_samples = (width * height if pixels is None else len(pixels)) * spp
+        sampler = self._sensor.sampler()
+        sampler.set_sample_count(spp)
+        sampler.set_samples_per_wavefront(spp)
+        sampler.seed(seed, n_samples)
+
+        pixel = dr.arange(mi.UInt32, n_samples) // spp
+        if pixels is not None:
+            pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
+        corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
+        return sampler, (corner + sampler.next_2d()) / mi.Point2f(width, height)
+
+    def _rays(self, position: Any) -> tuple[Any, Any]:
+        import mitsuba as mi
+
+        return self._sensor.sample_ray(0.0, 0.0, position, mi.Point2f(0.5))
+
+    def _repeats_scalar(
+        self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int
+    ) -> NDArray[np.float32]:
+        """`repeats`, each on a film of one pixel, which costs no more a sample than a frame."""
+        import mitsuba as mi
+
+        radiance = np.empty((count, len(pixels)), np.float32)
+        for k, pixel in enumerate(pixels.tolist()):
+            row, column = divmod(pixel, self.camera.width)
+            camera = _mitsuba_camera(self.camera, self.spp, (column, row))
+            sensor = mi.load_dict(camera | {"to_world": _to_world(T_world_cam)})
+            for r in range(count):
+                seed = (self.seed + 1 + k * count + r) % (1 << 32)
+                image = self._tracer.render(self._world, sensor, seed, self.spp)
+                radiance[r, k] = np.asarray(image)[0, 0, 0]
+        return radiance
+
+
+def _check_path(scene: Scene, caster: RayCaster) -> Trajectory:
+    """Return a scene's camera path; refuse one that does not keep clear of surfaces."""
+    trajectory = scene.trajectory()
+    check_clearance(trajectory, scene.duration_s, caster, scene.min_clearance_m, scene.path_name)
+    return trajectory
+
+
+def _best_integrator(scene: Scene, variant: str) -> Integrator:
+    """Return "baked" if the light of every surface is baked or can be, else "path", and say why."""
+    if has_lightmaps(scene):
+        return "baked"
+    world = load_world(scene)  # held on to: a mesh cannot be asked once its scene is gone
+    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(world))
+    reason = next((f"shape {name!r} {reason}" for name, reason in reasons if reason), "")
+    if not reason and variant.startswith("scalar"):
+        reason = f"{variant} cannot bake"
+    if not reason:
+        return "baked"
+    _log.info("path tracing every frame of %s, as %s", scene.name, reason)
+    return "path"
+
+
+def _to_world(T_world_cam: Float64) -> Any:
+    import mitsuba as mi
+
+    to_world = np.asarray(T_world_cam, dtype=np.float64) @ _CAM_FROM_MITSUBA
+    return mi.ScalarTransform4f(to_world.tolist())
+
+
+def _mitsuba_camera(
+    camera: Camera, spp: int, only_pixel: tuple[int, int] | None = None
+) -> dict[str, object]:
+    """Return the camera as Mitsuba takes it; its film is the image, or one (column, row) of it."""
+    crop = {}
+    if only_pixel is not None:
+        column, row = only_pixel
+        crop = {"crop_offset_x": column, "crop_offset_y": row, "crop_width": 1, "crop_height": 1}
+    return {
+        "type": "perspective",
+        "fov": float(np.rad2deg(camera.fov_rad)),
+        "fov_axis": "x",
+        "near_clip": 1e-3,
+        "film": {
+            "type": "hdrfilm",
+            "width": camera.width,
+            "height": camera.height,
+            "pixel_format": "luminance",
+            "component_format": "float32",
+            "rfilter": {"type": "box"},
+            **crop,
+        },
+        "sampler": {"type": "multijitter", "sample_count": spp},
+    }

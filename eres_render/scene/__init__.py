@@ -1,0 +1,1 @@
+"""A scene: its folder, its settings, its Mitsuba XML, and the recipes of its textures."""

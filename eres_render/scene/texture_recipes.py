@@ -1,0 +1,101 @@
+"""What scene.toml says of a texture, and the cached file that comes of it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+from eres_render.errors import SceneError
+from eres_render.interior.pieces import PIECES, paint
+from eres_render.storage.cache import cache_dir
+from eres_render.storage.exr import write_luminance
+from eres_render.textures.carpet import bokhara
+from eres_render.textures.fractal_noise import Float32
+from eres_render.textures.nature import garden_view
+from eres_render.textures.stones import pebble_bed
+
+
+@dataclass(frozen=True, slots=True)
+class Texture:
+    """A kind of texture.
+
+    Parameters
+    ----------
+    version
+        Counts every change that alters a texel.
+    make
+        Called with width_px, height_px, texel_m and seed; returns (height_px, width_px) float32.
+    """
+
+    version: int
+    make: Callable[[int, int, float, int], Float32]
+
+
+TEXTURES: dict[str, Texture] = {
+    "carpet": Texture(3, bokhara),
+    "stones": Texture(3, pebble_bed),
+    "garden_view": Texture(2, garden_view),
+    **{name: Texture(1, partial(paint, name)) for name in PIECES},
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TextureRecipe:
+    """How to make a texture: which one, how large, how fine, from which seed.
+
+    Parameters
+    ----------
+    kind
+        One of `TEXTURES`.
+    size_px
+        Texels along u.
+    texel_m
+        Size of a texel, metres.
+    seed
+        Of everything that is random.
+    height_px
+        Texels along v; `size_px` by default.
+    """
+
+    kind: str
+    size_px: int
+    texel_m: float
+    seed: int
+    height_px: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in TEXTURES:
+            raise SceneError(f"texture kind: found {self.kind!r}, expected one of {list(TEXTURES)}")
+        if min(self.shape) < 1 or not self.texel_m > 0:
+            raise SceneError(
+                f"texture {self.kind}: size_px, height_px and texel_m must be positive, "
+                f"got {self.size_px}, {self.height_px} and {self.texel_m}"
+            )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return (self.size_px if self.height_px is None else self.height_px, self.size_px)
+
+    @property
+    def digest(self) -> str:
+        """Name of the texture that this recipe makes with this version of the code."""
+        text = json.dumps([TEXTURES[self.kind].version, asdict(self)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def make(self) -> Float32:
+        """Return the texels, `shape` float32: reflectance, or radiance for what glows."""
+        height_px, width_px = self.shape
+        return TEXTURES[self.kind].make(width_px, height_px, self.texel_m, self.seed)
+
+    def file(self) -> Path:
+        """Return an EXR file (half, channel Y) of the texels, made now if it is not cached."""
+        path = cache_dir() / "textures" / f"{self.kind}-{self.digest[:16]}.exr"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_luminance(path, self.make())
+        return path

@@ -1,0 +1,1 @@
+"""Rendered frames with their times, poses and ground truth, on disk."""

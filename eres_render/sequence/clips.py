@@ -1,0 +1,110 @@
+"""Which stretches of a camera path to render."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from eres_render.errors import RenderError
+from eres_render.scene.scene import Scene
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A stretch of a path: the sensor warms up, then comes the window that is looked at.
+
+    Parameters
+    ----------
+    index
+        Number of the sample along the path.
+    t_start_s, t_window_start_s, t_window_end_s
+        Times on the path, in this order; the window must not be empty.
+    """
+
+    index: int
+    t_start_s: float
+    t_window_start_s: float
+    t_window_end_s: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.t_start_s <= self.t_window_start_s < self.t_window_end_s:
+            raise RenderError(
+                f"Clip {self.index}: expected 0 <= start <= window start < window end, got "
+                f"{self.t_start_s}, {self.t_window_start_s}, {self.t_window_end_s} s"
+            )
+
+    @property
+    def marks_s(self) -> tuple[float, ...]:
+        """The times at which there must be a frame exactly."""
+        return tuple(sorted({self.t_start_s, self.t_window_start_s, self.t_window_end_s}))
+
+
+def clips(
+    scene: Scene,
+    duration_s: float | None = None,
+    *,
+    every_s: float = 0.5,
+    window_s: float = 0.05,
+    warmup_s: float = 0.0382,
+    samples: int | None = None,
+) -> list[Clip]:
+    """Return one clip per sample; sample k's window starts at (k + 1/2) * every_s.
+
+    Parameters
+    ----------
+    duration_s
+        How much of the path to use, the whole by default.
+    warmup_s
+        By default six time constants of a 50 Hz filter at twice the speed, `6 * 2 / (2 pi 50 Hz)`.
+    samples
+        At most so many, the first ones; all that fit by default.
+
+    Raises
+    ------
+    RenderError
+        If `duration_s` is longer than the path, or a clip would not fit.
+    """
+    duration_s = _checked_duration_s(scene, duration_s)
+    if not every_s > 0 or not 0 < window_s <= 0.5 * every_s or not 0 <= warmup_s <= 0.5 * every_s:
+        raise RenderError(
+            f"window_s and warmup_s must fit in half of every_s: got window {window_s} s, "
+            f"warm-up {warmup_s} s, every {every_s} s"
+        )
+    fitting = math.floor((duration_s - window_s) / every_s + 0.5 + 1e-9)
+    if fitting < 1:
+        needed_s = 0.5 * every_s + window_s
+        longer = f"--duration {needed_s:g} or more, or " if needed_s <= scene.duration_s else ""
+        raise RenderError(
+            f"no clip fits: found {duration_s:g} s of path, expected at least {needed_s:g} s for "
+            f"the first of them; give {longer}--continuous for one sequence of all of it"
+        )
+    count = fitting if samples is None else samples
+    if not 1 <= count <= fitting:
+        raise RenderError(f"samples: found {samples}, expected 1 to {fitting}")
+    starts_s = [(k + 0.5) * every_s for k in range(count)]
+    return [Clip(k, t - warmup_s, t, t + window_s) for k, t in enumerate(starts_s)]
+
+
+def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
+    """Return the stretch from the path's start as one clip without a warm-up, all of it window.
+
+    Parameters
+    ----------
+    duration_s
+        How much of the path, the whole by default.
+
+    Raises
+    ------
+    RenderError
+        If `duration_s` is longer than the path.
+    """
+    return Clip(0, 0.0, 0.0, _checked_duration_s(scene, duration_s))
+
+
+def _checked_duration_s(scene: Scene, duration_s: float | None) -> float:
+    path_s = scene.duration_s
+    if duration_s is None:
+        return path_s
+    if not 0 < duration_s <= path_s:
+        raise RenderError(f"duration_s: found {duration_s}, expected (0, {path_s}] s, the path")
+    return duration_s

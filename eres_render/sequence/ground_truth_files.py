@@ -1,0 +1,189 @@
+"""Ground truth on disk: depth and flow as float EXR, flow also as DSEC's PNG, poses, camera."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eres_render.errors import RenderError
+from eres_render.sequence.ground_truth import Flow, GroundTruth
+from eres_render.sequence.sequence import RadianceSequence
+from eres_render.storage.atomic import write_text, write_whole
+from eres_render.storage.exr import write_channels
+from eres_render.trajectory.tum import tum_text
+
+_PNG_ZERO, _PNG_PER_PX = 1 << 15, 128
+_NUMBER = re.compile(r"\d{6,}", re.ASCII)
+
+Float64 = NDArray[np.float64]
+
+
+def write_truth(
+    truth: GroundTruth,
+    out_dir: Path,
+    t_s: ArrayLike,
+    width: int,
+    height: int | None = None,
+    *,
+    flow_png: bool = False,
+    overwrite: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> list[Path]:
+    """Write the ground truth at some times, and the flow from each to the next.
+
+    Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM, on the clock of the poses that
+    the camera's path was given by, if it was), `depth/000000.exr`, ... (float
+    channel Z, metres), `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on
+    request `flow/000000.png`, ... as in the DSEC dataset. All of them, or none: if one cannot be
+    written, those before it are removed.
+
+    Parameters
+    ----------
+    t_s
+        (T,) increasing times on the path, seconds.
+    width, height
+        Of the images, px; see `GroundTruth.camera`.
+    flow_png
+        Write DSEC's PNG as well.
+    overwrite
+        Remove truth that the folder holds, and write this; other files there stay.
+    on_progress
+        Called after each time, with the number of times done and that of all.
+
+    Returns
+    -------
+    files
+        All that was written.
+
+    Raises
+    ------
+    RenderError
+        If the folder holds truth already or is that of a sequence, cannot be written, or a flow
+        does not fit a PNG.
+    """
+    for name, side in (("width", width), ("height", height)):
+        if side is not None and side < 1:
+            raise RenderError(f"{name}: found {side}, expected at least 1 px")
+    _make_room(out_dir, overwrite)
+    times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
+    folders = [out_dir, out_dir / "depth", out_dir / "flow"]
+    made = [folder for folder in folders if not folder.is_dir()]
+    files: list[Path] = []
+
+    def write(name: str, to_file: Callable[[Path], object]) -> None:
+        to_file(out_dir / name)
+        files.append(out_dir / name)
+
+    try:
+        for folder in folders:
+            _make(folder)
+        sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
+        write("camera.json", lambda file: write_text(file, json.dumps(sides, indent=1) + "\n"))
+        path = truth.trajectory
+        poses = tum_text(times, path.pose(times), path.t_offset_us)
+        write("poses.txt", lambda file: write_text(file, poses))
+        for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
+            depth = truth.depth(t_0, width, height)
+            write(f"depth/{i:06d}.exr", partial(write_depth, depth=depth))
+            if t_1 is not None:
+                flow = truth.flow(t_0, t_1, width, height)
+                write(f"flow/{i:06d}.exr", partial(write_flow, flow=flow))
+                if flow_png:
+                    write(f"flow/{i:06d}.png", partial(write_flow_png, flow=flow))
+            if on_progress is not None:
+                on_progress(i + 1, len(times))
+    except BaseException:
+        for file in files:
+            file.unlink(missing_ok=True)
+        for folder in reversed(made):
+            with suppress(OSError):  # it was not made, or others have put files there
+                folder.rmdir()
+        raise
+    return files
+
+
+def _make_room(folder: Path, overwrite: bool) -> None:
+    """Refuse a folder in which truth would be mixed up; remove from one the truth of old."""
+    if (folder / "manifest.json").exists():
+        raise RenderError(
+            f"{folder}: found a sequence, whose poses.txt truth would replace; write elsewhere"
+        )
+    numbered = [*folder.glob("depth/*.exr"), *folder.glob("flow/*.exr"), *folder.glob("flow/*.png")]
+    old = [file for file in numbered if _NUMBER.fullmatch(file.stem)]
+    old += [file for name in ("camera.json", "poses.txt") if (file := folder / name).exists()]
+    if old and not overwrite:
+        raise RenderError(
+            f"{folder}: holds truth already, {len(old)} files such as {old[0].name}; add "
+            "--overwrite to replace it, or write elsewhere"
+        )
+    for file in old:
+        try:
+            file.unlink()
+        except OSError as error:
+            raise RenderError(f"{file}: cannot be removed: {error.strerror}") from error
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RenderError(f"{folder}: cannot be written: {error.strerror}") from error
+
+
+def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
+    """Return times from the start of a sequence's window to its end, both included.
+
+    They are `step_s` apart, but for the last, which may come sooner.
+    """
+    if not step_s > 0:
+        raise RenderError(f"step_s: found {step_s}, expected a positive number of seconds")
+    start_s, end_s = sequence.window_s
+    steps = math.ceil((end_s - start_s) / step_s - 1e-6)
+    return np.minimum(start_s + step_s * np.arange(steps + 1), end_s)
+
+
+def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
+    """Write (H, W) z-depth in metres as an EXR image with the float channel Z."""
+    _write_float_exr(path, {"Z": depth})
+
+
+def write_flow(path: Path, flow: Flow) -> None:
+    """Write a flow as an EXR image with the float channels u and v, px, and valid, 0 or 1."""
+    u, v = np.moveaxis(flow.flow_px, 2, 0)
+    _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid})
+
+
+def write_flow_png(path: Path, flow: Flow) -> None:
+    """Write a flow as a 16-bit RGB PNG `(u * 128 + 2^15, v * 128 + 2^15, valid)`, as DSEC does.
+
+    It resolves 1/128 px. Pixels that are not valid are zero in all channels.
+
+    Raises
+    ------
+    RenderError
+        If a valid flow reaches 256 px, or the file cannot be written.
+    """
+    code = np.round(flow.flow_px * _PNG_PER_PX) + _PNG_ZERO
+    code = np.where(flow.valid[..., None], code, 0)
+    if code.min() < 0 or code.max() > np.iinfo(np.uint16).max:
+        raise RenderError(f"{path}: found a flow of 256 px or more, which does not fit such a file")
+    rgb = np.dstack([code, flow.valid]).astype(np.uint16)
+    good, data = cv2.imencode(".png", rgb[..., ::-1])  # OpenCV's order is blue, green, red
+    if not good:
+        raise RenderError(f"{path}: the PNG encoder failed")
+    write_whole(path, lambda unfinished: unfinished.write_bytes(data.tobytes()))
+
+
+def _write_float_exr(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> None:
+    planes = {name: np.ascontiguousarray(c, dtype=np.float32) for name, c in channels.items()}
+    write_channels(path, planes)

@@ -1,0 +1,95 @@
+"""`Manifest`: what manifest.json says of a radiance sequence."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from eres_render.errors import SequenceError
+from eres_render.storage.atomic import write_text
+from eres_render.storage.settings_reader import read_typed
+
+FORMAT_VERSION = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What manifest.json says: everything that decides the frames, and how bright white is.
+
+    `scene_source` is what `load_scene` finds the scene by: the name of a packaged one, else a path.
+    `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
+    when time 0 was on the clock of the poses that were given, and not written where it is 0.
+    """
+
+    version: int
+    complete: bool
+    scene: str
+    scene_source: str
+    scene_digest: str
+    light_digest: str
+    clip: int
+    width: int
+    height: int
+    fov_rad: float
+    t_s: tuple[float, ...]
+    window_s: tuple[float, float]
+    white_level: float
+    spp: int
+    seed: int
+    max_displacement_px: float
+    integrator: str
+    variant: str
+    mitsuba: str
+    t_offset_us: int = 0
+
+    def __post_init__(self) -> None:
+        steps = np.diff(self.t_s)
+        if len(self.t_s) < 2 or not np.all(steps > 0):
+            where = int(np.argmin(steps)) if len(steps) else 0
+            raise SequenceError(
+                f"t_s: found {list(self.t_s[where : where + 2])} at frame {where}, expected at "
+                "least two times, strictly increasing"
+            )
+        if not self.white_level > 0:
+            raise SequenceError(f"white_level: found {self.white_level}, expected a positive one")
+        if not self.t_s[0] <= self.window_s[0] < self.window_s[1] <= self.t_s[-1]:
+            raise SequenceError(
+                f"window_s: found {self.window_s}, expected a stretch within the frames' times "
+                f"{self.t_s[0]} to {self.t_s[-1]} s"
+            )
+
+
+def read_manifest(folder: Path) -> Manifest:
+    """Read and check the manifest of a sequence folder.
+
+    Raises
+    ------
+    SequenceError
+        If it is missing, of another version, or a field of it is not what it must be.
+    """
+    path = folder / "manifest.json"
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SequenceError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise SequenceError(f"{path}: not a JSON file: {error}") from error
+    version = table.get("version") if isinstance(table, dict) else None
+    if isinstance(version, int) and version != FORMAT_VERSION:  # its other fields are others
+        what_to_do = "update eres to read it" if version > FORMAT_VERSION else "render it again"
+        raise SequenceError(
+            f"{path}: version: found {version}, expected {FORMAT_VERSION}; {what_to_do}"
+        )
+    return read_typed(Manifest, table, path, SequenceError)
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Write the manifest into a sequence folder."""
+    table = dataclasses.asdict(manifest)
+    if not manifest.t_offset_us:
+        del table["t_offset_us"]
+    write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

@@ -1,0 +1,225 @@
+"""How noisy path-traced frames are, and how many events an event camera makes of that noise."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.rendering.renderer import Renderer
+from eres_render.sequence.clips import Clip
+from eres_render.trajectory.frame_times import adaptive_times
+
+Float64 = NDArray[np.float64]
+
+_log = logging.getLogger(__name__)
+
+REPEATS = 64  # so many times the samples are what events are held against
+_DARK_SHARE = 1e-3  # of white, added before the logarithm: the sensor's default
+_STRETCHES, _LONGEST_STRETCH_S = 4, 0.25
+_MOST_PIXELS, _FEWEST_PIXELS = 256, 16  # of each stretch
+_SHARE_OF_RENDER = 0.05  # that measuring may cost at most, in samples
+_FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # but so many samples it may always take
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Monte Carlo noise of rendered pixels, and its events: all measured, nothing modelled.
+
+    Parameters
+    ----------
+    log_noise
+        Standard deviation of a pixel's log radiance, root mean square over pixels and frames.
+    contrast_threshold
+        Of the ideal pixel, as fine as the render's, that looks at the frames.
+    events_hz
+        What it fires, per second.
+    false_events_hz
+        By how much that is more than at `REPEATS` times the samples per pixel, where the same light
+        has so much less noise. Noise also loses events; this is the balance.
+    false_events_error_hz
+        Standard error of it, from the choice of pixels.
+    log_noise_of_quarter
+        As `log_noise`, at a quarter of those samples: a quarter of it where errors average out.
+    """
+
+    log_noise: float
+    contrast_threshold: float
+    events_hz: float
+    false_events_hz: float
+    false_events_error_hz: float
+    log_noise_of_quarter: float
+
+    @property
+    def averages_out(self) -> bool:
+        """Whether 16 times the samples at least halve the noise.
+
+        If not, rare paths carry much of the light. Most renders miss them, more samples find them
+        as noise, and so more samples can make more events: there is nothing to hold events against.
+        """
+        return self.log_noise_of_quarter <= 0.5 * self.log_noise
+
+    def describe(self) -> str:
+        """Return the noise and its events in a sentence for people."""
+        noise = f"log noise {self.log_noise:.2g} per pixel (rms)"
+        fired = (
+            f"an ideal pixel with a contrast threshold of {self.contrast_threshold:g} fires "
+            f"{self.events_hz:.3g} events a second"
+        )
+        if not self.averages_out:
+            of_mean_hz = self.events_hz - self.false_events_hz
+            return (
+                f"{noise}, and still {self.log_noise_of_quarter:.2g} with {REPEATS // 4} times the "
+                f"samples, as rare paths carry much of the light; {fired}, and {of_mean_hz:.3g} "
+                f"with {REPEATS} times the samples: how many are false cannot be said"
+            )
+        false = f"{self.false_events_hz:.2g} ± {self.false_events_error_hz:.1g}"
+        return (
+            f"{noise}; {fired}, of which {false} are false: "
+            f"not there with {REPEATS} times the samples"
+        )
+
+
+def warn_of_noise(renderer: Renderer, clips: Sequence[Clip], max_displacement_px: float) -> None:
+    """Warn where frames are path-traced, of how noisy they are: see `measure_noise`."""
+    if renderer.integrator == "path":
+        noise = measure_noise(renderer, clips, max_displacement_px)
+        name, spp = renderer.scene.name, renderer.spp
+        _log.warning("%s is path-traced at %d spp: %s", name, spp, noise.describe())
+
+
+class Comparators:
+    """Ideal pixels: log radiance in, numbers of events out.
+
+    Between frames log radiance is a straight line in time, so a pixel fires whenever that has come
+    `contrast_threshold` away from its memory, which then moves by as much. The memory starts at the
+    first frame.
+
+    Attributes
+    ----------
+    events
+        Of each pixel so far, in the shape of the frames.
+    """
+
+    def __init__(self, log_radiance: Float64, contrast_threshold: float) -> None:
+        self._memory = log_radiance.copy()
+        self._threshold = contrast_threshold
+        self.events = np.zeros(log_radiance.shape, np.int64)
+
+    def see(self, log_radiance: Float64) -> None:
+        """Go on to the next frame; the first makes no difference."""
+        crossed = np.trunc((log_radiance - self._memory) / self._threshold)
+        self._memory += self._threshold * crossed
+        self.events += np.abs(crossed).astype(np.int64)
+
+
+def count_events(
+    frames: Iterable[NDArray[np.floating]], dark_level: float, contrast_threshold: float
+) -> tuple[Float64, Float64, Float64]:
+    """Return what pixels fire at frames rendered several times over, and at their mean.
+
+    Parameters
+    ----------
+    frames
+        Each (R, N): radiance of N pixels, R times with noise that is independent; 4 divides R.
+
+    Returns
+    -------
+    events
+        (N,) fired at one of the R, their mean.
+    events_of_mean
+        (N,) fired at the mean radiance of all R.
+    log_variances
+        (2,) of the log radiance of one of the R, and of the mean of a quarter of them: means over
+        pixels and frames.
+    """
+    pixels: list[Comparators] = []
+    variances = []
+    for frame in frames:
+        radiance = np.asarray(frame, np.float64) + dark_level
+        quarters = radiance.reshape(4, -1, radiance.shape[1]).mean(axis=1)
+        views = np.log(radiance), np.log(quarters.mean(axis=0, keepdims=True))
+        parts = views[0], np.log(quarters)
+        variances.append([part.var(axis=0, ddof=1).mean() for part in parts])
+        pixels = pixels or [Comparators(view, contrast_threshold) for view in views]
+        for comparators, view in zip(pixels, views, strict=True):
+            comparators.see(view)
+    of_each, of_mean = (comparators.events.mean(axis=0) for comparators in pixels)
+    return of_each, of_mean, np.mean(variances, axis=0)
+
+
+def measure_noise(
+    renderer: Renderer,
+    clips: Sequence[Clip],
+    max_displacement_px: float,
+    contrast_threshold: float = 0.2,
+) -> Noise:
+    """Measure the noise of clips that are to be rendered, and the events that it makes.
+
+    In up to four stretches of at most 0.25 s, spread evenly over the clips, all frames are rendered
+    at a few random pixels, each of them `REPEATS` times with random numbers of its own. Pixels then
+    look at each of these renders, and at their mean. It takes at most a twentieth of the samples
+    that the clips will, or a few seconds if that is more; never fewer than 16 pixels, though.
+
+    Parameters
+    ----------
+    clips
+        At least one.
+    max_displacement_px
+        How far the image moves from frame to frame.
+    """
+    stretches = [
+        adaptive_times(renderer.image_motion, marks_s, max_displacement_px)
+        for marks_s in _stretches(clips)
+    ]
+    seconds = sum(float(t_s[-1] - t_s[0]) for t_s in stretches)
+    share = seconds / sum(clip.t_window_end_s - clip.t_start_s for clip in clips)
+    frames = sum(map(len, stretches))
+    in_image = renderer.camera.width * renderer.camera.height
+    scalar = renderer.variant.startswith("scalar")
+    samples_a_frame = max(
+        _SHARE_OF_RENDER * in_image * renderer.spp / share,
+        (_FEW_SECONDS_SCALAR if scalar else _FEW_SECONDS) / frames,
+    )
+    affordable = int(samples_a_frame / (REPEATS * renderer.spp))
+    pixels = min(max(affordable, _FEWEST_PIXELS), _MOST_PIXELS, in_image)
+
+    rng = np.random.default_rng(renderer.seed)
+    fired, excess, variances = [], [], []
+    for t_s in stretches:
+        chosen = rng.choice(in_image, pixels, replace=False)
+        poses = renderer.trajectory.pose(t_s)
+        events, of_mean, log_variances = count_events(
+            (renderer.repeats(pose, chosen, REPEATS) for pose in poses),
+            _DARK_SHARE * renderer.white_level,
+            contrast_threshold,
+        )
+        fired.append(events)
+        excess.append(events - of_mean)
+        variances.append(log_variances * len(t_s))
+    pixel_seconds = pixels * seconds
+    error = math.sqrt(pixels * sum(map(np.var, excess))) / pixel_seconds
+    log_noise, log_noise_of_quarter = np.sqrt(np.sum(variances, axis=0) / frames).tolist()
+    return Noise(
+        log_noise=log_noise,
+        contrast_threshold=contrast_threshold,
+        events_hz=float(np.sum(fired)) / pixel_seconds,
+        false_events_hz=float(np.sum(excess)) / pixel_seconds,
+        false_events_error_hz=error,
+        log_noise_of_quarter=log_noise_of_quarter,
+    )
+
+
+def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
+    """Return the start and end of stretches of clips, none longer than is needed."""
+    cut = [
+        (float(start_s), min(float(start_s) + _LONGEST_STRETCH_S, clip.t_window_end_s))
+        for clip in clips
+        for start_s in np.arange(clip.t_start_s, clip.t_window_end_s - 1e-6, _LONGEST_STRETCH_S)
+    ]
+    count = min(_STRETCHES, len(cut))
+    return [cut[int((k + 0.5) * len(cut) / count)] for k in range(count)]

@@ -1,0 +1,1 @@
+"""Camera paths: the spline, generators of random paths, frame times, TUM files."""

@@ -1,0 +1,139 @@
+"""Camera paths: random ones that face a plane, and loops through waypoints."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from eres_render.camera import Plane
+from eres_render.errors import TrajectoryError
+from eres_render.trajectory.spline import Trajectory, path_through
+
+Float64 = NDArray[np.float64]
+
+
+def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
+    """Return the pose that looks straight at (3,) `target` on a plane, from its front, upright.
+
+    The image's up is the world's y axis (the z axis for a plane that faces along y).
+    """
+    z = -np.asarray(plane.normal)
+    up = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
+    target = np.asarray(target)
+    return look_at(target - distance_m * z, target - (distance_m - 1) * z, up)
+
+
+def look_at(position_m: ArrayLike, target_m: ArrayLike, up: ArrayLike) -> Float64:
+    """Return the (4, 4) pose T_world_cam at a position that looks at a target, upright.
+
+    Raises
+    ------
+    TrajectoryError
+        If the target is where the camera is, or straight up or down from it.
+    """
+    z = np.asarray(target_m, dtype=np.float64) - np.asarray(position_m)
+    x = np.cross(z, np.asarray(up))
+    if not np.linalg.norm(x) > 1e-6 * np.linalg.norm(z) * np.linalg.norm(up):
+        raise TrajectoryError(
+            f"a camera at {np.asarray(position_m).tolist()} cannot look at "
+            f"{np.asarray(target_m).tolist()} with up {np.asarray(up).tolist()}"
+        )
+    z, x = z / np.linalg.norm(z), x / np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    T[:3, 3] = position_m
+    return T
+
+
+def random_path(
+    home: Float64,
+    *,
+    duration_s: float,
+    mean_speed_mps: float,
+    knot_interval_s: float,
+    sway: tuple[float, float, float],
+    turn_rad: tuple[float, float, float],
+    seed: int,
+) -> Trajectory:
+    """Return a seeded random 6-DoF path around a pose, with an exact mean speed.
+
+    Each control pose is drawn on its own: an offset in the box +-`sway` along the home camera's
+    axes, and a rotation vector in the box +-`turn_rad`. Then all offsets are scaled alike until the
+    mean speed over [0, duration_s] is `mean_speed_mps`; only the ratios of `sway` matter. How far
+    the camera strays therefore grows with speed and knot interval.
+
+    Parameters
+    ----------
+    home
+        (4, 4) T_world_cam that the path wanders about.
+    duration_s, knot_interval_s
+        The path has ceil(duration_s / knot_interval_s) segments and may outlast `duration_s`.
+    sway
+        Relative reach along the home camera's x, y and z axis.
+    turn_rad
+        Largest rotation about the home camera's x (tilt), y (pan) and z axis (roll).
+    """
+    rng = np.random.default_rng(seed)
+    n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
+    offsets = rng.uniform(-1.0, 1.0, (n, 3)) * sway
+    turns = rng.uniform(-1.0, 1.0, (n, 3)) * turn_rad
+    controls = np.tile(home, (n, 1, 1))
+    controls[:, :3, :3] = home[:3, :3] @ Rotation.from_rotvec(turns).as_matrix()
+    controls[:, :3, 3] = home[:3, 3] + offsets @ home[:3, :3].T
+    knots_s = knot_interval_s * np.arange(-1.0, n - 1)
+    unscaled_mps = Trajectory(knots_s, controls).mean_speed_mps(duration_s)
+    if not unscaled_mps > 0:
+        raise TrajectoryError(f"random_path: sway must let the camera move, got {sway}")
+    scale = mean_speed_mps / unscaled_mps
+    controls[:, :3, 3] = home[:3, 3] + scale * (controls[:, :3, 3] - home[:3, 3])
+    return Trajectory(knots_s, controls)
+
+
+def waypoint_loop(
+    waypoints: Float64,
+    *,
+    duration_s: float,
+    mean_speed_mps: float,
+    sway_m: tuple[float, float, float],
+    turn_rad: tuple[float, float, float],
+    seed: int,
+) -> Trajectory:
+    """Return a path that goes round and round through waypoints, with an exact mean speed.
+
+    Every time a waypoint is passed, the pose is drawn anew: an offset in the box +-`sway_m` and a
+    rotation vector in the box +-`turn_rad` along the waypoint's own axes, so no two rounds are the
+    same. A spline goes through these poses (`path_through`), its knots as far apart in time as the
+    poses are in space, which keeps the speed even. The path stops wherever `duration_s` at that
+    speed takes it, in the first round or a later one.
+
+    Parameters
+    ----------
+    waypoints
+        (N, 4, 4) poses T_world_cam, N >= 2.
+
+    Raises
+    ------
+    TrajectoryError
+        If consecutive poses coincide.
+    """
+    rng = np.random.default_rng(seed)
+    length_m = duration_s * mean_speed_mps
+    poses: list[Float64] = []
+    chord_m = [0.0]
+    # One pose more than the chords alone ask for: the spline is never shorter than they are, and
+    # its end must not bend the part that is used.
+    while len(poses) < 3 or chord_m[-2] < length_m:
+        T = waypoints[len(poses) % len(waypoints)].copy()
+        offset, turn = rng.uniform(-1.0, 1.0, (2, 3))
+        T[:3, 3] += T[:3, :3] @ (offset * sway_m)
+        T[:3, :3] = T[:3, :3] @ Rotation.from_rotvec(turn * turn_rad).as_matrix()
+        if poses:
+            chord_m.append(chord_m[-1] + float(np.linalg.norm(T[:3, 3] - poses[-1][:3, 3])))
+            if not chord_m[-1] > chord_m[-2]:
+                raise TrajectoryError("waypoint_loop: two consecutive poses are at one place")
+        poses.append(T)
+    path = path_through(chord_m, np.array(poses))
+    end = brentq(lambda t: float(path.length_m(t)) - length_m, 0.0, path.duration_s, xtol=1e-12)
+    return Trajectory(path.knots_s * (duration_s / end), path.controls)

@@ -1,0 +1,1 @@
+"""Frames through sensors: reading, many sensors at once, memory, sorting."""

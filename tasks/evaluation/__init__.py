@@ -1,0 +1,1 @@
+"""Sensors' events through methods to scores, for studies and for single sequences."""

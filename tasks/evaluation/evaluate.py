@@ -1,0 +1,192 @@
+"""The unit of work: a part's frames through every sensor of the study and every method."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import GroundTruth, RadianceSequence
+from sensor import Events, stream_bank
+from tasks.evaluation.reference import Light
+from tasks.evaluation.scorers.base import Score, Scorer
+from tasks.evaluation.scorers.flow import FlowScorer
+from tasks.evaluation.scorers.reconstruction import ReconstructionScorer
+from tasks.evaluation.scorers.tracking import TrackingScorer
+from tasks.evaluation.scorers.video import VideoScorer
+from tasks.evaluation.timings import MethodCost, PartCosts
+from tasks.row import Row
+from tasks.study.run.highlights import Exhibit, ExhibitCollector
+from tasks.study.run.jobs import Part, Setting
+
+# Called with what is being done, how much of it is done, and how much there is of it.
+OnProgress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PartResult:
+    """Rows of a part, what they took, and what the report shows of it if that was asked for."""
+
+    rows: list[Row]
+    costs: PartCosts
+    exhibit: Exhibit | None
+
+
+def evaluate_part(
+    part: Part,
+    sequence: RadianceSequence,
+    truth: GroundTruth,
+    on_progress: OnProgress,
+    *,
+    shown: bool,
+) -> PartResult:
+    """Simulate every sensor of a part on its frames, and score every method of its tasks.
+
+    Parameters
+    ----------
+    part
+        What to simulate and evaluate.
+    sequence
+        The part's frames: warm-up, then the window.
+    truth
+        Of the sequence's scene.
+    on_progress
+        Called as frames and then sensors are done.
+    shown
+        Whether to collect pictures and scaling statistics too.
+    """
+    light = Light(part, sequence, truth)
+    settings = part.settings(light.dark_level)
+    scorers = [_scorers(light, setting) for setting in settings]
+    collector = ExhibitCollector(part, settings) if shown else None
+    counts = [0 for _ in settings]
+    cores = len(os.sched_getaffinity(0))
+    fired, reading_s, collecting_s = 0, 0.0, 0.0
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        nonlocal reading_s
+        decoded = iter(sequence)
+        for k in range(len(sequence)):
+            started_s = time.perf_counter()
+            frame = next(decoded)
+            reading_s += time.perf_counter() - started_s
+            yield frame
+            on_progress("simulating", k + 1, len(sequence))
+
+    started_s = time.perf_counter()
+
+    events_of_all = stream_bank(
+        frames(), sequence.t_s, [s.model for s in settings], speeds=[s.speed for s in settings]
+    )
+
+    def collect(i: int, events: Events) -> None:
+        counts[i] += len(events.between(settings[i].start_us, settings[i].end_us))
+        for scorer in scorers[i]:
+            scorer.push(events)
+        if collector:
+            collector.push(settings[i], events)
+
+    with ThreadPoolExecutor(cores) as workers:
+        for batch in _batches(events_of_all):
+            came_s = time.perf_counter()
+            fired += sum(len(events) for events in batch.values())
+            list(workers.map(collect, batch, batch.values()))
+            collecting_s += time.perf_counter() - came_s
+        simulated_s = time.perf_counter()
+        # Large sensors take longest. They come first, so that no core is left with one at the end.
+        order = sorted(range(len(settings)), key=lambda i: -settings[i].model.width)
+        scored = workers.map(_scores, [scorers[i] for i in order])
+        scores_of: dict[int, list[Score]] = {}
+        for i, scores in zip(order, scored, strict=True):
+            scores_of[i] = scores
+            on_progress("scoring", len(scores_of), len(settings))
+    rows, scored_of_all = [], []
+    for i, (setting, count) in enumerate(zip(settings, counts, strict=True)):
+        rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores_of[i]]
+        scored_of_all += [(setting.model.width, s) for s in scores_of[i]]
+    costs = PartCosts(
+        scene=sequence.manifest.scene,
+        sample=sequence.manifest.clip,
+        cores=cores,
+        frames=len(sequence),
+        resolution=sequence.manifest.width,
+        spp=sequence.manifest.spp,
+        reading_s=reading_s,
+        sensors=len(settings),
+        pixel_frames=len(sequence) * sum(s.model.width * s.model.height for s in settings),
+        events=fired,
+        simulating_s=simulated_s - started_s - reading_s - collecting_s,
+        collecting_s=collecting_s,
+        scoring_s=time.perf_counter() - simulated_s,
+        methods=_method_costs(scored_of_all),
+    )
+    return PartResult(rows, costs, collector.exhibit(light) if collector else None)
+
+
+def _scores(scorers: Iterable[Scorer]) -> list[Score]:
+    return [score for scorer in scorers for score in scorer.scores()]
+
+
+def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:
+    """Next events of as many sensors as come before one has more of them, by the sensor's index."""
+    batch: dict[int, Events] = {}
+    for i, events in events_of_all:
+        if i in batch:
+            yield batch
+            batch = {}
+        batch[i] = events
+    yield batch
+
+
+def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]:
+    """What each method took on each width, from scores with the width of their sensor."""
+    groups: dict[tuple[str, str, str, int], list[Score]] = {}
+    for width, score in scored:
+        if score.copied:
+            continue
+        groups.setdefault((score.task, score.method, score.variant, width), []).append(score)
+    return tuple(
+        MethodCost(
+            *name,
+            estimates=len(scores),
+            events=sum(score.events for score in scores),
+            cpu_s=sum(score.cpu_s for score in scores),
+            median_cpu_s=float(np.median([score.cpu_s for score in scores])),
+        )
+        for name, scores in groups.items()
+    )
+
+
+def _scorers(light: Light, setting: Setting) -> list[Scorer]:
+    evaluate = light.part.evaluate
+    wanted = (
+        (evaluate.reconstruction.methods, ReconstructionScorer),
+        (evaluate.flow.methods, FlowScorer),
+        (evaluate.tracking.methods, TrackingScorer),
+        (evaluate.video.methods, VideoScorer),
+    )
+    return [scorer(light, setting) for methods, scorer in wanted if methods]
+
+
+def _row(sequence: RadianceSequence, setting: Setting, event_rate_hz: float, score: Score) -> Row:
+    return Row(
+        scene=sequence.manifest.scene,
+        task=score.task,
+        method=score.method,
+        width=setting.model.width,
+        cutoff_hz=setting.model.cutoff_hz,
+        contrast_threshold=setting.model.contrast_threshold,
+        speed=setting.speed,
+        sample=sequence.manifest.clip if score.sample is None else score.sample,
+        metric=score.metric,
+        value=score.value,
+        event_rate_hz=event_rate_hz,
+        variant=score.variant,
+        item=score.item,
+        failure=score.failure,
+    )

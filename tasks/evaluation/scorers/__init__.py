@@ -1,0 +1,1 @@
+"""From a sensor's events to scores, one file a task."""

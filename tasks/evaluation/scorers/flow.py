@@ -1,0 +1,79 @@
+"""Optical flow: how far patches around features move over the window."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+from sensor import Events
+from sensor.events import concatenate
+from tasks.evaluation.reference import Light
+from tasks.evaluation.scorers.answers import blamed, flow_answer
+from tasks.evaluation.scorers.base import Score
+from tasks.flow import flow_sample, initial_sigma_px, patch_mask, patch_px, rnepe_px
+from tasks.methods import load_method
+from tasks.study.run.jobs import Setting
+
+NATIVE_PATCH = "61 px patch"
+
+
+class FlowScorer:
+    """End-point errors of all features, for each kind of patch."""
+
+    def __init__(self, light: Light, setting: Setting) -> None:
+        self._light, self._setting = light, setting
+        width = setting.model.width
+        self._features = light.features.at(width)
+        # The same patches at 1280 px: they are looked at once.
+        self._variants = {patch_px(width): [""]}
+        if light.part.evaluate.flow.native_patch:
+            self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
+        self._kept = patch_mask(self._features.centres_px, max(self._variants), width, width)
+        self._parts: list[Events] = []
+
+    def push(self, events: Events) -> None:
+        """Keep what the patches see of the window."""
+        window = events.between(self._setting.start_us, self._setting.end_us)
+        if len(window) or not self._parts:
+            self._parts.append(window.where(self._kept[window.y, window.x]))
+
+    def scores(self) -> Iterator[Score]:
+        """One score a kind of patch, feature and method."""
+        config, setting, features = self._light.part.evaluate.flow, self._setting, self._features
+        methods = {name: load_method("flow", name) for name in config.methods}
+        initial_px = features.initial_flow_px(config.initial_sigma_px)
+        events = concatenate(self._parts)
+        self._parts = []
+        for side_px, variants in self._variants.items():
+            for item in range(len(features)):
+                sample = flow_sample(
+                    events,
+                    setting.start_us,
+                    setting.end_us,
+                    self._light.log_images[features.width],
+                    setting.model.contrast_threshold,
+                    features.centres_px[item],
+                    side_px,
+                    initial_px[item],
+                    initial_sigma_px(features.width, config.initial_sigma_px),
+                )
+                for name, method in methods.items():
+                    started_s = time.thread_time()
+                    with blamed("flow", name):
+                        answer = method(sample)
+                    cpu_s = time.thread_time() - started_s
+                    estimate = flow_answer(name, sample, answer)
+                    error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
+                    for variant in variants:
+                        yield Score(
+                            "flow",
+                            name,
+                            "rnepe_px",
+                            error_px,
+                            variant,
+                            item,
+                            estimate.failure,
+                            events=len(sample.t),
+                            cpu_s=cpu_s,
+                            copied=variant != variants[0],
+                        )

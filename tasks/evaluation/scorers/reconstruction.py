@@ -1,0 +1,57 @@
+"""Image reconstruction: what the sum of a window's events makes of the image at its start."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from sensor import Events
+from tasks.evaluation.reference import Light
+from tasks.evaluation.scorers.answers import blamed, image_answer
+from tasks.evaluation.scorers.base import Score
+from tasks.methods import load_method
+from tasks.reconstruction import ReconstructionSample, psnr_db
+from tasks.study.run.jobs import Setting
+
+
+class ReconstructionScorer:
+    """PSNR of the image at the window's end."""
+
+    def __init__(self, light: Light, setting: Setting) -> None:
+        self._light, self._setting = light, setting
+        self._sum = np.zeros((setting.model.height, setting.model.width), np.int64)
+        self._events = 0
+
+    def push(self, events: Events) -> None:
+        """Add up the window's polarities."""
+        window = events.between(self._setting.start_us, self._setting.end_us)
+        if len(window):
+            self._sum += window.polarity_sum()
+            self._events += len(window)
+
+    def scores(self) -> Iterator[Score]:
+        """One score a method."""
+        light, config = self._light, self._light.part.evaluate.reconstruction
+        sample = ReconstructionSample(
+            light.log_start, self._sum.astype(np.float64), self._setting.model.contrast_threshold
+        )
+        for name in config.methods:
+            options = {"upsampling": config.upsampling} if name == "event_integration" else {}
+            method = load_method("reconstruction", name)
+            started_s = time.thread_time()
+            with blamed("reconstruction", name):
+                answer = method(sample, **options)
+            cpu_s = time.thread_time() - started_s
+            prediction, failure = image_answer("reconstruction", name, answer, light.log_start)
+            value = psnr_db(prediction, light.log_end, light.log_white)
+            yield Score(
+                "reconstruction",
+                name,
+                "psnr_db",
+                value,
+                failure=failure,
+                events=self._events,
+                cpu_s=cpu_s,
+            )

@@ -1,0 +1,38 @@
+"""Whether a sequence shows a sensor enough: before its window starts, and between its frames."""
+
+from __future__ import annotations
+
+import logging
+import math
+
+from eres_render import RadianceSequence
+from eres_render.trajectory.frame_times import warn_if_far_apart
+
+_log = logging.getLogger(__name__)
+
+_ENOUGH = 6.0  # time constants: what is left of the start is then 1.7 % (two poles)
+
+
+def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) -> None:
+    """Warn where a filter has not forgotten its start when the window of a clip begins.
+
+    Parameters
+    ----------
+    cutoff_hz
+        Corner frequency of each of the photoreceptor's poles; inf needs no warm-up.
+    speed
+        How much faster things move than they were rendered, which shortens the warm-up.
+    """
+    seconds = (sequence.window_s[0] - float(sequence.t_s[0])) / speed
+    time_constants = 2 * math.pi * cutoff_hz * seconds if seconds > 0 else math.inf
+    if time_constants < 0.99 * _ENOUGH:
+        _log.warning(
+            "the clip's warm-up, %.3g ms, is %.2g time constants of a %.3g Hz filter, expected %g: "
+            "the window's first events still depend on where the sequence starts",
+            *(1e3 * seconds, time_constants, cutoff_hz, _ENOUGH),
+        )
+
+
+def warn_if_coarse(sequence: RadianceSequence) -> None:
+    """Warn where the image moves so far from frame to frame that events are missed."""
+    warn_if_far_apart(str(sequence.folder), sequence.manifest.max_displacement_px)

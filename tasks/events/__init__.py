@@ -1,0 +1,1 @@
+"""Files of events: simulated, converted, described, with ground truth beside them."""

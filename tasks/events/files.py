@@ -1,0 +1,248 @@
+"""Event files on the command line: simulated from a sequence, converted, described."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import RadianceSequence
+from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
+from sensor.engine.bank import DARK_FRACTION
+from sensor.formats import find_format, read_events, read_header, write_events
+from sensor.formats.header import Header, Value, model_to_json
+from sensor.formats.registry import warn_of_loss
+from sensor.model import MAX_SIDE_PX
+from sensor.optics import middle
+from sensor.presets import find_sensor
+from tasks.errors import TaskError
+from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
+from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
+from tasks.events.truth import truth_to_add, truth_to_copy
+from tasks.files import check_new
+
+Frames = Iterable[NDArray[np.float32]]
+
+
+def sensor_for(
+    sequence: RadianceSequence,
+    *,
+    sensor: str | None = None,
+    resolution: int | None = None,
+    contrast_threshold: float | None = None,
+    pixel: PixelOptions = IDEAL_PIXEL,
+) -> SensorModel:
+    """A sensor for a sequence, its dark level a thousandth of the sequence's white.
+
+    Parameters
+    ----------
+    sensor, resolution
+        One of them: a preset's name, or a width in pixels; the height then follows the frames'.
+    contrast_threshold
+        In place of 0.2.
+    pixel
+        What else is to be said of its pixels.
+
+    Raises
+    ------
+    TaskError
+        Neither or both of `sensor` and `resolution` are given, or options exclude each other.
+    SensorError
+        There is no such preset, or a value is outside its range.
+    """
+    if sensor is not None and resolution is None:
+        model = find_sensor(sensor).model
+    elif sensor is None and resolution is not None:
+        frames = sequence.manifest
+        height = max(1, round(resolution * frames.height / frames.width))
+        model = SensorModel(width=resolution, height=height)
+    else:
+        found = "neither" if sensor is None else "both"
+        raise TaskError(
+            f"sensor, resolution: found {found}, expected one of them: --sensor NAME, as in "
+            "`eres sensors`, or --resolution WIDTH"
+        )
+    C = model.contrast_threshold if contrast_threshold is None else contrast_threshold
+    white = sequence.white_level
+    lit = replace(model, contrast_threshold=C, dark_level=DARK_FRACTION * white)
+    return pixel.applied_to(lit, white)
+
+
+def simulate_sequence(
+    sequence: RadianceSequence,
+    model: SensorModel,
+    out: Path,
+    *,
+    speed: float = 1.0,
+    seed: int = 0,
+    readout: Readout | None = None,
+    truth_step_s: float | None = None,
+    format: str | None = None,
+    overwrite: bool = False,
+    watch: Callable[[Frames], Frames] = lambda frames: frames,
+) -> tuple[int, ReadoutReport | None]:
+    """Write the events that a sensor fires before a sequence; returns their number.
+
+    A sensor of another shape than the frames sees the middle of them, so that its pixels are
+    square. All events are written, those of the sequence's warm-up too; the file's origin says when
+    its window starts and ends. Warnings say so where the warm-up is short for the sensor, or frames
+    lie far apart.
+
+    If the path was given by poses whose times do not start at 0, time 0 of the sequence is that of
+    the first, at any speed.
+
+    Parameters
+    ----------
+    sequence, model, out, seed, format
+        The light, the sensor, the file, and as for `sensor.stream` and `write_events`.
+    speed
+        The scene moves that much faster: frame times are divided by it.
+    readout
+        The bus that the events leave by; without one, all leave when they fire. The second result
+        is then its report, else None.
+    truth_step_s
+        Add ground truth of the window to the file, this far apart; see `truth_to_add`.
+    overwrite
+        Replace the file if it exists.
+    watch
+        Passes the frames on, and may show how far they are.
+
+    Raises
+    ------
+    TaskError
+        The speed is none, the file exists, or its format has no place for truth.
+    """
+    check_new(out, overwrite)
+    if not 0 < speed < np.inf:
+        raise TaskError(f"speed: found {speed}, expected a positive factor")
+    warn_if_short(sequence, model.cutoff_hz, speed)
+    warn_if_coarse(sequence)
+    manifest = sequence.manifest
+    offset_us = sequence.t_offset_us
+    window_us = [offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
+    origin: dict[str, Value] = {
+        "scene": manifest.scene,
+        "clip": manifest.clip,
+        "frames_width": manifest.width,
+        "frames_height": manifest.height,
+        "samples_per_pixel": manifest.spp,
+        "speed": float(speed),
+        "seed": seed,
+        "window_start_us": window_us[0],
+        "window_end_us": window_us[1],
+    }
+    rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
+    frames = (frame[rows, columns] for frame in watch(sequence))
+    parts: Iterable[Events] = stream(frames, sequence.t_s / speed, model, seed=seed)
+    leaving = None
+    if readout is not None:
+        origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
+        parts = leaving = read_out(parts, readout)
+    if offset_us:
+        parts = _later(parts, offset_us)
+    add = None
+    if truth_step_s is not None:
+        if find_format(out, format, new=True).name != "dsec":
+            raise TaskError(f"{out}: truth has a place in DSEC's format (.h5) alone")
+        add = truth_to_add(sequence, model, speed, truth_step_s)
+    count = write_events(out, parts, format=format, origin=origin, t_offset_us=offset_us, add=add)
+    return count, leaving.report if leaving is not None else None
+
+
+def _later(parts: Iterable[Events], offset_us: int) -> Iterator[Events]:
+    for part in parts:
+        yield Events.trusted(part.t_us + offset_us, part.x, part.y, part.p, like=part)
+
+
+def convert(
+    source: Path,
+    out: Path,
+    *,
+    format: str | None = None,
+    input_format: str | None = None,
+    size: tuple[int, int] | None = None,
+    overwrite: bool = False,
+) -> int:
+    """Write a file's events in another format, with all it says of them; returns their number.
+
+    Truth is kept from DSEC to DSEC. A warning names what is not kept.
+
+    Raises
+    ------
+    TaskError
+        Both are one file, or the one to write exists and is not to be overwritten.
+    """
+    header = read_header(source, format=input_format)
+    if out.exists() and out.samefile(source):
+        raise TaskError(f"{out}: is {source} itself, which cannot be replaced while it is read")
+    check_new(out, overwrite)
+    to = find_format(out, format, new=True)
+    left_out, add = list(header.others), None
+    if "truth" in left_out and to.name == find_format(source, input_format).name == "dsec":
+        left_out.remove("truth")
+        add = truth_to_copy(source)
+    parts = read_events(source, format=input_format, size=size)
+    count = write_events(
+        out,
+        parts,
+        format=format,
+        origin=header.origin,
+        t_offset_us=header.t_offset_us,
+        add=add,
+    )
+    warn_of_loss(out, to, left_out)
+    return count
+
+
+def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
+    """What is in an event file, as names and values to print; reads it from end to end."""
+    header = read_header(path, format=format)
+    stored = header.width is not None
+    size = None if stored else (MAX_SIDE_PX, MAX_SIDE_PX)
+    parts = read_events(path, format=format, size=size)
+    count, brighter = 0, 0
+    first_us, last_us = None, 0
+    for part in parts:
+        if len(part):
+            first_us = int(part.t_us[0]) if first_us is None else first_us
+            last_us = int(part.t_us[-1])
+        count += len(part)
+        brighter += int(np.count_nonzero(part.p > 0))
+    size_bytes = path.stat().st_size
+    each = f", {size_bytes / count:.2f} an event" if count else ""
+    lines = {
+        "format": find_format(path, format).title,
+        "sensor": f"{header.width}x{header.height} px" if stored else "size not stored",
+        "file": f"{size_bytes} bytes{each}",
+        "events": str(count),
+    }
+    if header.t_offset_us:
+        lines["clock starts at"] = f"{seconds(header.t_offset_us)} s"
+    if first_us is not None:
+        span_s = (last_us - first_us) * 1e-6
+        lines["time"] = f"{seconds(first_us)} to {seconds(last_us)} s"
+        lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
+        lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
+    return lines | dict(_made(header))
+
+
+def seconds(t_us: int) -> str:
+    """Write microseconds as seconds, all digits of them.
+
+    >>> seconds(1600000000123456)
+    '1600000000.123456'
+    """
+    sign, whole = "-" if t_us < 0 else "", abs(t_us)
+    return f"{sign}{whole // 10**6}.{whole % 10**6:06}"
+
+
+def _made(header: Header) -> Iterator[tuple[str, str]]:
+    if header.model is not None:
+        yield "sensor model", model_to_json(header.model)
+    for name, value in header.origin.items():
+        yield name.replace("_", " "), str(value)
+    if header.others:
+        yield "also holds", ", ".join(header.others)

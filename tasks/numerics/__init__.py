@@ -1,0 +1,1 @@
+"""Interpolation that several methods share."""

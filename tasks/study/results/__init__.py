@@ -1,0 +1,1 @@
+"""What scores say: medians, intervals, choices. No HTML and no terminal here."""

@@ -1,0 +1,372 @@
+"""The rows of a run, grouped into cells: one method under one condition, over all its samples."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.errors import ResultError
+from tasks.row import Row
+from tasks.study.results.bootstrap import resampled_medians
+from tasks.study.results.paper import CONTRAST_THRESHOLD, published
+from tasks.study.results.words import number_text
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """How a metric is named, printed and compared."""
+
+    label: str
+    unit: str
+    higher_is_better: bool
+    negligible: float  # a difference of this size or less makes no difference in practice
+    decimals: int
+    reference_width_px: int | None = None  # normalised to it; None: does not scale with the width
+    digits: int | None = None  # significant ones, for values that span decades
+
+    @property
+    def sign(self) -> float:
+        """Factor on a score that makes more of it better."""
+        return 1.0 if self.higher_is_better else -1.0
+
+    @property
+    def arrow(self) -> str:
+        """Which way is better."""
+        return "↑" if self.higher_is_better else "↓"
+
+    def text(self, value: float, sign: str = "") -> str:
+        """Format a value or a difference of this metric, without its unit."""
+        decimals = self.decimals
+        if self.digits is not None and value:
+            before = math.floor(math.log10(abs(value))) + 1
+            decimals = min(max(self.digits - before, 0), decimals)
+        return number_text(value, decimals, sign)
+
+
+METRICS = {
+    "psnr_db": Metric("PSNR", "dB", True, negligible=0.1, decimals=2),
+    "rnepe_px": Metric("RNEPE", "px", False, negligible=0.05, decimals=2, reference_width_px=1280),
+    "position_error_mm": Metric("position error", "mm", False, 0.1, decimals=2, digits=3),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A task by name, with the method that does nothing with the events."""
+
+    title: str
+    baseline: str
+
+
+TASKS = {
+    "reconstruction": Task("reconstruction", "no_events"),
+    "video": Task("video reconstruction", "blank"),
+    "flow": Task("optical flow", "initial_flow"),
+    "tracking": Task("pose tracking", "initial_path"),
+}
+
+EXTENSIONS = {
+    "photometric_flow_unknown_contrast": "photometric_flow",
+    "high_pass_filter_no_event_decay": "high_pass_filter",
+    "photometric_flow_with_delay": "photometric_flow",
+    "photometric_tracking_with_delay": "photometric_tracking",
+}
+"""Our changes to methods of the paper, and to which."""
+
+
+class Series(NamedTuple):
+    """A method on a task, judged by a metric: what one table or one plot shows."""
+
+    task: str
+    method: str
+    metric: str
+    variant: str = ""  # of the task; "" is the usual one
+
+    @property
+    def title(self) -> str:
+        """Task, method and variant in words, as in "reconstruction by event integration"."""
+        return f"{TASKS[self.task].title} by {self.name}"
+
+    @property
+    def name(self) -> str:
+        """Method and variant in words."""
+        method = method_label(self.method)
+        return f"{method}, {self.variant}" if self.variant else method
+
+    @property
+    def of_paper(self) -> bool:
+        """Whether it is a method as the paper has it, or a user's own; not our change to one."""
+        return not self.variant and self.method not in EXTENSIONS
+
+
+def method_label(method: str) -> str:
+    """A method's name in words; one from outside the project keeps its ``module:function``."""
+    if ":" in method:
+        return method
+    words = method.replace("_", " ").replace("high pass", "high-pass")
+    return words.replace("no event decay", "without event decay")
+
+
+class Condition(NamedTuple):
+    """Where a score was taken."""
+
+    scene: str
+    width: int  # px
+    cutoff_hz: float
+    speed: float  # factor on the base speed
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """All values of one series under one condition: its samples, each with one or more items.
+
+    Attributes
+    ----------
+    scene
+        Whose samples they are; seeds the bootstrap.
+    values : (N,) float64
+        Finite scores, by ascending sample and item, in the metric's unit.
+    event_rates_hz : (N,) float64
+        Events per second of the whole sensor, for the same values.
+    failed : (N,) bool
+        Where the method gave up, whose value is that of its starting point, or ended far off.
+        These count too.
+    sample : (N,) int64
+        Which of its samples each value is of, from 0.
+    expected : int
+        How many values the other cells of this series have on this scene.
+    """
+
+    scene: str
+    values: NDArray[np.float64]
+    event_rates_hz: NDArray[np.float64]
+    failed: NDArray[np.bool_]
+    sample: NDArray[np.int64]
+    expected: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether every expected value is there; only then the cell has medians."""
+        return len(self.values) == self.expected > 0
+
+    @property
+    def samples(self) -> int:
+        """How many samples it has, each with one or more values."""
+        return len(np.unique(self.sample))
+
+    @cached_property
+    def median(self) -> float | None:
+        """Median score, or None when values are missing: nothing averages over survivors."""
+        return float(np.median(self.values)) if self.complete else None
+
+    @cached_property
+    def event_rate_hz(self) -> float | None:
+        """Median event rate of the whole sensor in events per second, or None as `median`."""
+        return float(np.median(self.event_rates_hz)) if self.complete else None
+
+    @property
+    def failure_share(self) -> float | None:
+        """Share of the values where the method failed, or None as `median`."""
+        return float(np.mean(self.failed)) if self.complete else None
+
+    @cached_property
+    def resampled(self) -> NDArray[np.float64]:
+        """Median scores of resampled samples, (draws,)."""
+        return resampled_medians(self.values, self.sample, self.scene)
+
+    @cached_property
+    def resampled_rates_hz(self) -> NDArray[np.float64]:
+        """Median event rates of resampled samples, (draws,)."""
+        return resampled_medians(self.event_rates_hz, self.sample, self.scene)
+
+
+def by_threshold(rows: Iterable[Row]) -> list[Scores]:
+    """Scores of each contrast threshold, in the order of the rows: the study's first comes first.
+
+    Raises
+    ------
+    ResultError
+        As `Scores` raises it.
+    """
+    found: dict[float, list[Row]] = {}
+    for row in _some(rows):
+        found.setdefault(row.contrast_threshold, []).append(row)
+    return [Scores(of_one) for of_one in found.values()]
+
+
+def _some(rows: Iterable[Row]) -> list[Row]:
+    found = list(rows)
+    if not found:
+        raise ResultError("there are no rows to make tables, claims or a report from")
+    return found
+
+
+_Values = dict[tuple[int, int], Row]  # by sample and item
+
+
+class Scores:
+    """The rows of a run, grouped into cells.
+
+    Parameters
+    ----------
+    rows
+        Result rows of one contrast threshold, in any order. A row whose value is not finite counts
+        as missing.
+
+    Attributes
+    ----------
+    contrast_threshold
+        C of all rows, log units.
+
+    Raises
+    ------
+    ResultError
+        There are no rows, a task or metric is unknown, two rows are of the same item of the same
+        sample of the same cell, or they are of more than one contrast threshold.
+    """
+
+    def __init__(self, rows: Iterable[Row]) -> None:
+        rows = _some(rows)
+        self.contrast_threshold = rows[0].contrast_threshold
+        self._rows: dict[Series, dict[Condition, _Values]] = {}
+        cells: dict[tuple[str | int | float, ...], _Values] = {}
+        for row in rows:
+            if row.contrast_threshold != self.contrast_threshold:
+                raise ResultError(
+                    f"rows of several contrast thresholds: {self.contrast_threshold:g} and "
+                    f"{row.contrast_threshold:g}"
+                )
+            key = (row.task, row.method, row.metric, row.variant)
+            where = (row.scene, row.width, row.cutoff_hz, row.speed)
+            values = cells.get(key + where)
+            if values is None:
+                _check_known(row)
+                of_series = self._rows.setdefault(Series(*key), {})
+                values = cells[key + where] = of_series.setdefault(Condition(*where), {})
+            if (row.sample, row.item) in values:
+                raise ResultError(
+                    f"two rows of sample {row.sample}, item {row.item} of {Series(*key)}, "
+                    f"{Condition(*where)}"
+                )
+            values[row.sample, row.item] = row
+        self._expected: dict[tuple[Series, str], list[tuple[int, int]]] = {}
+        for series, conditions in self._rows.items():
+            for scene in {condition.scene for condition in conditions}:
+                found = {
+                    key for c, values in conditions.items() if c.scene == scene for key in values
+                }
+                self._expected[series, scene] = sorted(found)
+        self._cells: dict[tuple[Series, Condition], Cell] = {}
+        self._baselines: dict[tuple[Series, Condition], Cell] = {}
+
+    def series(self) -> list[Series]:
+        """Every series but the do-nothing baselines, in the order of the rows."""
+        return [series for series in self._rows if series.method != TASKS[series.task].baseline]
+
+    def scenes(self, series: Series) -> list[str]:
+        """Scenes of a series, in the order of the rows."""
+        return list(dict.fromkeys(condition.scene for condition in self._rows.get(series, ())))
+
+    def widths(self, series: Series) -> list[int]:
+        """Sensor widths of a series, px, ascending."""
+        return sorted({condition.width for condition in self._rows.get(series, ())})
+
+    def cutoffs_hz(self, series: Series) -> list[float]:
+        """Cutoffs of a series, Hz, from ideal (inf) down."""
+        return sorted({c.cutoff_hz for c in self._rows.get(series, ())}, reverse=True)
+
+    def speeds(self, series: Series, scene: str | None = None) -> list[float]:
+        """Speed factors of a series, ascending; those of one scene, or of all."""
+        found = self._rows.get(series, ())
+        return sorted({c.speed for c in found if scene is None or c.scene == scene})
+
+    def conditions(self, series: Series) -> list[Condition]:
+        """Conditions of a series, in the order of the rows."""
+        return list(self._rows.get(series, ()))
+
+    def cell(self, series: Series, condition: Condition) -> Cell:
+        """Return one cell; where nothing was measured it has no values."""
+        key = series, condition
+        if key not in self._cells:
+            rows = self._rows.get(series, {}).get(condition, {})
+            self._cells[key] = self._cell_of(rows, series, condition.scene)
+        return self._cells[key]
+
+    def samples(self, series: Series, scene: str) -> int:
+        """How many samples a complete cell of a series has on a scene."""
+        return len({sample for sample, _ in self._expected.get((series, scene), ())})
+
+    def items(self, series: Series, scene: str) -> int:
+        """How many values a complete cell has for each sample, the most of any."""
+        counts = Counter(sample for sample, _ in self._expected.get((series, scene), ()))
+        return max(counts.values(), default=0)
+
+    def baseline(self, series: Series, condition: Condition) -> Cell:
+        """Return the score of doing nothing under a condition, over the samples of `series`.
+
+        It is that of the same variant of the task, or of the usual one if doing nothing was scored
+        there only; and of the same width, or of another if it was scored there only.
+        """
+        key = series, condition
+        if key not in self._baselines:
+            rows = self._nothing(series, condition)
+            self._baselines[key] = self._cell_of(rows, series, condition.scene)
+        return self._baselines[key]
+
+    def published(self, series: Series, condition: Condition) -> float | None:
+        """Return the paper's score under a condition; it has one contrast threshold only."""
+        if self.contrast_threshold != CONTRAST_THRESHOLD:
+            return None
+        scene, width, cutoff_hz, speed = condition
+        return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
+
+    def failures(self, series: Series) -> Counter[str]:
+        """How often a series failed, by reason; numbers in the reasons are written as n."""
+        return Counter(
+            re.sub(r"\d+(\.\d+)?", "n", row.failure)
+            for values in self._rows.get(series, {}).values()
+            for row in values.values()
+            if row.failure
+        )
+
+    def _nothing(self, series: Series, condition: Condition) -> _Values:
+        baseline = TASKS[series.task].baseline
+        for variant in (series.variant, ""):
+            found = self._rows.get(Series(series.task, baseline, series.metric, variant), {})
+            if condition in found:
+                return found[condition]
+            for other, values in found.items():
+                if other._replace(width=condition.width) == condition:
+                    return values
+        return {}
+
+    def _cell_of(self, rows: _Values, series: Series, scene: str) -> Cell:
+        expected = self._expected.get((series, scene), [])
+        kept = [key for key in expected if key in rows and math.isfinite(rows[key].value)]
+        samples = sorted({sample for sample, _ in kept})
+        index = {sample: i for i, sample in enumerate(samples)}
+        return Cell(
+            scene=scene,
+            values=np.array([rows[key].value for key in kept], dtype=np.float64),
+            event_rates_hz=np.array([rows[key].event_rate_hz for key in kept], dtype=np.float64),
+            failed=np.array([rows[key].failure != "" for key in kept], dtype=np.bool_),
+            sample=np.array([index[sample] for sample, _ in kept], dtype=np.int64),
+            expected=len(expected),
+        )
+
+
+def _check_known(row: Row) -> None:
+    for field, name, known in (
+        ("task", row.task, sorted(TASKS)),
+        ("metric", row.metric, sorted(METRICS)),
+    ):
+        if name not in known:
+            raise ResultError(f"unknown {field} {name!r}; expected {' or '.join(known)}")

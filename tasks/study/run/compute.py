@@ -1,0 +1,117 @@
+"""A part from light to scores, as this process or a worker of a cluster does it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+
+from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
+from eres_render.sequence.monte_carlo_noise import warn_of_noise
+from eres_render.trajectory.frame_times import warn_if_far_apart
+from tasks.evaluation.evaluate import OnProgress, evaluate_part
+from tasks.evaluation.timings import FrameTimer, costs_file
+from tasks.row import Row
+from tasks.study.config import digest
+from tasks.study.run.frame_cache import frames_folder
+from tasks.study.run.jobs import Part
+from tasks.study.run.previews import preview_files
+from tasks.study.run.provenance import environment
+from tasks.study.run.scaling import scaling_files
+
+_BYTES_PER_PX_S = 4500  # of 2250 half-float frames a second of path: the room made for a clip
+
+
+@dataclass(frozen=True, slots=True)
+class ComputedPart:
+    """All that a run keeps of a part.
+
+    Parameters
+    ----------
+    rows
+        Its scores.
+    files
+        What the report shows of it: contents by path in the run's folder. What it took, and
+        pictures and scaling statistics if they were asked for.
+    environment
+        Where it was computed.
+    """
+
+    rows: list[Row]
+    files: dict[str, bytes]
+    environment: dict[str, str]
+
+
+def compute_part(part: Part, on_progress: OnProgress, *, shown: bool) -> ComputedPart:
+    """Render, simulate and score a part; frames come from this machine's cache or go there.
+
+    Parameters
+    ----------
+    on_progress
+        Called as frames and then sensors are done.
+    shown
+        Whether to make the files that the report shows, too.
+    """
+    light = _light_of(part)
+    seconds = part.clip.t_window_end_s - part.clip.t_start_s
+    needed_bytes = round(seconds * _BYTES_PER_PX_S * part.render.resolution**2)
+    with frames_folder(light.key(part), needed_bytes) as folder:
+        timer = FrameTimer(on_progress)
+        sequence = render_clip(
+            light.renderer,
+            part.clip,
+            folder,
+            part.render.max_displacement_px,
+            lambda done, of: timer("rendering", done, of),
+        )
+        result = evaluate_part(part, sequence, light.truth(sequence), on_progress, shown=shown)
+    costs = replace(result.costs, rendered_frames=timer.frames, rendering_s=timer.seconds)
+    files = {f"costs/{part.key}.json": costs_file(costs)}
+    if exhibit := result.exhibit:
+        for name, data in preview_files(part, exhibit).items():
+            files[f"previews/{name}"] = data
+        for name, data in scaling_files(exhibit.scaling, exhibit.slope).items():
+            files[f"scaling/{name}"] = data
+    return ComputedPart(result.rows, files, environment(light.renderer.variant))
+
+
+class _SceneLight:
+    """A scene's renderer and ground truth, which take long to load."""
+
+    def __init__(self, part: Part) -> None:
+        render = part.render
+        self.renderer = Renderer(part.scene, render.resolution, render.spp, render.seed)
+        self._truth: GroundTruth | None = None
+
+    def key(self, part: Part) -> str:
+        """Name of the part's frames: a digest of everything that decides them."""
+        t_offset_us = self.renderer.trajectory.t_offset_us
+        return digest(
+            {
+                **part.frames_decided_by,
+                **({"t_offset_us": t_offset_us} if t_offset_us else {}),
+                "white_level": self.renderer.white_level,
+                "integrator": self.renderer.integrator,
+                "variant": self.renderer.variant,
+                "mitsuba": version("mitsuba"),
+            }
+        )
+
+    def truth(self, sequence: RadianceSequence) -> GroundTruth:
+        """What is behind the frames; the same for every sequence of the scene."""
+        if self._truth is None:
+            self._truth = ground_truth(sequence)
+        return self._truth
+
+
+_loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one: parts come scene by scene
+
+
+def _light_of(part: Part) -> _SceneLight:
+    render = part.render
+    key = part.scene.digest, render.resolution, render.spp, render.seed
+    if key not in _loaded:
+        _loaded.clear()
+        _loaded[key] = _SceneLight(part)
+        warn_if_far_apart(part.scene.name, render.max_displacement_px)
+        warn_of_noise(_loaded[key].renderer, [part.clip], render.max_displacement_px)
+    return _loaded[key]

@@ -1,0 +1,81 @@
+"""Where a study ran: what a reader needs to make the same numbers again."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from itertools import chain
+from pathlib import Path
+
+_BETWEEN = "; "  # values of one name
+_CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
+PACKAGES = ("eres", "numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
+
+
+def command() -> str:
+    """The command that this process is."""
+    return " ".join(["eres", *sys.argv[1:]])
+
+
+def environment(variant: str) -> dict[str, str]:
+    """Versions, machine and code of this process, by name."""
+    return {
+        "code": _git_commit() or f"eres {version('eres')} as installed",
+        "Mitsuba variant": variant,
+        "python": platform.python_version(),
+        **{name: version(name) for name in PACKAGES},
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": str(len(os.sched_getaffinity(0))),
+    }
+
+
+def _git_commit() -> str | None:
+    """Commit of the checkout that this file lies in; None in an installed wheel.
+
+    It is "dirty" where the code has been changed since: a run's own folder may lie in the checkout.
+    """
+    root = Path(__file__).parents[3]
+    if not (root / ".git").exists():
+        return None
+    commit = _git(root, "rev-parse", "--short=12", "HEAD")
+    changes = _git(root, "status", "--porcelain", "--", *_CODE)
+    if commit is None or changes is None:
+        return None
+    return f"git {commit}-dirty" if changes else f"git {commit}"
+
+
+def _git(root: Path, *arguments: str) -> str | None:
+    """What git says of a checkout; None where it cannot be asked."""
+    try:
+        run = subprocess.run(
+            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=60
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return run.stdout.strip() if run.returncode == 0 else None
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    except OSError:
+        pass  # not Linux
+    return platform.processor() or platform.machine()
+
+
+def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """What several processes found, by name; where they differ, each value once.
+
+    What comes out can be put together with more.
+    """
+    values: dict[str, dict[str, None]] = {}
+    for name, found in chain.from_iterable(one.items() for one in environments):
+        values.setdefault(name, {}).update(dict.fromkeys(found.split(_BETWEEN)))
+    return {name: _BETWEEN.join(found) for name, found in values.items()}

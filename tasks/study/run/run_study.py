@@ -1,0 +1,194 @@
+"""Run a study: part by part, each once, into a folder that a report can be made of."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from eres_render import load_scene
+from tasks.errors import ResultError, StudyError
+from tasks.files import write_bytes
+from tasks.row import Row, read_rows, write_rows
+from tasks.study.config import Study, to_json
+from tasks.study.run.estimate import cost
+from tasks.study.run.jobs import Part, check_methods, parts, trials
+from tasks.study.run.provenance import command, together
+from tasks.study.run.scheduler import OnTasks, Schedule, Task, schedule
+
+_log = logging.getLogger(__name__)
+
+
+def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row]:
+    """Render, simulate and score every part of a study; what `out` holds already is kept.
+
+    Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
+    `environment.json` (where the parts were computed, and the command of the last start),
+    `previews/` and `scaling/` (pictures and scaling statistics of each scene's first clip),
+    `costs/` (what each part took), and `parts/` with the rows of each part, by which a run that was
+    stopped goes on where it was.
+
+    Parameters
+    ----------
+    scheduler
+        Address of a Dask scheduler, whose workers compute the parts; by default this process does.
+
+    Raises
+    ------
+    StudyError
+        The study asks for what cannot be, `out` is not a folder, or the cluster is not there or not
+        of the same code and scenes.
+    TaskError
+        A method does not exist or is another task's; a `MethodError` if it raises, or answers with
+        what is no answer, which the first sample shows before anything else is computed.
+    RenderError, SensorError, OSError
+        As the stages raise them. Nothing is left under a final name that is not whole.
+    """
+    with schedule(scheduler) as computing:
+        check_methods(study.evaluate)
+        scenes = [load_scene(name) for name in study.scenes]
+        work = {part.key: part for scene in scenes for part in parts(study, scene)}
+        shown = {part.scene.name: part for part in reversed(work.values())}  # each scene's first
+        if out.exists() and not out.is_dir():
+            raise StudyError(f"{out}: found a file, expected a folder for the run")
+        rows_of = _rows_so_far(out / "parts", work)
+        to_do = []
+        for key, part in work.items():
+            is_shown = part is shown[part.scene.name]
+            if key not in rows_of or (is_shown and not _is_shown_in(out, part.scene.name)):
+                to_do.append(Task(part, key, is_shown))
+        if to_do:
+            _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
+            _try_own_methods(
+                trials(study, [t.part for t in to_do], [work[key] for key in rows_of]), computing
+            )
+        write_bytes(out / "study.json", _json(to_json(study)))
+        environments = [_environment_so_far(out / "environment.json")] if rows_of else []
+        with _progress(len(work), len(work) - len(to_do)) as on_progress:
+            for task, computed in computing.compute(to_do, on_progress):
+                for name, data in computed.files.items():
+                    write_bytes(out / name, data)
+                environments.append(computed.environment)
+                found = {"command": command(), **together(environments)}
+                write_bytes(out / "environment.json", _json(found))
+                write_rows(_rows_file(out / "parts", task.key), computed.rows)
+                rows_of[task.key] = computed.rows
+    _write_preview_index(out / "previews", list(shown))
+    rows = list(chain.from_iterable(rows_of[key] for key in work))
+    write_rows(out / "rows.parquet", rows)
+    return rows
+
+
+def _try_own_methods(parts: list[Part], computing: Schedule) -> None:
+    """Have the user's own methods work once, so that a mistake in them does not show hours later.
+
+    Raises
+    ------
+    MethodError
+        As their scorers raise it.
+    """
+    if not parts:
+        return
+    _log.info("first, methods of your own are tried on one sample")
+    with _progress(len(parts), 0) as on_progress:
+        for _ in computing.compute([Task(part, part.key, False) for part in parts], on_progress):
+            pass  # their scores are no part of the study
+
+
+def _rows_file(folder: Path, key: str) -> Path:
+    return folder / f"{key}.parquet"
+
+
+def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
+    """Rows by key of the parts that are done; says which files are damaged or of no use."""
+    rows_of = {}
+    for key in work:
+        file = _rows_file(folder, key)
+        if file.exists():
+            try:
+                rows_of[key] = read_rows(file)
+            except ResultError as error:
+                _log.warning("%s; the part is computed again", error)
+    strangers = {file.stem for file in folder.glob("*.parquet")} - set(work)
+    if strangers:
+        one = len(strangers) == 1
+        _log.warning(
+            "%s: %d %s of another study or version %s not used",
+            *(folder, len(strangers), "part" if one else "parts", "is" if one else "are"),
+        )
+    return rows_of
+
+
+def _environment_so_far(file: Path) -> dict[str, str]:
+    """Where the parts of earlier starts were computed, by whatever command."""
+    if not file.exists():
+        return {}
+    try:
+        found = json.loads(file.read_text())
+        if isinstance(found, dict) and all(isinstance(value, str) for value in found.values()):
+            return {name: value for name, value in found.items() if name != "command"}
+        reason = "expected a text for each name"
+    except ValueError as error:
+        reason = f"not JSON, {error}"
+    _log.warning("%s: %s; where the finished parts were computed is lost", file, reason)
+    return {}
+
+
+def _is_shown_in(out: Path, scene: str) -> bool:
+    """Whether the run has what the report shows of a scene."""
+    try:
+        for folder in ("previews", "scaling"):
+            json.loads((out / folder / f"{scene}.json").read_text())
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def _write_preview_index(folder: Path, scene_names: list[str]) -> None:
+    index = chain.from_iterable(json.loads((folder / f"{s}.json").read_text()) for s in scene_names)
+    write_bytes(folder / "index.json", _json(list(index)))
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, indent=1).encode()
+
+
+@contextmanager
+def _progress(part_count: int, found: int) -> Iterator[OnTasks]:
+    """A bar over all parts on stderr, silent when that is not a terminal.
+
+    Pace and time left are those of the parts that are computed now, of which `found` are none.
+    """
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[pace]}"),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("study", total=part_count, completed=found, pace="")
+
+        def update(done: float, doing: str) -> None:
+            elapsed_s = bar.tasks[0].elapsed or 0.0
+            pace = ""
+            if done > 0 and elapsed_s > 0:
+                left = timedelta(seconds=round(elapsed_s * (part_count - found - done) / done))
+                per_hour = 3600 * done / elapsed_s
+                pace = f"{left} left, {per_hour:.{0 if per_hour > 10 else 1}f} parts/h"
+            bar.update(
+                task,
+                completed=found + done,
+                description=f"{found + int(done)}/{part_count} parts: {doing}",
+                pace=pace,
+            )
+
+        yield update

@@ -1,0 +1,92 @@
+"""Measure why finer sensors fire faster, on one clip, and draw L_t.
+
+A run keeps the numbers in `scaling/<scene>.json`, and the picture of L_t in `scaling/<scene>.png`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import RadianceSequence
+from sensor.statistics import (
+    IntervalHistogram,
+    SlopesBySize,
+    fit_power_law,
+    log_bin_edges_us,
+    log_slope,
+    slopes_by_pixel_size,
+)
+from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
+from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, middle, png
+
+_ROWS_LOOKED_AT = 320  # about so many of each sensor, evenly spread
+_BIN_EDGES_US = log_bin_edges_us()
+_SATURATED = 0.99  # quantile of |L_t| that gets the picture's full colour
+
+
+def interval_histogram(side_px: int, window_us: tuple[int, int]) -> IntervalHistogram:
+    """An empty histogram for a square sensor, over a fair share of its pixels."""
+    every_row = max(1, side_px // _ROWS_LOOKED_AT)
+    return IntervalHistogram(side_px, side_px, _BIN_EDGES_US, window_us, every_row)
+
+
+def measure_scaling(
+    sequence: RadianceSequence,
+    dark_level: float,
+    histograms: Mapping[tuple[int, float, float], IntervalHistogram],
+) -> tuple[Scaling, NDArray[np.float64]]:
+    """Measure the slopes at the end of a clip, and put them beside its histograms.
+
+    Parameters
+    ----------
+    histograms
+        Complete, by width, cutoff and speed.
+
+    Returns
+    -------
+    The numbers, and L_t between the last two frames, (H, W), 1/s.
+    """
+    before, after = (sequence.frame(len(sequence) - k).astype(np.float64) for k in (2, 1))
+    dt_s = float(sequence.t_s[-1] - sequence.t_s[-2])
+    slopes = slopes_by_pixel_size(before, after, dt_s, dark_level)
+    scaling = Scaling(
+        scene=sequence.manifest.scene,
+        clip=sequence.manifest.clip,
+        sizes_px=tuple(slopes.sizes_px.tolist()),
+        everywhere=_slopes(slopes, slopes.everywhere, np.ones(len(slopes.everywhere))),
+        edges=_slopes(slopes, slopes.edges, slopes.edge_weights),
+        edges_us=tuple(_BIN_EDGES_US.tolist()),
+        intervals=tuple(
+            Intervals(*setting, tuple(h.counts.tolist()), h.shorter, h.longer)
+            for setting, h in histograms.items()
+        ),
+    )
+    return scaling, log_slope(before, after, dt_s, dark_level)
+
+
+def _slopes(
+    slopes: SlopesBySize, blocks: NDArray[np.float64], weights: NDArray[np.number]
+) -> Slopes:
+    fitted = slopes.sizes_px <= FIT_PX
+    law = fit_power_law(slopes.sizes_px[fitted], blocks[:, fitted], weights)
+    return Slopes(tuple(np.average(blocks, axis=0, weights=weights).tolist()), law)
+
+
+def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, bytes]:
+    """The picture and, last, the numbers of a scene, by file name."""
+    strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
+    share = middle(strength)[..., None]
+    colour = np.where(share > 0, BRIGHTER, DARKER)
+    picture = np.array(NONE) + np.abs(share) * (colour - np.array(NONE))
+    numbers = asdict(scaling)
+    for one in numbers["intervals"]:
+        one["cutoff_hz"] = f"{one['cutoff_hz']:g}"  # JSON has no inf
+    return {
+        f"{scaling.scene}.png": png(picture.round().astype(np.uint8)),
+        f"{scaling.scene}.json": json.dumps(numbers).encode(),
+    }
