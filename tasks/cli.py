@@ -579,9 +579,10 @@ def _print_pairs(pairs: dict[str, str]) -> None:
 def _show_scores(run: Path) -> None:
     """Print the main methods' scores at the base speed, beside the paper's where it has them."""
     from tasks.row import read_rows
-    from tasks.study.report.markup import join_words
-    from tasks.study.results.comparison import main_tables, to_rich
+    from tasks.study.report.terminal import to_rich
+    from tasks.study.results.comparison import main_tables
     from tasks.study.results.scores import by_threshold
+    from tasks.study.results.words import join_words
 
     scores, *others = by_threshold(read_rows(run / "rows.parquet"))
     for table in main_tables(scores):
@@ -598,7 +599,7 @@ def _show_scores(run: Path) -> None:
 def _show_claims(run: Path) -> None:
     from tasks.row import read_rows
     from tasks.study.claims.judge import judge_all
-    from tasks.study.results.intervals import Status, threshold_note
+    from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
     from tasks.study.results.scores import by_threshold
 

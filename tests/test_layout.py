@@ -1,6 +1,7 @@
 """The house keeps its rules: who may import whom, and what importing costs."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -43,6 +44,48 @@ def test_only_the_rendering_folder_touches_mitsuba():
         if {"mitsuba", "drjit"} & {name for name, _ in imports(path)}
     }
     assert users == {"eres_render/rendering"}
+
+
+# Who in `tasks` may import whom; what is not listed may import nothing of the others here.
+WINGS = {
+    "methods": {"numerics", "evaluation.registry"},
+    "numerics": set(),
+    "evaluation": {"methods"},
+    "events": {"evaluation"},
+    "study.results": {"evaluation.registry"},
+    "study.claims": {"study.results"},
+    "study.report": {"study.claims", "study.results", "evaluation.registry", "evaluation.timings"},
+    "study.run": {"study.results", "study.config", "evaluation", "methods"},
+}
+KEPT_APART = {*WINGS, "study.config", "cli"}
+
+
+def wing(module, wings):
+    """The most special of the wings that a module lies in, or None."""
+    inside = [one for one in wings if module == one or module.startswith(f"{one}.")]
+    return max(inside, key=len, default=None)
+
+
+@pytest.mark.parametrize("name", sorted(WINGS))
+def test_wings_depend_one_way(name):
+    """Promise: report -> claims -> results, run -> results, evaluation -> methods; judging draws
+    nothing, results know no HTML, running knows no claim."""
+    allowed = WINGS[name]
+    for path in (ROOT / "tasks" / name.replace(".", "/")).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.module.startswith("tasks."):
+                used = node.module.removeprefix("tasks.")
+                place = wing(used, KEPT_APART)
+                if place not in (None, name):
+                    assert wing(used, allowed), f"{path} imports {node.module}"
+
+
+def test_results_and_claims_have_no_html_and_no_terminal():
+    """Promise: what scores say can be drawn by anybody."""
+    for name in ("results", "claims"):
+        for path in (ROOT / "tasks" / "study" / name).rglob("*.py"):
+            assert not re.search(r"</\w+>", path.read_text()), path
+            assert "rich" not in {module for module, _ in imports(path)}, path
 
 
 @pytest.mark.parametrize("module", ["sensor", "eres_render", "tasks.cli"])

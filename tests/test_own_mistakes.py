@@ -11,6 +11,7 @@ from eres_render import load_scene, path_through
 from light_scenes import small_carpet_folder
 from sensor import Events
 from tasks.errors import MethodError, TaskError
+from tasks.evaluation.settings import NO_TASKS
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import task_of
 from tasks.reconstruction import ReconstructionSample
@@ -29,7 +30,7 @@ from tasks.study.config import (
 from tasks.study.report import write_report
 from tasks.study.run import run_study
 from tasks.study.run import scheduler as schedule
-from tasks.study.run.jobs import NOTHING, parts, trials
+from tasks.study.run.jobs import parts, trials
 from tasks.tracking import TrackingEstimate, TrackingSample
 
 HERE = __name__
@@ -152,7 +153,7 @@ def tiny_study(scene_folder):
         scenes=(str(scene_folder),),
         render=Render(resolution=64, spp=1, max_displacement_px=0.5, samples=2),
         simulate=Simulate(widths=(64, 32), cutoffs_hz=(math.inf, 50.0), speeds=(1.0,)),
-        evaluate=NOTHING,
+        evaluate=NO_TASKS,
     )
 
 

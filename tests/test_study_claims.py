@@ -8,7 +8,8 @@ from study_rows import EI, Change, paper_rows
 from tasks.row import Row
 from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.scaling import SCALING_CLAIMS
-from tasks.study.results.intervals import Estimate, Status, Verdict, estimate
+from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.scores import Condition, Scores
 
 NUMBERS = (3, 4, 5, 6, 7, 8, 9)

@@ -6,13 +6,14 @@ import pytest
 
 from eres_render import load_scene
 from tasks.errors import StudyError
+from tasks.evaluation.settings import NO_TASKS
 from tasks.study.config import PRESETS, Study, Tracking, Video
-from tasks.study.run.jobs import NOTHING, parts
+from tasks.study.run.jobs import parts
 
 
 def test_only_what_is_scored_is_rendered() -> None:
     """Promise: a study of videos alone has one stretch, and no clips around samples."""
-    video = replace(NOTHING, video=Video(methods=("blank",)))
+    video = replace(NO_TASKS, video=Video(methods=("blank",)))
     (stretch,) = parts(
         Study(name="video", scenes=("carpet",), evaluate=video), load_scene("carpet")
     )
@@ -22,7 +23,7 @@ def test_only_what_is_scored_is_rendered() -> None:
 
 def test_a_scene_with_nothing_to_do_is_named() -> None:
     """Promise: pose tracking alone in a room, which has no plane, is refused."""
-    tracking = replace(NOTHING, tracking=Tracking())
+    tracking = replace(NO_TASKS, tracking=Tracking())
     study = Study(name="pose", scenes=("room",), evaluate=tracking)
     with pytest.raises(StudyError, match="no method that suits room"):
         parts(study, load_scene("room"))

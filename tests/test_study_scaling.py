@@ -13,8 +13,8 @@ import pytest
 from sensor.statistics import PowerLaw, log_bin_edges_us
 from tasks.errors import ResultError
 from tasks.study.claims.judge import judge_all
+from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.sections.scaling import scaling_html
-from tasks.study.results.intervals import Status, Verdict
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.scaling import Intervals, Scaling, Slopes, read_scaling
 from tasks.study.run.scaling import scaling_files

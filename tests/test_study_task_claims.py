@@ -10,8 +10,9 @@ import pytest
 from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.claims.judge import CLAIMS
+from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.bootstrap import DRAWS, resampled_medians
-from tasks.study.results.intervals import Status, Verdict, estimate
+from tasks.study.results.intervals import estimate
 from tasks.study.results.perturbation import judged_series, shown_series
 from tasks.study.results.scores import Condition, Scores, Series
 

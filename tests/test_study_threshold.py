@@ -15,9 +15,10 @@ from study_rows import CM, EI, EPF, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.report import write_report
+from tasks.study.report.sections.comparison import to_html
 from tasks.study.report.sections.threshold import threshold_html
 from tasks.study.report.tradeoff import plot_data
-from tasks.study.results.comparison import comparison_table, to_html
+from tasks.study.results.comparison import comparison_table
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.scores import Series, by_threshold
 

@@ -1,69 +1,71 @@
-"""The unit of work: a part's frames through every sensor of the study and every method."""
+"""Frames through every sensor, their events through every method, and the scores of that."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
 from sensor import Events, stream_bank
-from tasks.evaluation.reference import Light
+from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.registry import TASKS
 from tasks.evaluation.scorers.base import Score, Scorer
-from tasks.evaluation.scorers.flow import FlowScorer
-from tasks.evaluation.scorers.reconstruction import ReconstructionScorer
-from tasks.evaluation.scorers.tracking import TrackingScorer
-from tasks.evaluation.scorers.video import VideoScorer
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import Evaluate
 from tasks.evaluation.timings import MethodCost, PartCosts
 from tasks.row import Row
-from tasks.study.run.highlights import Exhibit, ExhibitCollector
-from tasks.study.run.jobs import Part, Setting
 
 # Called with what is being done, how much of it is done, and how much there is of it.
 OnProgress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PartResult:
-    """Rows of a part, what they took, and what the report shows of it if that was asked for."""
+class Evaluation:
+    """Scores of all sensors and methods on a sequence, their costs, and the reference."""
 
     rows: list[Row]
     costs: PartCosts
-    exhibit: Exhibit | None
+    reference: ReferenceFrames
 
 
-def evaluate_part(
-    part: Part,
+def evaluate(
     sequence: RadianceSequence,
     truth: GroundTruth,
+    settings: Sequence[Setting],
+    tasks: Evaluate,
     on_progress: OnProgress,
-    *,
-    shown: bool,
-) -> PartResult:
-    """Simulate every sensor of a part on its frames, and score every method of its tasks.
+    watch: Callable[[Setting, Events], None] | None = None,
+) -> Evaluation:
+    """Simulate sensors on a sequence, and score every method of the tasks on their events.
 
     Parameters
     ----------
-    part
-        What to simulate and evaluate.
     sequence
-        The part's frames: warm-up, then the window.
+        Frames: warm-up, then the window.
     truth
         Of the sequence's scene.
+    settings
+        The sensors, at least one, all of one dark level.
+    tasks
+        What is asked of the methods.
     on_progress
         Called as frames and then sensors are done.
-    shown
-        Whether to collect pictures and scaling statistics too.
+    watch
+        Called with each sensor's events as they come, warm-up included; from several threads, but
+        from one at a time for each sensor.
     """
-    light = Light(part, sequence, truth)
-    settings = part.settings(light.dark_level)
-    scorers = [_scorers(light, setting) for setting in settings]
-    collector = ExhibitCollector(part, settings) if shown else None
+    dark_level = settings[0].model.dark_level
+    assert dark_level is not None, "settings have the sequence's dark level"
+    widths = [setting.model.width for setting in settings]
+    reference = ReferenceFrames(sequence, truth, tasks, dark_level, widths)
+    scorers = [_scorers(reference, setting) for setting in settings]
     counts = [0 for _ in settings]
     cores = len(os.sched_getaffinity(0))
     fired, reading_s, collecting_s = 0, 0.0, 0.0
@@ -88,8 +90,8 @@ def evaluate_part(
         counts[i] += len(events.between(settings[i].start_us, settings[i].end_us))
         for scorer in scorers[i]:
             scorer.push(events)
-        if collector:
-            collector.push(settings[i], events)
+        if watch:
+            watch(settings[i], events)
 
     with ThreadPoolExecutor(cores) as workers:
         for batch in _batches(events_of_all):
@@ -125,7 +127,7 @@ def evaluate_part(
         scoring_s=time.perf_counter() - simulated_s,
         methods=_method_costs(scored_of_all),
     )
-    return PartResult(rows, costs, collector.exhibit(light) if collector else None)
+    return Evaluation(rows, costs, reference)
 
 
 def _scores(scorers: Iterable[Scorer]) -> list[Score]:
@@ -162,15 +164,16 @@ def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]
     )
 
 
-def _scorers(light: Light, setting: Setting) -> list[Scorer]:
-    evaluate = light.part.evaluate
-    wanted = (
-        (evaluate.reconstruction.methods, ReconstructionScorer),
-        (evaluate.flow.methods, FlowScorer),
-        (evaluate.tracking.methods, TrackingScorer),
-        (evaluate.video.methods, VideoScorer),
-    )
-    return [scorer(light, setting) for methods, scorer in wanted if methods]
+def _scorers(reference: ReferenceFrames, setting: Setting) -> list[Scorer]:
+    tasks = reference.evaluate
+    wanted = [task.name for task in fields(tasks) if getattr(tasks, task.name).methods]
+    return [_scorer(task)(reference, setting) for task in wanted]
+
+
+def _scorer(task: str) -> Callable[[ReferenceFrames, Setting], Scorer]:
+    module, _, name = TASKS[task].scorer.partition(":")
+    found: Callable[[ReferenceFrames, Setting], Scorer] = getattr(import_module(module), name)
+    return found
 
 
 def _row(sequence: RadianceSequence, setting: Setting, event_rate_hz: float, score: Score) -> Row:

@@ -1,7 +1,8 @@
-"""What the light itself says about a part, shared by all its sensors."""
+"""What the frames themselves say, shared by all the sensors before them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -9,30 +10,42 @@ from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
 from sensor.optics import integrate
+from tasks.evaluation.settings import Evaluate
 from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
-from tasks.study.run.jobs import Part
 from tasks.video import log_light, picture
 
 
-class Light:
-    """Frames, ground truth and log images of one part.
+class ReferenceFrames:
+    """Frames, ground truth and log images of one sequence: what methods' answers are held against.
 
     Parameters
     ----------
-    part
-        What is looked at.
     sequence
-        Its frames.
+        The frames.
     truth
-        Poses, depth and flow of its scene.
+        Poses, depth and flow of their scene.
+    evaluate
+        What the tasks are asked to do.
+    dark_level
+        Of the sensors, in the frames' unit of radiance.
+    widths
+        Of the sensors, px.
     """
 
-    def __init__(self, part: Part, sequence: RadianceSequence, truth: GroundTruth) -> None:
-        self.part = part
+    def __init__(
+        self,
+        sequence: RadianceSequence,
+        truth: GroundTruth,
+        evaluate: Evaluate,
+        dark_level: float,
+        widths: Iterable[int],
+    ) -> None:
         self.sequence = sequence
         self.truth = truth
-        self.dark_level = part.simulate.dark_fraction * sequence.white_level
+        self.evaluate = evaluate
+        self.dark_level = dark_level
+        self.widths = tuple(dict.fromkeys(widths))
         self._pictures: dict[float, NDArray[np.float64]] = {}
 
     @cached_property
@@ -63,13 +76,13 @@ class Light:
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
         """Log intensity at the window's start as each sensor's pixels see it, by its width."""
-        seen = {width: integrate(self.start, width, width) for width in self.part.simulate.widths}
+        seen = {width: integrate(self.start, width, width) for width in self.widths}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
 
     @cached_property
     def features(self) -> Features:
         """Features at the window's start, in pixels of the frames."""
-        config, manifest = self.part.evaluate.flow, self.sequence.manifest
+        config, manifest = self.evaluate.flow, self.sequence.manifest
         return find_features(
             self.start,
             self.truth,
@@ -83,7 +96,7 @@ class Light:
     def video_times_s(self) -> tuple[float, ...]:
         """When images of a video are compared: every `every_s` of the window, and at its end."""
         start_s, end_s = self.sequence.window_s
-        every_s = self.part.evaluate.video.every_s
+        every_s = self.evaluate.video.every_s
         count = round((end_s - start_s) / every_s)
         return tuple(np.linspace(start_s, end_s, count + 1)[1:].tolist())
 
@@ -91,7 +104,7 @@ class Light:
         """What the image of a video at a time is compared with."""
         if t_s not in self._pictures:
             log_image = log_light(self.sequence, t_s, self.dark_level)
-            equalisation = self.part.evaluate.video.equalisation
+            equalisation = self.evaluate.video.equalisation
             self._pictures[t_s] = picture(log_image, log_image.shape, equalisation)
         return self._pictures[t_s]
 

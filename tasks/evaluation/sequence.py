@@ -5,23 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
-from eres_render import Clip, RadianceSequence, ground_truth, load_scene
+from eres_render import RadianceSequence, ground_truth, load_scene
+from sensor import SensorModel
+from sensor.engine.bank import DARK_FRACTION
 from tasks.errors import TaskError
-from tasks.evaluation.evaluate import OnProgress, evaluate_part
+from tasks.evaluation.evaluate import OnProgress, evaluate
+from tasks.evaluation.registry import TASKS
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import NO_TASKS, Evaluate, check_methods
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
 from tasks.methods import METHODS
 from tasks.row import Row
-from tasks.study.config import Evaluate, Render, Simulate
-from tasks.study.run.jobs import NOTHING, Part, check_methods
-
-Task = Literal["reconstruction", "flow", "tracking", "video"]
 
 
 def evaluate_sequence(
     sequence: RadianceSequence,
-    task: Task,
+    task: str,
     *,
     methods: Sequence[str] = (),
     width: int = 346,
@@ -55,30 +55,26 @@ def evaluate_sequence(
         A method does not exist, or the scene does not suit the task.
     """
     wanted = replace(getattr(Evaluate(), task), methods=tuple(methods) or tuple(METHODS[task]))
-    evaluate = replace(NOTHING, **{task: wanted})
-    check_methods(evaluate)
+    tasks = replace(NO_TASKS, **{task: wanted})
+    check_methods(tasks)
     if width > sequence.manifest.width:
         raise TaskError(
             f"resolution: found {width} px, finer than the frames of {sequence.manifest.width} px"
         )
     scene = load_scene(sequence.manifest.scene_source)
-    if task == "tracking" and scene.plane is None:
+    if TASKS[task].planar_only and scene.plane is None:
         raise TaskError(
-            f"{scene.name}: pose tracking needs a planar scene, one whose scene.toml has a [plane]"
+            f"{scene.name}: {TASKS[task].title} needs a planar scene, one whose scene.toml has a "
+            "[plane]"
         )
     warn_if_short(sequence, cutoff_hz, speed)
     warn_if_coarse(sequence)
-    clip = Clip(sequence.manifest.clip, float(sequence.t_s[0]), *sequence.window_s)
-    part = Part(
-        scene,
-        clip,
-        Render(resolution=sequence.manifest.width),
-        Simulate(
-            widths=(width,),
-            cutoffs_hz=(cutoff_hz,),
-            speeds=(speed,),
-            contrast_thresholds=(contrast_threshold,),
-        ),
-        evaluate,
+    model = SensorModel(
+        width=width,
+        height=width,
+        contrast_threshold=contrast_threshold,
+        cutoff_hz=cutoff_hz,
+        dark_level=DARK_FRACTION * sequence.white_level,
     )
-    return evaluate_part(part, sequence, ground_truth(sequence), on_progress, shown=False).rows
+    setting = Setting(model, speed, *(round(t_s / speed * 1e6) for t_s in sequence.window_s))
+    return evaluate(sequence, ground_truth(sequence), [setting], tasks, on_progress).rows

@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any, get_type_hints
 
 from tasks.errors import TaskError
+from tasks.evaluation.registry import TASKS
 
 # By task, then by the method's name: "module:function". Strings, so that listing imports nothing.
 METHODS = {
@@ -116,16 +117,9 @@ def check_method(task: str, name: str) -> None:
 
 
 def _samples() -> dict[str, type]:
-    """What a method of each task takes first; of video, it takes none."""
-    from tasks.flow import FlowSample
-    from tasks.reconstruction import ReconstructionSample
-    from tasks.tracking import TrackingSample
-
-    return {
-        "reconstruction": ReconstructionSample,
-        "flow": FlowSample,
-        "tracking": TrackingSample,
-    }
+    """What a method of each task takes first, where it takes something."""
+    named = {task: spec.sample.split(":") for task, spec in TASKS.items() if spec.sample}
+    return {task: getattr(importlib.import_module(m), name) for task, (m, name) in named.items()}
 
 
 def _told_task(function: Callable[..., Any]) -> str | None:

@@ -8,9 +8,10 @@ import json
 import math
 import operator
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any
 
 from tasks.errors import StudyError
+from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.methods import task_of
 
 # Raise a stage's number when its results change, so that artefacts made before are not taken for
@@ -19,6 +20,23 @@ STAGE_VERSIONS = {"render": 3, "simulate": 1, "evaluate": 3}
 
 LEAST_RESOLUTION = 62
 """Side of frames, px, in which `sensor.statistics.slope_scaling` has room for its blocks."""
+
+__all__ = [
+    "PRESETS",
+    "STAGE_VERSIONS",
+    "Evaluate",
+    "Flow",
+    "Reconstruction",
+    "Render",
+    "Simulate",
+    "Study",
+    "Tracking",
+    "Video",
+    "digest",
+    "preset",
+    "to_json",
+    "with_method",
+]
 
 _MAY_BE_ZERO = {
     *("seed", "dark_fraction", "warmup_time_constants"),
@@ -86,118 +104,6 @@ class Simulate:
     def warmup_s(self) -> float:
         """Warm-up before each window, seconds of the path."""
         return self.warmup_time_constants * max(self.speeds) / (2 * math.pi * min(self.cutoffs_hz))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reconstruction:
-    """Image reconstruction, at the end of each clip's window.
-
-    Parameters
-    ----------
-    methods
-        By name, or "package.module:function".
-    upsampling
-        How event integration brings events to the frames' resolution: "nearest", "bilinear" or
-        "bicubic".
-    """
-
-    methods: tuple[str, ...] = ("event_integration", "no_events")
-    upsampling: Literal["nearest", "bilinear", "bicubic"] = "bicubic"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Flow:
-    """Optical flow of patches, over each clip's window.
-
-    Parameters
-    ----------
-    methods
-        By name, or "package.module:function".
-    features
-        Patches in each clip.
-    native_patch
-        Also try patches of 61 px of the sensor, whatever its width.
-    initial_sigma_px
-        How far the initial flow is off the truth: a standard deviation per component, px of a
-        1280 px sensor.
-    fast_methods, fast_speed, fast_scenes
-        Methods that are also tried at one much higher speed, on these scenes; on all by default.
-    seed
-        Of the initial flows.
-    """
-
-    methods: tuple[str, ...] = ("photometric_flow", "contrast_maximization", "initial_flow")
-    features: int = 20
-    native_patch: bool = False
-    initial_sigma_px: float = 3.0
-    fast_methods: tuple[str, ...] = ()
-    fast_speed: float = 10.0
-    fast_scenes: tuple[str, ...] = ()
-    seed: int = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tracking:
-    """Camera pose tracking over the first milliseconds of each clip's window, on planar scenes.
-
-    Parameters
-    ----------
-    methods
-        By name, or "package.module:function".
-    sigmas_mm
-        How far the initial path is off the truth: standard deviations per component of each
-        control point. Each is a variant of the task.
-    max_events
-        A method gets the events of pixels drawn at random, at most so many from the path's 14 ms.
-    max_delay_us
-        By how much events may be late, for methods that look for that: they get events after the
-        path's end too.
-    seed
-        Of the initial paths and of the pixels.
-    """
-
-    methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
-    sigmas_mm: tuple[float, ...] = (10.0,)
-    max_events: int = 100_000
-    max_delay_us: int = 10_000
-    seed: int = 0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Video:
-    """Image reconstruction that goes on from window to window, on one continuous stretch.
-
-    Parameters
-    ----------
-    methods
-        By name, or "package.module:class".
-    scenes
-        On which scenes; on all by default.
-    duration_s, run_in_s
-        Length of the stretch from the path's start, and how much of it is not scored, seconds.
-    every_s
-        From one scored image to the next, seconds of the path.
-    equalisation
-        Of the histograms of prediction and truth before they are compared: "none", "global",
-        "local" or "clahe" (local, with limited contrast).
-    """
-
-    methods: tuple[str, ...] = ()
-    scenes: tuple[str, ...] = ()
-    duration_s: float = 2.0
-    run_in_s: float = 0.5
-    every_s: float = 0.05
-    equalisation: Literal["none", "global", "local", "clahe"] = "local"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluate:
-    """The tasks. One without methods is left out."""
-
-    reconstruction: Reconstruction = field(default_factory=Reconstruction)
-    flow: Flow = field(default_factory=Flow)
-    tracking: Tracking = field(default_factory=Tracking)
-    video: Video = field(default_factory=Video)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

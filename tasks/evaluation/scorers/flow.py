@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 from sensor import Events
 from sensor.events import concatenate
-from tasks.evaluation.reference import Light
+from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import blamed, flow_answer
 from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.setting import Setting
 from tasks.flow import flow_sample, initial_sigma_px, patch_mask, patch_px, rnepe_px
 from tasks.methods import load_method
-from tasks.study.run.jobs import Setting
 
 NATIVE_PATCH = "61 px patch"
 
@@ -20,13 +20,13 @@ NATIVE_PATCH = "61 px patch"
 class FlowScorer:
     """End-point errors of all features, for each kind of patch."""
 
-    def __init__(self, light: Light, setting: Setting) -> None:
+    def __init__(self, light: ReferenceFrames, setting: Setting) -> None:
         self._light, self._setting = light, setting
         width = setting.model.width
         self._features = light.features.at(width)
         # The same patches at 1280 px: they are looked at once.
         self._variants = {patch_px(width): [""]}
-        if light.part.evaluate.flow.native_patch:
+        if light.evaluate.flow.native_patch:
             self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
         self._kept = patch_mask(self._features.centres_px, max(self._variants), width, width)
         self._parts: list[Events] = []
@@ -39,7 +39,7 @@ class FlowScorer:
 
     def scores(self) -> Iterator[Score]:
         """One score a kind of patch, feature and method."""
-        config, setting, features = self._light.part.evaluate.flow, self._setting, self._features
+        config, setting, features = self._light.evaluate.flow, self._setting, self._features
         methods = {name: load_method("flow", name) for name in config.methods}
         initial_px = features.initial_flow_px(config.initial_sigma_px)
         events = concatenate(self._parts)

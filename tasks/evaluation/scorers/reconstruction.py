@@ -8,18 +8,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from sensor import Events
-from tasks.evaluation.reference import Light
+from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import blamed, image_answer
 from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.setting import Setting
 from tasks.methods import load_method
 from tasks.reconstruction import ReconstructionSample, psnr_db
-from tasks.study.run.jobs import Setting
 
 
 class ReconstructionScorer:
     """PSNR of the image at the window's end."""
 
-    def __init__(self, light: Light, setting: Setting) -> None:
+    def __init__(self, light: ReferenceFrames, setting: Setting) -> None:
         self._light, self._setting = light, setting
         self._sum = np.zeros((setting.model.height, setting.model.width), np.int64)
         self._events = 0
@@ -33,7 +33,7 @@ class ReconstructionScorer:
 
     def scores(self) -> Iterator[Score]:
         """One score a method."""
-        light, config = self._light, self._light.part.evaluate.reconstruction
+        light, config = self._light, self._light.evaluate.reconstruction
         sample = ReconstructionSample(
             light.log_start, self._sum.astype(np.float64), self._setting.model.contrast_threshold
         )

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from eres_render import Trajectory
 from sensor import Events
 from sensor.events import concatenate
-from tasks.evaluation.reference import Light
+from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import blamed, path_answer
 from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.setting import Setting
 from tasks.methods import load_method
-from tasks.study.run.jobs import Setting
 from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
 
 _PIXELS_PER_EVENT = 2  # of a method's most events: keeps what is collected small
@@ -24,9 +24,9 @@ _PIXELS_PER_EVENT = 2  # of a method's most events: keeps what is collected smal
 class TrackingScorer:
     """Position error of the path, for each size of the initial error."""
 
-    def __init__(self, light: Light, setting: Setting) -> None:
+    def __init__(self, light: ReferenceFrames, setting: Setting) -> None:
         self._light, self._setting = light, setting
-        config = light.part.evaluate.tracking
+        config = light.evaluate.tracking
         model = setting.model
         # The time of the path is that of the events, which the camera runs through faster.
         self._truth = path_at(self._pose, 0.0)
@@ -34,13 +34,13 @@ class TrackingScorer:
         self._end_us = setting.start_us + duration_us + config.max_delay_us
         self._max_events = round(config.max_events * (1 + config.max_delay_us / duration_us))
         self._kept = np.zeros((model.height, model.width), bool)
-        rng = np.random.default_rng([config.seed, light.part.clip.index])
+        rng = np.random.default_rng([config.seed, light.sequence.manifest.clip])
         chosen = rng.permutation(self._kept.size)[: _PIXELS_PER_EVENT * config.max_events]
         self._kept.ravel()[chosen] = True
         self._parts: list[Events] = []
 
     def _pose(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        start_s = self._light.part.clip.t_window_start_s
+        start_s = self._light.sequence.window_s[0]
         return self._light.truth.trajectory.pose(start_s + t_s * self._setting.speed)
 
     def push(self, events: Events) -> None:
@@ -51,11 +51,11 @@ class TrackingScorer:
 
     def scores(self) -> Iterator[Score]:
         """One score a method and size of the initial error."""
-        config, clip = self._light.part.evaluate.tracking, self._light.part.clip
+        config, clip = self._light.evaluate.tracking, self._light.sequence.manifest.clip
         model = self._setting.model
         events = concatenate(self._parts)
         self._parts = []
-        seed = int(np.random.SeedSequence([config.seed, clip.index]).generate_state(1)[0])
+        seed = int(np.random.SeedSequence([config.seed, clip]).generate_state(1)[0])
         for sigma_mm in config.sigmas_mm:
             sample = tracking_sample(
                 events,

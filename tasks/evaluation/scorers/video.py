@@ -8,20 +8,20 @@ from collections.abc import Iterator
 import numpy as np
 
 from sensor import Events
-from tasks.evaluation.reference import Light
+from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import blamed, image_answer
 from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.setting import Setting
 from tasks.methods import load_method
-from tasks.study.run.jobs import Setting
 from tasks.video import ImageTaker, picture, psnr_db
 
 
 class VideoScorer:
     """PSNR of each image, which is a sample of its own."""
 
-    def __init__(self, light: Light, setting: Setting) -> None:
+    def __init__(self, light: ReferenceFrames, setting: Setting) -> None:
         self._light = light
-        self._config = light.part.evaluate.video
+        self._config = light.evaluate.video
         model = setting.model
         self._samples = {round(t_s / setting.speed * 1e6): t_s for t_s in light.video_times_s}
         self._takers = {}

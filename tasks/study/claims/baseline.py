@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tasks.study.report.markup import join_words
-from tasks.study.results.comparison import beats
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, Verdict, estimate, status_of
+from tasks.study.claims.verdict import Verdict, status_of
+from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
 from tasks.study.results.perturbation import shown_series
-from tasks.study.results.scores import METRICS, Condition, Scores, Series
-from tasks.study.results.words import cutoff_label
+from tasks.study.results.scores import METRICS, Condition, Scores, Series, beats
+from tasks.study.results.words import cutoff_label, join_words
 
 
 def every_method_beats_doing_nothing(scores: Scores) -> Verdict:

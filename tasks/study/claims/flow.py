@@ -16,15 +16,15 @@ from tasks.study.claims.statistics import (
     paper_medians,
     paper_text,
 )
-from tasks.study.results.intervals import (
+from tasks.study.claims.verdict import (
     Medians,
     Statistic,
     Verdict,
-    estimate,
     judge_scenes,
     missing_text,
     unsettled,
 )
+from tasks.study.results.intervals import estimate
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS
 from tasks.study.results.scores import Cell, Condition, Scores, Series
 from tasks.study.results.words import cutoff_label, number_text

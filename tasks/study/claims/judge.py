@@ -15,7 +15,7 @@ from tasks.study.claims.flow import FLOW_CLAIMS
 from tasks.study.claims.reconstruction import RECONSTRUCTION_CLAIMS
 from tasks.study.claims.scaling import SCALING_CLAIMS
 from tasks.study.claims.tracking import TRACKING_CLAIMS
-from tasks.study.results.intervals import Verdict
+from tasks.study.claims.verdict import Verdict
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 

@@ -15,16 +15,16 @@ from tasks.study.claims.statistics import (
     paper_medians,
     paper_text,
 )
-from tasks.study.results.intervals import (
+from tasks.study.claims.verdict import (
     EVENT_INTEGRATION,
     Medians,
     Statistic,
     Verdict,
-    estimate,
     judge_scenes,
     missing_text,
     unsettled,
 )
+from tasks.study.results.intervals import estimate
 from tasks.study.results.paper import (
     BASE_SPEED_M_PER_S,
     CUTOFFS_HZ,

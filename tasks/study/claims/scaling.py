@@ -7,13 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from tasks.study.results.intervals import (
-    EVENT_INTEGRATION,
-    Medians,
-    Verdict,
-    estimate,
-    judge_scenes,
-)
+from tasks.study.claims.verdict import EVENT_INTEGRATION, Medians, Verdict, judge_scenes
+from tasks.study.results.intervals import estimate
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.scaling import FIT_PX, Scaling
 from tasks.study.results.scores import Cell, Condition, Scores

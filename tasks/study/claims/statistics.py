@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
-from tasks.study.results.intervals import Medians, Statistic
+from tasks.study.claims.verdict import Medians, Statistic
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
 from tasks.study.results.scores import METRICS, Cell, Condition, Series
 

@@ -11,17 +11,17 @@ import numpy as np
 
 from tasks.study.claims.flow import delay_text
 from tasks.study.claims.statistics import best_width, grid, lead, medians_of, paper_text
-from tasks.study.results.intervals import (
+from tasks.study.claims.verdict import (
     Check,
     Medians,
     Statistic,
     Status,
     Verdict,
-    estimate,
     judge_scenes,
     missing_text,
     unsettled,
 )
+from tasks.study.results.intervals import estimate
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS
 from tasks.study.results.perturbation import (
     REQUIRED_SUCCESS,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from html import escape
 
 
@@ -12,8 +11,3 @@ def scrolling(label: str, content: str) -> str:
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(label)}">'
         f"{content}</div>"
     )
-
-
-def join_words(words: Sequence[str], last: str = "and") -> str:
-    """Join as in "carpet, rocks and room"."""
-    return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))

@@ -15,28 +15,26 @@ from tasks.evaluation.timings import read_costs
 from tasks.files import write_bytes
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all as judge_claims
+from tasks.study.claims.verdict import Status, Verdict, threshold_note
 from tasks.study.report.figures import COLOURS, figure_files
-from tasks.study.report.markup import join_words, scrolling
+from tasks.study.report.markup import scrolling
+from tasks.study.report.sections.bandwidth import buses_html
 from tasks.study.report.sections.choice import answer_html, choice_tables_html
+from tasks.study.report.sections.comparison import to_html
 from tasks.study.report.sections.failures import convergence_html
 from tasks.study.report.sections.previews import previews_html
 from tasks.study.report.sections.scaling import scaling_html
 from tasks.study.report.sections.threshold import threshold_html
 from tasks.study.report.sections.timings import costs_html
+from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.tradeoff import Plot, plot_data
-from tasks.study.results.bandwidth import buses_html
 from tasks.study.results.choice import Choices, choose_all
-from tasks.study.results.comparison import (
-    ComparisonTable,
-    base_speed,
-    comparison_table,
-    to_csv,
-    to_html,
-)
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, Status, Verdict, threshold_note
+from tasks.study.results.comparison import ComparisonTable, comparison_table
+from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scaling import read_scaling
-from tasks.study.results.scores import TASKS, Scores, Series, by_threshold
+from tasks.study.results.scores import TASKS, Scores, Series, base_speed, by_threshold
+from tasks.study.results.words import join_words
 
 MAX_BYTES = 15_000_000
 """A report is never larger than this."""

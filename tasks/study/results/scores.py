@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.errors import ResultError
+from tasks.evaluation.registry import TASKS
 from tasks.row import Row
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.paper import CONTRAST_THRESHOLD, published
@@ -57,21 +58,6 @@ METRICS = {
     "position_error_mm": Metric("position error", "mm", False, 0.1, decimals=2, digits=3),
 }
 
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """A task by name, with the method that does nothing with the events."""
-
-    title: str
-    baseline: str
-
-
-TASKS = {
-    "reconstruction": Task("reconstruction", "no_events"),
-    "video": Task("video reconstruction", "blank"),
-    "flow": Task("optical flow", "initial_flow"),
-    "tracking": Task("pose tracking", "initial_path"),
-}
 
 EXTENSIONS = {
     "photometric_flow_unknown_contrast": "photometric_flow",
@@ -370,3 +356,15 @@ def _check_known(row: Row) -> None:
     ):
         if name not in known:
             raise ResultError(f"unknown {field} {name!r}; expected {' or '.join(known)}")
+
+
+def base_speed(scores: Scores, series: Series) -> float:
+    """The speed factor of a series that is nearest to 1."""
+    return min(scores.speeds(series), key=lambda speed: abs(math.log(speed)))
+
+
+def beats(cell: Cell, nothing: Cell, series: Series) -> bool | None:
+    """Whether a score is better than that of doing nothing, None where one is missing."""
+    if cell.median is None or nothing.median is None:
+        return None
+    return METRICS[series.metric].sign * (cell.median - nothing.median) > 0

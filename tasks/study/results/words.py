@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 
@@ -47,3 +48,8 @@ def share_text(share: float | None) -> str:
     if 0 < share < 1:
         percent = min(max(percent, 1), 99)
     return f"{percent}\u202f%"
+
+
+def join_words(words: Sequence[str], last: str = "and") -> str:
+    """Join as in "carpet, rocks and room"."""
+    return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))

@@ -8,11 +8,12 @@ from importlib.metadata import version
 from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
-from tasks.evaluation.evaluate import OnProgress, evaluate_part
+from tasks.evaluation.evaluate import OnProgress, evaluate
 from tasks.evaluation.timings import FrameTimer, costs_file
 from tasks.row import Row
 from tasks.study.config import digest
 from tasks.study.run.frame_cache import frames_folder
+from tasks.study.run.highlights import ExhibitCollector
 from tasks.study.run.jobs import Part
 from tasks.study.run.previews import preview_files
 from tasks.study.run.provenance import environment
@@ -63,10 +64,20 @@ def compute_part(part: Part, on_progress: OnProgress, *, shown: bool) -> Compute
             part.render.max_displacement_px,
             lambda done, of: timer("rendering", done, of),
         )
-        result = evaluate_part(part, sequence, light.truth(sequence), on_progress, shown=shown)
+        settings = part.settings(part.simulate.dark_fraction * sequence.white_level)
+        collector = ExhibitCollector(part, settings) if shown else None
+        result = evaluate(
+            sequence,
+            light.truth(sequence),
+            settings,
+            part.evaluate,
+            on_progress,
+            collector.push if collector else None,
+        )
+        exhibit = collector.exhibit(result.reference) if collector else None
     costs = replace(result.costs, rendered_frames=timer.frames, rendering_s=timer.seconds)
     files = {f"costs/{part.key}.json": costs_file(costs)}
-    if exhibit := result.exhibit:
+    if exhibit:
         for name, data in preview_files(part, exhibit).items():
             files[f"previews/{name}"] = data
         for name, data in scaling_files(exhibit.scaling, exhibit.slope).items():

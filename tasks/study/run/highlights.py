@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events
-from tasks.evaluation.reference import Light
+from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.setting import Setting
 from tasks.study.results.scaling import Scaling
-from tasks.study.run.jobs import Part, Setting
+from tasks.study.run.jobs import Part
 from tasks.study.run.scaling import interval_histogram, measure_scaling
 
 PREVIEW_S = 0.01  # events of the window's last 10 ms are kept as a picture
@@ -71,8 +72,9 @@ class ExhibitCollector:
             last = events.between(setting.end_us - round(PREVIEW_S * 1e6), setting.end_us)
             self._previews[key] += last.polarity_sum()
 
-    def exhibit(self, light: Light) -> Exhibit:
+    def exhibit(self, reference: ReferenceFrames) -> Exhibit:
         """What there is to show, after the last event."""
-        keyframe = light.end / np.float32(np.exp(light.log_white))
-        scaling, slope = measure_scaling(light.sequence, light.dark_level, self._histograms)
+        keyframe = reference.end / np.float32(np.exp(reference.log_white))
+        dark_level = reference.dark_level
+        scaling, slope = measure_scaling(reference.sequence, dark_level, self._histograms)
         return Exhibit(keyframe, self._previews, scaling, slope)

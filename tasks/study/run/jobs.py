@@ -12,47 +12,13 @@ import numpy as np
 from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor import SensorModel
 from tasks.errors import StudyError
-from tasks.methods import METHODS, check_method, code_of
-from tasks.study.config import (
-    STAGE_VERSIONS,
-    Evaluate,
-    Flow,
-    Reconstruction,
-    Render,
-    Simulate,
-    Study,
-    Tracking,
-    Video,
-    digest,
-)
+from tasks.evaluation.registry import TASKS
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import NO_TASKS, Evaluate, methods_of
+from tasks.methods import METHODS, code_of
+from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 
 _log = logging.getLogger(__name__)
-
-NOTHING = Evaluate(
-    reconstruction=Reconstruction(methods=()),
-    flow=Flow(methods=()),
-    tracking=Tracking(methods=()),
-    video=Video(methods=()),
-)
-"""No task at all."""
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """A sensor, how much faster than rendered things move before it, and its window.
-
-    The window is half-open, in the time of the sensor's events.
-    """
-
-    model: SensorModel
-    speed: float
-    start_us: int
-    end_us: int
-
-    @property
-    def seconds(self) -> float:
-        """Length of the window."""
-        return (self.end_us - self.start_us) * 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +43,7 @@ class Part:
                 **self._stretch,
                 "simulate": asdict(self.simulate),
                 "evaluate": asdict(self.evaluate),
-                "methods": code_of(chain.from_iterable(_methods(self.evaluate).values())),
+                "methods": code_of(chain.from_iterable(methods_of(self.evaluate).values())),
                 "versions": STAGE_VERSIONS,
             }
         )
@@ -139,12 +105,12 @@ def _samples(study: Study, scene: Scene) -> Iterator[Part]:
     evaluate = replace(
         study.evaluate,
         flow=replace(study.evaluate.flow, fast_methods=()),
-        video=NOTHING.video,
+        video=NO_TASKS.video,
     )
     if evaluate.tracking.methods and scene.plane is None:
         _log.info("%s is not planar: no pose tracking on it", scene.name)
-        evaluate = replace(evaluate, tracking=NOTHING.tracking)
-    if not any(_methods(evaluate).values()):
+        evaluate = replace(evaluate, tracking=NO_TASKS.tracking)
+    if not any(methods_of(evaluate).values()):
         return
     for clip in _spread_clips(study, scene, study.simulate):
         yield Part(scene, clip, study.render, study.simulate, evaluate)
@@ -156,7 +122,7 @@ def _fast_samples(study: Study, scene: Scene) -> Iterator[Part]:
     if not flow.fast_methods or scene.name not in (flow.fast_scenes or [scene.name]):
         return
     simulate = replace(study.simulate, speeds=(flow.fast_speed,))
-    evaluate = replace(NOTHING, flow=replace(flow, methods=flow.fast_methods, fast_methods=()))
+    evaluate = replace(NO_TASKS, flow=replace(flow, methods=flow.fast_methods, fast_methods=()))
     for clip in _spread_clips(study, scene, simulate):
         yield Part(scene, clip, study.render, simulate, evaluate)
 
@@ -167,7 +133,7 @@ def _video(study: Study, scene: Scene) -> Iterator[Part]:
     if not video.methods or scene.name not in (video.scenes or [scene.name]):
         return
     clip = replace(continuous_stretch(scene, video.duration_s), t_window_start_s=video.run_in_s)
-    yield Part(scene, clip, study.render, study.simulate, replace(NOTHING, video=video))
+    yield Part(scene, clip, study.render, study.simulate, replace(NO_TASKS, video=video))
 
 
 def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
@@ -200,21 +166,21 @@ def trials(study: Study, to_do: Collection[Part], done: Iterable[Part]) -> list[
     to_do, done
         The parts of the study that have no scores yet, and those that have.
     """
-    known = set(_own_methods(done))
-    new = [method for method in _own_methods(to_do) if method not in known]
+    known = set(_ownmethods_of(done))
+    new = [method for method in _ownmethods_of(to_do) if method not in known]
     found = []
     for part in to_do:
         planar = part.scene.plane is not None
-        fitting = [method for method in new if planar or method[0] != "tracking"]
+        fitting = [method for method in new if planar or not TASKS[method[0]].planar_only]
         if fitting:
             found.append(_trial(study, part, fitting))
             new = [method for method in new if method not in fitting]
     return found
 
 
-def _own_methods(parts: Iterable[Part]) -> list[tuple[str, str]]:
+def _ownmethods_of(parts: Iterable[Part]) -> list[tuple[str, str]]:
     """Task and name of each of the user's own methods, once."""
-    named = (item for part in parts for item in _methods(part.evaluate).items())
+    named = (item for part in parts for item in methods_of(part.evaluate).items())
     return list(dict.fromkeys((task, one) for task, names in named for one in names if ":" in one))
 
 
@@ -254,19 +220,3 @@ def _trial(study: Study, part: Part, methods: list[tuple[str, str]]) -> Part:
             ),
         ),
     )
-
-
-def check_methods(evaluate: Evaluate) -> None:
-    """Raise a TaskError if a method does not exist or is another task's, before any rendering."""
-    for task, names in _methods(evaluate).items():
-        for name in names:
-            check_method(task, name)
-
-
-def _methods(evaluate: Evaluate) -> dict[str, tuple[str, ...]]:
-    return {
-        "reconstruction": evaluate.reconstruction.methods,
-        "flow": (*evaluate.flow.methods, *evaluate.flow.fast_methods),
-        "tracking": evaluate.tracking.methods,
-        "video": evaluate.video.methods,
-    }

@@ -16,11 +16,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from eres_render import load_scene
 from tasks.errors import ResultError, StudyError
+from tasks.evaluation.settings import check_methods
 from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
 from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import Part, check_methods, parts, trials
+from tasks.study.run.jobs import Part, parts, trials
 from tasks.study.run.provenance import command, together
 from tasks.study.run.scheduler import OnTasks, Schedule, Task, schedule
 

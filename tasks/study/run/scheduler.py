@@ -17,11 +17,12 @@ from eres_render import load_scene
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks.errors import StudyError, TaskError
+from tasks.evaluation.settings import check_methods
 from tasks.methods import METHOD_VERSIONS
 from tasks.study.config import STAGE_VERSIONS
 from tasks.study.run.compute import ComputedPart, compute_part
 from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import Part, check_methods
+from tasks.study.run.jobs import Part
 
 if TYPE_CHECKING:
     from distributed import Client, Future

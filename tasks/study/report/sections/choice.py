@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 from html import escape
 
-from tasks.study.report.markup import join_words, scrolling
+from tasks.study.report.markup import scrolling
 from tasks.study.results.answer import headline, times_text
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.choice import Choice, Choices
@@ -16,6 +16,7 @@ from tasks.study.results.words import (
     MISSING,
     cutoff_detail,
     cutoff_label,
+    join_words,
     rate_label,
     share_text,
     speed_label,

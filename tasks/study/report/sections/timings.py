@@ -10,9 +10,9 @@ from itertools import chain
 import numpy as np
 
 from tasks.evaluation.timings import MethodCost, PartCosts
-from tasks.study.report.markup import join_words, scrolling
+from tasks.study.report.markup import scrolling
 from tasks.study.results.scores import TASKS, Series
-from tasks.study.results.words import MISSING
+from tasks.study.results.words import MISSING, join_words
 
 
 def costs_html(costs: Sequence[PartCosts]) -> str:

@@ -1,0 +1,53 @@
+"""Comparison tables as tidy CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+
+from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, native_px
+from tasks.study.results.scores import TASKS
+
+_CSV_COLUMNS = (
+    *("scene", "task", "method", "variant", "metric"),
+    *("width", "cutoff_hz", "contrast_threshold", "speed"),
+    *("values", "expected_values", "median", "paper", "difference", "event_rate_mev_s", "best"),
+    *("native_px", "failure_share", "beats_nothing"),
+)
+
+
+def to_csv(tables: Iterable[ComparisonTable]) -> str:
+    """Render as tidy CSV, one line a cell; what is missing is empty."""
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(_CSV_COLUMNS)
+    for table in tables:
+        for block in table.blocks:
+            for line in block.lines:
+                for cutoff_hz, entry in zip(table.cutoffs_hz, line.entries, strict=True):
+                    writer.writerow(_csv_line(table, block, line, cutoff_hz, entry))
+    return file.getvalue()
+
+
+def _csv_line(
+    table: ComparisonTable, block: Block, line: Line, cutoff_hz: float, entry: Entry
+) -> list[str | int | float]:
+    cell, series = entry.cell, table.series
+    rate = None if line.nothing else cell.event_rate_hz
+    failed = None if line.nothing else cell.failure_share
+
+    def text(number: float | None) -> str:
+        return "" if number is None else f"{number:.6g}"
+
+    return [
+        *(block.scene, series.task),
+        TASKS[series.task].baseline if line.nothing else series.method,
+        *(series.variant, series.metric),
+        *(line.width or "", cutoff_hz, table.contrast_threshold, block.speed),
+        *(len(cell.values), cell.expected),
+        *(text(cell.median), text(entry.paper), text(entry.difference)),
+        *(text(rate and rate / 1e6), int(entry.best)),
+        *(text(native_px(cell.median, line, series)), text(failed)),
+        "" if entry.beats_nothing is None else int(entry.beats_nothing),
+    ]

@@ -1,0 +1,47 @@
+"""Comparison tables for a terminal."""
+
+from __future__ import annotations
+
+import rich.console
+from rich.text import Text
+
+from tasks.study.results.comparison import Block, ComparisonTable, columns_of, line_label
+from tasks.study.results.words import (
+    cutoff_label,
+    speed_label,
+)
+from tasks.table import Table
+
+
+def to_rich(table: ComparisonTable) -> rich.console.Group:
+    """Render for a terminal of 80 columns or more, each block under its own heading."""
+    parts: list[rich.console.RenderableType] = [Text(table.title, "bold")]
+    for block in table.blocks:
+        parts += [Text(f"\n{block.scene}, {speed_label(block.scene, block.speed)}", "italic")]
+        parts += [_rich_block(block, table)]
+    return rich.console.Group(*parts, Text(f"\n{table.footnote}", "dim"))
+
+
+def _rich_block(block: Block, table: ComparisonTable) -> Table:
+    shown = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
+    shown.add_column("", no_wrap=True)
+    columns = [column for column in columns_of(table) if column.in_terminal]
+    for cutoff_hz in table.cutoffs_hz:
+        for column in columns:
+            head = cutoff_label(cutoff_hz) if column.kind == "ours" else column.head
+            dim = "dim" if column.kind in ("paper", "rate") else ""
+            shown.add_column(head, justify="right", style=dim, no_wrap=True)
+    for line in block.lines:
+        cells = [Text("do nothing" if line.width is None else line_label(line, table.series))]
+        for entry in line.entries:
+            styles = {
+                "ours": _style(entry.best, entry.beats_nothing is False),
+                "paper": _style(entry.paper_best, False),
+            }
+            cells += [Text(c.text(entry, line), styles.get(c.kind, "")) for c in columns]
+        shown.add_row(*cells)
+    return shown
+
+
+def _style(best: bool, idle: bool) -> str:
+    return " ".join(["bold"] * best + ["strike"] * idle)
