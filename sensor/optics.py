@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.kernels import pixel
+from sensor.kernels import radiance
 
 
 def area_weights(
@@ -60,7 +60,7 @@ def integrate(
     aperture = math.sqrt(fill_factor)
     rows = area_weights(frame.shape[0], height, aperture)
     columns = area_weights(frame.shape[1], width, aperture)
-    return out if pixel.integrate_area(frame, *rows, *columns, out) else None
+    return out if radiance.integrate_area(frame, *rows, *columns, out) else None
 
 
 def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import reference_sensor
 from sensor import SensorModel, simulate
-from sensor.kernels import pixel
+from sensor.kernels import crossings, radiance
 
 IDEAL = math.inf
 
@@ -30,7 +30,7 @@ def test_log_is_exact_to_one_ulp():
     rng = np.random.default_rng(0)
     x = np.concatenate([np.exp(rng.uniform(-300, 300, 100_000)), 1 + rng.normal(0, 1e-3, 10_000)])
     got = np.empty_like(x)
-    pixel.log_intensity(x, 0.0, got)
+    radiance.log_intensity(x, 0.0, got)
     np.testing.assert_array_max_ulp(got, np.log(x), maxulp=1)
 
 
@@ -160,29 +160,32 @@ def test_crossings_near_a_turn_are_solved():
     turning = slope(y[0]) * slope(y[1]) < 0
     flat = (2 * A - B) / A
     turning &= (flat < y[0]) | (flat > turn_low)  # monotone up to the turn
-    todo = np.zeros((pixel.CROSSING_SIZE, turning.sum()))
-    todo[pixel.RISE], todo[pixel.POLE_A], todo[pixel.POLE_B] = S[turning], A[turning], B[turning]
+    todo = np.zeros((crossings.CROSSING_SIZE, turning.sum()))
+    S, A, B = S[turning], A[turning], B[turning]
+    todo[crossings.RISE], todo[crossings.POLE_A], todo[crossings.POLE_B] = S, A, B
     low, high = y[0][turning], turn_low[turning]
 
     def v2(y):
-        return todo[pixel.RISE] * y + (todo[pixel.POLE_B] + todo[pixel.POLE_A] * y) * np.exp(-y)
+        return todo[crossings.RISE] * y + (
+            todo[crossings.POLE_B] + todo[crossings.POLE_A] * y
+        ) * np.exp(-y)
 
-    todo[pixel.LOW], todo[pixel.HIGH], todo[pixel.SLACK] = low, high, 1e-9
-    todo[pixel.V_LOW], todo[pixel.V_HIGH] = v2(low), v2(high)
+    todo[crossings.LOW], todo[crossings.HIGH], todo[crossings.SLACK] = low, high, 1e-9
+    todo[crossings.V_LOW], todo[crossings.V_HIGH] = v2(low), v2(high)
     short = 10 ** rng.uniform(-8, -0.3, low.size)
-    todo[pixel.LEVEL] = v2(high) - short * (v2(high) - v2(low))
+    todo[crossings.LEVEL] = v2(high) - short * (v2(high) - v2(low))
     kept = abs(v2(high) - v2(low)) > 1e-3
     todo = np.ascontiguousarray(todo[:, kept])
     low, high = low[kept], high[kept]
     assert kept.sum() > 10_000
-    pixel.solve_crossings(todo, todo.shape[1])
-    upward = todo[pixel.V_HIGH] > todo[pixel.V_LOW]
+    crossings.solve_crossings(todo, todo.shape[1])
+    upward = todo[crossings.V_HIGH] > todo[crossings.V_LOW]
     for _ in range(80):
         middle = 0.5 * (low + high)
-        below = (v2(middle) < todo[pixel.LEVEL]) == upward
+        below = (v2(middle) < todo[crossings.LEVEL]) == upward
         low, high = np.where(below, middle, low), np.where(below, high, middle)
-    print(np.abs(todo[pixel.ROOT] - low).max())
-    assert np.abs(todo[pixel.ROOT] - low).max() < 3e-7
+    print(np.abs(todo[crossings.ROOT] - low).max())
+    assert np.abs(todo[crossings.ROOT] - low).max() < 3e-7
 
 
 def drawn_frames(seed, shape, roughness, intervals, interval_s):

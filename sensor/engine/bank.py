@@ -32,7 +32,8 @@ from sensor.engine.frames import (
 )
 from sensor.errors import SensorError
 from sensor.events import Events, concatenate
-from sensor.kernels import pixel
+from sensor.kernels import advance, comparator, packing, photoreceptor
+from sensor.kernels.radiance import log_intensity
 from sensor.model import SensorModel
 from sensor.optics import integrate
 
@@ -60,7 +61,7 @@ class _Group:
     C_on: NDArray[np.float64]  # (S, height * width), or (S, 1) where no member has a mismatch
     C_off: NDArray[np.float64]
     hot_hz: NDArray[np.float64]  # (S, height * width), or (S, 0) where no member has hot pixels
-    electronics: NDArray[np.float64]  # (S, pixel.ELECTRONICS_SIZE)
+    electronics: NDArray[np.float64]  # (S, photoreceptor.ELECTRONICS_SIZE)
     noisy: NDArray[np.bool_]  # (S,)
     filtered: NDArray[np.bool_]  # (S,)
     leader: NDArray[np.int64]  # (S,) see `_leaders`
@@ -92,7 +93,7 @@ class Bank:
         self.t_s = checked_times(t_s)
         self.reader = FrameReader(frames, len(self.t_s))
         for speed in {*self.speeds}:
-            check_spans(self.t_s / speed, pixel.MAX_INTERVAL_US, speed)
+            check_spans(self.t_s / speed, packing.MAX_INTERVAL_US, speed)
         for model in models:
             check_fit(model, *self.reader.shape)
         check_memory(models)
@@ -155,7 +156,7 @@ class Bank:
         radiance = _at_pixels(self.reader.first, one)
         assert radiance is not None, "the reader has checked the first frame"
         _check_positive(radiance, dark, 0)
-        pixel.log_intensity(radiance.ravel(), dark, u)
+        log_intensity(radiance.ravel(), dark, u)
         C_on, C_off = (self._thresholds(models, draw) for draw in (_Draw.C_ON, _Draw.C_OFF))
         memory = np.tile(u, (len(models), 1))
         for row, model, on, off in zip(memory, models, C_on, C_off, strict=True):
@@ -234,7 +235,7 @@ class Bank:
         steps = np.array(
             [
                 [
-                    pixel.photoreceptor_step(dt_s, model.cutoff_hz, model.poles)
+                    photoreceptor.photoreceptor_step(dt_s, model.cutoff_hz, model.poles)
                     for dt_s in np.diff(row)
                 ]
                 for row, model in zip(t_s, group.models, strict=True)
@@ -247,9 +248,9 @@ class Bank:
             k, pixel_start, pixel_stop = band
             blocks = -(-(pixel_stop - pixel_start) // _BLOCK_PX)
             segment = np.zeros((blocks, S, F, 2), np.int64)
-            outcome, block, setting, used = pixel.FULL, 0, 0, 0
-            while outcome == pixel.FULL:
-                outcome, block, setting, used = pixel.advance_pixels(
+            outcome, block, setting, used = advance.FULL, 0, 0, 0
+            while outcome == advance.FULL:
+                outcome, block, setting, used = advance.advance_pixels(
                     radiance.reshape(F, -1),
                     group.dark,
                     group.width,
@@ -278,11 +279,11 @@ class Bank:
                     self._pools[k],
                     segment,
                 )
-                if outcome == pixel.FULL:
+                if outcome == advance.FULL:
                     larger = np.empty(2 * self._pools[k].size, np.uint64)
                     larger[: self._pools[k].size] = self._pools[k]
                     self._pools[k] = larger
-            if outcome == pixel.BAD:
+            if outcome == advance.BAD:
                 refuse_bad_radiance(chunk, index)
             return segment
 
@@ -329,10 +330,10 @@ class _Unsorted:
             words, other = room[:, : self.counts[f]]
             used = 0
             for pool, segment in zip(self.pools, self.segments, strict=True):
-                used = pixel.gather(pool, segment, self.setting, f, words, used)
+                used = packing.gather(pool, segment, self.setting, f, words, used)
             start_us, end_us = self.frame_us[f : f + 2]
             part = (column[starts[f] : starts[f + 1]] for column in columns)
-            pixel.sort_by_time(words, other, end_us - start_us, start_us, *part)
+            packing.sort_by_time(words, other, end_us - start_us, start_us, *part)
             scratch.put(room)
 
         list(workers.map(sort_interval, range(len(self.counts))))
@@ -377,12 +378,13 @@ def _leaders(models: list[SensorModel]) -> NDArray[np.int64]:
 
 def _electronics(model: SensorModel) -> list[float]:
     reference = model.cutoff_reference
-    row = [0.0] * pixel.ELECTRONICS_SIZE
-    row[pixel.POLES] = model.poles
-    row[pixel.LEAK_PER_S] = model.leak_hz * model.contrast_threshold
-    row[pixel.NOISE_HZ] = model.shot_noise_hz
-    row[pixel.NOISE_EXPONENT] = model.shot_noise_exponent
-    row[pixel.LIGHT_A] = 0.0 if reference is None else 2 * math.pi * model.cutoff_hz / reference
+    row = [0.0] * photoreceptor.ELECTRONICS_SIZE
+    row[photoreceptor.POLES] = model.poles
+    row[photoreceptor.LEAK_PER_S] = model.leak_hz * model.contrast_threshold
+    row[photoreceptor.NOISE_HZ] = model.shot_noise_hz
+    row[photoreceptor.NOISE_EXPONENT] = model.shot_noise_exponent
+    if reference is not None:
+        row[photoreceptor.LIGHT_A] = 2 * math.pi * model.cutoff_hz / reference
     return row
 
 
@@ -393,7 +395,7 @@ def _after_refractory(group: _Group, s: int, events: Events) -> Events:
         return events
     keep = np.empty(len(events), np.bool_)
     refractory_us = min(round(group.models[s].refractory_s * 1e6), np.iinfo(np.int64).max)
-    pixel.outside_refractory(events.t_us, events.x, events.y, refractory_us, ready_us, keep)
+    comparator.outside_refractory(events.t_us, events.x, events.y, refractory_us, ready_us, keep)
     return events.where(keep)
 
 

@@ -1,0 +1,322 @@
+"""The comparator, Eq. (1): which levels the flagged pixels cross, and the events of that."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sensor.kernels.crossings import (
+    CROSSING_BATCH,
+    HIGH,
+    LEVEL,
+    LOW,
+    POLE_A,
+    POLE_B,
+    RISE,
+    ROOT,
+    SHORT,
+    SHORT_X,
+    SLACK,
+    START_V,
+    TRANSIENT,
+    US,
+    V_HIGH,
+    V_LOW,
+    solve_crossings,
+    turning_point,
+    v2_and_slopes_at,
+    v2_at,
+)
+from sensor.kernels.elementary import jit
+from sensor.kernels.packing import POLARITY_SHIFT, START, STOP, pack
+from sensor.kernels.photoreceptor import DT_S
+from sensor.kernels.silence import BOUND_MARGIN, each, light_bound
+
+# A level that an ideal pixel crosses, one column each: u is LEVEL_RISE above the interval's start
+# there, of WHOLE_RISE over all of it.
+LEVEL_RISE, WHOLE_RISE = range(2)
+
+
+@jit
+def fire_lines(
+    todo, todo_words, count, setting, leader, interval, steps, start_us, length_us, pool, segment
+):
+    """Append the listed levels as events to the part of the pool of each setting that fires so."""
+    for m in range(setting, leader.size):
+        if leader[m] != setting:
+            continue
+        dt_us = steps[m, interval, DT_S] * 1e6
+        first_us, whole_us = start_us[m, interval], length_us[m, interval]
+        out = pool[segment[m, STOP] : segment[m, STOP] + count]
+        for j in range(count):
+            since_us = todo[LEVEL_RISE, j] * (dt_us / todo[WHOLE_RISE, j])
+            out[j] = pack(since_us, first_us, whole_us, todo_words[j])
+        segment[m, STOP] += count
+
+
+@jit
+def events_of_lines(
+    flagged,
+    u0,  # (len(flagged),) log intensity of the flagged pixels at the interval's ends; overwritten
+    u1,
+    drift,
+    leaked,  # drift of the intervals since the band was set
+    memory,
+    C_on,
+    C_off,
+    darkest,
+    brightest,
+    setting,
+    leader,
+    interval,
+    steps,
+    start_us,
+    length_us,
+    position,
+    todo,
+    todo_words,
+    pool,
+    used,
+    segment,  # (S, 2) out: where in the pool each setting's events start and stop
+):
+    """Fire the flagged ideal pixels over one interval, for all settings that fire alike.
+
+    u is a straight line. What time it crosses a level is the only thing in which those settings
+    differ. Returns how much of the pool is used, or -1 when it has not room enough.
+    """
+    # Settings that fire alike fill parts of the pool side by side, so these need an end.
+    alike = 0
+    for m in range(setting, leader.size):
+        alike += leader[m] == setting
+    room = pool.size - used
+    if alike > 1:
+        room = 0
+        for k in range(flagged.size):
+            i = flagged[k]
+            room += np.int64(abs(u1[k] + drift - memory[i]) / min(C_on[i], C_off[i])) + 2
+        if used + alike * room > pool.size:
+            return -1
+    for m in range(setting, leader.size):
+        if leader[m] == setting:
+            segment[m, START] = segment[m, STOP] = used
+            used += room
+    count = 0
+    for k in range(flagged.size):
+        i = flagged[k]
+        level = memory[i]
+        v_low, v_high = u0[k], u1[k] + drift
+        sign = math.copysign(1.0, v_high - level)
+        on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+        C = on if sign > 0.0 else off
+        word = position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
+        while (v_high - level) * sign >= C:
+            level += sign * C
+            todo[LEVEL_RISE, count] = level - v_low
+            todo[WHOLE_RISE, count] = v_high - v_low
+            todo_words[count] = word
+            count += 1
+            room -= 1
+            if room < 0:
+                return -1
+            if count == CROSSING_BATCH:
+                fire_lines(
+                    todo,
+                    todo_words,
+                    count,
+                    setting,
+                    leader,
+                    interval,
+                    steps,
+                    start_us,
+                    length_us,
+                    pool,
+                    segment,
+                )
+                count = 0
+        memory[i] = level
+        u0[k] = level + leaked - C_off[i]
+        u1[k] = level + leaked + C_on[i]
+    fire_lines(
+        todo,
+        todo_words,
+        count,
+        setting,
+        leader,
+        interval,
+        steps,
+        start_us,
+        length_us,
+        pool,
+        segment,
+    )
+    for k in range(flagged.size):
+        u0[k] = light_bound(u0[k], BOUND_MARGIN)
+        u1[k] = light_bound(u1[k], -BOUND_MARGIN)
+    for k in range(flagged.size):
+        darkest[flagged[k]] = u0[k]
+        brightest[flagged[k]] = u1[k]
+    for m in range(setting, leader.size):
+        if leader[m] == setting:
+            used = segment[m, STOP]
+    return used
+
+
+@jit
+def fire(todo, todo_words, count, start_us, length_us, pool, used):
+    """Solve the listed crossings and append them to the pool as events; -1 when it is full."""
+    if used + count > pool.size:
+        return -1
+    solve_crossings(todo, count)
+    for k in range(count):
+        since_us = todo[ROOT, k] * todo[US, k]
+        pool[used + k] = pack(since_us, start_us, length_us, todo_words[k])
+    return used + count
+
+
+# A flagged pixel's v2 over an interval, one column each, in the terms of a crossing. WHOLE = a dt;
+# SHAPED is where the transient ends or else the interval does, FLAT where before that v2's slope
+# has its own turning point, or else SHAPED.
+U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
+
+
+CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
+
+
+CURVE_SIZE = 16
+
+
+@jit
+def describe_curves(curve, count, poles, drift):
+    """From the state of the first `count` columns to their curves, in vectors."""
+    u0, u1, v1, v2 = curve[U_START], curve[U_END], curve[V1_START], curve[V2_START]
+    v1_end, v2_end, whole = curve[V1_STOP], curve[V2_STOP], curve[WHOLE]
+    second = poles - 1.0
+    for k in range(count):
+        S = (u1[k] - u0[k]) / whole[k]
+        to_v1, to_v2 = v1[k] - u0[k], v2[k] - u0[k]
+        A = second * (to_v1 + S)
+        B = to_v2 + poles * S
+        leak = drift / whole[k]
+        # v2' = v1 - v2 of two poles, u - v2 of one
+        slope_start = second * to_v1 - to_v2 + leak
+        slope_end = second * (v1_end[k] - u1[k]) - (v2_end[k] - u1[k]) + leak
+        short = 1.0 if whole[k] < SHORT_X else 0.0
+        rise = slope_start if short > 0.0 else S + leak
+        shaped = min(whole[k], TRANSIENT)
+        flat = (2.0 * to_v1 - to_v2) / A  # (2 A - B) / A of two poles
+        inside = (second > 0.0) & (flat > 0.0) & (flat < shaped)
+        flat = flat if inside else shaped
+        slope_flat = v2_and_slopes_at(flat, 0.0, rise, A, B, short)[1] if inside else slope_end
+        curve[V2_STOP, k] += drift
+        curve[CURVE_START_V, k] = v2[k] if short > 0.0 else u0[k] - poles * S
+        curve[CURVE_RISE, k] = rise
+        curve[CURVE_A, k] = A
+        curve[CURVE_B, k] = B
+        curve[CURVE_SHORT, k] = short
+        curve[SHAPED, k] = shaped
+        curve[FLAT, k] = flat
+        curve[TURNS_BEFORE, k] = slope_start * slope_flat < 0.0
+        curve[TURNS_AFTER, k] = slope_flat * slope_end < 0.0
+
+
+@jit
+def events_of_curves(
+    flagged,
+    u0,
+    u1,
+    v1,
+    v2,
+    v1_end,
+    v2_end,
+    x,
+    poles,
+    drift,
+    memory,
+    C_on,
+    C_off,
+    dt_s,
+    start_us,
+    length_us,
+    position,
+    curve,
+    todo,
+    todo_words,
+    pool,
+    used,
+):
+    """Fire the flagged filtered pixels over one interval: v2 is a curve.
+
+    The interval is cut where v2 turns, at most twice, and where its transient has died away; the
+    levels that each monotone piece crosses are listed, and `fire` finds the times. Returns how much
+    of the pool is used, or -1 when it is full.
+    """
+    for k in range(flagged.size):
+        i = flagged[k]
+        curve[U_START, k], curve[U_END, k] = u0[i], u1[i]
+        curve[V1_START, k], curve[V1_STOP, k] = v1[i], v1_end[i]
+        curve[V2_START, k], curve[V2_STOP, k] = v2[i], v2_end[i]
+        curve[WHOLE, k] = each(x, i)
+    describe_curves(curve, flagged.size, poles, drift)
+    count = 0
+    for k in range(flagged.size):
+        i = flagged[k]
+        start, rise = curve[CURVE_START_V, k], curve[CURVE_RISE, k]
+        A, B, short = curve[CURVE_A, k], curve[CURVE_B, k], curve[CURVE_SHORT, k]
+        whole, shaped, flat = curve[WHOLE, k], curve[SHAPED, k], curve[FLAT, k]
+        # v2's slope has at most one turning point of its own; on both sides it is monotone.
+        cut_0, cut_1 = 0.0, shaped
+        if curve[TURNS_BEFORE, k] != 0.0:
+            cut_0 = turning_point(0.0, flat, rise, A, B, short)
+        if curve[TURNS_AFTER, k] != 0.0:
+            cut_1 = turning_point(flat, shaped, rise, A, B, short)
+        us = dt_s * 1e6 / whole
+        slack = min(1.0, 1e6 / us) * 1e-9  # of the time constant 1/a, and of a second
+        level = memory[i]
+        low, v_low = 0.0, curve[V2_START, k]
+        for high in (cut_0, cut_1, shaped, whole):
+            if high <= low:
+                continue
+            at_end = high == whole
+            v_high = curve[V2_STOP, k] if at_end else v2_at(high, start, rise, A, B, short)
+            sign = math.copysign(1.0, v_high - level)
+            on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+            C = on if sign > 0.0 else off
+            word = position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
+            while (v_high - level) * sign >= C:
+                if count == CROSSING_BATCH:
+                    used = fire(todo, todo_words, count, start_us, length_us, pool, used)
+                    count = 0
+                    if used < 0:
+                        return -1
+                level += sign * C
+                todo[START_V, count] = start
+                todo[RISE, count] = rise
+                todo[POLE_A, count] = A
+                todo[POLE_B, count] = B
+                todo[SHORT, count] = short
+                todo[LEVEL, count] = level
+                todo[LOW, count] = low
+                todo[HIGH, count] = high
+                todo[V_LOW, count] = v_low
+                todo[V_HIGH, count] = v_high
+                todo[US, count] = us
+                todo[SLACK, count] = slack
+                todo_words[count] = word
+                count += 1
+            low, v_low = high, v_high
+        memory[i] = level
+    return fire(todo, todo_words, count, start_us, length_us, pool, used)
+
+
+@jit
+def outside_refractory(t_us, x, y, refractory_us, ready_us, keep):
+    """Mark which of a pixel's events come at least the refractory period after its last kept one.
+
+    ready_us, (height, width) int64, is when each pixel can fire again; updated.
+    """
+    latest = np.iinfo(np.int64).max - refractory_us
+    for k in range(t_us.size):
+        keep[k] = t_us[k] >= ready_us[y[k], x[k]]
+        if keep[k]:
+            ready_us[y[k], x[k]] = min(t_us[k], latest) + refractory_us
