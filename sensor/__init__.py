@@ -4,12 +4,37 @@
 >>> events = simulate(frames, t_s, model)  # frames (T, H, W) float32 linear radiance
 """
 
-from sensor.encoding import to_linear
-from sensor.errors import EventError, EventFormatError, SensorError
-from sensor.events import Events
-from sensor.model import SensorModel, cutoff_in_light
-from sensor.readout import Readout, ReadoutReport, read_out
-from sensor.simulate import simulate, simulate_bank, stream, stream_bank
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sensor.encoding import to_linear
+    from sensor.errors import EventError, EventFormatError, SensorError
+    from sensor.events import Events
+    from sensor.model import SensorModel, cutoff_in_light
+    from sensor.readout import Readout, ReadoutReport, read_out
+    from sensor.simulation import simulate, simulate_bank, stream, stream_bank
+
+# Names are loaded when they are asked for (PEP 562): the command line answers before SciPy, Numba
+# and what else they need has been imported.
+_HOMES = {
+    "EventError": "sensor.errors",
+    "EventFormatError": "sensor.errors",
+    "Events": "sensor.events",
+    "Readout": "sensor.readout",
+    "ReadoutReport": "sensor.readout",
+    "SensorError": "sensor.errors",
+    "SensorModel": "sensor.model",
+    "cutoff_in_light": "sensor.model",
+    "read_out": "sensor.readout",
+    "simulate": "sensor.simulation",
+    "simulate_bank": "sensor.simulation",
+    "stream": "sensor.simulation",
+    "stream_bank": "sensor.simulation",
+    "to_linear": "sensor.encoding",
+}
 
 __all__ = [
     "EventError",
@@ -27,3 +52,15 @@ __all__ = [
     "stream_bank",
     "to_linear",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = getattr(import_module(_HOMES[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

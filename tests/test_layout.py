@@ -1,6 +1,7 @@
 """The house keeps its rules, those of docs/house.md: who may import whom, and what that costs."""
 
 import ast
+import importlib
 import re
 import subprocess
 import sys
@@ -107,3 +108,31 @@ def test_importing_loads_neither_mitsuba_nor_torch(module):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     assert run.returncode == 0, run.stderr
     assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("package", ["sensor", "eres_render"])
+def test_no_module_takes_the_name_of_what_its_package_exports(package):
+    """Promise: `from sensor import simulate` is the function, whatever was imported before. Names
+    are loaded when asked for, and a module of that name would come first."""
+    exported = set(importlib.import_module(package).__all__)
+    modules = {path.stem for path in (ROOT / package).iterdir() if not path.name.startswith("_")}
+    assert not exported & modules
+
+
+@pytest.mark.parametrize("package", ["sensor", "eres_render"])
+def test_all_that_a_package_exports_is_there(package):
+    """Promise: each name that is loaded on demand is found, and no other."""
+    module = importlib.import_module(package)
+    assert set(module.__all__) <= set(dir(module))
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = module.nothing
+
+
+def test_the_command_line_answers_at_once():
+    """Promise: `eres --help` does not wait for Numba, SciPy, OpenCV, pyarrow or matplotlib."""
+    slow = {"numba", "scipy", "cv2", "pyarrow", "matplotlib"}
+    code = f"import sys, tasks.cli; print(sorted({slow} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert run.stdout.strip() == "[]", run.stderr

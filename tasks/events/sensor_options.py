@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from sensor import Readout, SensorModel, cutoff_in_light
+from sensor.model import SensorModel, cutoff_in_light
 from sensor.presets import SENSORS, hint
 from tasks.errors import TaskError
+
+if TYPE_CHECKING:
+    from sensor import Readout
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,6 +156,8 @@ class BusOptions:
                 f"bus: no bandwidth is known of {self.bus!r}, expected a rate in million events a "
                 "second, such as --bus 12, or another camera"
             )
+        from sensor import Readout  # here, as Numba takes longer to load than help to be printed
+
         return Readout(
             max_rate_hz=rate_mev_s * 1e6, fifo_depth=self.fifo, row_overhead_s=self.row_overhead
         )
