@@ -10,7 +10,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are then plain functions with signatures
 
 project = "eres"
-release = importlib.metadata.version("eres")
+release = importlib.metadata.version("eres-events")
 html_title = f"eres {release}"
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]

@@ -23,6 +23,7 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff, OmitArgPrefixes, Positio
 
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
+from tasks import DISTRIBUTION
 from tasks.errors import StudyError, TaskError
 from tasks.events.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 from tasks.row import Row
@@ -625,7 +626,7 @@ def _show_claims(run: Path) -> None:
 def main() -> None:
     """Run the command line; exit code 1 for an error, 2 for wrong usage, 130 for Ctrl-C."""
     if sys.argv[1:] == ["--version"]:
-        print(f"eres {version('eres')}")
+        print(f"eres {version(DISTRIBUTION)}")
         return
     handler = RichHandler(console=_err, show_time=False, show_path=False, show_level=False)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])

@@ -7,7 +7,6 @@ import os
 import platform
 import shutil
 import sys
-from importlib.metadata import version
 
 from rich.console import Console
 from rich.markup import escape
@@ -15,7 +14,7 @@ from rich.markup import escape
 from eres_render.rendering.backend import probe_variants
 from eres_render.scene.scene import scene_root
 from eres_render.storage.cache import cache_dir
-from tasks.study.run.provenance import PACKAGES
+from tasks.study.run.provenance import versions
 from tasks.table import Table
 
 _GB = 1e9
@@ -36,8 +35,8 @@ def diagnose(console: Console) -> int:
     facts = Table(box=None, show_header=False)
     facts.add_row("cores", str(len(os.sched_getaffinity(0))))
     facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
-    for name in PACKAGES:
-        facts.add_row(name, version(name))
+    for name, found in versions().items():
+        facts.add_row(name, found)
     for name in ("eres_render", "sensor", "tasks"):
         spec = importlib.util.find_spec(name)
         facts.add_row(f"import {name}", str(spec.origin if spec else "missing"))

@@ -63,7 +63,7 @@ def test_every_scene_and_template_is_in_it(wheel):
 def test_nothing_else_is_in_it(wheel):
     """Promise: tests, benchmarks and caches stay at home."""
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
-    assert tops == {*PACKAGES, f"eres-{version('eres')}.dist-info"}
+    assert tops == {*PACKAGES, f"eres_events-{version('eres-events')}.dist-info"}
 
 
 def files(folder):
@@ -80,13 +80,13 @@ def test_the_import_names_are_its_own(run):
     )
     for name, line in zip(PACKAGES, run("python", "-c", code).splitlines(), strict=True):
         found, owner, origin = line.split()
-        assert (found, owner) == (name, "eres")
+        assert (found, owner) == (name, "eres-events")
         assert Path(origin).is_relative_to(run.environment)
     run("pip", "check")
 
 
 def test_the_command_works(run):
-    assert run("eres", "--version") == f"eres {version('eres')}\n"
+    assert run("eres", "--version") == f"eres {version('eres-events')}\n"
     said = run("eres", "doctor")
     assert "renders use:" in said
     assert str(run.environment) in said

@@ -11,9 +11,11 @@ from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 
+from tasks import DISTRIBUTION
+
 _BETWEEN = "; "  # values of one name
 _CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
-PACKAGES = ("eres", "numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
+_PACKAGES = ("numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
 
 
 def command() -> str:
@@ -24,14 +26,19 @@ def command() -> str:
 def environment(variant: str) -> dict[str, str]:
     """Versions, machine and code of this process, by name."""
     return {
-        "code": _git_commit() or f"eres {version('eres')} as installed",
+        "code": _git_commit() or f"eres {version(DISTRIBUTION)} as installed",
         "Mitsuba variant": variant,
         "python": platform.python_version(),
-        **{name: version(name) for name in PACKAGES},
+        **versions(),
         "system": platform.platform(),
         "processor": _processor(),
         "cores": str(len(os.sched_getaffinity(0))),
     }
+
+
+def versions() -> dict[str, str]:
+    """Versions of eres and of the packages that decide numbers, by name."""
+    return {"eres": version(DISTRIBUTION), **{name: version(name) for name in _PACKAGES}}
 
 
 def _git_commit() -> str | None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from eres_render import load_scene
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
+from tasks import DISTRIBUTION
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.settings import check_methods
 from tasks.methods import METHOD_VERSIONS
@@ -191,7 +192,7 @@ def _order(task: Task) -> bytes:
 
 
 def _versions() -> dict[str, Any]:
-    return {"eres": version("eres"), **STAGE_VERSIONS, **METHOD_VERSIONS}
+    return {"eres": version(DISTRIBUTION), **STAGE_VERSIONS, **METHOD_VERSIONS}
 
 
 def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
