@@ -122,10 +122,13 @@ def bake(
     from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
     from eres_render.rendering.lightmaps import bake_scene
+    from tasks.progress_bar import progress_bar
 
     found = load_scene(scene)
     select_variant()
-    for file in bake_scene(found):
+    with progress_bar(_err) as on_progress:
+        files = bake_scene(found, on_progress=on_progress)
+    for file in files:
         _out.print(str(file), soft_wrap=True)
 
 
@@ -167,19 +170,22 @@ def render(
         seed: Seed of the pixel sampler, the same for every frame.
     """
     from eres_render import load_scene, render_scene
+    from tasks.progress_bar import progress_bar
 
-    sequences = render_scene(
-        load_scene(scene, trajectory),
-        out,
-        resolution=resolution,
-        spp=spp,
-        seed=seed,
-        integrator=integrator,
-        duration_s=duration,
-        max_displacement_px=max_displacement,
-        samples=samples,
-        continuous=continuous,
-    )
+    with progress_bar(_err) as on_progress:
+        sequences = render_scene(
+            load_scene(scene, trajectory),
+            out,
+            resolution=resolution,
+            spp=spp,
+            seed=seed,
+            integrator=integrator,
+            duration_s=duration,
+            max_displacement_px=max_displacement,
+            samples=samples,
+            continuous=continuous,
+            on_progress=on_progress,
+        )
     for sequence in sequences:
         _out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
 
@@ -211,18 +217,21 @@ def truth(
         overwrite: Replace truth that the folder holds; without it such a folder is refused.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
+    from tasks.progress_bar import progress_bar
 
     opened = open_sequence(sequence)
     times_s = window_times(opened, step)
-    files = write_truth(
-        ground_truth(opened),
-        out,
-        times_s,
-        width,
-        height,
-        flow_png=flow_png,
-        overwrite=overwrite,
-    )
+    with progress_bar(_err) as on_progress:
+        files = write_truth(
+            ground_truth(opened),
+            out,
+            times_s,
+            width,
+            height,
+            on_progress=on_progress,
+            flow_png=flow_png,
+            overwrite=overwrite,
+        )
     _out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
 
 
@@ -247,19 +256,13 @@ def convergence(
         duration: Length of the stretch, seconds.
         trajectory: Poses in TUM's format in place of the scene's own path.
     """
-    from rich.progress import Progress
-
     from eres_render import load_scene
     from tasks.convergence import converge
+    from tasks.progress_bar import progress_bar
 
     table = Table("samples", "motion", "seeds", "frames", "events", "", "PSNR", box=None)
     finest: int | None = None
-    with Progress(console=_err, disable=not _err.is_terminal, transient=True) as bar:
-        task = bar.add_task("")
-
-        def on_progress(what: str, done: int, total: int) -> None:
-            bar.update(task, description=what, completed=done, total=total)
-
+    with progress_bar(_err) as on_progress:
         outcomes = converge(
             load_scene(scene, trajectory),
             resolution=resolution,
@@ -410,13 +413,11 @@ def evaluate(
         threshold: Contrast threshold, log units.
         speed: How much faster the scene moves than it was rendered.
     """
-    from rich.progress import Progress
-
     from eres_render import open_sequence
     from tasks.evaluation.sequence import evaluate_sequence
+    from tasks.progress_bar import progress_bar
 
-    with Progress(console=_err, disable=not _err.is_terminal, transient=True) as bar:
-        stage_task = bar.add_task("")
+    with progress_bar(_err) as on_progress:
         rows = evaluate_sequence(
             open_sequence(sequence),
             task,
@@ -425,9 +426,7 @@ def evaluate(
             cutoff_hz=cutoff,
             contrast_threshold=threshold,
             speed=speed,
-            on_progress=lambda stage, done, of: bar.update(
-                stage_task, description=stage, completed=done, total=of
-            ),
+            on_progress=on_progress,
         )
     names = Column("method", no_wrap=True), Column("variant", no_wrap=True)
     table = Table(*names, "median", "metric", "scores", "failed", box=None, pad_edge=False)
@@ -486,6 +485,7 @@ def study(
     """
     from dataclasses import replace
 
+    from tasks.progress_bar import progress_bar
     from tasks.study.config import preset as find_preset
     from tasks.study.config import with_method
     from tasks.study.report import write_report
@@ -506,7 +506,8 @@ def study(
     asked = replace(chosen, scenes=looked_at, render=rendering, simulate=sensors)
     for name in method:
         asked = with_method(asked, name)
-    run_study(asked, out, scheduler)
+    with progress_bar(_err) as on_progress:
+        run_study(asked, out, scheduler, on_progress)
     _show_scores(out)
     _show_claims(out)
     _out.print(f"\nreport: {write_report(out)}", soft_wrap=True)

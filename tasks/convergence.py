@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Renderer, Scene
+from eres_render.progress import Progress
 from eres_render.trajectory.frame_times import adaptive_times
 from sensor import SensorModel, stream
 from tasks.errors import TaskError
@@ -21,7 +22,6 @@ CONTRAST_THRESHOLD = 0.2
 DARK_FRACTION = 1e-3  # of the scene's white
 
 # Called with what is being done, frames done and frames in all.
-OnProgress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,7 +75,7 @@ def converge(
     *,
     resolution: int,
     duration_s: float,
-    on_progress: OnProgress,
+    on_progress: Progress,
 ) -> Iterator[Outcome]:
     """Render one stretch from the middle of a path in every setting; yields them one by one.
 

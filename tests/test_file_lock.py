@@ -118,7 +118,7 @@ renderer = Renderer(load_scene({scene!r}), 64, 4)
 print("ready", flush=True)
 last = sys.stdin.readline().strip()
 frames = []
-def told(done, total):
+def told(stage, done, total):
     frames.append(done)
     if str(done) == last:
         print("waits", flush=True)
@@ -143,7 +143,7 @@ def test_processes_that_render_one_clip_share_the_work(start, tmp_path):
     first.kill()
     frames = []
     clip = Clip(0, 1.0, 1.0, 1.2)
-    sequence = render_clip(renderer, clip, tmp_path / "clip", 0.25, lambda k, _: frames.append(k))
+    sequence = render_clip(renderer, clip, tmp_path / "clip", 0.25, lambda *at: frames.append(at))
     rendered = sorted([len(frames), int(second.stdout.readline())])
     assert second.wait() == 0
     assert rendered[0] == 0 < rendered[1] <= len(sequence) - begun

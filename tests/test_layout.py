@@ -91,6 +91,19 @@ def test_wings_depend_one_way(name):
                     assert wing(used, allowed), f"{path} imports {node.module}"
 
 
+def test_only_the_command_line_draws_on_the_terminal():
+    """Promise: libraries say how far they are (eres_render.progress); bars and tables are drawn by
+    the command line alone."""
+    users = {
+        path.relative_to(ROOT).as_posix()
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        if "rich" in {name for name, _ in imports(path)}
+    }
+    here = {"cli.py", "doctor.py", "table.py", "progress_bar.py", "study/report/terminal.py"}
+    assert users == {f"tasks/{file}" for file in here}
+
+
 def test_results_and_claims_have_no_html_and_no_terminal():
     """Promise: what scores say can be drawn by anybody."""
     for name in ("results", "claims"):

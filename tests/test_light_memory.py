@@ -30,7 +30,7 @@ RENDER = (
 at = {}
 early = int(sys.argv[4])
 
-def told(done, total):
+def told(stage, done, total):
     at["total"] = total
     if done == early:
         at["early"] = resident_kib()

@@ -223,7 +223,6 @@ def test_a_path_traced_render_warns_with_numbers(tmp_path, shiny_room, caplog):
             duration_s=0.02,
             max_displacement_px=1.0,
             continuous=True,
-            progress=False,
         )
     said = [record for record in caplog.records if record.name.startswith("eres_render")]
     assert any("shape 'mirror' is not Lambertian" in r.getMessage() for r in said)

@@ -191,7 +191,7 @@ def test_a_render_killed_in_the_middle_goes_on_and_ends_up_the_same(
     """kill -9 after the fourth frame; then only the missing ones are rendered."""
     code = (
         "import sys; from pathlib import Path; from eres_render import *\n"
-        "def told(done, total):\n"
+        "def told(stage, done, total):\n"
         "    print(done, flush=True)\n"
         "    if done == 4: sys.stdin.readline()\n"
         "r = Renderer(load_scene(sys.argv[1]), 64, 9)\n"
@@ -219,8 +219,8 @@ def test_a_render_killed_in_the_middle_goes_on_and_ends_up_the_same(
     (clip / "frames" / "000001.exr").write_bytes(b"")
     progress = []
     resumed = render_clip(renderer, CLIP, clip, 0.25, lambda *at: progress.append(at))
-    assert 3 <= progress[0][0] <= 4
-    assert progress[-1] == (len(resumed), len(resumed))
+    assert 3 <= progress[0][1] <= 4
+    assert progress[-1] == ("rendering", len(resumed), len(resumed))
     assert frames_equal(resumed, uninterrupted)
     assert not list((clip / "frames").glob(".*"))
 
@@ -272,7 +272,6 @@ def test_render_scene_makes_one_folder_per_clip(tmp_path, small_carpet):
         duration_s=2.0,
         max_displacement_px=1.0,
         samples=2,
-        progress=False,
     )
     assert [sequence.folder.name for sequence in made] == ["clip_000", "clip_001"]
     assert made[0].white_level == made[1].white_level

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import math
-import sys
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -16,11 +15,10 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from scipy.ndimage import distance_transform_edt
 
 from eres_render.errors import BackendError, RenderError, SceneError
+from eres_render.progress import Progress, silent
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
 from eres_render.rendering.load import load_world
 from eres_render.scene.scene import Scene
@@ -46,7 +44,9 @@ _PROBES_PER_POINT = 4  # rays that tell whether a point is covered
 _LEAST_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
 
 
-def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]:
+def irradiance_maps(
+    scene: Scene, cell_m: float, spp: int, on_progress: Progress = silent
+) -> dict[str, Float32]:
     """Return the mean irradiance, W m^-2, in each cell of each surface's UV square.
 
     First comes what every cell gets from the lamps, by rays to each of them. Then every surface
@@ -62,6 +62,8 @@ def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]
     spp
         Samples in each cell, rounded up to a square: positions, each with a ray to every lamp, a
         ray to gather, and rays that find out whether it is covered.
+    on_progress
+        Called as samples are done.
 
     Returns
     -------
@@ -89,28 +91,29 @@ def irradiance_maps(scene: Scene, cell_m: float, spp: int) -> dict[str, Float32]
     glowing = _glowing(scene, {name: np.zeros(a.shape, np.float32) for name, a in albedo.items()})
     spp, few = _square(spp), _square(max(_FEWEST_SAMPLES, spp // 16))
     work = sum(u * v for u, v in sides.values()) * (2 * spp + (_BOUNCES - 1) * few)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=not sys.stderr.isatty()) as bar:
-        task = bar.add_task(f"baking {scene.name}", total=work)
+    finished = 0
 
-        def everywhere(light: Light, samples: int, smooth: bool) -> dict[str, Float32]:
-            return {
-                name: _per_cell(
-                    shape, sides[name], samples, light, smooth, lambda done: bar.advance(task, done)
-                )
-                for name, shape in shapes.items()
-            }
+    def on_samples(done: int) -> None:
+        nonlocal finished
+        finished += done
+        on_progress(f"baking {scene.name}", finished, work)
 
-        direct = everywhere(_light_of_lamps(world), spp, smooth=False)
-        maps = direct
-        for bounce in range(1, _BOUNCES + 1):
-            glow = {name: albedo[name] * maps[name] / np.float32(np.pi) for name in maps}
-            _set_glow(glowing, glow)
-            light = _light_of_surfaces(glowing, set(shapes))
-            reflected = everywhere(light, spp if bounce == _BOUNCES else few, smooth=True)
-            maps = {name: direct[name] + reflected[name] for name in direct}
-            if not any(irradiance.any() for irradiance in reflected.values()):
-                break  # no surface sees another
+    def everywhere(light: Light, samples: int, smooth: bool) -> dict[str, Float32]:
+        return {
+            name: _per_cell(shape, sides[name], samples, light, smooth, on_samples)
+            for name, shape in shapes.items()
+        }
+
+    direct = everywhere(_light_of_lamps(world), spp, smooth=False)
+    maps = direct
+    for bounce in range(1, _BOUNCES + 1):
+        glow = {name: albedo[name] * maps[name] / np.float32(np.pi) for name in maps}
+        _set_glow(glowing, glow)
+        light = _light_of_surfaces(glowing, set(shapes))
+        reflected = everywhere(light, spp if bounce == _BOUNCES else few, smooth=True)
+        maps = {name: direct[name] + reflected[name] for name in direct}
+        if not any(irradiance.any() for irradiance in reflected.values()):
+            break  # no surface sees another
     _log.info("baked %s in %.1f s", scene.name, time.perf_counter() - start)
     return maps
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.errors import SceneError
+from eres_render.progress import Progress, silent
 from eres_render.rendering.irradiance import bakeable_surfaces, irradiance_maps, reflectance
 from eres_render.rendering.load import load_world
 from eres_render.scene.scene import BAKE_VERSION, Scene
@@ -35,7 +36,9 @@ Float32 = NDArray[np.float32]
 _DIGEST_ATTRIBUTE = "eresLightDigest"
 
 
-def bake_scene(scene: Scene, folder: Path | None = None) -> list[Path]:
+def bake_scene(
+    scene: Scene, folder: Path | None = None, on_progress: Progress = silent
+) -> list[Path]:
     """Find the irradiance of every surface and write one lightmap each.
 
     Needs a selected variant that is not scalar.
@@ -46,6 +49,8 @@ def bake_scene(scene: Scene, folder: Path | None = None) -> list[Path]:
         Its `bake` settings give the size of the lightmaps' cells and the samples in each.
     folder
         Where to; the scene's own folder by default.
+    on_progress
+        Called as samples are done.
 
     Returns
     -------
@@ -61,7 +66,7 @@ def bake_scene(scene: Scene, folder: Path | None = None) -> list[Path]:
     """
     folder = folder or scene.folder
     settings = scene.settings.bake
-    maps = irradiance_maps(scene, settings.cell_m, settings.spp)
+    maps = irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for shape_id, irradiance in maps.items():
@@ -77,7 +82,7 @@ def _rounded(irradiance: Float32) -> Float32:
     return np.ldexp(np.round(mantissa * 256) / 256, exponent).astype(np.float32, copy=False)
 
 
-def lightmaps(scene: Scene) -> dict[str, Float32]:
+def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32]:
     """Return the lightmaps of a scene by shape id: packaged, cached, or baked and cached now.
 
     Lightmaps that belong to another state of the scene are passed over. While another process bakes
@@ -92,16 +97,16 @@ def lightmaps(scene: Scene) -> dict[str, Float32]:
     if not files:
         cached = _cached_lightmaps(scene)
         with locked(cached.with_name(f"{cached.name}.lock")):
-            files = _lightmap_files(scene) or _bake_into_cache(scene)
+            files = _lightmap_files(scene) or _bake_into_cache(scene, on_progress)
     return {path.stem.removeprefix("lightmap_"): read_luminance(path) for path in files}
 
 
-def _bake_into_cache(scene: Scene) -> list[Path]:
+def _bake_into_cache(scene: Scene, on_progress: Progress) -> list[Path]:
     """Bake into a folder that gets its name when all lightmaps are there."""
     cached = _cached_lightmaps(scene)
     _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
     unfinished = cached.with_name(f"{cached.name}.unfinished")
-    bake_scene(scene, unfinished)
+    bake_scene(scene, unfinished, on_progress)
     shutil.rmtree(cached, ignore_errors=True)
     unfinished.rename(cached)
     return _lightmap_files(scene)
@@ -131,11 +136,11 @@ def _lightmap_name(shape_id: str) -> str:
     return f"lightmap_{shape_id}.exr"
 
 
-def baked_scene(scene: Scene) -> mi.Scene:
+def baked_scene(scene: Scene, on_progress: Progress = silent) -> mi.Scene:
     """Load scene.xml with every surface black and glowing as its light would make it look."""
     import mitsuba as mi
 
-    maps = lightmaps(scene)
+    maps = lightmaps(scene, on_progress)
     emitters = {}
     world = load_world(scene)  # held on to: its shapes must not outlive it
     for shape in bakeable_surfaces(world, scene):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from eres_render.camera import Camera
 from eres_render.errors import RenderError, SceneError
+from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
@@ -56,6 +57,8 @@ class Renderer:
     integrator
         "baked" (one ray per sample, Lambertian surfaces) or "path" (path tracing in every frame,
         which is noisy: see `measure_noise`). By default baked where that is possible, else path.
+    on_progress
+        Called while light is baked, where it has to be.
 
     Raises
     ------
@@ -75,6 +78,7 @@ class Renderer:
         spp: int = 16,
         seed: int = 0,
         integrator: Integrator | None = None,
+        on_progress: Progress = silent,
     ) -> None:
         if not 0 <= seed < 1 << 32:
             raise RenderError(f"seed: found {seed}, expected 0 to 2^32 - 1")
@@ -94,7 +98,7 @@ class Renderer:
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
             # Baking takes minutes: a path that hits something is refused before.
             _check_path(scene, RayCaster(load_world(scene)))
-        self._world: Any = baked_scene(scene) if baked else load_world(scene)
+        self._world: Any = baked_scene(scene, on_progress) if baked else load_world(scene)
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
 

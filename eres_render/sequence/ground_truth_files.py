@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eres_render.errors import RenderError
+from eres_render.progress import Progress, silent
 from eres_render.sequence.ground_truth import Flow, GroundTruth
 from eres_render.sequence.sequence import RadianceSequence
 from eres_render.storage.atomic import write_text, write_whole
@@ -37,7 +38,7 @@ def write_truth(
     *,
     flow_png: bool = False,
     overwrite: bool = False,
-    on_progress: Callable[[int, int], None] | None = None,
+    on_progress: Progress = silent,
 ) -> list[Path]:
     """Write the ground truth at some times, and the flow from each to the next.
 
@@ -58,7 +59,7 @@ def write_truth(
     overwrite
         Remove truth that the folder holds, and write this; other files there stay.
     on_progress
-        Called after each time, with the number of times done and that of all.
+        Called after each time.
 
     Returns
     -------
@@ -100,8 +101,7 @@ def write_truth(
                 write(f"flow/{i:06d}.exr", partial(write_flow, flow=flow))
                 if flow_png:
                     write(f"flow/{i:06d}.png", partial(write_flow_png, flow=flow))
-            if on_progress is not None:
-                on_progress(i + 1, len(times))
+            on_progress("ground truth", i + 1, len(times))
     except BaseException:
         for file in files:
             file.unlink(missing_ok=True)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from eres_render.errors import RenderError
+from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import release_memory
 from eres_render.rendering.renderer import Integrator, Renderer
 from eres_render.scene.scene import Scene
@@ -25,7 +22,6 @@ from eres_render.storage.locks import locked
 from eres_render.trajectory.frame_times import adaptive_times, warn_if_far_apart
 
 # Called with the number of frames done and the number of frames in all.
-OnProgress = Callable[[int, int], None]
 
 
 def render_clip(
@@ -33,7 +29,7 @@ def render_clip(
     clip: Clip,
     out_dir: Path,
     max_displacement_px: float,
-    on_progress: OnProgress | None = None,
+    on_progress: Progress = silent,
 ) -> RadianceSequence:
     """Render one clip into a folder, or finish it where a killed render stopped.
 
@@ -93,7 +89,7 @@ def _render_missing(
     renderer: Renderer,
     poses: NDArray[np.float64],  # (T, 4, 4) T_world_cam of all frames
     writer: SequenceWriter,
-    on_progress: OnProgress | None,
+    on_progress: Progress,
 ) -> None:
     missing = writer.missing()
     done = len(poses) - len(missing)
@@ -105,8 +101,7 @@ def _render_missing(
                 writing.result()
             writing = pool.submit(writer.write, i, radiance)
             done += 1
-            if on_progress is not None:
-                on_progress(done, len(poses))
+            on_progress("rendering", done, len(poses))
         if writing is not None:
             writing.result()
 
@@ -123,7 +118,7 @@ def render_scene(
     max_displacement_px: float = 0.5,
     samples: int | None = None,
     continuous: bool = False,
-    progress: bool = True,
+    on_progress: Progress = silent,
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
@@ -139,8 +134,8 @@ def render_scene(
     continuous
         Render everything from the path's start to `duration_s` into `out_dir/continuous`, instead
         of clips. Memory does not grow with the number of frames.
-    progress
-        Show the time left on stderr, if that is a terminal.
+    on_progress
+        Called while light is baked, and as the frames of each sequence are done.
 
     Raises
     ------
@@ -155,27 +150,14 @@ def render_scene(
     else:
         wanted = {f"clip_{c.index:03d}": c for c in clips(scene, duration_s, samples=samples)}
     warn_if_far_apart(scene.name, max_displacement_px)
-    renderer = Renderer(scene, resolution, spp, seed, integrator)
+    renderer = Renderer(scene, resolution, spp, seed, integrator, on_progress)
     warn_of_noise(renderer, list(wanted.values()), max_displacement_px)
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
     sequences = []
-    with Progress(*columns, console=console, disable=not (progress and sys.stderr.isatty())) as bar:
-        sequences_task = bar.add_task(f"sequences of {scene.name}", total=len(wanted))
-        frames_task = bar.add_task("frames of the sequence", total=None)
-        for name, clip in wanted.items():
-            bar.reset(frames_task)
+    for k, (name, clip) in enumerate(wanted.items(), start=1):
 
-            def on_frame(done: int, total: int) -> None:
-                bar.update(frames_task, completed=done, total=total)
+        def on_frame(stage: str, done: float, total: float, /, k: int = k) -> None:
+            on_progress(f"{stage} {scene.name}, sequence {k} of {len(wanted)}", done, total)
 
-            sequences.append(
-                render_clip(renderer, clip, Path(out_dir) / name, max_displacement_px, on_frame)
-            )
-            bar.advance(sequences_task)
+        folder = Path(out_dir) / name
+        sequences.append(render_clip(renderer, clip, folder, max_displacement_px, on_frame))
     return sequences

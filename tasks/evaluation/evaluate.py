@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
+from eres_render.progress import Progress
 from sensor import Events, stream_bank
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.registry import TASKS
@@ -21,9 +22,6 @@ from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Evaluate
 from tasks.evaluation.timings import MethodCost, PartCosts
 from tasks.row import Row
-
-# Called with what is being done, how much of it is done, and how much there is of it.
-OnProgress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -40,7 +38,7 @@ def evaluate(
     truth: GroundTruth,
     settings: Sequence[Setting],
     tasks: Evaluate,
-    on_progress: OnProgress,
+    on_progress: Progress,
     watch: Callable[[Setting, Events], None] | None = None,
 ) -> Evaluation:
     """Simulate sensors on a sequence, and score every method of the tasks on their events.

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from eres_render import RadianceSequence, ground_truth, load_scene
+from eres_render.progress import Progress, silent
 from sensor import SensorModel
 from sensor.engine.bank import DARK_FRACTION
 from tasks.errors import TaskError
-from tasks.evaluation.evaluate import OnProgress, evaluate
+from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.registry import TASKS
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NO_TASKS, Evaluate, check_methods
@@ -28,7 +29,7 @@ def evaluate_sequence(
     cutoff_hz: float = math.inf,
     contrast_threshold: float = 0.2,
     speed: float = 1.0,
-    on_progress: OnProgress = lambda stage, done, of: None,
+    on_progress: Progress = silent,
 ) -> list[Row]:
     """Simulate one sensor on a sequence, and score methods of one task on its events.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
+from eres_render.progress import Progress
 from tasks.errors import ResultError
 
 
@@ -91,13 +91,13 @@ class PartCosts:
 class FrameTimer:
     """Passes progress on, and times the frames that are rendered from its making on."""
 
-    def __init__(self, on_progress: Callable[[str, int, int], None]) -> None:
+    def __init__(self, on_progress: Progress) -> None:
         self.frames = 0
         self.seconds = 0.0
         self._on_progress = on_progress
         self._started = time.perf_counter()
 
-    def __call__(self, stage: str, done: int, of: int) -> None:
+    def __call__(self, stage: str, done: float, of: float, /) -> None:
         """Note a frame if that is what was done."""
         if stage == "rendering":
             self.frames += 1

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
+from eres_render.progress import Progress
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
-from tasks.evaluation.evaluate import OnProgress, evaluate
+from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.timings import FrameTimer, costs_file
 from tasks.row import Row
 from tasks.study.config import digest
@@ -42,7 +43,7 @@ class ComputedPart:
     environment: dict[str, str]
 
 
-def compute_part(part: Part, on_progress: OnProgress, *, shown: bool) -> ComputedPart:
+def compute_part(part: Part, on_progress: Progress, *, shown: bool) -> ComputedPart:
     """Render, simulate and score a part; frames come from this machine's cache or go there.
 
     Parameters
@@ -52,7 +53,7 @@ def compute_part(part: Part, on_progress: OnProgress, *, shown: bool) -> Compute
     shown
         Whether to make the files that the report shows, too.
     """
-    light = _light_of(part)
+    light = _light_of(part, on_progress)
     seconds = part.clip.t_window_end_s - part.clip.t_start_s
     needed_bytes = round(seconds * _BYTES_PER_PX_S * part.render.resolution**2)
     with frames_folder(light.key(part), needed_bytes) as folder:
@@ -62,7 +63,7 @@ def compute_part(part: Part, on_progress: OnProgress, *, shown: bool) -> Compute
             part.clip,
             folder,
             part.render.max_displacement_px,
-            lambda done, of: timer("rendering", done, of),
+            timer,
         )
         settings = part.settings(part.simulate.dark_fraction * sequence.white_level)
         collector = ExhibitCollector(part, settings) if shown else None
@@ -88,9 +89,11 @@ def compute_part(part: Part, on_progress: OnProgress, *, shown: bool) -> Compute
 class _SceneLight:
     """A scene's renderer and ground truth, which take long to load."""
 
-    def __init__(self, part: Part) -> None:
+    def __init__(self, part: Part, on_progress: Progress) -> None:
         render = part.render
-        self.renderer = Renderer(part.scene, render.resolution, render.spp, render.seed)
+        self.renderer = Renderer(
+            part.scene, render.resolution, render.spp, render.seed, on_progress=on_progress
+        )
         self._truth: GroundTruth | None = None
 
     def key(self, part: Part) -> str:
@@ -117,12 +120,12 @@ class _SceneLight:
 _loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one: parts come scene by scene
 
 
-def _light_of(part: Part) -> _SceneLight:
+def _light_of(part: Part, on_progress: Progress) -> _SceneLight:
     render = part.render
     key = part.scene.digest, render.resolution, render.spp, render.seed
     if key not in _loaded:
         _loaded.clear()
-        _loaded[key] = _SceneLight(part)
+        _loaded[key] = _SceneLight(part, on_progress)
         warn_if_far_apart(part.scene.name, render.max_displacement_px)
         warn_of_noise(_loaded[key].renderer, [part.clip], render.max_displacement_px)
     return _loaded[key]

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
-from datetime import timedelta
+from collections.abc import Collection
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
 from eres_render import load_scene
+from eres_render.progress import Progress, silent
 from tasks.errors import ResultError, StudyError
 from tasks.evaluation.settings import check_methods
 from tasks.files import write_bytes
@@ -28,7 +24,9 @@ from tasks.study.run.scheduler import OnTasks, Schedule, Task, schedule
 _log = logging.getLogger(__name__)
 
 
-def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row]:
+def run_study(
+    study: Study, out: Path, scheduler: str | None = None, on_progress: Progress = silent
+) -> list[Row]:
     """Render, simulate and score every part of a study; what `out` holds already is kept.
 
     Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
@@ -41,6 +39,9 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
     ----------
     scheduler
         Address of a Dask scheduler, whose workers compute the parts; by default this process does.
+    on_progress
+        Called as parts are done, those of earlier starts included; a part counts by the share of it
+        that is done.
 
     Raises
     ------
@@ -68,27 +69,26 @@ def run_study(study: Study, out: Path, scheduler: str | None = None) -> list[Row
                 to_do.append(Task(part, key, is_shown))
         if to_do:
             _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
-            _try_own_methods(
-                trials(study, [t.part for t in to_do], [work[key] for key in rows_of]), computing
-            )
+            new = trials(study, [t.part for t in to_do], [work[key] for key in rows_of])
+            _try_own_methods(new, computing, on_progress)
         write_bytes(out / "study.json", _json(to_json(study)))
         environments = [_environment_so_far(out / "environment.json")] if rows_of else []
-        with _progress(len(work), len(work) - len(to_do)) as on_progress:
-            for task, computed in computing.compute(to_do, on_progress):
-                for name, data in computed.files.items():
-                    write_bytes(out / name, data)
-                environments.append(computed.environment)
-                found = {"command": command(), **together(environments)}
-                write_bytes(out / "environment.json", _json(found))
-                write_rows(_rows_file(out / "parts", task.key), computed.rows)
-                rows_of[task.key] = computed.rows
+        on_tasks = _counted(on_progress, len(work) - len(to_do), len(work))
+        for task, computed in computing.compute(to_do, on_tasks):
+            for name, data in computed.files.items():
+                write_bytes(out / name, data)
+            environments.append(computed.environment)
+            found = {"command": command(), **together(environments)}
+            write_bytes(out / "environment.json", _json(found))
+            write_rows(_rows_file(out / "parts", task.key), computed.rows)
+            rows_of[task.key] = computed.rows
     _write_preview_index(out / "previews", list(shown))
     rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)
     return rows
 
 
-def _try_own_methods(parts: list[Part], computing: Schedule) -> None:
+def _try_own_methods(parts: list[Part], computing: Schedule, on_progress: Progress) -> None:
     """Have the user's own methods work once, so that a mistake in them does not show hours later.
 
     Raises
@@ -99,9 +99,18 @@ def _try_own_methods(parts: list[Part], computing: Schedule) -> None:
     if not parts:
         return
     _log.info("first, methods of your own are tried on one sample")
-    with _progress(len(parts), 0) as on_progress:
-        for _ in computing.compute([Task(part, part.key, False) for part in parts], on_progress):
-            pass  # their scores are no part of the study
+    tasks = [Task(part, part.key, False) for part in parts]
+    for _ in computing.compute(tasks, _counted(on_progress, 0, len(parts))):
+        pass  # their scores are no part of the study
+
+
+def _counted(on_progress: Progress, found: int, total: int) -> OnTasks:
+    """Count tasks among all parts, of which `found` were there before."""
+
+    def on_tasks(done: float, doing: str) -> None:
+        on_progress(f"{found + int(done)}/{total} parts: {doing}", found + done, total)
+
+    return on_tasks
 
 
 def _rows_file(folder: Path, key: str) -> Path:
@@ -160,36 +169,3 @@ def _write_preview_index(folder: Path, scene_names: list[str]) -> None:
 
 def _json(value: Any) -> bytes:
     return json.dumps(value, indent=1).encode()
-
-
-@contextmanager
-def _progress(part_count: int, found: int) -> Iterator[OnTasks]:
-    """A bar over all parts on stderr, silent when that is not a terminal.
-
-    Pace and time left are those of the parts that are computed now, of which `found` are none.
-    """
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[pace]}"),
-    )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("study", total=part_count, completed=found, pace="")
-
-        def update(done: float, doing: str) -> None:
-            elapsed_s = bar.tasks[0].elapsed or 0.0
-            pace = ""
-            if done > 0 and elapsed_s > 0:
-                left = timedelta(seconds=round(elapsed_s * (part_count - found - done) / done))
-                per_hour = 3600 * done / elapsed_s
-                pace = f"{left} left, {per_hour:.{0 if per_hour > 10 else 1}f} parts/h"
-            bar.update(
-                task,
-                completed=found + done,
-                description=f"{found + int(done)}/{part_count} parts: {doing}",
-                pace=pace,
-            )
-
-        yield update

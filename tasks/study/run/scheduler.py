@@ -105,9 +105,9 @@ class _Here:
     ) -> Iterator[tuple[Task, ComputedPart]]:
         for k, task in enumerate(tasks):
 
-            def on_part(stage: str, done: int, of: int, k: int = k) -> None:
-                begin, share = _STAGES[stage]
-                on_progress(k + begin + share * done / of, f"{stage} {done}/{of}")
+            def on_part(stage: str, done: float, of: float, /, k: int = k) -> None:
+                begin, share = _STAGES.get(stage, (0.0, 0.0))
+                on_progress(k + begin + share * done / of, f"{stage} {done:g}/{of:g}")
 
             on_progress(k, f"loading {task.part.scene.name}")
             yield task, compute_part(task.part, on_part, shown=task.shown)

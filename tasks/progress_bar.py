@@ -1,0 +1,34 @@
+"""The bar that the command line draws of long work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from eres_render.progress import Progress as OnProgress
+
+
+@contextmanager
+def progress_bar(console: Console) -> Iterator[OnProgress]:
+    """Draw what is being done, time gone and time left; nothing where there is no terminal."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    shown = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
+    with shown as bar:
+        task = bar.add_task("", total=None)
+
+        def update(stage: str, done: float, total: float, /) -> None:
+            now = bar.tasks[0]
+            if total != now.total or done < now.completed:
+                bar.reset(task, total=total)  # another stage has a pace of its own
+            bar.update(task, description=stage, completed=done)
+
+        yield update
