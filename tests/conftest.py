@@ -30,6 +30,7 @@ def compiled_folder():
 os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imported
 
 from tasks import cli  # noqa: E402
+from tasks.cli import terminal  # noqa: E402
 
 # Neither chance nor a busy machine decides a property test; examples share a test's tmp_path.
 settings.register_profile(
@@ -55,8 +56,8 @@ def eres(monkeypatch, capsys):
 
     def run(*args):
         monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])
-        monkeypatch.setattr(cli, "_out", cli.Console(width=250))
-        monkeypatch.setattr(cli, "_err", cli.Console(stderr=True, width=250))
+        monkeypatch.setattr(terminal, "out", terminal.Console(width=250))
+        monkeypatch.setattr(terminal, "err", terminal.Console(stderr=True, width=250))
         code = 0
         try:
             cli.main()

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tasks import cli
+from tasks.cli import terminal
 
 DOCS = Path(__file__).parent.parent / "docs"
 # A fenced block: language, then perhaps the name of the file that it is.
@@ -23,8 +24,8 @@ def follow(page: str, folder: Path) -> str:
     logging.getLogger("eres_render").setLevel(logging.INFO)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(cli, "_out", cli.Console(file=said, width=200))
-        patch.setattr(cli, "_err", cli.Console(file=said, width=200))
+        patch.setattr(terminal, "out", terminal.Console(file=said, width=200))
+        patch.setattr(terminal, "err", terminal.Console(file=said, width=200))
         for language, name, text in BLOCK.findall((DOCS / page).read_text()):
             if name:
                 Path(name).parent.mkdir(exist_ok=True)

@@ -9,11 +9,11 @@ import pytest
 from rich.console import Console
 
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
+from tasks.cli.comparison import to_rich
 from tasks.errors import ResultError
 from tasks.row import Row
 from tasks.study.report.sections.comparison import to_html
 from tasks.study.report.tables_csv import to_csv
-from tasks.study.report.terminal import to_rich
 from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.scores import Condition, Scores, Series
 

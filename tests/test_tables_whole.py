@@ -13,6 +13,7 @@ from rich.text import Text
 from light_scenes import small_carpet_folder
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks import cli, convergence
+from tasks.cli import terminal
 from tasks.row import write_rows
 
 ROOT = Path(__file__).parent.parent
@@ -67,7 +68,7 @@ def run(*args, screen="80"):
         patch.setattr(Table, "add_row", watch)
         patch.setattr(sys, "argv", ["eres", *map(str, args)])
         options = {"file": out, "width": width, "force_terminal": is_terminal, "color_system": None}
-        patch.setattr(cli, "_out", cli.Console(**options))
+        patch.setattr(terminal, "out", terminal.Console(**options))
         with pytest.raises(SystemExit) as end:
             cli.main()
     assert end.value.code == 0, out.getvalue()

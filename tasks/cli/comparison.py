@@ -5,12 +5,12 @@ from __future__ import annotations
 import rich.console
 from rich.text import Text
 
+from tasks.cli.table import Table
 from tasks.study.results.comparison import Block, ComparisonTable, columns_of, line_label
 from tasks.study.results.words import (
     cutoff_label,
     speed_label,
 )
-from tasks.table import Table
 
 
 def to_rich(table: ComparisonTable) -> rich.console.Group:

@@ -1,0 +1,63 @@
+"""What is in a sequence or a file of events."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from rich.markup import escape
+from tyro.conf import Positional, arg
+
+from tasks.cli import terminal
+from tasks.cli.table import Table
+
+
+def info(
+    path: Annotated[
+        Positional[Path], arg(metavar="PATH", help="folder of a sequence, or file of events")
+    ],
+    format: str | None = None,
+) -> None:
+    """Say what is in a radiance sequence or in a file of events.
+
+    Args:
+        format: dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
+    """
+    if path.is_file():
+        from tasks.events.files import describe
+
+        _print_pairs(describe(path, format=format))
+        return
+    from eres_render import open_sequence
+    from tasks.events.files import seconds
+
+    sequence = open_sequence(path)
+    manifest = sequence.manifest
+    start_s, end_s = sequence.window_s
+    length_m = float(np.diff(sequence.trajectory.length_m(sequence.t_s[[0, -1]]))[0])
+    part = "continuous" if sequence.is_continuous else f"clip {manifest.clip}"
+    clock = {}
+    if sequence.t_offset_us:
+        clock["clock"] = f"time 0 is {seconds(sequence.t_offset_us)} s on that of the poses given"
+    pairs = {
+        "scene": f"{manifest.scene}, {part}",
+        "found at": manifest.scene_source,
+        "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
+        "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
+        **clock,
+        "window": f"{start_s:.4f} to {end_s:.4f} s",
+        "camera speed": f"{length_m / (sequence.t_s[-1] - sequence.t_s[0]):.3g} m/s on average",
+        "white": f"{sequence.white_level:.4g} W m^-2 sr^-1",
+        "samples per pixel": str(manifest.spp),
+        "motion per frame": f"at most {manifest.max_displacement_px:g} px",
+        "rendered by": f"Mitsuba {manifest.mitsuba}, {manifest.variant}, {manifest.integrator}",
+    }
+    _print_pairs(pairs)
+
+
+def _print_pairs(pairs: dict[str, str]) -> None:
+    table = Table(box=None, show_header=False)
+    for name, value in pairs.items():
+        table.add_row(name, escape(value))
+    terminal.out.print(table, crop=False)

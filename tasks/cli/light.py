@@ -1,0 +1,181 @@
+"""Light: baking, rendering, ground truth, how many samples and frames are enough."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from tasks.cli import terminal
+from tasks.cli.table import Table
+
+
+def bake(
+    scene: Annotated[Positional[str], arg(metavar="SCENE", help="name or folder of a scene")],
+) -> None:
+    """Path-trace a scene's lightmaps anew, beside its scene.xml, to travel with it.
+
+    Without them the first render bakes into the cache. Either needs LLVM or a GPU; machines that
+    have neither can use lightmaps that others made.
+    """
+    from eres_render import load_scene
+    from eres_render.rendering.backend import select_variant
+    from eres_render.rendering.lightmaps import bake_scene
+    from tasks.cli.progress_bar import progress_bar
+
+    found = load_scene(scene)
+    select_variant()
+    with progress_bar(terminal.err) as on_progress:
+        files = bake_scene(found, on_progress=on_progress)
+    for file in files:
+        terminal.out.print(str(file), soft_wrap=True)
+
+
+def render(
+    scene: Annotated[
+        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
+    ],
+    out: Path,
+    resolution: int = 1280,
+    spp: int = 16,
+    max_displacement: float = 0.5,
+    duration: float | None = None,
+    samples: int | None = None,
+    continuous: bool = False,
+    trajectory: Path | None = None,
+    integrator: Literal["baked", "path"] | None = None,
+    seed: int = 0,
+) -> None:
+    """Render HDR frames along a camera path, with times, poses and the path itself.
+
+    Writes clips, or one continuous sequence. A clip is a warm-up for the sensor, then a 50 ms
+    window, every 0.5 s of the path. Each is a folder: half-float OpenEXR frames of linear radiance,
+    manifest.json, poses in TUM's format. Stopped at any point, the same command goes on with the
+    first missing frame.
+
+    Args:
+        out: Folder for the clips.
+        resolution: Side of the frames, px.
+        spp: Samples per pixel: 1, 4, 9, 16, ...
+        max_displacement: Largest motion in the image between two frames, px.
+        duration: How much of the path, seconds; all of it by default.
+        samples: How many clips, from the start; all by default.
+        continuous: One sequence of everything from the start to the duration, instead of clips.
+        trajectory: Poses (camera to world) in TUM's format that the camera passes through at their
+            times, in place of the scene's own path; a Mitsuba .xml needs them.
+        integrator: "baked": light is computed once, for Lambertian scenes. "path": path tracing in
+            every frame, noisy. By default baked where that is possible.
+        seed: Seed of the pixel sampler, the same for every frame.
+    """
+    from eres_render import load_scene, render_scene
+    from tasks.cli.progress_bar import progress_bar
+
+    with progress_bar(terminal.err) as on_progress:
+        sequences = render_scene(
+            load_scene(scene, trajectory),
+            out,
+            resolution=resolution,
+            spp=spp,
+            seed=seed,
+            integrator=integrator,
+            duration_s=duration,
+            max_displacement_px=max_displacement,
+            samples=samples,
+            continuous=continuous,
+            on_progress=on_progress,
+        )
+    for sequence in sequences:
+        terminal.out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
+
+
+def truth(
+    sequence: Annotated[
+        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
+    ],
+    out: Path,
+    width: int = 346,
+    height: int | None = None,
+    step: float = 0.05,
+    flow_png: bool = False,
+    overwrite: bool = False,
+) -> None:
+    """Write ground truth of a sequence: depth, optical flow with what is visible, poses.
+
+    Depth is along the camera's axis, in metres (EXR channel Z); flow is in pixels from each time to
+    the next (EXR channels u, v, valid). Times run from the start of the window to its end.
+
+    Args:
+        out: Folder to write into.
+        width: Width of the images, px; best that of the sensor.
+        height: Height of the images, px, for a sensor that is not of the frames' shape: it sees the
+            middle of them. By default all of the frames is seen.
+        step: Time from one image to the next, seconds.
+        flow_png: Write the flow as 16-bit PNG as well, as in the DSEC dataset.
+        overwrite: Replace truth that the folder holds; without it such a folder is refused.
+    """
+    from eres_render import ground_truth, open_sequence, window_times, write_truth
+    from tasks.cli.progress_bar import progress_bar
+
+    opened = open_sequence(sequence)
+    times_s = window_times(opened, step)
+    with progress_bar(terminal.err) as on_progress:
+        files = write_truth(
+            ground_truth(opened),
+            out,
+            times_s,
+            width,
+            height,
+            on_progress=on_progress,
+            flow_png=flow_png,
+            overwrite=overwrite,
+        )
+    terminal.out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
+
+
+def convergence(
+    scene: Annotated[
+        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
+    ],
+    resolution: int = 1280,
+    duration: float = 0.01,
+    trajectory: Path | None = None,
+) -> None:
+    """Show how many samples per pixel and how many frames are enough for a scene.
+
+    Renders one stretch from the middle of the path with more and more samples, and with smaller and
+    smaller motion from frame to frame, each with random numbers common to all frames and with fresh
+    ones. Prints what an ideal sensor at the frames' resolution makes of it: how many events, and
+    the PSNR of event integration against the finest frames. Minutes at 1280 px on 2 cores.
+
+    Args:
+        resolution: Side of frames and sensor, px.
+        duration: Length of the stretch, seconds.
+        trajectory: Poses in TUM's format in place of the scene's own path.
+    """
+    from eres_render import load_scene
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.convergence import converge
+
+    table = Table("samples", "motion", "seeds", "frames", "events", "", "PSNR", box=None)
+    finest: int | None = None
+    with progress_bar(terminal.err) as on_progress:
+        outcomes = converge(
+            load_scene(scene, trajectory),
+            resolution=resolution,
+            duration_s=duration,
+            on_progress=on_progress,
+        )
+        for outcome in outcomes:
+            finest = outcome.events if finest is None else finest
+            setting = outcome.setting
+            table.add_row(
+                f"{setting.spp} spp",
+                f"{setting.max_displacement_px:g} px",
+                "fresh" if setting.fresh_seeds else "common",
+                str(outcome.frames),
+                str(outcome.events),
+                f"{100 * (outcome.events / finest - 1):+.1f} %" if finest else "",
+                f"{outcome.psnr_db:.2f} dB",
+            )
+    terminal.out.print(table, crop=False)

@@ -1,0 +1,65 @@
+"""What is there: this machine, scenes, cameras, methods."""
+
+from __future__ import annotations
+
+from tasks.cli import terminal
+from tasks.cli.table import Table
+
+
+def doctor() -> int:
+    """Show what works on this machine: renderer, threads, versions, where things are loaded from.
+
+    Exit code 1 if nothing here can render.
+    """
+    from tasks.cli.doctor import diagnose
+
+    return diagnose(terminal.out)
+
+
+def scenes() -> None:
+    """List the packaged scenes."""
+    from eres_render import list_scenes, load_scene
+
+    table = Table("scene", "what it is", "camera speed", "length", "licence", box=None)
+    for name in list_scenes():
+        scene = load_scene(name)
+        table.add_row(
+            name,
+            scene.settings.title,
+            f"{scene.trajectory().mean_speed_mps(scene.duration_s):.3g} m/s",
+            f"{scene.duration_s:g} s",
+            scene.settings.licence,
+        )
+    terminal.out.print(table, crop=False)
+
+
+def sensors() -> None:
+    """List the event cameras of the paper's Table 1, for `eres simulate --sensor`."""
+    from sensor.presets import SENSORS
+
+    table = Table(
+        "sensor", "supplier", "camera", "year", "pixels", "interface", "max Mev/s", box=None
+    )
+    for name, preset in SENSORS.items():
+        rate = preset.max_bandwidth_mev_s
+        table.add_row(
+            name,
+            preset.supplier,
+            preset.camera,
+            str(preset.year),
+            f"{preset.model.width}x{preset.model.height}",
+            preset.interface or "-",
+            "-" if rate is None else f"{rate:g}",
+        )
+    terminal.out.print(table, crop=False)
+
+
+def methods() -> None:
+    """List the methods of each task."""
+    from tasks.methods import METHODS
+
+    table = Table("task", "method", "where", box=None)
+    for task, listed in METHODS.items():
+        for name, where in listed.items():
+            table.add_row(task, name, where)
+    terminal.out.print(table, crop=False)

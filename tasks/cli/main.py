@@ -1,0 +1,58 @@
+"""The `eres` command: arguments in, library calls, results on stdout, errors in one line."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from importlib.metadata import version
+
+from rich.logging import RichHandler
+from rich.markup import escape
+from tyro.conf import DisallowNone, FlagCreatePairsOff
+
+from eres_render.errors import RenderError
+from sensor.errors import EventError, SensorError
+from tasks import DISTRIBUTION
+from tasks.cli import events, info, light, lists, study, terminal
+from tasks.cli.app import commands
+from tasks.errors import TaskError
+
+_COMMANDS = (
+    *(lists.doctor, lists.scenes, lists.sensors, lists.methods),
+    *(light.bake, light.render, light.truth, light.convergence),
+    *(events.simulate, events.convert),
+    *(study.evaluate, study.study, study.report, study.claims),
+    info.info,
+)
+
+
+def main() -> None:
+    """Run the command line; exit code 1 for an error, 2 for wrong usage, 130 for Ctrl-C."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"eres {version(DISTRIBUTION)}")
+        return
+    handler = RichHandler(console=terminal.err, show_time=False, show_path=False, show_level=False)
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])
+    try:
+        code = commands(_COMMANDS, overview=sys.argv[1:] in ([], ["-h"], ["--help"])).cli(
+            prog="eres",
+            config=(DisallowNone, FlagCreatePairsOff),
+            description="Which event-camera resolution serves a task best, at what bandwidth? "
+            "Renders HDR radiance, turns it into events at any resolution, and scores what can "
+            "be done with them. `eres --version` prints the version.",
+        )
+    except (RenderError, SensorError, EventError, TaskError) as error:
+        _fail(str(error))
+    except OSError as error:
+        _fail(f"{error.filename or 'system'}: {error.strerror or error}")
+    except MemoryError as error:
+        _fail(f"out of memory: {error}; choose a lower resolution")
+    except KeyboardInterrupt:
+        terminal.err.print("stopped; the same command takes up what is whole so far")
+        sys.exit(130)
+    sys.exit(code or 0)
+
+
+def _fail(text: str) -> None:
+    terminal.err.print(f"[red]error:[/red] {escape(text)}", soft_wrap=True, highlight=False)
+    sys.exit(1)

@@ -1,0 +1,204 @@
+"""Scores: one sensor on one sequence, a study, its report, the paper's claims."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Column
+from tyro.conf import Positional, arg
+
+from tasks.cli import terminal
+from tasks.cli.app import RunFolder
+from tasks.cli.table import Table
+from tasks.errors import StudyError
+from tasks.row import Row
+
+
+def evaluate(
+    sequence: Annotated[
+        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
+    ],
+    task: Literal["reconstruction", "flow", "tracking", "video"],
+    method: tuple[str, ...] = (),
+    resolution: int = 346,
+    cutoff: float = math.inf,
+    threshold: float = 0.2,
+    speed: float = 1.0,
+) -> None:
+    """Score methods of one task on the events of one sensor on one rendered sequence.
+
+    reconstruction: PSNR of the image at the window's end. flow: end-point error of 20 patches.
+    tracking: position error of the first 14 ms, in planar scenes. video: PSNR of images along a
+    continuous sequence.
+
+    Args:
+        task: What to do with the events.
+        method: Names (`eres methods` lists them), or functions of your own as
+            package.module:function; by default all methods of the task.
+        resolution: Width of the sensor, px.
+        cutoff: Corner frequency of the photoreceptor's poles, Hz; by default an ideal pixel.
+        threshold: Contrast threshold, log units.
+        speed: How much faster the scene moves than it was rendered.
+    """
+    from eres_render import open_sequence
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.evaluation.sequence import evaluate_sequence
+
+    with progress_bar(terminal.err) as on_progress:
+        rows = evaluate_sequence(
+            open_sequence(sequence),
+            task,
+            methods=method,
+            width=resolution,
+            cutoff_hz=cutoff,
+            contrast_threshold=threshold,
+            speed=speed,
+            on_progress=on_progress,
+        )
+    names = Column("method", no_wrap=True), Column("variant", no_wrap=True)
+    table = Table(*names, "median", "metric", "scores", "failed", box=None, pad_edge=False)
+    for (name, variant, metric), scored in _by(rows, "method", "variant", "metric").items():
+        median = float(np.median([row.value for row in scored]))
+        failed = sum(bool(row.failure) for row in scored)
+        table.add_row(name, variant, f"{median:.3f}", metric, str(len(scored)), str(failed))
+    terminal.out.print(table, crop=False)
+    terminal.out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window")
+
+
+def _by(rows: list[Row], *fields: str) -> dict[tuple[str, ...], list[Row]]:
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(getattr(row, field) for field in fields), []).append(row)
+    return groups
+
+
+_AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
+
+
+def study(
+    out: Path,
+    file: Annotated[
+        Positional[Path | None],
+        arg(
+            metavar="[STUDY.toml]",
+            help="a study of your own, in place of a preset",
+            help_behavior_hint="",
+        ),
+    ] = None,
+    preset: Annotated[str | None, arg(help_behavior_hint="(default: quick)")] = None,
+    scenes: Annotated[tuple[str, ...], _AS_IN_STUDY] = (),
+    samples: Annotated[int | None, _AS_IN_STUDY] = None,
+    spp: Annotated[int | None, _AS_IN_STUDY] = None,
+    resolution: Annotated[int | None, _AS_IN_STUDY] = None,
+    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
+    scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
+) -> None:
+    """Ask which resolution serves a task best: render, simulate, evaluate, report.
+
+    Prints the scores beside the paper's and writes report.html into the run's folder. What is done
+    already is not done again: the same command resumes a run that was stopped.
+
+    Args:
+        out: Folder of the run.
+        preset: Which study, if not one of your own. "quick": carpet, 5 resolutions, 3 cutoffs, 3
+            speeds, a few samples. "paper": three scenes, 20 samples of each, all methods; hours.
+        scenes: Names or folders of scenes.
+        samples: How many samples along each path.
+        spp: Samples per pixel of the render.
+        resolution: Side of the rendered frames, px; sensors that are finer are left out.
+        method: Methods of your own, as well as the study's, each as package.module:function.
+        scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the parts.
+    """
+    from dataclasses import replace
+
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.study.config import preset as find_preset
+    from tasks.study.config import with_method
+    from tasks.study.report import write_report
+    from tasks.study.run import run_study
+    from tasks.study.study_file import read_study
+
+    if file is not None and preset is not None:
+        raise StudyError(
+            f"found both {file} and --preset {preset}, expected one of them: leave out --preset "
+            f"for the study of the file, or the file for preset {preset}"
+        )
+    chosen = find_preset(preset or "quick") if file is None else read_study(file)
+    given = {"samples": samples, "spp": spp, "resolution": resolution}
+    rendering = replace(chosen.render, **{k: v for k, v in given.items() if v is not None})
+    widths = tuple(w for w in chosen.simulate.widths if w <= rendering.resolution)
+    sensors = replace(chosen.simulate, widths=widths)
+    looked_at = scenes or chosen.scenes
+    asked = replace(chosen, scenes=looked_at, render=rendering, simulate=sensors)
+    for name in method:
+        asked = with_method(asked, name)
+    with progress_bar(terminal.err) as on_progress:
+        run_study(asked, out, scheduler, on_progress)
+    _show_scores(out)
+    _show_claims(out)
+    terminal.out.print(f"\nreport: {write_report(out)}", soft_wrap=True)
+
+
+def report(run: RunFolder) -> None:
+    """Make report.html, figures and tables.csv of a run anew."""
+    from tasks.study.report import write_report
+
+    terminal.out.print(str(write_report(run)), soft_wrap=True)
+
+
+def claims(run: RunFolder) -> None:
+    """Judge the paper's claims on a run's scores."""
+    _show_claims(run)
+
+
+def _show_scores(run: Path) -> None:
+    """Print the main methods' scores at the base speed, beside the paper's where it has them."""
+    from tasks.cli.comparison import to_rich
+    from tasks.row import read_rows
+    from tasks.study.results.comparison import main_tables
+    from tasks.study.results.scores import by_threshold
+    from tasks.study.results.words import join_words
+
+    scores, *others = by_threshold(read_rows(run / "rows.parquet"))
+    for table in main_tables(scores):
+        terminal.out.print(to_rich(table), crop=False)
+    if others:
+        named = join_words([f"{other.contrast_threshold:g}" for other in others])
+        terminal.out.print(
+            f"contrast threshold {scores.contrast_threshold:g}; those of {named} are in the report "
+            "and in tables.csv",
+            highlight=False,
+        )
+
+
+def _show_claims(run: Path) -> None:
+    from tasks.row import read_rows
+    from tasks.study.claims.judge import judge_all
+    from tasks.study.claims.verdict import Status, threshold_note
+    from tasks.study.results.scaling import read_scaling
+    from tasks.study.results.scores import by_threshold
+
+    marks = {
+        Status.HOLDS: "[green]holds[/green]",
+        Status.DOES_NOT_HOLD: "[red]does not hold[/red]",
+        Status.NOT_MEASURED: "[dim]not measured[/dim]",
+    }
+    found = by_threshold(read_rows(run / "rows.parquet"))
+    verdicts = judge_all(found[0], read_scaling(run / "scaling"))
+    for verdict in verdicts:
+        terminal.out.print(f"\n{verdict.number:2} {marks[verdict.status]}: {escape(verdict.title)}")
+        table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
+        table.add_row("   ours", escape(verdict.ours))
+        table.add_row("   paper", escape(verdict.paper))
+        terminal.out.print(table, crop=False)
+    counts = Counter(verdict.status for verdict in verdicts)
+    terminal.out.print(
+        "\n" + ", ".join(f"{mark}: {counts[status]}" for status, mark in marks.items())
+    )
+    if note := threshold_note(found):
+        terminal.out.print(note, highlight=False)
