@@ -1,5 +1,6 @@
 """The sensor stands alone: numpy, numba and scipy are all it needs."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -44,7 +45,8 @@ for name in FORMATS:
 def test_sensor_works_with_numpy_numba_and_scipy_alone(tmp_path):
     """Promise: `import sensor`, `simulate` and all formats but HDF5 need nothing else."""
     command = [sys.executable, "-c", ALONE]
-    environment = {"PYTHONPATH": str(ROOT), "PATH": ""}
+    compiled = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
+    environment = {"PYTHONPATH": str(ROOT), "PATH": "", **compiled}
     run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment)
     assert run.returncode == 0, run.stderr
     fired, *formats = run.stdout.splitlines()
