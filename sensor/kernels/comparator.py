@@ -101,6 +101,7 @@ def events_of_lines(
         if leader[m] == setting:
             segment[m, START] = segment[m, STOP] = used
             used += room
+    whose = setting, leader, interval, steps, start_us, length_us, pool, segment
     count = 0
     for k in range(flagged.size):
         i = flagged[k]
@@ -120,36 +121,12 @@ def events_of_lines(
             if room < 0:
                 return -1
             if count == CROSSING_BATCH:
-                fire_lines(
-                    todo,
-                    todo_words,
-                    count,
-                    setting,
-                    leader,
-                    interval,
-                    steps,
-                    start_us,
-                    length_us,
-                    pool,
-                    segment,
-                )
+                fire_lines(todo, todo_words, count, *whose)
                 count = 0
         memory[i] = level
         u0[k] = level + leaked - C_off[i]
         u1[k] = level + leaked + C_on[i]
-    fire_lines(
-        todo,
-        todo_words,
-        count,
-        setting,
-        leader,
-        interval,
-        steps,
-        start_us,
-        length_us,
-        pool,
-        segment,
-    )
+    fire_lines(todo, todo_words, count, *whose)
     for k in range(flagged.size):
         u0[k] = light_bound(u0[k], BOUND_MARGIN)
         u1[k] = light_bound(u1[k], -BOUND_MARGIN)
@@ -178,11 +155,7 @@ def fire(todo, todo_words, count, start_us, length_us, pool, used):
 # SHAPED is where the transient ends or else the interval does, FLAT where before that v2's slope
 # has its own turning point, or else SHAPED.
 U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
-
-
 CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
-
-
 CURVE_SIZE = 16
 
 

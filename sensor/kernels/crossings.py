@@ -9,10 +9,8 @@ from sensor.kernels.elementary import exp_parts, inlined, jit
 # Beyond y = a t = TRANSIENT nothing is left of a transient: y^2 e^{-y} < 1e-24.
 TRANSIENT = 64.0
 
-
 # Up to this a dt a curve is written in its short form.
 SHORT_X = 0.25
-
 
 # v2 within an interval, in y = a t. With S = s/a and k poles it is, in its long form,
 #
@@ -28,11 +26,7 @@ SHORT_X = 0.25
 # A crossing to be solved, one column each: v2(y) = LEVEL for y in [LOW, HIGH], v2 monotone there.
 # US is what a unit of y takes in microseconds, SLACK what y may be off by.
 START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH, US, SLACK, ROOT = range(13)
-
-
 CROSSING_SIZE = 13
-
-
 CROSSING_BATCH = 520  # no power of two: the columns must not fall on the same lines of the cache
 
 

@@ -31,8 +31,6 @@ def uniform(seed, pixel, frame, draw):
 
 # Mean of a Poisson process that is drawn at once, and room for the draws of its events.
 MOST_NOISE = 64.0
-
-
 DRAWS_SHIFT = 20
 
 

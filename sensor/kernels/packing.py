@@ -11,20 +11,10 @@ from sensor.kernels.elementary import jit
 # An event while it waits to be sorted, in one uint64: microseconds since the rounded start of its
 # frame interval, polarity, row, column.
 TIME_SHIFT = np.uint64(33)
-
-
 POLARITY_SHIFT = np.uint64(32)
-
-
 ROW_SHIFT = np.uint64(16)
-
-
 COORDINATE_MASK = np.uint64(0xFFFF)
-
-
 PLACE_MASK = np.uint64(0xFFFFFFFF)
-
-
 MAX_INTERVAL_US = (1 << 31) - 2
 
 # Where the events of one block, setting and interval lie in the pool.

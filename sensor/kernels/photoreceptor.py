@@ -1,4 +1,4 @@
-"""The photoreceptor's poles, taken exactly over one frame interval, and the curve in between."""
+"""The photoreceptor's poles, taken exactly over one frame interval."""
 
 from __future__ import annotations
 
@@ -10,23 +10,15 @@ from sensor.kernels.elementary import jit
 
 # How far a frame interval's step reaches, one row of `step` for each setting and interval.
 DT_S, X, E, V1_U0, V1_U1, V2_V1, V2_U0, V2_U1 = range(8)
-
-
 STEP_SIZE = 8
-
 
 # A setting's electronics, one row of `electronics` each.
 POLES, LEAK_PER_S, NOISE_HZ, NOISE_EXPONENT, LIGHT_A = range(5)
-
-
 ELECTRONICS_SIZE = 5
-
 
 # Below the least a dt a pole stands still, above the greatest it lags by nothing: to float64, both
 # are exact. No cutoff and no light overflows.
 LEAST_X = 1e-30
-
-
 GREATEST_X = 1e16
 
 

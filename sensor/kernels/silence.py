@@ -10,11 +10,7 @@ from sensor.kernels.elementary import exp, jit
 
 # Float32 bounds on the light are drawn in by this much, and held within what float32 does well.
 BOUND_MARGIN = 1e-6
-
-
 LEAST_BOUND = 1e-30
-
-
 GREATEST_BOUND = 1e38
 
 

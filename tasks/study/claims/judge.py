@@ -1,8 +1,7 @@
 """Every claim that is checked against the rows of a run.
 
-A claim is one function from scores to a `Verdict`, in the file of its task;
-`tasks.study.results.intervals` says how a verdict comes about. No threshold is fitted to our
-results.
+A claim is one function from scores to a `Verdict`, in the file of its task; `verdict` says how one
+comes about. No threshold is fitted to our results.
 """
 
 from __future__ import annotations
