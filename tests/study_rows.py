@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 
+from tasks.evaluation.registry import TASKS
 from tasks.row import Row
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.results.scores import TASKS, Series
 
 EI = Series("reconstruction", "event_integration", "psnr_db")
 HF = Series("video", "high_pass_filter", "psnr_db")

@@ -13,8 +13,9 @@ from tasks.study.claims.judge import CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.bootstrap import DRAWS, resampled_medians
 from tasks.study.results.intervals import estimate
+from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import judged_series, shown_series
-from tasks.study.results.scores import Condition, Scores, Series
+from tasks.study.results.scores import Condition, Scores
 
 SERIES = {10: HF, 12: EPF, 13: EPF, 14: EPF, 15: CM, 16: CM, 18: EPPT, 19: EPPT, 20: EPPT}
 INF = math.inf

@@ -6,8 +6,9 @@ import numpy as np
 
 from tasks.study.claims.verdict import Verdict, status_of
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
+from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.perturbation import shown_series
-from tasks.study.results.scores import METRICS, Condition, Scores, Series, beats
+from tasks.study.results.scores import Condition, Scores, beats
 from tasks.study.results.words import cutoff_label, join_words
 
 

@@ -25,8 +25,9 @@ from tasks.study.claims.verdict import (
     unsettled,
 )
 from tasks.study.results.intervals import estimate
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS
-from tasks.study.results.scores import Cell, Condition, Scores, Series
+from tasks.study.results.scores import Cell, Condition, Scores
 from tasks.study.results.words import cutoff_label, number_text
 
 PHOTOMETRIC = Series("flow", "photometric_flow", "rnepe_px")

@@ -25,6 +25,7 @@ from tasks.study.claims.verdict import (
     unsettled,
 )
 from tasks.study.results.intervals import estimate
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import (
     BASE_SPEED_M_PER_S,
     CUTOFFS_HZ,
@@ -33,7 +34,7 @@ from tasks.study.results.paper import (
     SPEEDS,
     WIDTHS,
 )
-from tasks.study.results.scores import Cell, Condition, Scores, Series
+from tasks.study.results.scores import Cell, Condition, Scores
 from tasks.study.results.words import cutoff_label, number_text
 
 _IDEAL, _DAY, _NIGHT = CUTOFFS_HZ

@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterable, Mapping
 import numpy as np
 
 from tasks.study.claims.verdict import Medians, Statistic
+from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.results.scores import METRICS, Cell, Condition, Series
+from tasks.study.results.scores import Cell, Condition
 
 FAST = 10.0
 """Factor of the paper's 9 m/s on carpet."""

@@ -22,6 +22,7 @@ from tasks.study.claims.verdict import (
     unsettled,
 )
 from tasks.study.results.intervals import estimate
+from tasks.study.results.metrics import METRICS
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS
 from tasks.study.results.perturbation import (
     REQUIRED_SUCCESS,
@@ -30,7 +31,7 @@ from tasks.study.results.perturbation import (
     judged_series,
     sweep,
 )
-from tasks.study.results.scores import METRICS, Cell, Condition, Scores
+from tasks.study.results.scores import Cell, Condition, Scores
 from tasks.study.results.words import share_text
 
 _IDEAL, _DAY, _NIGHT = CUTOFFS_HZ

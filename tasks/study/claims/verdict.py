@@ -14,8 +14,9 @@ from enum import StrEnum
 import numpy as np
 
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, Estimate
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CONTRAST_THRESHOLD, WIDTHS, published
-from tasks.study.results.scores import Cell, Condition, Scores, Series
+from tasks.study.results.scores import Cell, Condition, Scores
 from tasks.study.results.words import cutoff_label, join_words
 
 EVENT_INTEGRATION = Series("reconstruction", "event_integration", "psnr_db")

@@ -11,6 +11,7 @@ from string import Template
 from typing import Any
 
 from tasks.errors import ResultError
+from tasks.evaluation.registry import TASKS
 from tasks.evaluation.timings import read_costs
 from tasks.files import write_bytes
 from tasks.row import read_rows
@@ -31,9 +32,10 @@ from tasks.study.report.tradeoff import Plot, plot_data
 from tasks.study.results.choice import Choices, choose_all
 from tasks.study.results.comparison import ComparisonTable, comparison_table
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
+from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scaling import read_scaling
-from tasks.study.results.scores import TASKS, Scores, Series, base_speed, by_threshold
+from tasks.study.results.scores import Scores, base_speed, by_threshold
 from tasks.study.results.words import join_words
 
 MAX_BYTES = 15_000_000

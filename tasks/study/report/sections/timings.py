@@ -9,9 +9,10 @@ from itertools import chain
 
 import numpy as np
 
+from tasks.evaluation.registry import TASKS
 from tasks.evaluation.timings import MethodCost, PartCosts
 from tasks.study.report.markup import scrolling
-from tasks.study.results.scores import TASKS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.words import MISSING, join_words
 
 
