@@ -1,0 +1,347 @@
+"""Kernels of `eres_render.rendering.lookup`: which pixels can be looked up, and their radiance.
+
+Pixels (column, row) cover [column, column + 1) x [row, row + 1). x = (column, row, 1) in the image
+is the direction `M x` in the world, with z = 1 along the camera's axis.
+"""
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+
+BLACK, LIT, MIXED = 0, 1, -1
+_UNSEEN = 2
+
+_MARGIN = 0.01  # px: a ray in single precision is not where an edge in double precision is
+_BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
+
+# The sum over a pixel's samples becomes vectors only where its order is free.
+_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
+_jit = numba.njit(**_OPTIONS, fastmath={"contract"})
+_jit_sums = numba.njit(**_OPTIONS, fastmath={"contract", "reassoc", "nsz"})
+
+
+def _load(bits):
+    def codegen(context, builder, signature, args):
+        address = builder.inttoptr(args[0], ir.IntType(16).as_pointer())
+        address = builder.gep(address, [builder.zext(args[1], ir.IntType(64))])
+        address = builder.bitcast(address, ir.IntType(bits).as_pointer())
+        return builder.zext(builder.load(address, align=2), ir.IntType(32))
+
+    return types.uint32(types.uint64, types.uint32), codegen
+
+
+@intrinsic
+def _half_at(typingctx, address, index):
+    """The half-float so many after the one at an address, as it is in memory."""
+    return _load(16)
+
+
+@intrinsic
+def _pair_at(typingctx, address, index):
+    """The same and the next one, in the upper half."""
+    return _load(32)
+
+
+@intrinsic
+def _float_of(typingctx, bits):
+    def codegen(context, builder, signature, args):
+        return builder.bitcast(args[0], ir.FloatType())
+
+    return types.float32(types.uint32), codegen
+
+
+@_jit
+def view_pieces(eye, M, pieces, homographies, state):
+    """Find the homography of each piece from the image to (texel, texel, 1), and if it is lit.
+
+    Its third row times (column, row, 1) is 1 / z, negative where the plane lies behind the eye.
+    """
+    for g in range(len(pieces.normal)):
+        n, p = pieces.normal[g], pieces.point[g]
+        height = 0.0
+        for i in range(3):
+            height += n[i] * (p[i] - eye[i])
+        for j in range(3):
+            w = 0.0
+            for i in range(3):
+                w += n[i] * M[i, j]
+            homographies[g, 2, j] = w / height
+        for k in range(2):
+            at_eye = pieces.texel[g, k]
+            for i in range(3):
+                at_eye += pieces.texel_of[g, k, i] * (eye[i] - p[i])
+            for j in range(3):
+                along = 0.0
+                for i in range(3):
+                    along += pieces.texel_of[g, k, i] * M[i, j]
+                homographies[g, k, j] = at_eye * homographies[g, 2, j] + along
+        state[g] = LIT if height < 0.0 else BLACK
+
+
+@_jit
+def view_bent(eye, bent, state):
+    """As `view_pieces` says if a piece is lit, where shading normals differ from its own.
+
+    Normal and way to the eye are both weighted means over the vertices, so the sign of their
+    product is certain where it is the same for all nine pairs.
+    """
+    for t in range(len(bent.piece)):
+        state[bent.piece[t]] = _UNSEEN
+    for t in range(len(bent.piece)):
+        towards = away = 0
+        for v in range(3):
+            for k in range(3):
+                product = 0.0
+                for i in range(3):
+                    product += bent.normals[t, k, i] * (eye[i] - bent.vertices[t, v, i])
+                towards += product > 0.0
+                away += product < 0.0
+        one = LIT if towards == 9 else (BLACK if away == 9 else MIXED)
+        g = bent.piece[t]
+        state[g] = one if state[g] == _UNSEEN or state[g] == one else MIXED
+
+
+@_jit
+def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece_at):
+    """Find the piece under each of N rays from the shape, 0 for none, and triangle it meets."""
+    for i in range(len(shape)):
+        if shape[i] == 0:
+            piece_at[i] = nothing
+        elif shape[i] < len(first_triangle) and first_triangle[shape[i]] >= 0:
+            piece_at[i] = piece_of_triangle[first_triangle[shape[i]] + triangle[i]]
+        else:
+            piece_at[i] = -1
+
+
+@_jit
+def mark_edges(edges, eye, P, near, piece_at, homographies, marked):
+    """Mark every pixel that an edge may cross in front of the piece under the pixel's corners.
+
+    `P` takes directions in the world to (column z, row z, z); `piece_at` is of the corners,
+    (H + 1, W + 1); `marked` is (H, W) uint8.
+    """
+    height, width = marked.shape
+    end = np.empty((2, 3))
+    for e in range(len(edges)):
+        for k in range(2):
+            for i in range(3):
+                end[k, i] = 0.0
+                for j in range(3):
+                    end[k, i] += P[i, j] * (edges[e, k, j] - eye[j])
+        if max(end[0, 2], end[1, 2]) <= near:
+            continue
+        for k in range(2):
+            if end[k, 2] < near:  # cut where the camera's view begins
+                s = (near - end[k, 2]) / (end[1 - k, 2] - end[k, 2])
+                for i in range(3):
+                    end[k, i] += s * (end[1 - k, i] - end[k, i])
+        x0, y0, q0 = end[0, 0] / end[0, 2], end[0, 1] / end[0, 2], 1.0 / end[0, 2]
+        dx, dy = end[1, 0] / end[1, 2] - x0, end[1, 1] / end[1, 2] - y0
+        dq = 1.0 / end[1, 2] - q0
+        low, high = min(y0, y0 + dy) - _MARGIN, max(y0, y0 + dy) + _MARGIN
+        if not (high >= 0.0 and low <= height):
+            continue
+        first, last = max(int(np.floor(max(low, 0.0))), 0), min(int(min(high, height)), height - 1)
+        for row in range(first, last + 1):
+            # The share of the edge in this row, then in each of its pixels.
+            a, b = _within(y0, dy, row - _MARGIN, row + 1.0 + _MARGIN, 0.0, 1.0)
+            if a > b:
+                continue
+            left, right = min(x0 + a * dx, x0 + b * dx), max(x0 + a * dx, x0 + b * dx)
+            if not (right >= -_MARGIN and left <= width + _MARGIN):
+                continue
+            c0 = max(int(np.floor(max(left - _MARGIN, 0.0))), 0)
+            c1 = min(int(min(right + _MARGIN, width)), width - 1)
+            for column in range(c0, c1 + 1):
+                if marked[row, column]:
+                    continue
+                g = piece_at[row, column]
+                if g < 0:
+                    continue
+                s, t = _within(x0, dx, column - _MARGIN, column + 1.0 + _MARGIN, a, b)
+                if s > t:
+                    continue
+                w = homographies[g, 2]
+                x, y = x0 + s * dx, y0 + s * dy
+                in_front = q0 + s * dq >= (1.0 - _BEHIND) * (w[0] * x + w[1] * y + w[2])
+                x, y = x0 + t * dx, y0 + t * dy
+                in_front |= q0 + t * dq >= (1.0 - _BEHIND) * (w[0] * x + w[1] * y + w[2])
+                if in_front:
+                    marked[row, column] = 1
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _within(start, step, low, high, a, b):
+    """Cut the shares [a, b] of a line down to where start + share * step is in [low, high]."""
+    if step == 0.0:
+        return (a, b) if low <= start <= high else (1.0, 0.0)
+    p, q = (low - start) / step, (high - start) / step
+    return max(a, min(p, q)), min(b, max(p, q))
+
+
+@_jit
+def look_up(rows, piece_at, marked, homographies, state, pieces, textures, sizes, x, y, image):
+    """Fill in the pixels of rows [first, last) that can be looked up; mark those that cannot.
+
+    Parameters
+    ----------
+    rows
+        (first, last).
+    piece_at, marked
+        As `mark_edges` has them; `marked` ends up 1 in every pixel that is to be traced.
+    textures, sizes
+        (N,) uint64 addresses of half-floats, and (N, 2) rows and columns.
+    x, y
+        (H * W * spp,) float32 positions of the samples, as shares of the image.
+    image
+        (H, W) float32.
+    """
+    height, width = image.shape
+    steps = np.empty((8, width), np.float32)
+    base = np.empty((2, width), np.int32)
+    for row in range(rows[0], rows[1]):
+        column = 0
+        while column < width:
+            g = piece_at[row, column]
+            if not _is_of(row, column, g, piece_at, marked) or state[g] == MIXED:
+                marked[row, column] = 1
+                column += 1
+                continue
+            end = column + 1
+            while end < width and _is_of(row, end, g, piece_at, marked):
+                end += 1
+            if state[g] == BLACK:
+                image[row, column:end] = 0.0
+            elif pieces.texture[g] < 0:
+                image[row, column:end] = pieces.radiance[g]
+            else:
+                _view_texture(homographies[g], row, column, end, steps, base)
+                address, size = textures[pieces.texture[g]], sizes[pieces.texture[g]]
+                _look_up_span(row, column, end, steps, base, address, size, x, y, image)
+            column = end
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _is_of(row, column, piece, piece_at, marked):
+    return (
+        piece >= 0
+        and not marked[row, column]
+        and piece_at[row, column] == piece
+        and piece_at[row, column + 1] == piece
+        and piece_at[row + 1, column] == piece
+        and piece_at[row + 1, column + 1] == piece
+    )
+
+
+@_jit
+def _view_texture(h, row, first, last, steps, base):
+    """Find how texels follow positions near the center of each pixel of a row.
+
+    At (dx, dy) px from the center of a pixel they are
+
+        base + (u0 + (ux dx + uy dy) / (1 + wx dx + wy dy), v0 + (vx dx + vy dy) / (...))
+
+    with `base` so that what is added to it is positive. In double precision up to here: what
+    follows are small steps, for which single precision does.
+
+    Parameters
+    ----------
+    h
+        (3, 3) homography from (column, row, 1) to (texel, texel, 1).
+    steps
+        (8, width) float32: u0, ux, uy, v0, vx, vy, wx, wy.
+    base
+        (2, width) int32: column and row of a texel.
+    """
+    cy = row + 0.5
+    k0, k1, k2 = h[0, 1] * cy + h[0, 2], h[1, 1] * cy + h[1, 2], h[2, 1] * cy + h[2, 2]
+    for column in range(first, last):
+        cx = column + 0.5
+        w = 1.0 / (h[2, 0] * cx + k2)
+        u, v = (h[0, 0] * cx + k0) * w, (h[1, 0] * cx + k1) * w
+        ux, uy = (h[0, 0] - u * h[2, 0]) * w, (h[0, 1] - u * h[2, 1]) * w
+        vx, vy = (h[1, 0] - v * h[2, 0]) * w, (h[1, 1] - v * h[2, 1]) * w
+        # No sample is farther than half a pixel; a quarter more for the perspective.
+        u_base = np.floor(u - 0.75 * (abs(ux) + abs(uy)) - 1.0)
+        v_base = np.floor(v - 0.75 * (abs(vx) + abs(vy)) - 1.0)
+        base[0, column], base[1, column] = np.int32(u_base), np.int32(v_base)
+        steps[0, column], steps[1, column], steps[2, column] = u - u_base, ux, uy
+        steps[3, column], steps[4, column], steps[5, column] = v - v_base, vx, vy
+        steps[6, column], steps[7, column] = h[2, 0] * w, h[2, 1] * w
+
+
+@_jit_sums
+def _look_up_span(row, first, last, steps, base, address, size, x, y, image):
+    """Fill in pixels of a row that show one texture."""
+    height, width = image.shape
+    spp = np.uint64(len(x) // (height * width))
+    to_columns, to_rows = np.float32(width), np.float32(height)
+    last_row, n_columns = np.int32(size[0] - 1), np.int32(size[1])
+    last_column = np.int32(n_columns - 1)
+    one = np.float32(1.0)
+    scale = np.float32(_HALF_TO_FLOAT) / np.float32(spp)
+    cy = np.float32(row + 0.5)
+    for column in range(first, last):
+        cx = np.float32(column + 0.5)
+        u0, ux, uy = steps[0, column], steps[1, column], steps[2, column]
+        v0, vx, vy = steps[3, column], steps[4, column], steps[5, column]
+        wx, wy = steps[6, column], steps[7, column]
+        u_base, v_base = base[0, column], base[1, column]
+        start = np.uint64(row * width + column) * spp
+        total = np.float32(0.0)
+        # Most pixels keep clear of the texture's border: no clamping, two texels a load.
+        u_most = u_base + np.int32(2.0 * u0) + np.int32(1)
+        v_most = v_base + np.int32(2.0 * v0) + np.int32(1)
+        if u_base >= 0 and v_base >= 0 and u_most < last_column and v_most < last_row:
+            corner = address + np.uint64(2) * (
+                np.uint64(v_base) * np.uint64(n_columns) + np.uint64(u_base)
+            )
+            for k in range(spp):
+                s = start + np.uint64(k)
+                dx, dy = x[s] * to_columns - cx, y[s] * to_rows - cy
+                w = one / (one + wx * dx + wy * dy)
+                u, v = u0 + (ux * dx + uy * dy) * w, v0 + (vx * dx + vy * dy) * w
+                iu, iv = np.uint32(u), np.uint32(v)
+                fu, fv = u - np.float32(iu), v - np.float32(iv)
+                at = iv * np.uint32(n_columns) + iu
+                top, bottom = _pair_at(corner, at), _pair_at(corner, at + np.uint32(n_columns))
+                t0, t1 = _left(top), _right(top)
+                b0, b1 = _left(bottom), _right(bottom)
+                t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
+                total += t + fv * (b - t)
+        else:
+            for k in range(spp):
+                s = start + np.uint64(k)
+                dx, dy = x[s] * to_columns - cx, y[s] * to_rows - cy
+                w = one / (one + wx * dx + wy * dy)
+                u, v = u0 + (ux * dx + uy * dy) * w, v0 + (vx * dx + vy * dy) * w
+                iu, iv = np.int32(u), np.int32(v)
+                fu, fv = u - np.float32(iu), v - np.float32(iv)
+                c0 = min(max(u_base + iu, 0), last_column)
+                c1 = min(max(u_base + iu + 1, 0), last_column)
+                r0 = min(max(v_base + iv, 0), last_row)
+                r1 = min(max(v_base + iv + 1, 0), last_row)
+                t0 = _left(_half_at(address, r0 * n_columns + c0))
+                t1 = _left(_half_at(address, r0 * n_columns + c1))
+                b0 = _left(_half_at(address, r1 * n_columns + c0))
+                b1 = _left(_half_at(address, r1 * n_columns + c1))
+                t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
+                total += t + fv * (b - t)
+        image[row, column] = total * scale
+
+
+_HALF_TO_FLOAT = 2.0**112  # the difference between the exponents' biases
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _left(pair):
+    """The lower half-float of two, times 2^-112; none is negative."""
+    return _float_of((pair & np.uint32(0xFFFF)) << np.uint32(13))
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _right(pair):
+    """The upper one."""
+    return _float_of((pair >> np.uint32(16)) << np.uint32(13))
