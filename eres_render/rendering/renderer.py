@@ -47,7 +47,7 @@ class Renderer:
     scene
         What to look at.
     width
-        Side of the square image in pixels.
+        Side of the square image in pixels, where no camera is given.
     spp
         Samples per pixel, stratified and spread evenly over the pixel's area (a box filter: any
         other would blur resolution in). Best a square: 1, 4, 9, 16, ...; else it must be a multiple
@@ -59,12 +59,15 @@ class Renderer:
         which is noisy: see `measure_noise`). By default baked where that is possible, else path.
     on_progress
         Called while light is baked, where it has to be.
+    camera
+        In place of the scene's square one: any image size, focal lengths and principal point.
 
     Raises
     ------
     RenderError
         If the sampler cannot lay out `spp` samples, or the image or the seed cannot be, or the
-        image needs more memory than this machine has.
+        image needs more memory than this machine has, or its pixels are not square and the Mitsuba
+        variant is scalar.
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
@@ -79,13 +82,15 @@ class Renderer:
         seed: int = 0,
         integrator: Integrator | None = None,
         on_progress: Progress = silent,
+        *,
+        camera: Camera | None = None,
     ) -> None:
         if not 0 <= seed < 1 << 32:
             raise RenderError(f"seed: found {seed}, expected 0 to 2^32 - 1")
         self.scene = scene
         self.seed = seed
         self.variant = select_variant()
-        camera = scene.camera(width)
+        camera = camera or scene.camera(width)
         # Before anything that takes long; a baked scene needs more, which is checked below.
         check_memory(camera, spp, integrator or "path", self.variant)
         self._use_camera(camera, spp)
@@ -97,7 +102,7 @@ class Renderer:
         baked = self.integrator == "baked"
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
             # Baking takes minutes: a path that hits something is refused before.
-            _check_path(scene, RayCaster(load_world(scene)))
+            _check_path(scene, camera, RayCaster(load_world(scene)))
         self._world: Any = baked_scene(scene, on_progress) if baked else load_world(scene)
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
@@ -116,6 +121,11 @@ class Renderer:
         rows = math.isqrt(max(spp, 0))  # the multijittered sampler's, so many columns in each
         if rows == 0 or spp % rows:
             raise RenderError(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")
+        if camera.fx != camera.fy and self.variant.startswith("scalar"):
+            raise RenderError(
+                f"camera: found fx = {camera.fx} and fy = {camera.fy}, and {self.variant} renders "
+                "square pixels only; install LLVM (apt-get install libllvm19)"
+            )
         self.camera, self.spp = camera, spp
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
@@ -188,7 +198,7 @@ class Renderer:
         TrajectoryError, SceneError
             If there is no such path, or it does not; the text names when, and what is in the way.
         """
-        return _check_path(self.scene, self._caster)
+        return _check_path(self.scene, self.camera, self._caster)
 
     @cached_property
     def image_motion(self) -> ImageMotion:
@@ -261,7 +271,8 @@ class Renderer:
         import drjit as dr
         import mitsuba as mi
 
-        width, height = self.camera.width, self.camera.height
+        camera = self.camera
+        width, height = camera.width, camera.height
         n_samples = (width * height if pixels is None else len(pixels)) * spp
         sampler = self._sensor.sampler()
         sampler.set_sample_count(spp)
@@ -272,7 +283,10 @@ class Renderer:
         if pixels is not None:
             pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
         corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
-        return sampler, (corner + sampler.next_2d()) / mi.Point2f(width, height)
+        position = corner + sampler.next_2d()
+        if camera.fx != camera.fy:  # where Mitsuba, whose pixels are square, has the same ray
+            position.y = camera.cy + (position.y - camera.cy) * (camera.fx / camera.fy)
+        return sampler, position / mi.Point2f(width, height)
 
     def _rays(self, position: Any) -> tuple[Any, Any]:
         import mitsuba as mi
@@ -297,9 +311,9 @@ class Renderer:
         return radiance
 
 
-def _check_path(scene: Scene, caster: RayCaster) -> Trajectory:
+def _check_path(scene: Scene, camera: Camera, caster: RayCaster) -> Trajectory:
     """Return a scene's camera path; refuse one that does not keep clear of surfaces."""
-    trajectory = scene.trajectory()
+    trajectory = scene.trajectory(camera)
     check_clearance(trajectory, scene.duration_s, caster, scene.min_clearance_m, scene.path_name)
     return trajectory
 
@@ -338,6 +352,8 @@ def _mitsuba_camera(
         "type": "perspective",
         "fov": float(np.rad2deg(camera.fov_rad)),
         "fov_axis": "x",
+        "principal_point_offset_x": 0.5 - camera.cx / camera.width,
+        "principal_point_offset_y": 0.5 - camera.cy / camera.height,
         "near_clip": 1e-3,
         "film": {
             "type": "hdrfilm",

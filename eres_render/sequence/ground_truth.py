@@ -78,17 +78,29 @@ class GroundTruth:
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution; its `K` is the camera matrix.
 
-        By default its image has the frames' shape. With a height of its own it sees the largest
-        middle of them that has its shape, as a sensor does, so that its pixels are square.
+        By default it sees all of the frames, at the height that makes its pixels as square as
+        theirs, to within rounding. With a height of its own it sees the largest middle of them that
+        has its shape, as a sensor does.
         """
         whole = self._camera
+        fov_rad, stretch = whole.fov_rad, 1.0
         if height is None:
-            return Camera(width, round(width * whole.height / whole.width), whole.fov_rad)
-        share = whole.height * width / (whole.width * height)  # of the frames' width, if under 1
-        fov_rad = whole.fov_rad
-        if share < 1:
-            fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
-        return Camera(width, height, fov_rad)
+            height = round(width * whole.height / whole.width)
+            stretch = height * whole.width / (whole.height * width)
+        else:
+            share = whole.height * width / (whole.width * height)  # of the frames' width, if < 1
+            if share < 1:
+                fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
+        fx = Camera(width, height, fov_rad).fx
+        fy = fx * (whole.fy / whole.fx) * stretch
+        return Camera(
+            width,
+            height,
+            fov_rad,
+            fy=fy,
+            cx=0.5 * width + fx / whole.fx * (whole.cx - 0.5 * whole.width),
+            cy=0.5 * height + fy / whole.fy * (whole.cy - 0.5 * whole.height),
+        )
 
     def pose(self, t_s: float) -> Float64:
         """Return T_world_cam, (4, 4), at a time on the path in seconds."""
