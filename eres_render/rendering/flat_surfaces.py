@@ -104,21 +104,22 @@ def flat_surfaces(world: Any, baked: Collection[str]) -> FlatSurfaces:
         Ids of the shapes whose texture is a baked one: clamped, bilinear, not transformed. Any
         other texture is traced.
     """
-    meshes, boxes, textures = [], [], []
+    meshes, boxes = [], []
+    textures: list[NDArray[np.float16]] = []
     first_triangle = {}
     count = 0
     for shape in world.shapes():
         if not shape.is_mesh():
             boxes.append([np.ravel(shape.bbox().min), np.ravel(shape.bbox().max)])
             continue
-        mesh = _mesh(shape, textures, shape.id() in baked)
+        mesh = _mesh(shape, textures, baked=shape.id() in baked)
         first_triangle[_registry_number(shape)] = count
         count += len(mesh.vertices)
         meshes.append(mesh)
     triangles = _Triangles(*(np.concatenate(column) for column in zip(*meshes, strict=True)))
     numbers = np.full(max(first_triangle) + 1, -1, np.int64)
     numbers[list(first_triangle)] = list(first_triangle.values())
-    pieces, bent, piece_of_triangle, edges = _pieces(triangles, textures)
+    pieces, bent, piece_of_triangle, edges = _take_apart(triangles)
     return FlatSurfaces(
         pieces=pieces,
         bent=bent,
@@ -138,7 +139,7 @@ class _Triangles(NamedTuple):
     texels: Float64  # (T, 3, 2)
     texture: Int32  # (T,), -1: none
     radiance: NDArray[np.float32]  # (T,)
-    shape: Int32  # (T,), -1: cannot be looked up
+    known: NDArray[np.bool_]  # (T,) whether they can be looked up
 
 
 def _registry_number(shape: Any) -> int:
@@ -148,7 +149,7 @@ def _registry_number(shape: Any) -> int:
     return int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
 
 
-def _mesh(shape: Any, textures: list[NDArray[np.float16]], baked: bool) -> _Triangles:
+def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _Triangles:
     """Read a mesh, and append its texture."""
     import drjit as dr
     import mitsuba as mi
@@ -160,7 +161,7 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], baked: bool) -> _Tria
         return np.asarray(values, np.float64).T[faces]
 
     vertices = of_vertices(shape.vertex_position(every))
-    normals = np.broadcast_to(_unit_normal(vertices)[:, None], vertices.shape)
+    normals: Float64 = np.broadcast_to(_unit_normal(vertices)[:, None], vertices.shape)
     if shape.has_vertex_normals() and not shape.has_face_normals():
         normals = of_vertices(shape.vertex_normal(every))
     texels = np.zeros((len(faces), 3, 2))
@@ -177,14 +178,13 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], baked: bool) -> _Tria
         textures.append(image)
     else:
         known = False
-    number = _registry_number(shape)
     return _Triangles(
         vertices=vertices,
         normals=normals,
         texels=texels,
         texture=np.full(len(faces), texture, np.int32),
         radiance=np.full(len(faces), radiance, np.float32),
-        shape=np.full(len(faces), number if known else TRACED, np.int32),
+        known=np.full(len(faces), known),
     )
 
 
@@ -195,79 +195,90 @@ def _unit_normal(vertices: Float64) -> Float64:
         return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
-def _pieces(
-    triangles: _Triangles, textures: list[NDArray[np.float16]]
-) -> tuple[Pieces, Bent, Int32, Float64]:
+def _take_apart(triangles: _Triangles) -> tuple[Pieces, Bent, Int32, Float64]:
+    """Return pieces, bent triangles, the piece of each triangle, and edges."""
     vertices = triangles.vertices
-    size = float(np.max(np.ptp(vertices.reshape(-1, 3), axis=0)))
     normal = _unit_normal(vertices)
     texel_of = _texel_maps(triangles, normal)
-    known = (triangles.shape != TRACED) & np.isfinite(texel_of).all((1, 2))
-    known &= np.isfinite(normal).all(1)
+    known = triangles.known & np.isfinite(normal).all(1) & np.isfinite(texel_of).all((1, 2))
+    left, right, edge = _neighbors(vertices)
+    size = float(np.max(np.ptp(vertices.reshape(-1, 3), axis=0)))
 
-    def agree(of: NDArray[np.intp], at: NDArray[np.intp]) -> NDArray[np.bool_]:
+    def holds(of: NDArray[np.intp], at: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Whether the planes and maps of some triangles hold at the vertices of others."""
         offset = vertices[at] - vertices[of][:, :1]
         off_plane = np.abs(np.einsum("nvi,ni->nv", offset, normal[of])).max(1)
         found = triangles.texels[of][:, :1] + np.einsum("nvi,nki->nvk", offset, texel_of[of])
         off_map = np.abs(found - triangles.texels[at]).max((1, 2))
         same = np.einsum("ni,ni->n", normal[of], normal[at]) > 0
-        same &= triangles.shape[of] == triangles.shape[at]
+        same &= (triangles.texture[of] == triangles.texture[at]) & known[of] & known[at]
+        same &= triangles.radiance[of] == triangles.radiance[at]
         return same & (off_plane < _FLAT * size) & (off_map < _TEXELS)
 
-    # An edge of two triangles runs forward in one and back in the other, or they overlap.
-    corner = _welded(vertices, _WELD * size)
-    start, end = corner.ravel(), np.roll(corner, -1, axis=1).ravel()
-    owner = np.repeat(np.arange(len(vertices)), 3)
-    n_corners = int(corner.max()) + 1
-    forward, back = start * n_corners + end, end * n_corners + start
-    order = np.argsort(forward, kind="stable")
-    at = np.searchsorted(forward[order], back)
-    other = order[np.minimum(at, len(order) - 1)]
-    unique = np.bincount(np.unique(forward, return_inverse=True)[1])
-    once = unique[np.unique(forward, return_inverse=True)[1]] == 1
-    paired = (forward[other] == back) & once & once[other]
-    left, right = owner[paired], owner[other[paired]]
-    joined = known[left] & known[right] & agree(left, right) & agree(right, left)
-    links = coo_array(
-        (np.ones(int(joined.sum())), (left[joined], right[joined])), shape=(len(vertices),) * 2
-    )
-    _, piece = connected_components(links, directed=False)
-    # A long row of neighbors that nearly agree need not agree as a whole.
-    whole = _largest_of(piece, vertices)
-    drifted = np.zeros(piece.max() + 1, bool)
-    drifted[piece[known & ~agree(whole[piece], np.arange(len(piece)))]] = True
-    alone = drifted[piece] | ~known
-    piece = np.where(alone, piece.max() + 1 + np.arange(len(piece)), piece)
-    kept, piece = np.unique(piece, return_inverse=True)
-    whole = _largest_of(piece, vertices)
-
-    inside = np.zeros(len(start), bool)
-    inside[paired] = piece[left] == piece[right]
-    ends = np.stack([vertices.reshape(-1, 3), np.roll(vertices, -1, axis=1).reshape(-1, 3)], axis=1)
-    # Of an edge that two triangles share, one is enough.
-    edges = ends[~inside & ~(paired & (forward > back))]
+    joined = holds(left, right) & holds(right, left)
+    piece = _connected(left[joined], right[joined], len(vertices))
+    # Each triangle of a long row may agree with the next, and the last not with the first.
+    every = np.arange(len(piece))
+    apart = np.bincount(piece, ~holds(_largest(piece, vertices)[piece], every)) > 0
+    piece = np.unique(np.where(apart[piece], len(piece) + every, piece), return_inverse=True)[1]
+    inside = piece[left] == piece[right]
+    edges = np.delete(_edges(vertices), np.concatenate([edge[0], edge[1][inside]]), axis=0)
 
     cosine = np.einsum("nvi,ni->nv", triangles.normals, normal)
     cosine /= np.linalg.norm(triangles.normals, axis=2)
-    straight = (np.abs(cosine) > 1 - _STRAIGHT).all(1) & (np.ptp(np.sign(cosine), axis=1) == 0)
-    bent = ~straight & known
-    away = np.where(cosine[whole, 0] < 0, -1.0, 1.0)
+    straight = (cosine > 1 - _STRAIGHT).all(1) | (cosine < _STRAIGHT - 1).all(1)
+    whole = _largest(piece, vertices)
     pieces = Pieces(
-        normal=normal[whole] * away[:, None],
+        normal=normal[whole] * np.sign(cosine[whole, :1]),
         point=vertices[whole, 0],
         texel=triangles.texels[whole, 0],
         texel_of=texel_of[whole],
         texture=triangles.texture[whole],
         radiance=triangles.radiance[whole],
     )
-    piece = np.where(known, piece, TRACED).astype(np.int32)
-    return (
-        pieces,
-        Bent(piece[bent], vertices[bent], triangles.normals[bent]),
-        piece,
-        np.ascontiguousarray(edges),
-    )
+    piece_of_triangle = np.where(known, piece, TRACED).astype(np.int32)
+    bent = known & ~straight
+    bent_triangles = Bent(piece_of_triangle[bent], vertices[bent], triangles.normals[bent])
+    return pieces, bent_triangles, piece_of_triangle, edges
+
+
+def _neighbors(
+    vertices: Float64,
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Find pairs of triangles on the two sides of an edge.
+
+    Returns
+    -------
+    left, right : (P,)
+        The triangles.
+    edge : (2, P)
+        The edge in `_edges`, as the left and as the right one has it.
+    """
+    size = float(np.max(np.ptp(vertices.reshape(-1, 3), axis=0)))
+    place = np.round(vertices.reshape(-1, 3) / (_WELD * size)).astype(np.int64)
+    start = np.unique(place, axis=0, return_inverse=True)[1].reshape(-1, 3)
+    end = np.roll(start, -1, axis=1)
+    # An edge runs one way in the one triangle and back in the other, or they overlap.
+    count = int(start.max()) + 1
+    there, back = (start * count + end).ravel(), (end * count + start).ravel()
+    known, first, times = np.unique(there, return_index=True, return_counts=True)
+    at = np.minimum(np.searchsorted(known, back), len(known) - 1)
+    own = np.searchsorted(known, there)
+    paired = (known[at] == back) & (times[at] == 1) & (times[own] == 1) & (there < back)
+    left = np.flatnonzero(paired)
+    right = first[at[left]]
+    return left // 3, right // 3, np.stack([left, right])
+
+
+def _edges(vertices: Float64) -> Float64:
+    """Return the edges of (T, 3, 3) triangles: (3 T, 2, 3)."""
+    return np.stack([vertices, np.roll(vertices, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+
+
+def _connected(left: NDArray[np.intp], right: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """Number what is connected by pairs, (count,)."""
+    links = coo_array((np.ones(len(left)), (left, right)), shape=(count, count))
+    return connected_components(links, directed=False)[1]
 
 
 def _texel_maps(triangles: _Triangles, normal: Float64) -> Float64:
@@ -283,13 +294,7 @@ def _texel_maps(triangles: _Triangles, normal: Float64) -> Float64:
     return step_a[:, :, None] * along_a[:, None] + step_b[:, :, None] * along_b[:, None]
 
 
-def _welded(vertices: Float64, size: float) -> NDArray[np.int64]:
-    """Number (T, 3, 3) vertices, the same number for the same place: (T, 3)."""
-    place = np.round(vertices.reshape(-1, 3) / size).astype(np.int64)
-    return np.unique(place, axis=0, return_inverse=True)[1].reshape(-1, 3)
-
-
-def _largest_of(piece: NDArray[np.integer], vertices: Float64) -> NDArray[np.intp]:
+def _largest(piece: NDArray[np.integer], vertices: Float64) -> NDArray[np.intp]:
     """Return the largest triangle of each piece."""
     area = np.cross(vertices[:, 1] - vertices[:, 0], vertices[:, 2] - vertices[:, 0])
     order = np.lexsort((np.linalg.norm(area, axis=1), piece))

@@ -136,8 +136,16 @@ def _lightmap_name(shape_id: str) -> str:
     return f"lightmap_{shape_id}.exr"
 
 
-def baked_scene(scene: Scene, on_progress: Progress = silent) -> mi.Scene:
-    """Load scene.xml with every surface black and glowing as its light would make it look."""
+def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene, set[str]]:
+    """Load scene.xml with every surface black and glowing as its light would make it look.
+
+    Returns
+    -------
+    world
+        The scene.
+    shapes
+        Ids of its surfaces, each with a texture of radiance.
+    """
     import mitsuba as mi
 
     maps = lightmaps(scene, on_progress)
@@ -161,4 +169,4 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> mi.Scene:
             "wrap_mode": "clamp",
         }
         emitters[shape.id()] = mi.load_dict({"type": "area", "radiance": texture})
-    return load_world(scene, emitters)
+    return load_world(scene, emitters), set(emitters)

@@ -1,13 +1,13 @@
-"""Frames of a baked scene with one ray for each pixel corner in place of one for each sample.
+"""Frames of a baked scene from one ray for each corner of a pixel, not one for each sample.
 
-A pixel whose four corners show the same flat piece, and which no edge crosses in front of it, shows
-nothing else: its samples are looked up in the piece's texture where the homography of the piece has
-them. Mitsuba says what the corners show, and traces every other pixel.
+If the four corners of a pixel show the same flat piece and no edge crosses the pixel in front of
+it, the pixel shows nothing else. Its samples are then looked up in the piece's texture, where the
+homography of the piece has them. Mitsuba says what the corners show, and traces all other pixels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -15,78 +15,114 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.camera import Camera
-from eres_render.rendering.flat_surfaces import TRACED, FlatSurfaces, flat_surfaces
-from eres_render.rendering.lookup_kernels import (
-    BLACK,
-    look_up,
-    mark_edges,
-    pieces_at,
-    view_bent,
-    view_pieces,
-)
+from eres_render.rendering import lookup_kernels as kernels
+from eres_render.rendering.flat_surfaces import TRACED, flat_surfaces
 
 Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
 
-_BANDS = 8  # of rows a thread
+NEAR_M = 1e-3
+"""Where the view begins, along the camera's axis; nothing nearer is seen."""
+
+_BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
+_SAMPLES_AN_EDGE = 8  # below that many samples for each edge of the scene, tracing is cheaper
+_LEAST_SPP = 3  # corners cost about as much as one sample
+
+# Pairs of corners of a box, numbered by bits for x, y and z, that an edge of the box joins.
+_BOX_EDGES = np.array([(a, b) for a in range(8) for b in range(a + 1, 8) if a ^ b in (1, 2, 4)])
 
 
 class LookUp:
-    """Looks up what a camera sees of a baked scene, where that can be looked up.
+    """What a camera sees of a baked scene, where that can be looked up.
 
     Parameters
     ----------
     world
         The baked scene.
     baked
-        Ids of the shapes with baked textures.
+        Ids of the shapes that `eres_render.rendering.lightmaps` gave a texture of radiance.
     """
 
     def __init__(self, world: Any, baked: Collection[str]) -> None:
         self._world = world
-        self._surfaces: FlatSurfaces = flat_surfaces(world, baked)
+        self._surfaces = flat_surfaces(world, baked)
         pieces = self._surfaces.pieces
-        # One more piece for what no ray meets: black, infinitely far, unless there is a sky.
-        self._nothing = TRACED if world.environment() is not None else len(pieces.normal)
-        self._homographies = np.zeros((len(pieces.normal) + 1, 3, 3))
-        self._state = np.full(len(pieces.normal) + 1, BLACK, np.int8)
+        # What no ray meets is one more piece, infinitely far and black, unless there is a sky.
+        self._nothing = len(pieces.normal) if world.environment() is None else TRACED
         textures = self._surfaces.textures
-        self._addresses = np.array([t.ctypes.data for t in textures], np.uint64)
-        self._sizes = np.array([t.shape for t in textures], np.int64).reshape(-1, 2)
+        self._addresses = np.array([texture.ctypes.data for texture in textures], np.uint64)
+        self._sizes = np.array([texture.shape for texture in textures], np.int64).reshape(-1, 2)
+
+    def pays(self, camera: Camera, spp: int) -> bool:
+        """Return whether looking up costs less than tracing every sample."""
+        samples = camera.width * camera.height * spp
+        return spp >= _LEAST_SPP and samples >= _SAMPLES_AN_EDGE * len(self._surfaces.edges)
 
     def frame(
         self,
         camera: Camera,
         T_world_cam: Float64,
-        corner_rays: Any,
-        positions: tuple[NDArray[np.float32], NDArray[np.float32]],
+        corners: Any,
+        x: Float32,
+        y: Float32,
+        trace: Callable[[NDArray[np.intp]], Float32],
         threads: int,
-    ) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-        """Return an image, (H, W) float32, and the pixels that are missing in it, (N,)."""
+    ) -> Float32:
+        """Return the radiance seen from a pose.
+
+        Parameters
+        ----------
+        camera
+            Image size and pinhole.
+        T_world_cam
+            (4, 4) pose.
+        corners
+            Mitsuba's rays through the corners of all pixels, row by row, (H + 1) * (W + 1).
+        x, y
+            (H * W * spp,) positions of the samples in the image, as `Renderer` has them for
+            Mitsuba: shares of its width and height.
+        trace
+            Returns the radiance of some pixels, (N,) `row * W + column`.
+        threads
+            How many threads look up.
+
+        Returns
+        -------
+        radiance
+            (H, W) float32, W m^-2 sr^-1.
+        """
         surfaces = self._surfaces
         eye = np.ascontiguousarray(T_world_cam[:3, 3])
-        M = np.ascontiguousarray(T_world_cam[:3, :3] @ np.linalg.inv(camera.K))
-        P = np.ascontiguousarray(camera.K @ T_world_cam[:3, :3].T)
-        piece_at = self._pieces_seen(corner_rays).reshape(camera.height + 1, camera.width + 1)
-        view_pieces(eye, M, surfaces.pieces, self._homographies, self._state)
-        view_bent(eye, surfaces.bent, self._state)
+        R = T_world_cam[:3, :3]
+        from_image = np.ascontiguousarray(R @ np.linalg.inv(camera.K))
+        to_image = np.ascontiguousarray(camera.K @ R.T)
+        piece_at = self._pieces_at(corners).reshape(camera.height + 1, camera.width + 1)
+        homographies = np.zeros((len(surfaces.pieces.normal) + 1, 3, 3))
+        state = np.full(len(homographies), kernels.BLACK, np.int8)
+        kernels.view_pieces(eye, from_image, surfaces.pieces, homographies, state)
+        kernels.view_bent(eye, surfaces.bent, state)
         marked = np.zeros((camera.height, camera.width), np.uint8)
-        self._mark_boxes(P, eye, marked)
-        mark_edges(surfaces.edges, eye, P, 1e-3, piece_at, self._homographies, marked)
-        image = np.empty(marked.shape, np.float32)
-        bands = np.linspace(0, camera.height, threads * _BANDS + 1).astype(int)
+        self._mark_boxes(to_image, eye, marked)
+        kernels.mark_edges(surfaces.edges, eye, to_image, NEAR_M, piece_at, homographies, marked)
 
-        def fill(band: int) -> None:
-            rows = (bands[band], bands[band + 1])
-            look_up(
-                rows, piece_at, marked, self._homographies, self._state, surfaces.pieces,
-                self._addresses, self._sizes, *positions, image,
-            )  # fmt: skip
+        image = np.empty(marked.shape, np.float32)
+        seen = kernels.Seen(piece_at, homographies, state, surfaces.pieces)
+        samples = kernels.Samples(x, y, camera.fx / camera.fy, camera.cy)
+        textures = kernels.Textures(self._addresses, self._sizes)
+        rows = np.linspace(0, camera.height, threads * _BANDS_A_THREAD + 1).astype(int)
+
+        def look_up(band: int) -> None:
+            kernels.look_up(rows[band], rows[band + 1], seen, textures, samples, marked, image)
 
         with ThreadPoolExecutor(threads) as workers:
-            list(workers.map(fill, range(len(bands) - 1)))
-        return image, np.flatnonzero(marked)
+            list(workers.map(look_up, range(len(rows) - 1)))
+        missing = np.flatnonzero(marked)
+        if len(missing):
+            image.ravel()[missing] = trace(missing)
+        return image
 
-    def _pieces_seen(self, rays: Any) -> NDArray[np.int32]:
+    def _pieces_at(self, rays: Any) -> NDArray[np.int32]:
+        """Return the piece that each ray meets."""
         import drjit as dr
         import mitsuba as mi
 
@@ -94,29 +130,23 @@ class LookUp:
         shape = np.asarray(dr.reinterpret_array(mi.UInt32, found.shape))
         triangle = np.asarray(found.prim_index)
         piece_at = np.empty(len(shape), np.int32)
-        surfaces = self._surfaces
-        pieces_at(
-            shape, triangle, surfaces.first_triangle, surfaces.piece_of_triangle, self._nothing,
-            piece_at,
-        )  # fmt: skip
+        first, piece_of = self._surfaces.first_triangle, self._surfaces.piece_of_triangle
+        kernels.pieces_at(shape, triangle, first, piece_of, self._nothing, piece_at)
         return piece_at
 
-    def _mark_boxes(self, P: Float64, eye: Float64, marked: NDArray[np.uint8]) -> None:
-        """Mark where what is no mesh may be."""
-        for low, high in self._surfaces.boxes:
-            corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3)
-            seen = (corners - eye) @ P.T
-            start, end = (seen[list(i)] for i in zip(*_BOX_EDGES, strict=True))
-            cut = (start[:, 2] < 1e-3) != (end[:, 2] < 1e-3)
-            share = (1e-3 - start[cut, 2]) / (end[cut, 2] - start[cut, 2])
-            between = start[cut] + share[:, None] * (end[cut] - start[cut])
-            seen = np.concatenate([seen[seen[:, 2] >= 1e-3], between])
+    def _mark_boxes(self, to_image: Float64, eye: Float64, marked: NDArray[np.uint8]) -> None:
+        """Mark every pixel in which something that is not a mesh may be seen."""
+        for box in self._surfaces.boxes:
+            corners = np.stack(np.meshgrid(*box.T, indexing="ij"), -1).reshape(-1, 3)
+            seen = (corners - eye) @ to_image.T
+            start, end = seen[_BOX_EDGES[:, 0]], seen[_BOX_EDGES[:, 1]]
+            cut = (start[:, 2] < NEAR_M) != (end[:, 2] < NEAR_M)
+            share = (NEAR_M - start[cut, 2:]) / (end[cut, 2:] - start[cut, 2:])
+            between = start[cut] + share * (end[cut] - start[cut])
+            seen = np.concatenate([seen[seen[:, 2] >= NEAR_M], between])
             if len(seen):
                 at = seen[:, :2] / seen[:, 2:]
-                size = marked.shape[1], marked.shape[0]
-                first = np.clip(np.floor(at.min(0) - 1), 0, size).astype(int)
-                last = np.clip(np.ceil(at.max(0) + 1), 0, size).astype(int)
-                marked[first[1] : last[1], first[0] : last[0]] = 1
-
-
-_BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
+                size = marked.shape[::-1]
+                left, top = np.clip(np.floor(at.min(0)) - 1, 0, size).astype(int)
+                right, bottom = np.clip(np.ceil(at.max(0)) + 1, 0, size).astype(int)
+                marked[top:bottom, left:right] = 1

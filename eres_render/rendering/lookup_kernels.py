@@ -4,11 +4,16 @@ Pixels (column, row) cover [column, column + 1) x [row, row + 1). x = (column, r
 is the direction `M x` in the world, with z = 1 along the camera's axis.
 """
 
+from typing import Any, NamedTuple
+
 import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from eres_render.rendering.flat_surfaces import Pieces
 
 BLACK, LIT, MIXED = 0, 1, -1
 _UNSEEN = 2
@@ -17,7 +22,7 @@ _MARGIN = 0.01  # px: a ray in single precision is not where an edge in double p
 _BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
 
 # The sum over a pixel's samples becomes vectors only where its order is free.
-_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 _jit = numba.njit(**_OPTIONS, fastmath={"contract"})
 _jit_sums = numba.njit(**_OPTIONS, fastmath={"contract", "reassoc", "nsz"})
 
@@ -181,50 +186,67 @@ def _within(start, step, low, high, a, b):
     return max(a, min(p, q)), min(b, max(p, q))
 
 
+class Seen(NamedTuple):
+    """What the corners of pixels show."""
+
+    piece_at: NDArray[np.int32]  # (H + 1, W + 1), negative: cannot be looked up
+    homographies: NDArray[np.float64]  # (G, 3, 3), as `view_pieces` finds them
+    state: NDArray[np.int8]  # (G,) BLACK, LIT or MIXED
+    pieces: Pieces
+
+
+class Textures(NamedTuple):
+    """Where textures are in memory."""
+
+    address: NDArray[np.uint64]  # (N,) of half-floats
+    size: NDArray[np.int64]  # (N, 2) rows and columns
+
+
+class Samples(NamedTuple):
+    """Where Mitsuba's camera, whose pixels are square, takes samples."""
+
+    x: NDArray[np.float32]  # (H * W * spp,) shares of the image's width
+    y: NDArray[np.float32]  # of its height, stretched by `stretch` about row `cy`
+    stretch: float  # fx / fy
+    cy: float  # px
+
+
 @_jit
-def look_up(rows, piece_at, marked, homographies, state, pieces, textures, sizes, x, y, image):
+def look_up(first, last, seen, textures, samples, marked, image):
     """Fill in the pixels of rows [first, last) that can be looked up; mark those that cannot.
 
-    Parameters
-    ----------
-    rows
-        (first, last).
-    piece_at, marked
-        As `mark_edges` has them; `marked` ends up 1 in every pixel that is to be traced.
-    textures, sizes
-        (N,) uint64 addresses of half-floats, and (N, 2) rows and columns.
-    x, y
-        (H * W * spp,) float32 positions of the samples, as shares of the image.
-    image
-        (H, W) float32.
+    `marked` is (H, W) uint8 and `image` (H, W) float32; pixels marked before are left out.
     """
-    height, width = image.shape
+    width = image.shape[1]
     steps = np.empty((8, width), np.float32)
     base = np.empty((2, width), np.int32)
-    for row in range(rows[0], rows[1]):
+    pieces = seen.pieces
+    for row in range(first, last):
         column = 0
         while column < width:
-            g = piece_at[row, column]
-            if not _is_of(row, column, g, piece_at, marked) or state[g] == MIXED:
+            g = seen.piece_at[row, column]
+            if not _shows(g, row, column, seen.piece_at, marked) or seen.state[g] == MIXED:
                 marked[row, column] = 1
                 column += 1
                 continue
             end = column + 1
-            while end < width and _is_of(row, end, g, piece_at, marked):
+            while end < width and _shows(g, row, end, seen.piece_at, marked):
                 end += 1
-            if state[g] == BLACK:
+            if seen.state[g] == BLACK:
                 image[row, column:end] = 0.0
             elif pieces.texture[g] < 0:
                 image[row, column:end] = pieces.radiance[g]
             else:
-                _view_texture(homographies[g], row, column, end, steps, base)
-                address, size = textures[pieces.texture[g]], sizes[pieces.texture[g]]
-                _look_up_span(row, column, end, steps, base, address, size, x, y, image)
+                t = pieces.texture[g]
+                _view_texture(seen.homographies[g], row, column, end, steps, base)
+                _fill(row, column, end, steps, base, textures.address[t], textures.size[t],
+                      samples, image)  # fmt: skip
             column = end
 
 
 @numba.njit(**_OPTIONS, inline="always")
-def _is_of(row, column, piece, piece_at, marked):
+def _shows(piece, row, column, piece_at, marked):
+    """Whether a pixel shows one piece and nothing else."""
     return (
         piece >= 0
         and not marked[row, column]
@@ -273,16 +295,17 @@ def _view_texture(h, row, first, last, steps, base):
 
 
 @_jit_sums
-def _look_up_span(row, first, last, steps, base, address, size, x, y, image):
-    """Fill in pixels of a row that show one texture."""
+def _fill(row, first, last, steps, base, address, size, samples, image):
+    """Fill in pixels [first, last) of a row that show one texture."""
     height, width = image.shape
+    x, y = samples.x, samples.y
     spp = np.uint64(len(x) // (height * width))
-    to_columns, to_rows = np.float32(width), np.float32(height)
+    to_columns, to_rows = np.float32(width), np.float32(height / samples.stretch)
     last_row, n_columns = np.int32(size[0] - 1), np.int32(size[1])
     last_column = np.int32(n_columns - 1)
     one = np.float32(1.0)
     scale = np.float32(_HALF_TO_FLOAT) / np.float32(spp)
-    cy = np.float32(row + 0.5)
+    cy = np.float32(row + 0.5 - samples.cy * (1.0 - 1.0 / samples.stretch))
     for column in range(first, last):
         cx = np.float32(column + 0.5)
         u0, ux, uy = steps[0, column], steps[1, column], steps[2, column]

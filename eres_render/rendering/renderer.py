@@ -19,6 +19,7 @@ from eres_render.rendering.clearance import check_clearance
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
 from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
 from eres_render.rendering.load import load_world
+from eres_render.rendering.lookup import NEAR_M, LookUp
 from eres_render.rendering.memory import check_memory
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.scene import Scene
@@ -26,7 +27,7 @@ from eres_render.trajectory.frame_times import ImageMotion, depth_image_motion, 
 from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
-Integrator = Literal["baked", "path"]
+Integrator = Literal["baked", "baked-full", "path"]
 
 _log = logging.getLogger(__name__)
 
@@ -55,8 +56,10 @@ class Renderer:
     seed
         Of the sampler, 0 to 2^32 - 1.
     integrator
-        "baked" (one ray per sample, Lambertian surfaces) or "path" (path tracing in every frame,
-        which is noisy: see `measure_noise`). By default baked where that is possible, else path.
+        "baked" (light is computed once, for Lambertian surfaces), "baked-full" (the same light,
+        with a ray for every sample, where "baked" looks most of them up: see
+        `eres_render.rendering.lookup`) or "path" (path tracing in every frame, which is noisy: see
+        `measure_noise`). By default baked where that is possible, else path.
     on_progress
         Called while light is baked, where it has to be.
     camera
@@ -99,11 +102,18 @@ class Renderer:
 
         self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
         check_memory(camera, spp, self.integrator, self.variant)
-        baked = self.integrator == "baked"
+        baked = self.integrator != "path"
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
             # Baking takes minutes: a path that hits something is refused before.
             _check_path(scene, camera, RayCaster(load_world(scene)))
-        self._world: Any = baked_scene(scene, on_progress) if baked else load_world(scene)
+        self._world: Any
+        self._look_up: LookUp | None = None
+        if baked:
+            self._world, shapes = baked_scene(scene, on_progress)
+            if self.integrator == "baked" and self.variant.startswith("llvm"):
+                self._look_up = LookUp(self._world, shapes)
+        else:
+            self._world = load_world(scene)
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
 
@@ -128,6 +138,7 @@ class Renderer:
             )
         self.camera, self.spp = camera, spp
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
+        self._kept_corners: Any = None
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
         self._camera_parameters = mi.traverse(self._sensor)
 
@@ -221,6 +232,8 @@ class Renderer:
         if self.variant.startswith("scalar"):
             image = self._tracer.render(self._world, self._sensor, seed, spp)
             return np.asarray(image, dtype=np.float32)[:, :, 0]
+        if self._look_up is not None and self._look_up.pays(self.camera, spp):
+            return self._looked_up(self._look_up, T_world_cam, spp, seed)
         height, width = self.camera.height, self.camera.width
         return self._render_vectorised(spp, seed).reshape(height, width)
 
@@ -238,41 +251,74 @@ class Renderer:
         Mitsuba's vectorised films add samples to pixels atomically, in an order that changes from
         run to run unless `spp` is a power of two, so the same pose would not give the same frame.
         """
+        if self.integrator != "path":
+            kept = pixels is None
+            position = self._positions(spp, seed) if kept else self._sampled(spp, seed, pixels)[1]
+            return self._traced(position, spp)
+        sampler, position = self._sampled(spp, seed, pixels)
+        ray, weight = self._rays(position)
+        radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
+        return _means(weight * radiance, spp)
+
+    def _traced(self, position: Any, spp: int) -> NDArray[np.float32]:
+        """Trace baked light at positions in the image, `spp` a pixel."""
+        import mitsuba as mi
+
+        ray, weight = self._rays(position)
+        # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
+        # camera rays run side by side: together nearly twice as fast.
+        si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
+        return _means(weight * si.emitter(self._world).eval(si), spp)
+
+    def _looked_up(
+        self, look_up: LookUp, T_world_cam: Float64, spp: int, seed: int
+    ) -> NDArray[np.float32]:
+        """Look baked light up, and trace it where that cannot be."""
         import drjit as dr
         import mitsuba as mi
 
-        if self.integrator == "baked":
-            ray, weight = self._rays(self._positions(spp, seed, pixels))
-            # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
-            # camera rays run side by side: together nearly twice as fast.
-            si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
-            radiance = si.emitter(self._world).eval(si)
-        else:
-            sampler, position = self._sampled(spp, seed, pixels)
-            ray, weight = self._rays(position)
-            radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
-        means = dr.block_sum((weight * radiance)[0], spp) / spp
-        return np.asarray(means, dtype=np.float32)
+        position = self._positions(spp, seed)
 
-    def _positions(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> Any:
-        """Where the samples lie in the image, 0 to 1; kept for the next frame if of all pixels."""
+        def trace(pixels: NDArray[np.intp]) -> NDArray[np.float32]:
+            sample = dr.arange(mi.UInt32, len(pixels) * spp)
+            pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), sample // spp)
+            at = pixel * spp + sample % spp
+            return self._traced(dr.gather(mi.Point2f, position, at), spp)
+
+        rays, _ = self._rays(self._corners())
+        x, y = np.asarray(position.x), np.asarray(position.y)
+        threads = dr.thread_count()
+        return look_up.frame(self.camera, T_world_cam, rays, x, y, trace, threads)
+
+    def _positions(self, spp: int, seed: int) -> Any:
+        """Where the samples of all pixels lie in the image, 0 to 1; kept for the next frame."""
         import drjit as dr
 
-        if pixels is not None:
-            return self._sampled(spp, seed, pixels)[1]
         if self._kept_positions is None or self._kept_positions[0] != (spp, seed):
             position = self._sampled(spp, seed, None)[1]
             dr.eval(position)  # else every frame would draw its random numbers again
             self._kept_positions = (spp, seed), position
         return self._kept_positions[1]
 
+    def _corners(self) -> Any:
+        """Where the corners of all pixels lie in the image, 0 to 1, row by row; kept."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if self._kept_corners is None:
+            columns, rows = self.camera.width + 1, self.camera.height + 1
+            corner = dr.arange(mi.UInt32, columns * rows)
+            position = mi.Point2f(mi.Float(corner % columns), mi.Float(corner // columns))
+            self._kept_corners = self._in_film(position)
+            dr.eval(self._kept_corners)
+        return self._kept_corners
+
     def _sampled(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> tuple[Any, Any]:
         """A new sampler, and the positions in the image that it gave first."""
         import drjit as dr
         import mitsuba as mi
 
-        camera = self.camera
-        width, height = camera.width, camera.height
+        width, height = self.camera.width, self.camera.height
         n_samples = (width * height if pixels is None else len(pixels)) * spp
         sampler = self._sensor.sampler()
         sampler.set_sample_count(spp)
@@ -283,10 +329,16 @@ class Renderer:
         if pixels is not None:
             pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
         corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
-        position = corner + sampler.next_2d()
-        if camera.fx != camera.fy:  # where Mitsuba, whose pixels are square, has the same ray
+        return sampler, self._in_film(corner + sampler.next_2d())
+
+    def _in_film(self, position: Any) -> Any:
+        """Take pixels to where Mitsuba's camera, whose pixels are square, has them, 0 to 1."""
+        import mitsuba as mi
+
+        camera = self.camera
+        if camera.fx != camera.fy:
             position.y = camera.cy + (position.y - camera.cy) * (camera.fx / camera.fy)
-        return sampler, position / mi.Point2f(width, height)
+        return position / mi.Point2f(camera.width, camera.height)
 
     def _rays(self, position: Any) -> tuple[Any, Any]:
         import mitsuba as mi
@@ -309,6 +361,12 @@ class Renderer:
                 image = self._tracer.render(self._world, sensor, seed, self.spp)
                 radiance[r, k] = np.asarray(image)[0, 0, 0]
         return radiance
+
+
+def _means(samples: Any, spp: int) -> NDArray[np.float32]:
+    import drjit as dr
+
+    return np.asarray(dr.block_sum(samples[0], spp) / spp, dtype=np.float32)
 
 
 def _check_path(scene: Scene, camera: Camera, caster: RayCaster) -> Trajectory:
@@ -354,7 +412,7 @@ def _mitsuba_camera(
         "fov_axis": "x",
         "principal_point_offset_x": 0.5 - camera.cx / camera.width,
         "principal_point_offset_y": 0.5 - camera.cy / camera.height,
-        "near_clip": 1e-3,
+        "near_clip": NEAR_M,
         "film": {
             "type": "hdrfilm",
             "width": camera.width,

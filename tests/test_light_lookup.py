@@ -1,0 +1,119 @@
+"""Baked light that is looked up is what rays to every sample find."""
+
+import numpy as np
+import pytest
+
+from eres_render import Camera, Renderer, load_scene
+from eres_render.rendering import renderer as renderer_module
+from light_scenes import light_evenly, small_carpet_folder
+
+
+def log_difference(renderer, full, pose):
+    """ln of radiance looked up over radiance traced, (H, W); 0 where both are black."""
+    looked_up, traced = renderer.frame(pose).astype(float), full.frame(pose).astype(float)
+    assert np.array_equal(looked_up == 0, traced == 0)
+    return np.log(np.where(looked_up > 0, looked_up, 1) / np.where(traced > 0, traced, 1))
+
+
+@pytest.mark.parametrize(("name", "most_rms"), [("carpet", 1e-4), ("rocks", 1e-4), ("room", 2e-4)])
+def test_packaged_scenes_look_the_same(name, most_rms):
+    """Promise: log radiance within 1e-4 rms on planes and 2e-4 in the room, along the path."""
+    scene = load_scene(name)
+    renderer = Renderer(scene, 320, 16)
+    full = Renderer(scene, 320, 16, integrator="baked-full")
+    assert renderer.integrator == "baked"
+    for pose in scene.trajectory().pose(np.linspace(0.1, 0.9, 3) * scene.duration_s):
+        difference = log_difference(renderer, full, pose)
+        assert np.sqrt(np.mean(difference**2)) < most_rms
+        assert np.mean(np.abs(difference) > 1e-3) < 1e-4
+        assert np.any(difference != 0), "nothing was looked up"
+
+
+def glowing(mi, vertices, faces, radiance, texcoords=None):
+    """A mesh of uniform or textured radiance."""
+    texture = {"type": "uniform", "value": radiance}
+    if texcoords is not None:
+        bitmap = mi.Bitmap(radiance.astype(np.float32)[..., None])
+        texture = {"type": "bitmap", "bitmap": bitmap, "raw": True, "format": "fp16"}
+        texture["wrap_mode"] = "clamp"
+    emitter = mi.load_dict({"type": "area", "radiance": texture})
+    properties = mi.Properties()
+    properties["emitter"] = emitter
+    mesh = mi.Mesh("mesh", len(vertices), len(faces), properties, False, texcoords is not None)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = np.ravel(vertices).astype(np.float32)
+    parameters["faces"] = np.ravel(faces).astype(np.uint32)
+    if texcoords is not None:
+        parameters["vertex_texcoords"] = np.ravel(texcoords).astype(np.float32)
+    parameters.update()
+    return mesh
+
+
+def quads(rng, n, length, width, distance, parallel):
+    """(4 n, 3) corners of thin rectangles that face the camera at z = 0, which looks along -z."""
+    angle = np.zeros(n) if parallel else rng.uniform(0, np.pi, n)
+    center = np.stack([*rng.uniform(-0.5, 0.5, (2, n)), np.full(n, -distance)], -1)
+    if parallel:  # along columns, in the middle of a pixel
+        center[:, 0] = (np.floor(center[:, 0] * WIDTH) + 0.5) / WIDTH
+    along = np.stack([-np.sin(angle), np.cos(angle), rng.uniform(-0.3, 0.3, n)], -1)
+    across = np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], -1)
+    sides = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    corners = [center + a * width / 2 * across + b * length / 2 * along for a, b in sides]
+    return np.stack(corners, 1).reshape(-1, 3)
+
+
+WIDTH = 160
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """A scene whose world is replaced: `Renderer` needs one that is baked."""
+    folder = small_carpet_folder(tmp_path_factory.mktemp("plain"))
+    return load_scene(light_evenly(folder, "carpet", 1.0))
+
+
+def renderers(monkeypatch, scene, camera, shapes):
+    """A renderer that looks up, and one that traces, of a world of our own."""
+    import mitsuba as mi
+
+    world = mi.load_dict({"type": "scene", **shapes})
+    monkeypatch.setattr(renderer_module, "baked_scene", lambda *_: (world, {"wall"}))
+    return (
+        Renderer(scene, spp=16, integrator="baked", camera=camera),
+        Renderer(scene, spp=16, integrator="baked-full", camera=camera),
+    )
+
+
+def wall(mi, rng):
+    """A textured wall 4 m before the camera, tilted."""
+    image = np.exp(rng.normal(0, 0.3, (512, 512)))
+    corners = np.array([[-6, -6, -4.5], [6, -6, -3.5], [6, 6, -4.0], [-6, 6, -5.0]])
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    mesh = glowing(mi, corners, np.array([[0, 1, 2], [0, 2, 3]]), image, uv)
+    mesh.set_id("wall")
+    return mesh
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+@pytest.mark.parametrize("length_px", [None, 1.0])
+@pytest.mark.parametrize("width_px", [0.1, 0.3, 1.0, 3.0])
+def test_no_thin_thing_is_missed(plain, monkeypatch, width_px, length_px, parallel):
+    """Rods and specks between the corners of pixels: no pixel is off by more than 1e-2."""
+    import mitsuba as mi
+
+    rng = np.random.default_rng(int(10 * width_px) + parallel)
+    pixel = 1.0 / WIDTH  # m, on the plane 1 m away of a camera with 53 degrees
+    length = 0.4 if length_px is None else length_px * width_px * pixel
+    corners = quads(rng, 300, length, width_px * pixel, 1.0, parallel)
+    faces = np.arange(len(corners)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    things = glowing(mi, corners, faces, 100.0)
+    camera = Camera(WIDTH, WIDTH, fx=float(WIDTH))
+    shapes = {"wall": wall(mi, rng), "things": things}
+    looked_up, traced = renderers(monkeypatch, plain, camera, shapes)
+    monkeypatch.setattr("eres_render.rendering.lookup._SAMPLES_AN_EDGE", 0)
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    difference = log_difference(looked_up, traced, pose)
+    assert np.max(np.abs(difference)) < 1e-2
+    assert np.any(difference != 0), "nothing was looked up"
+    lit = traced.frame(pose)
+    assert np.any(lit > 5), "nothing was in front"
