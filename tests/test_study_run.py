@@ -314,10 +314,9 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, name):
     if "parts" in name:
         file.unlink()
     before = file.read_bytes() if file.exists() else None
-    file.with_name(f".{file.name}.{os.getpid()}").symlink_to("/dev/full")
-    with pytest.raises(OSError, match=FULL) as error:
+    file.with_name(f".{file.name}.{os.getpid()}.unfinished").symlink_to("/dev/full")
+    with pytest.raises(RenderError, match=f"^{file}: cannot be written: {FULL}"):
         run_study(study, tmp_path / "run")
-    assert error.value.filename == str(file)
     assert (file.read_bytes() if file.exists() else None) == before
     assert not list(tmp_path.rglob(".*"))
     assert run_study(study, tmp_path / "run") == rows

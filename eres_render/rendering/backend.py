@@ -159,9 +159,8 @@ def _verdict(name: str) -> VariantVerdict:
     if not verdict.lasting:
         return verdict
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, json.dumps(asdict(verdict)))
-    except (OSError, RenderError) as error:
+    except RenderError as error:
         _log.debug("the verdict on %s is not cached: %s", name, error)
     return verdict
 

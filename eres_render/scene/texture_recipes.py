@@ -96,6 +96,5 @@ class TextureRecipe:
         """Return an EXR file (half, channel Y) of the texels, made now if it is not cached."""
         path = cache_dir() / "textures" / f"{self.kind}-{self.digest[:16]}.exr"
         if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
             write_luminance(path, self.make())
         return path

@@ -16,7 +16,7 @@ import OpenEXR
 from numpy.typing import NDArray
 
 from eres_render.errors import RenderError
-from eres_render.storage.atomic import write_whole
+from eres_render.storage.atomic import write_bytes
 
 _silencing = threading.Lock()
 
@@ -57,13 +57,10 @@ def write_channels(
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     file = OpenEXR.File({**header, **(attributes or {})}, dict(channels))
 
-    def write(unfinished: Path) -> None:
-        # By way of memory: the library does not say if the disk refuses a file's last bytes.
-        data = io.BytesIO()
-        file.write(data)
-        unfinished.write_bytes(data.getbuffer())
-
-    write_whole(path, write)
+    # By way of memory: the library does not say if the disk refuses a file's last bytes.
+    data = io.BytesIO()
+    file.write(data)
+    write_bytes(path, data.getbuffer())
 
 
 def read_luminance(path: Path, *, intact: bool = False) -> NDArray[np.float32]:

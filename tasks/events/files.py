@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -22,7 +23,6 @@ from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.truth import truth_to_add, truth_to_copy
-from tasks.files import check_new
 
 Frames = Iterable[NDArray[np.float32]]
 
@@ -115,7 +115,7 @@ def simulate_sequence(
     TaskError
         The speed is none, the file exists, or its format has no place for truth.
     """
-    check_new(out, overwrite)
+    _check_new(out, overwrite)
     if not 0 < speed < np.inf:
         raise TaskError(f"speed: found {speed}, expected a positive factor")
     warn_if_short(sequence, model.cutoff_hz, speed)
@@ -178,7 +178,7 @@ def convert(
     header = read_header(source, format=input_format)
     if out.exists() and out.samefile(source):
         raise TaskError(f"{out}: is {source} itself, which cannot be replaced while it is read")
-    check_new(out, overwrite)
+    _check_new(out, overwrite)
     to = find_format(out, format, new=True)
     left_out, add = list(header.others), None
     if "truth" in left_out and to.name == find_format(source, input_format).name == "dsec":
@@ -246,3 +246,9 @@ def _made(header: Header) -> Iterator[tuple[str, str]]:
         yield name.replace("_", " "), str(value)
     if header.others:
         yield "also holds", ", ".join(header.others)
+
+
+def _check_new(path: Path, overwrite: bool) -> None:
+    """Refuse to replace a file, unless that was asked for."""
+    if os.path.lexists(path) and not path.is_dir() and not overwrite:
+        raise TaskError(f"{path}: exists already; add --overwrite to replace it")

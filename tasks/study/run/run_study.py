@@ -11,9 +11,9 @@ from typing import Any
 
 from eres_render import load_scene
 from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, StudyError
 from tasks.evaluation.settings import check_methods
-from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
 from tasks.study.run.estimate import cost
@@ -51,8 +51,9 @@ def run_study(
     TaskError
         A method does not exist or is another task's; a `MethodError` if it raises, or answers with
         what is no answer, which the first sample shows before anything else is computed.
-    RenderError, SensorError, OSError
-        As the stages raise them. Nothing is left under a final name that is not whole.
+    RenderError, SensorError
+        As the stages raise them, or a file cannot be written. Nothing is left under a final name
+        that is not whole.
     """
     with schedule(scheduler) as computing:
         check_methods(study.evaluate)
