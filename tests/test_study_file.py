@@ -58,7 +58,7 @@ def test_light_stands_for_cutoffs(tmp_path):
         ('scenes = ["carpet"]\n[render]\nspp = "4"', r"mine.toml: render.spp: found '4'"),
         (
             'scenes = ["carpet"]\n[simulate]\nwidths = [2560]',
-            r"mine.toml: top level: simulate.widths: found 2560 px, finer than",
+            r"mine.toml: simulate.widths: found 2560 px, finer than",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncontrast_thresholds = [0.2, 0.2]',
@@ -66,7 +66,15 @@ def test_light_stands_for_cutoffs(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [0]',
-            r"simulate.cutoffs_hz: found \[0\], expected a list of positive",
+            r"simulate.cutoffs_hz: found 0.0, expected a positive number",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [nan]',
+            r"simulate.cutoffs_hz\[0\]: found nan, expected a number or inf",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\nilluminance_lux = [0]',
+            r"simulate.illuminance_lux: found \(0.0,\), expected positive numbers",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [1]\nilluminance_lux = [1]',
@@ -84,7 +92,7 @@ def test_light_stands_for_cutoffs(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 0.0',
-            r"top level: evaluate.video.every_s: found 0.0, expected a positive number",
+            r"mine.toml: evaluate.video.every_s: found 0.0, expected a positive number",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.tracking]\nsigmas_mm = [5, -1]',

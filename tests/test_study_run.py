@@ -295,9 +295,9 @@ def test_where_the_finished_parts_were_computed_stays_known(
     assert compute_one_again("{") == here
     assert compute_one_again('{"cores": 2}') == here
     not_json, not_text = warnings_of_tasks(caplog)
-    assert not_json.startswith(f"{file}: not JSON, Expecting property name")
+    assert not_json.startswith(f"{file}: not JSON: Expecting property name")
     assert not_json.endswith("; where the finished parts were computed is lost")
-    assert not_text.startswith(f"{file}: expected a text for each name; ")
+    assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
 
 
 FULL = "No space left on device"

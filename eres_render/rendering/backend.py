@@ -23,6 +23,7 @@ from importlib.metadata import version
 from eres_render.errors import BackendError, RenderError
 from eres_render.storage.atomic import write_text
 from eres_render.storage.cache import cache_dir
+from eres_render.storage.settings_reader import read_json
 
 _log = logging.getLogger(__name__)
 
@@ -152,8 +153,8 @@ def _verdict(name: str) -> VariantVerdict:
     digest = hashlib.sha256(surroundings.encode()).hexdigest()[:16]
     path = cache_dir() / "variants" / f"{name}-{digest}.json"
     try:
-        return VariantVerdict(**json.loads(path.read_text()))
-    except (OSError, ValueError, TypeError):
+        return read_json(VariantVerdict, path, BackendError)
+    except BackendError:
         pass  # not cached, or unreadable: probe again
     verdict = _probe(name)
     if not verdict.lasting:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import hashlib
 import math
-import tomllib
 import typing
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eres_render.camera import Camera, Plane
-from eres_render.errors import RenderError, SceneError, TrajectoryError
+from eres_render.errors import RenderError, SceneError, TrajectoryError, nearest
 from eres_render.scene.settings import (
     CameraSettings,
     FacingPlanePath,
@@ -24,7 +22,7 @@ from eres_render.scene.settings import (
     WaypointsPath,
 )
 from eres_render.scene.xml import read_scene_xml
-from eres_render.storage.settings_reader import Vector3, read_typed
+from eres_render.storage.settings_reader import Vector3, read_toml
 from eres_render.trajectory.generators import facing_plane, look_at, random_path, waypoint_loop
 from eres_render.trajectory.spline import Trajectory, path_through
 from eres_render.trajectory.tum import read_tum_from_start
@@ -249,10 +247,9 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
     elif path.is_dir():
         scene = _load_folder(path.resolve(), str(path.resolve()))
     else:
-        near = difflib.get_close_matches(str(name_or_path), list_scenes(), n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(list_scenes())}"
         raise SceneError(
-            f"no scene, no folder and no .xml file named {str(name_or_path)!r}: {hint}"
+            f"no scene, folder or .xml file named {str(name_or_path)!r}: "
+            f"{nearest(str(name_or_path), list_scenes())}"
         )
     if trajectory_file is None:
         return scene
@@ -265,11 +262,7 @@ def _load_folder(folder: Path, source: str) -> Scene:
     for needed in (toml_file, xml_file):
         if not needed.is_file():
             raise SceneError(f"{needed}: missing, expected a scene folder with it")
-    try:
-        table = tomllib.loads(toml_file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SceneError(f"{toml_file}: not a TOML file: {error}") from error
-    settings = read_typed(SceneToml, table, toml_file, SceneError)
+    settings = read_toml(SceneToml, toml_file, SceneError)
     _check(settings, toml_file)
     files = read_scene_xml(xml_file, settings.textures).files
     return Scene(folder.name, xml_file, settings, source, files)

@@ -1,24 +1,51 @@
-"""Read a TOML or JSON table into a frozen dataclass, or say which field is wrong and how."""
+"""Read a TOML or JSON file into frozen dataclasses, or say which field is wrong and how."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import tomllib
 import types
 import typing
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
+FloatOrInf = Annotated[float, "inf"]
+"""A number that may be inf. A text such as "inf" stands for it, as JSON has no such number."""
+
 _NAMES: dict[Any, str] = {
     float: "a number",
+    FloatOrInf: "a number or inf",
     int: "an integer",
     bool: "true or false",
     str: "a string",
     Vector3: "three numbers",
 }
+
+
+def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
+    """Return the content of a TOML file as the wanted type; see `read_typed`."""
+    return read_typed(kind, _parsed(file, tomllib.loads, "TOML", error), file, error)
+
+
+def read_json(kind: type[T], file: Path, error: type[ValueError]) -> T:
+    """Return the content of a JSON file as the wanted type; see `read_typed`."""
+    return read_typed(kind, _parsed(file, json.loads, "JSON", error), file, error)
+
+
+def _parsed(file: Path, parse: Callable[[str], Any], name: str, error: type[ValueError]) -> Any:
+    try:
+        return parse(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise error(f"{file}: no such file") from None
+    except OSError as reason:
+        raise error(f"{file}: cannot be read: {reason.strerror}") from reason
+    except ValueError as reason:  # of the parser, or of the decoder
+        raise error(f"{file}: not {name}: {reason}") from None
 
 
 def read_typed(
@@ -31,7 +58,8 @@ def read_typed(
     kind
         A dataclass (a table with exactly its fields, those with a default may be absent), a union
         of dataclasses told apart by their field `kind`, dict[str, ...], tuple of one type (a list),
-        Literal of words, float (finite), int, bool or str. None stands for an absent field.
+        Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. None stands for an
+        absent field.
     found
         The parsed value.
     file, field
@@ -44,14 +72,16 @@ def read_typed(
         return read_typed(inner_kind, value, file, error, inner_field)
 
     def refuse(what: str) -> ValueError:
-        return error(f"{file}: {field or 'top level'}: {what}")
+        return error(f"{file}: {field + ': ' if field else ''}{what}")
 
+    if kind is Any:
+        return typing.cast(T, found)
     result: Any
+    prefix = f"{field}." if field else ""
     if isinstance(kind, types.UnionType):
         kind = _member(kind, found, refuse)
     if dataclasses.is_dataclass(kind) and isinstance(found, dict):
-        kinds = typing.get_type_hints(kind)
-        prefix = f"{field}." if field else ""
+        kinds = typing.get_type_hints(kind, include_extras=True)
         may_be_absent = {
             f.name
             for f in dataclasses.fields(kind)
@@ -68,7 +98,7 @@ def read_typed(
             raise refuse(str(reason)) from reason
     arguments = typing.get_args(kind)
     if typing.get_origin(kind) is dict and isinstance(found, dict):
-        result = {k: inner(arguments[1], v, f"{field}.{k}") for k, v in found.items()}
+        result = {k: inner(arguments[1], v, prefix + k) for k, v in found.items()}
     elif typing.get_origin(kind) is tuple and isinstance(found, list):
         if arguments[-1] is not Ellipsis and len(found) != len(arguments):
             raise refuse(f"found {found!r}, expected {_name(kind)}")
@@ -77,6 +107,8 @@ def read_typed(
         result = found
     elif kind is float and type(found) in (int, float) and math.isfinite(found):
         result = float(found)
+    elif kind == FloatOrInf and (number := _number(found)) is not None:
+        result = number
     elif kind in (str, int, bool) and type(found) is kind:
         result = found
     else:
@@ -93,6 +125,15 @@ def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueErr
     if found.get("kind") not in by_word:
         raise refuse(f"kind: found {found.get('kind')!r}, expected one of {', '.join(by_word)}")
     return by_word[found["kind"]]
+
+
+def _number(found: Any) -> float | None:
+    """Return a number that may be inf, or None if the value is not one."""
+    try:
+        number = float(found) if type(found) in (int, float, str) else math.nan
+    except ValueError:
+        return None
+    return None if math.isnan(number) else number
 
 
 def _name(kind: Any) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from eres_render.progress import Progress
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 
 
@@ -118,26 +119,5 @@ def read_costs(folder: Path) -> list[PartCosts]:
     ResultError
         A file is not JSON, or its fields are others.
     """
-    found = [_read(file) for file in sorted(folder.glob("*.json"))]
+    found = [read_json(PartCosts, file, ResultError) for file in sorted(folder.glob("*.json"))]
     return sorted(found, key=lambda one: (one.scene, one.sample))
-
-
-def _read(file: Path) -> PartCosts:
-    try:
-        content = json.loads(file.read_text())
-    except ValueError as error:
-        raise ResultError(f"{file}: not JSON, {error}") from None
-    content = _checked(file, content, PartCosts)
-    methods = tuple(MethodCost(**_checked(file, one, MethodCost)) for one in content["methods"])
-    return PartCosts(**{**content, "methods": methods})
-
-
-def _checked(file: Path, content: object, kind: type[PartCosts | MethodCost]) -> dict:
-    expected = {field.name for field in fields(kind)}
-    found = set(content) if isinstance(content, dict) else set()
-    if not isinstance(content, dict) or found != expected:
-        raise ResultError(
-            f"{file}: fields of {kind.__name__}: found {', '.join(sorted(found)) or 'none'}, "
-            f"expected {', '.join(sorted(expected))}"
-        )
-    return content

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 import math
@@ -10,6 +9,8 @@ import operator
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
+from eres_render.errors import nearest
+from eres_render.storage.settings_reader import FloatOrInf
 from tasks.errors import StudyError
 from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.methods import task_of
@@ -94,7 +95,7 @@ class Simulate:
     """
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
-    cutoffs_hz: tuple[float, ...] = (math.inf, 200.0, 50.0)
+    cutoffs_hz: tuple[FloatOrInf, ...] = (math.inf, 200.0, 50.0)
     contrast_thresholds: tuple[float, ...] = (0.2,)
     speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
     dark_fraction: float = 1e-3
@@ -206,9 +207,7 @@ def preset(name: str) -> Study:
         There is none of that name; the text gives the nearest one.
     """
     if name not in PRESETS:
-        near = difflib.get_close_matches(name, PRESETS, n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]!r}?" if near else f"there is {', '.join(PRESETS)}"
-        raise StudyError(f"no preset named {name!r}: {hint}")
+        raise StudyError(f"no preset named {name!r}: {nearest(name, PRESETS)}")
     return PRESETS[name]
 
 
