@@ -10,7 +10,7 @@ from typing import Any
 from eres_render.storage.settings_reader import FloatOrInf, read_toml, read_typed
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
-from tasks.study.config import Study
+from tasks.study.settings import Study
 
 
 def read_study(file: Path) -> Study:
