@@ -49,7 +49,7 @@ def test_damaged_costs_are_named(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"part\.json: not JSON"):
         read_costs(tmp_path)
     file.write_bytes(costs_file(PART).replace(b'"estimates"', b'"fits"'))
-    with pytest.raises(ResultError, match=r"part\.json: methods\[0\]\.estimates: missing"):
+    with pytest.raises(ResultError, match=r"part\.json: methods\[0\]\.fits: unknown"):
         read_costs(tmp_path)
 
 

@@ -17,6 +17,7 @@ Vector3 = tuple[float, float, float]
 FloatOrInf = Annotated[float, "inf"]
 """A number that may be inf. A text such as "inf" stands for it, as JSON has no such number."""
 
+_OLD_NAMES = "old names"
 _NAMES: dict[Any, str] = {
     float: "a number",
     FloatOrInf: "a number or inf",
@@ -25,6 +26,11 @@ _NAMES: dict[Any, str] = {
     str: "a string",
     Vector3: "three numbers",
 }
+
+
+def formerly(*names: str) -> dict[str, tuple[str, ...]]:
+    """Return the metadata of a dataclass's field that is also read under its old names."""
+    return {_OLD_NAMES: names}
 
 
 def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
@@ -81,17 +87,7 @@ def read_typed(
     if isinstance(kind, types.UnionType):
         kind = _member(kind, found, refuse)
     if dataclasses.is_dataclass(kind) and isinstance(found, dict):
-        kinds = typing.get_type_hints(kind, include_extras=True)
-        may_be_absent = {
-            f.name
-            for f in dataclasses.fields(kind)
-            if (f.default, f.default_factory) != (dataclasses.MISSING, dataclasses.MISSING)
-        }
-        for name in (name for name in kinds if name not in found and name not in may_be_absent):
-            raise error(f"{file}: {prefix}{name}: missing, expected {_name(kinds[name])}")
-        for name in (name for name in found if name not in kinds):
-            raise error(f"{file}: {prefix}{name}: unknown, expected one of {', '.join(kinds)}")
-        values = {name: inner(kinds[name], value, prefix + name) for name, value in found.items()}
+        values = _fields(kind, found, file, error, prefix)
         try:
             return kind(**values)
         except ValueError as reason:
@@ -114,6 +110,27 @@ def read_typed(
     else:
         raise refuse(f"found {found!r}, expected {_name(kind)}")
     return typing.cast(T, result)
+
+
+def _fields(
+    kind: type, found: dict[str, Any], file: Path, error: type[ValueError], prefix: str
+) -> dict[str, Any]:
+    """Return the values of a dataclass's fields from a table."""
+    fields, kinds = dataclasses.fields(kind), typing.get_type_hints(kind, include_extras=True)
+    named = {word: f for f in fields for word in (f.name, *f.metadata.get(_OLD_NAMES, ()))}
+    values: dict[str, Any] = {}
+    for word, value in found.items():
+        if word not in named:
+            raise error(f"{file}: {prefix}{word}: unknown, expected one of {', '.join(kinds)}")
+        name = named[word].name
+        if name in values:
+            raise error(f"{file}: {prefix}{name}: found twice, also under an old name")
+        values[name] = read_typed(kinds[name], value, file, error, prefix + word)
+    for f in fields:
+        may_be_absent = (f.default, f.default_factory) != (dataclasses.MISSING, dataclasses.MISSING)
+        if f.name not in values and not may_be_absent:
+            raise error(f"{file}: {prefix}{f.name}: missing, expected {_name(kinds[f.name])}")
+    return values
 
 
 def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueError]) -> Any:
