@@ -106,7 +106,7 @@ def room_folder(folder: Path, *changes: tuple[str, str]) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     toml = """title = "A box with a ball"
-licence = "MIT"
+license = "MIT"
 length_unit = "m"
 radiance_unit = "W m^-2 sr^-1"
 

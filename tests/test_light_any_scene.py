@@ -132,5 +132,5 @@ def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
     file, *_ = write_poses(tmp_path, ((3, 0, 0), (0, 0.1, 0), (0, 3, 0)))
     with pytest.raises(TrajectoryError, match=r"poses\.txt: at t = .* shape 'ball'"):
         _ = Renderer(load_scene(xml, file), 8, 1).trajectory
-    with pytest.raises(SceneError, match=r"no folder and no \.xml file named 'other\.xml'"):
+    with pytest.raises(SceneError, match=r"folder or \.xml file named 'other\.xml'"):
         load_scene("other.xml")

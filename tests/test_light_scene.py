@@ -10,7 +10,7 @@ def test_carpet_is_packaged_and_complete():
     assert "carpet" in list_scenes()
     scene = load_scene("carpet")
     assert scene.name == "carpet"
-    assert scene.settings.licence == "MIT"
+    assert scene.settings.license == "MIT"
     assert len(scene.digest) == 64
 
 

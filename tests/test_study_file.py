@@ -49,6 +49,15 @@ def test_light_stands_for_cutoffs(tmp_path):
     assert cutoffs_hz == (cutoff_in_light(67), cutoff_in_light(17))
 
 
+def test_old_words_are_read(tmp_path):
+    text = 'scenes = ["carpet"]\n[evaluate.video]\n{} = "global"'
+    old, new = (
+        read_study(written(tmp_path, text.format(w))) for w in ("equalisation", "equalization")
+    )
+    assert old == new
+    assert new.evaluate.video.equalization == "global"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -87,8 +96,8 @@ def test_light_stands_for_cutoffs(tmp_path):
             "or 'bicubic'",
         ),
         (
-            'scenes = ["carpet"]\n[evaluate.video]\nequalisation = 3',
-            r"evaluate.video.equalisation: found 3, expected 'none' or 'global' or",
+            'scenes = ["carpet"]\n[evaluate.video]\nequalization = 3',
+            r"evaluate.video.equalization: found 3, expected 'none' or 'global' or",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 0.0',

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import math
 import typing
 from dataclasses import dataclass
@@ -21,7 +20,9 @@ from eres_render.scene.settings import (
     TumPath,
     WaypointsPath,
 )
-from eres_render.scene.xml import read_scene_xml
+from eres_render.scene.xml import canonical_xml, read_scene_xml
+from eres_render.storage.checksums import sha256
+from eres_render.storage.digest import digest
 from eres_render.storage.settings_reader import Vector3, read_toml
 from eres_render.trajectory.generators import facing_plane, look_at, random_path, waypoint_loop
 from eres_render.trajectory.spline import Trajectory, path_through
@@ -59,28 +60,29 @@ class Scene:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 over all that decides what a frame shows, except the code that renders it."""
+        """Digest of all that decides what a frame shows, except the code that renders it."""
         path = self.settings.path
-        moves = self._tum_file.read_bytes() if isinstance(path, TumPath) else repr(path).encode()
-        rest = dataclasses.replace(self.settings, path=None)
-        lightmaps = (file.read_bytes() for file in sorted(self.folder.glob("lightmap_*.exr")))
-        return _digest(
-            self.light_digest.encode(),
-            repr(rest).encode(),
-            moves,
-            str(BAKE_VERSION).encode(),
-            *lightmaps,
+        if isinstance(path, TumPath):
+            path = dataclasses.replace(path, file=sha256(self._tum_file))
+        return digest(
+            {
+                "light": self.light_digest,
+                "settings": dataclasses.replace(self.settings, title="", license="", path=path),
+                "bake version": BAKE_VERSION,
+                "lightmaps": {f.name: sha256(f) for f in self.folder.glob("lightmap_*.exr")},
+            }
         )
 
     @cached_property
     def light_digest(self) -> str:
-        """SHA-256 over what a lightmap depends on: scene.xml and its files, textures, settings."""
-        recipes = {name: recipe.digest for name, recipe in self.settings.textures.items()}
-        return _digest(
-            self.xml_file.read_bytes(),
-            repr(recipes).encode(),
-            repr(self.settings.bake).encode(),
-            *(file.read_bytes() for file in sorted(set(self.files))),
+        """Digest of what a lightmap depends on: scene.xml and its files, textures, settings."""
+        files = (self.xml_file, *dict.fromkeys(self.files))
+        return digest(
+            {
+                "files": [canonical_xml(f) if f.suffix == ".xml" else sha256(f) for f in files],
+                "textures": {name: one.digest for name, one in self.settings.textures.items()},
+                "bake": self.settings.bake,
+            }
         )
 
     @property
@@ -272,7 +274,7 @@ def _load_xml(file: Path) -> Scene:
     xml = read_scene_xml(file)
     settings = SceneToml(
         title=file.name,
-        licence="",
+        license="",
         length_unit="m",
         radiance_unit="W m^-2 sr^-1",
         camera=CameraSettings(math.degrees(xml.fov_rad())),
@@ -310,10 +312,3 @@ def _check(settings: SceneToml, file: Path) -> None:
             refuse(field, value, "a positive number")
     if not 0 < settings.camera.fov_deg < 180:
         refuse("camera.fov_deg", settings.camera.fov_deg, "(0, 180) degrees")
-
-
-def _digest(*parts: bytes) -> str:
-    total = hashlib.sha256()
-    for part in parts:
-        total.update(hashlib.sha256(part).digest())
-    return total.hexdigest()

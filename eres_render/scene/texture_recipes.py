@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from eres_render.errors import SceneError
 from eres_render.interior.pieces import PIECES, paint
 from eres_render.storage.cache import cache_dir
+from eres_render.storage.digest import digest
 from eres_render.storage.exr import write_luminance
 from eres_render.textures.carpet import bokhara
 from eres_render.textures.fractal_noise import Float32
@@ -84,8 +83,7 @@ class TextureRecipe:
     @property
     def digest(self) -> str:
         """Name of the texture that this recipe makes with this version of the code."""
-        text = json.dumps([TEXTURES[self.kind].version, asdict(self)], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return digest([TEXTURES[self.kind].version, self])
 
     def make(self) -> Float32:
         """Return the texels, `shape` float32: reflectance, or radiance for what glows."""

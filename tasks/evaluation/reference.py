@@ -104,8 +104,8 @@ class ReferenceFrames:
         """What the image of a video at a time is compared with."""
         if t_s not in self._pictures:
             log_image = log_light(self.sequence, t_s, self.dark_level)
-            equalisation = self.evaluate.video.equalisation
-            self._pictures[t_s] = picture(log_image, log_image.shape, equalisation)
+            equalization = self.evaluate.video.equalization
+            self._pictures[t_s] = picture(log_image, log_image.shape, equalization)
         return self._pictures[t_s]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
+from eres_render.storage.settings_reader import formerly
 from tasks.methods import check_method
 
 
@@ -97,7 +98,7 @@ class Video:
         Length of the stretch from the path's start, and how much of it is not scored, seconds.
     every_s
         From one scored image to the next, seconds of the path.
-    equalisation
+    equalization
         Of the histograms of prediction and truth before they are compared: "none", "global",
         "local" or "clahe" (local, with limited contrast).
     """
@@ -107,7 +108,9 @@ class Video:
     duration_s: float = 2.0
     run_in_s: float = 0.5
     every_s: float = 0.05
-    equalisation: Literal["none", "global", "local", "clahe"] = "local"
+    equalization: Literal["none", "global", "local", "clahe"] = field(
+        default="local", metadata=formerly("equalisation")
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

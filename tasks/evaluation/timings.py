@@ -112,7 +112,9 @@ def costs_file(costs: PartCosts) -> bytes:
 
 
 def read_costs(folder: Path) -> list[PartCosts]:
-    """Read the costs of all parts in `folder`, by scene and sample; none if it does not exist.
+    """Read the costs of all parts in a folder, by scene, sample and number of methods.
+
+    None if it does not exist.
 
     Raises
     ------
@@ -120,4 +122,4 @@ def read_costs(folder: Path) -> list[PartCosts]:
         A file is not JSON, or its fields are others.
     """
     found = [read_json(PartCosts, file, ResultError) for file in sorted(folder.glob("*.json"))]
-    return sorted(found, key=lambda one: (one.scene, one.sample))
+    return sorted(found, key=lambda one: (one.scene, one.sample, len(one.methods)))

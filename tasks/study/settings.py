@@ -154,12 +154,12 @@ def with_method(study: Study, name: str) -> Study:
 
 def to_json(study: Study) -> dict[str, Any]:
     """The resolved study as plain JSON values; inf becomes "inf"."""
-    return plain(asdict(study))
+    return _plain(asdict(study))
 
 
-def plain(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [_plain(item) for item in value]
     return "inf" if isinstance(value, float) and math.isinf(value) else value

@@ -59,7 +59,7 @@ class VideoScorer:
             log_image, failure = image_answer("video", name, answer, self._blank)
             t_s = self._samples[t_us]
             truth = self._light.video_picture(t_s)
-            found = picture(log_image, truth.shape, self._config.equalisation)
+            found = picture(log_image, truth.shape, self._config.equalization)
             sample = self._light.video_times_s.index(t_s)
             value = psnr_db(found, truth)
             self._scores.append(
