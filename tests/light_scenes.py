@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from eres_render import load_scene
-from eres_render.scene.scene import scene_root
+from eres_render.scene.load import scene_root
 from eres_render.storage.exr import write_luminance
 
 DOTS_M = np.array(
