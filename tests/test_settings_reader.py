@@ -34,7 +34,7 @@ def test_a_field_is_read_under_its_old_names(tmp_path, word):
 @pytest.mark.parametrize("words", [("color", "colour"), ("tint", "color"), ("colour", "tint")])
 def test_a_field_is_given_once(tmp_path, words):
     text = ", ".join(f'{word} = "red"' for word in words)
-    with pytest.raises(ValueError, match=r"room\.toml: lamps\[0\]\.color: found twice, also under"):
+    with pytest.raises(ValueError, match=r"room\.toml: lamps\[0\]\.color: found twice, once under"):
         read(tmp_path, f"lamps = [{{{text}}}]")
 
 

@@ -1,4 +1,4 @@
-"""Files that appear under their names only when they are whole."""
+"""Write files that appear under their names only when they are complete."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     Raises
     ------
     RenderError
-        If the folder or the disk does not take it; nothing is left behind.
+        If the file cannot be written; nothing is left behind.
     """
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
     try:

@@ -1,4 +1,4 @@
-"""One digest of settings and data, of their values alone."""
+"""One digest for settings and data that depends on their values only."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from enum import Enum
 import numpy as np
 
 VERSION = 1
-"""Of the form in which values are hashed; counts every change of it."""
+"""Version of the canonical form; raise it with every change of the form."""
 
 
 def digest(value: object) -> str:
-    """Return the SHA-256 of a value in a canonical form, 64 hexadecimal digits.
+    """Return the SHA-256 of the canonical form of a value, 64 hexadecimal digits.
 
-    A dataclass counts as a mapping from the names of its fields to their values; its own name does
-    not count. Mappings have no order. A field that is None is left out, so that an optional field
-    that is added later changes no digest. Enums count by value, numbers too (1 and 1.0 are equal),
-    arrays by type, shape and bytes. A file is given as the digest of its bytes.
+    A dataclass counts as a mapping from field names to values; the name of the class does not
+    count. Mappings have no order. A field that is None is left out, so that an optional field that
+    is added later changes no digest. Enums and numbers count by value (1 equals 1.0), arrays by
+    type, shape and bytes. For a file, pass the digest of its bytes.
 
     Raises
     ------
     TypeError
-        If there is anything but these, lists, tuples, strings and None.
+        If the value holds an object of another type, such as a function.
     """
     return hashlib.sha256(_encoded([VERSION, value])).hexdigest()
 
 
 def _encoded(value: object) -> bytes:
-    """Return bytes that are equal for equal values alone."""
+    """Return bytes that are equal only for equal values."""
     if isinstance(value, Enum):
         return _encoded(value.value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -1,4 +1,4 @@
-"""Read a TOML or JSON file into frozen dataclasses, or say which field is wrong and how."""
+"""Read TOML and JSON files into frozen dataclasses; errors name the wrong field."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Annotated, Any, TypeVar
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
 FloatOrInf = Annotated[float, "inf"]
-"""A number that may be inf. A text such as "inf" stands for it, as JSON has no such number."""
+"""A number or inf, also as text ("inf"), because JSON has no such number."""
 
 _OLD_NAMES = "old names"
 _NAMES: dict[Any, str] = {
@@ -29,17 +29,45 @@ _NAMES: dict[Any, str] = {
 
 
 def formerly(*names: str) -> dict[str, tuple[str, ...]]:
-    """Return the metadata of a dataclass's field that is also read under its old names."""
+    """Return metadata for a dataclass field that can also be read under its old names."""
     return {_OLD_NAMES: names}
 
 
 def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
-    """Return the content of a TOML file as the wanted type; see `read_typed`."""
+    """Read a TOML file.
+
+    Parameters
+    ----------
+    kind
+        Type of the content; see `read_typed`.
+    file
+        The file.
+    error
+        Raised if the file cannot be read, is not TOML, or a field is wrong.
+
+    Returns
+    -------
+    The content as the given type.
+    """
     return read_typed(kind, _parsed(file, tomllib.loads, "TOML", error), file, error)
 
 
 def read_json(kind: type[T], file: Path, error: type[ValueError]) -> T:
-    """Return the content of a JSON file as the wanted type; see `read_typed`."""
+    """Read a JSON file.
+
+    Parameters
+    ----------
+    kind
+        Type of the content; see `read_typed`.
+    file
+        The file.
+    error
+        Raised if the file cannot be read, is not JSON, or a field is wrong.
+
+    Returns
+    -------
+    The content as the given type.
+    """
     return read_typed(kind, _parsed(file, json.loads, "JSON", error), file, error)
 
 
@@ -57,21 +85,25 @@ def _parsed(file: Path, parse: Callable[[str], Any], name: str, error: type[Valu
 def read_typed(
     kind: type[T], found: Any, file: Path, error: type[ValueError], field: str = ""
 ) -> T:
-    """Return a parsed value as the wanted type.
+    """Convert a parsed value to a type.
 
     Parameters
     ----------
     kind
-        A dataclass (a table with exactly its fields, those with a default may be absent), a union
-        of dataclasses told apart by their field `kind`, dict[str, ...], tuple of one type (a list),
-        Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. None stands for an
-        absent field.
+        A dataclass (a table with exactly its fields; those with a default may be absent), a union
+        of dataclasses that differ in their field `kind`, dict[str, ...], a tuple of one type (a
+        list), a Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. A union with
+        None is for an optional field.
     found
         The parsed value.
     file, field
-        Where it stands, for the message.
+        The place of the value, for error messages.
     error
-        What to raise when a field is missing, unknown, mistyped or refused by its dataclass.
+        Raised if a field is missing, unknown, of the wrong type, or refused by its dataclass.
+
+    Returns
+    -------
+    The value as the given type.
     """
 
     def inner(inner_kind: Any, value: Any, inner_field: str) -> Any:
@@ -124,7 +156,7 @@ def _fields(
             raise error(f"{file}: {prefix}{word}: unknown, expected one of {', '.join(kinds)}")
         name = named[word].name
         if name in values:
-            raise error(f"{file}: {prefix}{name}: found twice, also under an old name")
+            raise error(f"{file}: {prefix}{name}: found twice, once under an old name")
         values[name] = read_typed(kinds[name], value, file, error, prefix + word)
     for f in fields:
         may_be_absent = (f.default, f.default_factory) != (dataclasses.MISSING, dataclasses.MISSING)
@@ -134,7 +166,7 @@ def _fields(
 
 
 def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueError]) -> Any:
-    """Return which member of a union a value is meant to be."""
+    """Return the member of a union that a value belongs to."""
     members = [member for member in typing.get_args(union) if member is not types.NoneType]
     if len(members) == 1 or not isinstance(found, dict):
         return members[0]
@@ -145,7 +177,7 @@ def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueErr
 
 
 def _number(found: Any) -> float | None:
-    """Return a number that may be inf, or None if the value is not one."""
+    """Return the number, which may be inf, or None if the value is not a number."""
     try:
         number = float(found) if type(found) in (int, float, str) else math.nan
     except ValueError:
