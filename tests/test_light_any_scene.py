@@ -7,7 +7,7 @@ import pytest
 
 from eres_render import Renderer, SceneError, TrajectoryError, load_scene
 from eres_render.rendering.backend import select_variant
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.xml import read_scene_xml
 from eres_render.trajectory.generators import look_at
 from eres_render.trajectory.tum import tum_text
@@ -113,7 +113,7 @@ def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path
     xml = write_xml(tmp_path, CAMERA, BALL, '<include filename="rest.xml"/>')
     scene = load_scene(xml)
     assert scene.files == (tmp_path / "rest.xml", tmp_path / "meshes" / "a.spd")
-    load_world(scene)
+    load_mi_scene(scene)
     before = scene.light_digest
     (tmp_path / "meshes" / "a.spd").write_text("400 2\n700 2\n")
     assert load_scene(xml).light_digest != before

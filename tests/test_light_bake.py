@@ -10,7 +10,7 @@ from eres_render.interior.pieces import PIECES
 from eres_render.rendering import backend
 from eres_render.rendering import lightmaps as bake
 from eres_render.rendering.irradiance import irradiance_maps
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.storage.exr import read_attributes, read_luminance
 from light_scenes import drop_textures, edit_scene, small_carpet_folder
 
@@ -242,7 +242,7 @@ def test_a_broken_scene_xml_is_named(tmp_path):
     folder = small_carpet_folder(tmp_path / "broken")
     (folder / "scene.xml").write_text('<scene version="3.0.0"><shape type="rectangel"/></scene>')
     with pytest.raises(SceneError, match=r"scene\.xml: Mitsuba refuses it"):
-        load_world(load_scene(folder))
+        load_mi_scene(load_scene(folder))
 
 
 def test_scalar_machines_are_told_that_they_cannot_bake(tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ _ATTRIBUTE = re.compile(r'^\[ply\.h:\d+\] .*attribute "(\w+)"')
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
-def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
+def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
     """Load scene.xml for the selected variant; shapes named in `emitters` glow with these.
 
     Every colour becomes its luminance before light travels, in all variants: the monochrome ones do
@@ -71,14 +71,14 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
                 node.props["glow"] = emitters[node.props.id()]
         mi.parser.transform_all(config, state)
         with _warnings_of(scene):
-            world = cast("mi.Scene", mi.parser.instantiate(config, state))
+            mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))
     except RuntimeError as error:
         raise SceneError(f"{scene.xml_file}: Mitsuba refuses it: {error}") from error
     finally:
         mitsuba.set_file_resolver(everywhere)
     if str(mi.variant()).endswith("_rgb"):
-        _drop_colour(world)
-    return world
+        _drop_colour(mi_scene)
+    return mi_scene
 
 
 @contextmanager
@@ -117,10 +117,10 @@ def _xml_files(scene: Scene) -> list[Path]:
     return [scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")]
 
 
-def _drop_colour(world: mi.Scene) -> None:
+def _drop_colour(mi_scene: mi.Scene) -> None:
     import mitsuba as mi
 
-    parameters = mi.traverse(world)
+    parameters = mi.traverse(mi_scene)
     for key in parameters.keys():  # noqa: SIM118 - it is no mapping
         value = parameters[key]
         if isinstance(value, mi.Color3f):

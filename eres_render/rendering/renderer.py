@@ -18,7 +18,7 @@ from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
 from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.memory import check_memory
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.scene import Scene
@@ -102,8 +102,8 @@ class Renderer:
         baked = self.integrator == "baked"
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
             # Baking takes minutes: a path that hits something is refused before.
-            _check_path(scene, camera, RayCaster(load_world(scene)))
-        self._world: Any = baked_scene(scene, on_progress) if baked else load_world(scene)
+            _check_path(scene, camera, RayCaster(load_mi_scene(scene)))
+        self._mi_scene: Any = baked_scene(scene, on_progress) if baked else load_mi_scene(scene)
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
 
@@ -214,12 +214,12 @@ class Renderer:
 
     @cached_property
     def _caster(self) -> RayCaster:
-        return RayCaster(self._world)
+        return RayCaster(self._mi_scene)
 
     def _render(self, T_world_cam: Float64, spp: int, seed: int) -> NDArray[np.float32]:
         self._look_from(T_world_cam)
         if self.variant.startswith("scalar"):
-            image = self._tracer.render(self._world, self._sensor, seed, spp)
+            image = self._tracer.render(self._mi_scene, self._sensor, seed, spp)
             return np.asarray(image, dtype=np.float32)[:, :, 0]
         height, width = self.camera.height, self.camera.width
         return self._render_vectorised(spp, seed).reshape(height, width)
@@ -245,12 +245,12 @@ class Renderer:
             ray, weight = self._rays(self._positions(spp, seed, pixels))
             # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
             # camera rays run side by side: together nearly twice as fast.
-            si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
-            radiance = si.emitter(self._world).eval(si)
+            si = self._mi_scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
+            radiance = si.emitter(self._mi_scene).eval(si)
         else:
             sampler, position = self._sampled(spp, seed, pixels)
             ray, weight = self._rays(position)
-            radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
+            radiance, _, _ = self._tracer.sample(self._mi_scene, sampler, ray)
         means = dr.block_sum((weight * radiance)[0], spp) / spp
         return np.asarray(means, dtype=np.float32)
 
@@ -306,7 +306,7 @@ class Renderer:
             sensor = mi.load_dict(camera | {"to_world": _to_world(T_world_cam)})
             for r in range(count):
                 seed = (self.seed + 1 + k * count + r) % (1 << 32)
-                image = self._tracer.render(self._world, sensor, seed, self.spp)
+                image = self._tracer.render(self._mi_scene, sensor, seed, self.spp)
                 radiance[r, k] = np.asarray(image)[0, 0, 0]
         return radiance
 
@@ -322,8 +322,8 @@ def _best_integrator(scene: Scene, variant: str) -> Integrator:
     """Return "baked" if the light of every surface is baked or can be, else "path", and say why."""
     if has_lightmaps(scene):
         return "baked"
-    world = load_world(scene)  # held on to: a mesh cannot be asked once its scene is gone
-    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(world))
+    mi_scene = load_mi_scene(scene)  # held on to: a mesh cannot be asked once its scene is gone
+    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(mi_scene))
     reason = next((f"shape {name!r} {reason}" for name, reason in reasons if reason), "")
     if not reason and variant.startswith("scalar"):
         reason = f"{variant} cannot bake"

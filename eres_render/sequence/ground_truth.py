@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eres_render.camera import Camera, Plane, plane_homography
 from eres_render.errors import SceneError
 from eres_render.rendering.backend import select_variant
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.scene import Scene, load_scene
 from eres_render.sequence.sequence import RadianceSequence
@@ -202,5 +202,5 @@ def surface_distance(scene: Scene) -> Distance:
     if (plane := scene.plane) is not None:
         return plane.distance
     select_variant()
-    caster = RayCaster(load_world(scene))
+    caster = RayCaster(load_mi_scene(scene))
     return lambda origin, ways: caster.cast(origin, ways).distance
