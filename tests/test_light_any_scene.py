@@ -38,7 +38,7 @@ def test_the_camera_passes_through_the_given_poses_at_their_times(tmp_path):
     np.testing.assert_allclose(scene.trajectory().pose(t_s), poses, atol=1e-11)
     frame = Renderer(scene, 32, 4).frame(scene.trajectory().pose(0.3))
     assert frame[0, 0] == 1  # the sky
-    assert 0.2 < frame[16, 16] < 0.9  # the ball, grey by default
+    assert 0.2 < frame[16, 16] < 0.9  # the ball, gray by default
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def of_scene(scene):
 
 @pytest.fixture(scope="module")
 def floating_square(tmp_path_factory):
-    """A square of 0.4 m, half a metre before a wall; the camera slides past, 2 m from the wall."""
+    """A square of 0.4 m, half a meter before a wall; the camera slides past, 2 m from the wall."""
     folder = tmp_path_factory.mktemp("square")
     (folder / "scene.xml").write_text(SQUARE_XML)
     poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (2, 1, 1))

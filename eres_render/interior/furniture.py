@@ -173,7 +173,7 @@ def _row_of_books(
     for k, book in enumerate(row):
         low = (book.left, back - book.deep, z)
         high = (book.left + book.thick, back, z + book.high)
-        # Covers show only beside a gap or a smaller neighbour.
+        # Covers show only beside a gap or a smaller neighbor.
         beside = {"west": row[k - 1 : k], "east": row[k + 1 : k + 2]}
         paints = {"south": book_spine, "top": book_pages, "west": book_cover, "east": book_cover}
         for name, paint in paints.items():

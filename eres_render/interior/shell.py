@@ -99,7 +99,7 @@ def _reveal() -> list[Chart]:
 
 
 def _door(west_m: float, east_m: float) -> list[Chart]:
-    """Return a panelled door in its frame in the south wall."""
+    """Return a paneled door in its frame in the south wall."""
     frame, leaf = lacquered(0.7), wooden(0.34, 0.03)
     top = 2.05
     charts = box((west_m, 0, 0), (east_m, 0.03, top), leaf, ("south", "bottom"))

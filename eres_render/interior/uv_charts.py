@@ -28,7 +28,7 @@ class Chart:
     Parameters
     ----------
     points
-        (rows, columns, 3), metres.
+        (rows, columns, 3), meters.
     normals
         (rows, columns, 3), of length 1, out of the front.
     t, s

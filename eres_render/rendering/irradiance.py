@@ -74,7 +74,7 @@ def irradiance_maps(
 
     if (variant := str(mi.variant())).startswith("scalar"):
         raise BackendError(
-            f"{scene.name}: baking needs a vectorised Mitsuba variant, found {variant}; "
+            f"{scene.name}: baking needs a vectorized Mitsuba variant, found {variant}; "
             "install LLVM (apt-get install libllvm19) or use lightmaps baked elsewhere"
         )
     start = time.perf_counter()
@@ -127,7 +127,7 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
     """Return how many cells a shape's lightmap has along u and along v.
 
     The size of the UV square is that of the texture on it, if `sizes_m` knows it, which lets cells
-    line up with the parts of an atlas; else the mean stretch of the parametrisation over the shape.
+    line up with the parts of an atlas; else the mean stretch of the parametrization over the shape.
     """
     import drjit as dr
     import mitsuba as mi
@@ -187,7 +187,7 @@ def _per_cell(
     sides
         Cells along u and along v.
     smooth
-        Take the mean over each cell and its neighbours, which surfaces that glow all over allow.
+        Take the mean over each cell and its neighbors, which surfaces that glow all over allow.
     on_samples
         Told, now and then, how many more samples are done.
     """
@@ -225,7 +225,7 @@ def _per_cell(
     sums, counts_2d = total.reshape(n_v, n_u), count.reshape(n_v, n_u)
     known = counts_2d >= _LEAST_SHARE * spp
     if smooth:
-        sums, counts_2d = _with_neighbours(sums * known), _with_neighbours(counts_2d * known)
+        sums, counts_2d = _with_neighbors(sums * known), _with_neighbors(counts_2d * known)
     mean = np.divide(sums, counts_2d, out=np.zeros((n_v, n_u)), where=known)
     return _fill(mean, known).astype(np.float32)
 
@@ -318,7 +318,7 @@ def _shrunk(image: Float32, sides: tuple[int, int]) -> Float32:
     return small.astype(np.float32, copy=False)
 
 
-def _with_neighbours(image: NDArray[np.float64]) -> NDArray[np.float64]:
+def _with_neighbors(image: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the sum over each pixel and the eight around it; beyond the edge lies nothing."""
     outside = cv2.BORDER_CONSTANT
     return cv2.boxFilter(image, -1, (3, 3), normalize=False, borderType=outside).astype(np.float64)

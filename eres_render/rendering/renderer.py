@@ -163,7 +163,7 @@ class Renderer:
         if self.variant.startswith("scalar"):
             return self._repeats_scalar(T_world_cam, pixels, count)
         self._look_from(T_world_cam)
-        flat = self._render_vectorised(self.spp, self.seed, np.tile(pixels, count))
+        flat = self._render_vectorized(self.spp, self.seed, np.tile(pixels, count))
         return flat.reshape(count, len(pixels))
 
     @cached_property
@@ -222,20 +222,20 @@ class Renderer:
             image = self._tracer.render(self._mi_scene, self._sensor, seed, spp)
             return np.asarray(image, dtype=np.float32)[:, :, 0]
         height, width = self.camera.height, self.camera.width
-        return self._render_vectorised(spp, seed).reshape(height, width)
+        return self._render_vectorized(spp, seed).reshape(height, width)
 
     def _look_from(self, T_world_cam: Float64) -> None:
         self._camera_parameters["to_world"] = _to_world(T_world_cam)
         self._camera_parameters.update()
 
-    def _render_vectorised(
+    def _render_vectorized(
         self, spp: int, seed: int, pixels: NDArray[np.integer] | None = None
     ) -> NDArray[np.float32]:
         """Render by hand what `mi.render` would, each pixel's samples summed in a fixed order.
 
         All pixels, or those listed, which may come more than once: (N,).
 
-        Mitsuba's vectorised films add samples to pixels atomically, in an order that changes from
+        Mitsuba's vectorized films add samples to pixels atomically, in an order that changes from
         run to run unless `spp` is a power of two, so the same pose would not give the same frame.
         """
         import drjit as dr
@@ -243,7 +243,7 @@ class Renderer:
 
         if self.integrator == "baked":
             ray, weight = self._rays(self._positions(spp, seed, pixels))
-            # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
+            # As `path` with max_depth 1, without its loop, and with Embree told that neighboring
             # camera rays run side by side: together nearly twice as fast.
             si = self._mi_scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
             radiance = si.emitter(self._mi_scene).eval(si)

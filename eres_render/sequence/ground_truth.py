@@ -35,7 +35,7 @@ class Flow:
     Parameters
     ----------
     flow_px
-        (H, W, 2) float32, x and y displacement of what is seen at the pixel's centre. Zero where
+        (H, W, 2) float32, x and y displacement of what is seen at the pixel's center. Zero where
         the point gets behind the camera.
     valid
         (H, W) bool: the point is within the image at the second time, and nothing hides it.
@@ -107,7 +107,7 @@ class GroundTruth:
         return self.trajectory.pose(t_s)
 
     def depth(self, t_s: float, width: int, height: int | None = None) -> Float32:
-        """Return the z-depth at the pixels' centres, (H, W) float32 metres; inf for nothing."""
+        """Return the z-depth at the pixels' centres, (H, W) float32 meters; inf for nothing."""
         camera, T = self.camera(width, height), self.pose(t_s)
         depth = self._depth(T, camera.rays(camera.centres()))
         return depth.reshape(camera.height, camera.width).astype(np.float32)

@@ -28,7 +28,7 @@ _FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # but so many samples 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Monte Carlo noise of rendered pixels, and its events: all measured, nothing modelled.
+    """Monte Carlo noise of rendered pixels, and its events: all measured, nothing modeled.
 
     Parameters
     ----------

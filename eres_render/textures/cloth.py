@@ -10,16 +10,16 @@ from eres_render.textures.fractal_noise import Float32, fractal_noise
 def tweed(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.25
 ) -> Float32:
-    """Return herringbone tweed: twill that turns every few centimetres, of uneven yarn."""
+    """Return herringbone tweed: twill that turns every few centimeters, of uneven yarn."""
     row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     stripe = max(8, round(0.024 / texel_m))
     lean = np.where((column // stripe) % 2 == 0, 1, -1)
     twill = np.where((column * lean + row) % 6 < 3, 0.28, -0.28).astype(np.float32)
     yarn = 0.16 * rng.standard_normal((1, shape[1]), dtype=np.float32)
     weft = 0.16 * rng.standard_normal((shape[0], 1), dtype=np.float32)
-    fibre = 0.16 * rng.standard_normal(shape, dtype=np.float32)
+    fiber = 0.16 * rng.standard_normal(shape, dtype=np.float32)
     wear = 0.05 * fractal_noise(shape, 0.4 / texel_m, 0.02 / texel_m, rng)
-    return np.exp(np.log(tone) + twill + yarn + weft + fibre + wear, dtype=np.float32)
+    return np.exp(np.log(tone) + twill + yarn + weft + fiber + wear, dtype=np.float32)
 
 
 def striped(
@@ -36,9 +36,9 @@ def striped(
     ]
     row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     weave = np.where((row // 2 + column // 2) % 2 == 0, 0.07, -0.07).astype(np.float32)
-    fibre = 0.11 * rng.standard_normal(shape, dtype=np.float32)
+    fiber = 0.11 * rng.standard_normal(shape, dtype=np.float32)
     wear = 0.05 * fractal_noise(shape, 0.3 / texel_m, 0.02 / texel_m, rng)
-    return np.exp(stripe + weave + fibre + wear, dtype=np.float32)
+    return np.exp(stripe + weave + fiber + wear, dtype=np.float32)
 
 
 def kilim(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:

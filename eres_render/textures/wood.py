@@ -16,7 +16,7 @@ def wood(
     along_u: bool = True,
     ring_m: float = 0.018,
 ) -> Float32:
-    """Return the reflectance of a board: year rings, fibres, pores.
+    """Return the reflectance of a board: year rings, fibers, pores.
 
     Parameters
     ----------
@@ -33,10 +33,10 @@ def wood(
     wander = fractal_noise(shape, 0.25 / texel_m, 0.03 / texel_m, rng, stretch=6)
     phase = (across + rng.uniform(0, 10) + 1.6 * wander) % 1
     ring = phase**3 - 0.25  # slowly darker towards late summer, then light again at once
-    fibre = fractal_noise(shape, 8, 1, rng, stretch=20)
+    fiber = fractal_noise(shape, 8, 1, rng, stretch=20)
     pore = np.maximum(fractal_noise(shape, 2, 1, rng, stretch=12) - 1.3, 0)
     stain = fractal_noise(shape, 0.4 / texel_m, 0.05 / texel_m, rng, stretch=3)
-    log_tone = np.log(tone) - 0.45 * ring + 0.10 * fibre - 0.45 * pore + 0.07 * stain
+    log_tone = np.log(tone) - 0.45 * ring + 0.10 * fiber - 0.45 * pore + 0.07 * stain
     return np.exp(log_tone, dtype=np.float32)
 
 

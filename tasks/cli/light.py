@@ -126,7 +126,7 @@ def truth(
 ) -> None:
     """Write ground truth of a sequence: depth, optical flow with what is visible, poses.
 
-    Depth is along the camera's axis, in metres (EXR channel Z); flow is in pixels from each time to
+    Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
     the next (EXR channels u, v, valid). Times run from the start of the window to its end.
 
     Args:
