@@ -12,7 +12,7 @@ from eres_render.textures.masonry import bricks, plaster, wallpaper
 from eres_render.textures.wood import planks
 
 EAST_M, NORTH_M, HEIGHT_M = 6.4, 5.2, 2.7
-"""The room reaches from the origin, its south-western corner on the floor, so far."""
+"""Size of the room; the origin is its south-western corner on the floor."""
 
 WINDOW_SOUTH_M, WINDOW_NORTH_M, WINDOW_LOW_M, WINDOW_HIGH_M = 1.3, 3.7, 0.9, 2.3
 _REVEAL_M = 0.15

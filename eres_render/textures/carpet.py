@@ -17,7 +17,7 @@ Bool = NDArray[np.bool_]
 # images 50 ms apart at 0.9 m/s score about 13.5 dB against each other.
 _CONTRAST = 0.6
 
-_KNOT_TEXELS = 4  # a knot, the carpet's own pixel, is so many texels wide
+_KNOT_TEXELS = 4  # width of a knot, the smallest element of the design
 
 # Reflectance of the dyed yarns, new.
 _IVORY, _GOLD, _ROSE, _RED, _INDIGO, _UMBER = 0.52, 0.41, 0.31, 0.25, 0.16, 0.09
@@ -37,7 +37,7 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     texel_m
         Size of a texel.
     seed
-        Of everything that is uneven; the design itself is always the same.
+        Seed of all irregularity; the design is always the same.
 
     Returns
     -------

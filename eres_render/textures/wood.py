@@ -20,12 +20,23 @@ def wood(
 
     Parameters
     ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
     tone
         Reflectance in the middle.
     along_u
         The grain runs along the columns' axis, else along the rows'.
     ring_m
         Distance between year rings at the board's surface.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
     """
     if along_u:
         return wood(shape[::-1], texel_m, rng, tone, along_u=False, ring_m=ring_m).T
@@ -49,7 +60,26 @@ def planks(
     width_m: float = 0.13,
     length_m: float = 1.3,
 ) -> Float32:
-    """Return a floor of boards that run along u, each of its own shade, dark joints between."""
+    """Return a floor of boards that run along u, each with its own shade, with dark joints between.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+    tone
+        Mean reflectance, about.
+    width_m, length_m
+        Size of a board, m.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     height, width = shape
     board, length = round(width_m / texel_m), round(length_m / texel_m)
     joint = max(1, round(0.002 / texel_m))
