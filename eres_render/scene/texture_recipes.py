@@ -53,7 +53,7 @@ class TextureRecipe:
     size_px
         Texels along u.
     texel_m
-        Size of a texel, metres.
+        Size of a texel, meters.
     seed
         Of everything that is random.
     height_px

@@ -76,7 +76,8 @@ class ReferenceFrames:
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
         """Log intensity at the window's start as each sensor's pixels see it, by its width."""
-        seen = {width: integrate(self.start, width, width) for width in self.widths}
+        sizes = {width: (self.truth.camera(width).height, width) for width in self.widths}
+        seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
 
     @cached_property
