@@ -22,8 +22,7 @@ from eres_render import load_scene
 from tasks.study.config import Study, preset
 from tasks.study.run import run_study
 from tasks.study.run.compute import compute_part
-from tasks.study.run.jobs import parts
-from tasks.study.run.scheduler import Task
+from tasks.study.run.jobs import QueuedJob, parts
 
 
 def study_of(seed: int, resolution: int, samples: int) -> Study:
@@ -105,9 +104,8 @@ def main() -> None:
 
         study = study_of(0, args.resolution, args.samples)
         part = parts(study, load_scene("carpet"))[0]
-        print(
-            f"a part on its way to a worker: {len(pickle.dumps(Task(part, part.key, True)))} bytes"
-        )
+        size = len(pickle.dumps(QueuedJob(part, part.key, True)))
+        print(f"a part on its way to a worker: {size} bytes")
         for shown in (False, True):
             computed = compute_part(part, lambda *_: None, shown=shown)
             size = len(pickle.dumps(computed))

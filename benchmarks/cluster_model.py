@@ -12,9 +12,10 @@ from dataclasses import replace
 from itertools import product
 
 from eres_render import load_scene
+from tasks.evaluation.settings import NO_TASKS
 from tasks.study.config import Simulate, preset
 from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import NOTHING, Part, parts
+from tasks.study.run.jobs import Part, parts
 
 WORKERS = (1, 2, 8, 32, 81, 1000)
 FRAMES_AT_A_TIME = 10
@@ -22,13 +23,13 @@ FRAMES_AT_A_TIME = 10
 
 def render_s(part: Part) -> float:
     """Core seconds of a part's frames."""
-    blind = replace(part, simulate=replace(part.simulate, widths=()), evaluate=NOTHING)
+    blind = replace(part, simulate=replace(part.simulate, widths=()), evaluate=NO_TASKS)
     return cost([blind], cores=1).seconds
 
 
 def simulate_s(part: Part) -> float:
     """Core seconds of a part's sensors."""
-    return cost([replace(part, evaluate=NOTHING)], cores=1).seconds - render_s(part)
+    return cost([replace(part, evaluate=NO_TASKS)], cores=1).seconds - render_s(part)
 
 
 def single_sensors(sensors: Simulate) -> list[Simulate]:

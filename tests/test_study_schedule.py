@@ -33,11 +33,12 @@ from tasks.study.config import (
     Video,
     with_method,
 )
+from tasks.study.run import cluster as cluster_module
+from tasks.study.run import local as local_module
 from tasks.study.run import run_study
-from tasks.study.run import scheduler as schedule_module
 from tasks.study.run.compute import ComputedPart
-from tasks.study.run.jobs import parts
-from tasks.study.run.scheduler import Task, schedule
+from tasks.study.run.jobs import QueuedJob, parts
+from tasks.study.run.scheduler import open_scheduler
 
 ROOT = Path(__file__).parent.parent
 
@@ -48,7 +49,7 @@ pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """A scheduler on a busy machine may be slow to answer."""
-    monkeypatch.setattr(schedule_module, "_CONNECT_S", 60.0)
+    monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
 
 
 def tiny_study(folder, seed=0, samples=3):
@@ -225,9 +226,9 @@ def test_a_part_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monk
             run_study(study, tmp_path / "run", cluster.scheduler_address)
 
 
-def tasks_of(scene_folder):
+def jobs_of(scene_folder):
     work = parts(tiny_study(scene_folder), load_scene(scene_folder))
-    return [Task(part, part.key, False) for part in work]
+    return [QueuedJob(part, part.key, False) for part in work]
 
 
 def nothing_computed(part, on_progress, *, shown):
@@ -235,19 +236,20 @@ def nothing_computed(part, on_progress, *, shown):
     return ComputedPart([], {}, {})
 
 
-def test_progress_is_of_all_tasks(one_worker, scene_folder, monkeypatch):
+def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
     """Promise: here in shares of a part, on workers in whole ones; complete at the end."""
-    monkeypatch.setattr(schedule_module, "compute_part", nothing_computed)
-    tasks = tasks_of(scene_folder)
+    for module in (cluster_module, local_module):
+        monkeypatch.setattr(module, "compute_part", nothing_computed)
+    jobs = jobs_of(scene_folder)
     for address, expected in (
         (None, [0, 0.6, 1, 1.6, 2, 2.6, 3]),
         (one_worker.scheduler_address, [0, 1, 2, 3]),
     ):
         said = []
-        with schedule(address) as computing:
-            computed = list(computing.compute(tasks, lambda done, doing, to=said: to.append(done)))
+        with open_scheduler(address) as computing:
+            computed = list(computing.compute(jobs, lambda _, done, of, to=said: to.append(done)))
         assert said == pytest.approx(expected)
-        assert {task.key for task, _ in computed} == {task.key for task in tasks}
+        assert {job.key for job, _ in computed} == {job.key for job in jobs}
 
 
 def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch):
@@ -258,7 +260,7 @@ def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkey
         tries.append(part)
         raise OSError(28, "No space left on device", "/cache/frames")
 
-    monkeypatch.setattr(schedule_module, "compute_part", failing)
+    monkeypatch.setattr(cluster_module, "compute_part", failing)
     study = tiny_study(scene_folder, samples=1)
     with pytest.raises(StudyError, match=r"carpet, clip 0: failed 3 times .*/cache/frames"):
         run_study(study, tmp_path / "run", one_worker.scheduler_address)
@@ -280,8 +282,8 @@ def test_a_wrong_method_of_ones_own_ends_the_run_at_once(
         computed.append(part)
         return real(part, on_progress, shown=shown)
 
-    real = schedule_module.compute_part
-    monkeypatch.setattr(schedule_module, "compute_part", compute)
+    real = cluster_module.compute_part
+    monkeypatch.setattr(cluster_module, "compute_part", compute)
     study = with_method(tiny_study(scene_folder), "hasty:estimate")
     said = r"^worker tcp://\S+ on \S+: flow, method 'hasty:estimate': raised ZeroDivisionError at "
     with pytest.raises(StudyError, match=said + r"\S+hasty.py:4: division by zero$"):
@@ -302,23 +304,21 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
         return str(refused.value).split(": ", 1)[1]
 
     study = tiny_study(scene_folder, samples=1)
-    here = schedule_module._versions()
+    here = cluster_module._versions()
     for other in ({**here, "eres": "9.9"}, {**here, "render": 0}):
         with monkeypatch.context() as patch:
             asked_then_found = iter([other, here, here])
-            patch.setattr(schedule_module, "_versions", asked_then_found.__next__)
+            patch.setattr(cluster_module, "_versions", asked_then_found.__next__)
             assert refusal(study) == f"found code of versions {here}, expected {other}"
     with monkeypatch.context() as patch:
-        patch.setattr(
-            schedule_module, "_order", lambda task: pickle.dumps(replace(task, key="other"))
-        )
+        patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
         assert refusal(study).startswith("found other code of a method of your own")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")
         toml = edited / "scene.toml"
         toml.write_text(toml.read_text().replace("seed = ", "seed = 1"))
         patch.setattr(
-            schedule_module, "load_scene", lambda source: replace(load_scene(edited), source=source)
+            cluster_module, "load_scene", lambda source: replace(load_scene(edited), source=source)
         )
         assert refusal(study).startswith(f"scene {scene_folder}: found files of digest ")
     assert not list((tmp_path / "run").rglob("*.parquet"))
@@ -343,7 +343,7 @@ def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
 )
 def test_no_scheduler_is_said_before_anything_else(eres, tmp_path, monkeypatch, address, text):
     """Promise: one line, exit code 1, no folder, and no look at scenes that may not be there."""
-    monkeypatch.setattr(schedule_module, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(cluster_module, "_CONNECT_S", 0.5)
     args = ("--scenes", "nowhere", "--out", tmp_path / "run", "--scheduler", address)
     code, _, err = eres("study", *args)
     assert code == 1

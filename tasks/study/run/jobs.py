@@ -85,6 +85,23 @@ class Part:
         ]
 
 
+@dataclass(frozen=True, slots=True)
+class QueuedJob:
+    """A part to compute.
+
+    Parameters
+    ----------
+    part, key
+        The key is the part's from when the study began, should a method be edited meanwhile.
+    shown
+        Whether the report shows it.
+    """
+
+    part: Part
+    key: str
+    shown: bool
+
+
 def parts(study: Study, scene: Scene) -> list[Part]:
     """The parts of a study on one scene; its samples first.
 

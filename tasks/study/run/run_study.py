@@ -17,9 +17,9 @@ from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
 from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import Part, parts, trials
+from tasks.study.run.jobs import Part, QueuedJob, parts, trials
 from tasks.study.run.provenance import command, together
-from tasks.study.run.scheduler import OnTasks, Schedule, Task, schedule
+from tasks.study.run.scheduler import Scheduler, open_scheduler
 
 _log = logging.getLogger(__name__)
 
@@ -54,7 +54,7 @@ def run_study(
     RenderError, SensorError, OSError
         As the stages raise them. Nothing is left under a final name that is not whole.
     """
-    with schedule(scheduler) as computing:
+    with open_scheduler(scheduler) as computing:
         check_methods(study.evaluate)
         scenes = [load_scene(name) for name in study.scenes]
         work = {part.key: part for scene in scenes for part in parts(study, scene)}
@@ -66,29 +66,29 @@ def run_study(
         for key, part in work.items():
             is_shown = part is shown[part.scene.name]
             if key not in rows_of or (is_shown and not _is_shown_in(out, part.scene.name)):
-                to_do.append(Task(part, key, is_shown))
+                to_do.append(QueuedJob(part, key, is_shown))
         if to_do:
-            _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
-            new = trials(study, [t.part for t in to_do], [work[key] for key in rows_of])
+            _log.info("%s", cost([job.part for job in to_do], computing.cores).text())
+            new = trials(study, [job.part for job in to_do], [work[key] for key in rows_of])
             _try_own_methods(new, computing, on_progress)
         write_bytes(out / "study.json", _json(to_json(study)))
         environments = [_environment_so_far(out / "environment.json")] if rows_of else []
-        on_tasks = _counted(on_progress, len(work) - len(to_do), len(work))
-        for task, computed in computing.compute(to_do, on_tasks):
+        counted = _counted(on_progress, len(work) - len(to_do), len(work))
+        for job, computed in computing.compute(to_do, counted):
             for name, data in computed.files.items():
                 write_bytes(out / name, data)
             environments.append(computed.environment)
             found = {"command": command(), **together(environments)}
             write_bytes(out / "environment.json", _json(found))
-            write_rows(_rows_file(out / "parts", task.key), computed.rows)
-            rows_of[task.key] = computed.rows
+            write_rows(_rows_file(out / "parts", job.key), computed.rows)
+            rows_of[job.key] = computed.rows
     _write_preview_index(out / "previews", list(shown))
     rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)
     return rows
 
 
-def _try_own_methods(parts: list[Part], computing: Schedule, on_progress: Progress) -> None:
+def _try_own_methods(parts: list[Part], computing: Scheduler, on_progress: Progress) -> None:
     """Have the user's own methods work once, so that a mistake in them does not show hours later.
 
     Raises
@@ -99,18 +99,18 @@ def _try_own_methods(parts: list[Part], computing: Schedule, on_progress: Progre
     if not parts:
         return
     _log.info("first, methods of your own are tried on one sample")
-    tasks = [Task(part, part.key, False) for part in parts]
-    for _ in computing.compute(tasks, _counted(on_progress, 0, len(parts))):
+    jobs = [QueuedJob(part, part.key, False) for part in parts]
+    for _ in computing.compute(jobs, _counted(on_progress, 0, len(parts))):
         pass  # their scores are no part of the study
 
 
-def _counted(on_progress: Progress, found: int, total: int) -> OnTasks:
-    """Count tasks among all parts, of which `found` were there before."""
+def _counted(on_progress: Progress, found: int, total: int) -> Progress:
+    """Count jobs among all parts, of which `found` were there before."""
 
-    def on_tasks(done: float, doing: str) -> None:
-        on_progress(f"{found + int(done)}/{total} parts: {doing}", found + done, total)
+    def counted(stage: str, done: float, of: float, /) -> None:
+        on_progress(f"{found + int(done)}/{total} parts: {stage}", found + done, total)
 
-    return on_tasks
+    return counted
 
 
 def _rows_file(folder: Path, key: str) -> Path:

@@ -1,0 +1,36 @@
+"""This process as a scheduler: one job after another, each on all cores."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+
+from eres_render.progress import Progress
+from tasks.study.run.compute import ComputedPart, compute_part
+from tasks.study.run.jobs import QueuedJob
+
+# Where each stage begins in a job's time, and its share of it; for the progress bar alone.
+_STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0.3)}
+
+
+class ThisProcess:
+    """Computes jobs here, in the order in which they are given."""
+
+    @property
+    def cores(self) -> int:
+        """Cores that this process may use."""
+        return len(os.sched_getaffinity(0))
+
+    def compute(
+        self, jobs: Sequence[QueuedJob], on_progress: Progress
+    ) -> Iterator[tuple[QueuedJob, ComputedPart]]:
+        """As `Scheduler.compute`."""
+        for k, job in enumerate(jobs):
+
+            def on_part(stage: str, done: float, of: float, /, k: int = k) -> None:
+                begin, share = _STAGES.get(stage, (0.0, 0.0))
+                on_progress(f"{stage} {done:g}/{of:g}", k + begin + share * done / of, len(jobs))
+
+            on_progress(f"loading {job.part.scene.name}", k, len(jobs))
+            yield job, compute_part(job.part, on_part, shown=job.shown)
+        on_progress("done", len(jobs), len(jobs))
