@@ -20,7 +20,7 @@ from tasks.evaluation.registry import TASKS
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Evaluate
-from tasks.evaluation.timings import MethodCost, PartCosts
+from tasks.evaluation.timings import JobTimings, MethodTimings
 from tasks.row import Row
 
 
@@ -29,7 +29,7 @@ class Evaluation:
     """Scores of all sensors and methods on a sequence, their costs, and the reference."""
 
     rows: list[Row]
-    costs: PartCosts
+    costs: JobTimings
     reference: ReferenceFrames
 
 
@@ -109,7 +109,7 @@ def evaluate(
     for i, (setting, count) in enumerate(zip(settings, counts, strict=True)):
         rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores_of[i]]
         scored_of_all += [(setting.model.width, s) for s in scores_of[i]]
-    costs = PartCosts(
+    costs = JobTimings(
         scene=sequence.manifest.scene,
         sample=sequence.manifest.clip,
         cores=cores,
@@ -143,7 +143,7 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
     yield batch
 
 
-def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]:
+def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodTimings, ...]:
     """What each method took on each width, from scores with the width of their sensor."""
     groups: dict[tuple[str, str, str, int], list[Score]] = {}
     for width, score in scored:
@@ -151,7 +151,7 @@ def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]
             continue
         groups.setdefault((score.task, score.method, score.variant, width), []).append(score)
     return tuple(
-        MethodCost(
+        MethodTimings(
             *name,
             estimates=len(scores),
             events=sum(score.events for score in scores),

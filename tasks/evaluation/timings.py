@@ -1,4 +1,4 @@
-"""What a run's parts took: measured stage by stage and method by method, a JSON file a part."""
+"""What a run's jobs took: measured stage by stage and method by method, a JSON file a job."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tasks.errors import ResultError
 
 
 @dataclass(frozen=True, slots=True)
-class MethodCost:
+class MethodTimings:
     """What one method took on the sensors of one width.
 
     Parameters
@@ -41,13 +41,13 @@ class MethodCost:
 
 
 @dataclass(frozen=True, slots=True)
-class PartCosts:
-    """What one part took. Times are of the clock on the wall, with all cores at work.
+class JobTimings:
+    """What one job took. Times are of the clock on the wall, with all cores at work.
 
     Parameters
     ----------
     scene, sample
-        Which part: a scene may have several of one sample, for different tasks.
+        Which job: a scene may have several of one sample, for different tasks.
     cores
         At work.
     frames, resolution, spp
@@ -83,7 +83,7 @@ class PartCosts:
     simulating_s: float
     collecting_s: float
     scoring_s: float
-    methods: tuple[MethodCost, ...]
+    methods: tuple[MethodTimings, ...]
     rendered_frames: int = 0
     rendering_s: float = 0.0
 
@@ -105,13 +105,13 @@ class FrameTimer:
         self._on_progress(stage, done, of)
 
 
-def costs_file(costs: PartCosts) -> bytes:
-    """Content of the file of a part."""
+def timings_file(costs: JobTimings) -> bytes:
+    """Content of the file of a job."""
     return json.dumps(asdict(costs), indent=1).encode()
 
 
-def read_costs(folder: Path) -> list[PartCosts]:
-    """Read the costs of all parts in `folder`, by scene and sample; none if it does not exist.
+def read_timings(folder: Path) -> list[JobTimings]:
+    """Read the timings of all jobs in `folder`, by scene and sample; none if it does not exist.
 
     Raises
     ------
@@ -122,17 +122,19 @@ def read_costs(folder: Path) -> list[PartCosts]:
     return sorted(found, key=lambda one: (one.scene, one.sample))
 
 
-def _read(file: Path) -> PartCosts:
+def _read(file: Path) -> JobTimings:
     try:
         content = json.loads(file.read_text())
     except ValueError as error:
         raise ResultError(f"{file}: not JSON, {error}") from None
-    content = _checked(file, content, PartCosts)
-    methods = tuple(MethodCost(**_checked(file, one, MethodCost)) for one in content["methods"])
-    return PartCosts(**{**content, "methods": methods})
+    content = _checked(file, content, JobTimings)
+    methods = tuple(
+        MethodTimings(**_checked(file, one, MethodTimings)) for one in content["methods"]
+    )
+    return JobTimings(**{**content, "methods": methods})
 
 
-def _checked(file: Path, content: object, kind: type[PartCosts | MethodCost]) -> dict:
+def _checked(file: Path, content: object, kind: type[JobTimings | MethodTimings]) -> dict:
     expected = {field.name for field in fields(kind)}
     found = set(content) if isinstance(content, dict) else set()
     if not isinstance(content, dict) or found != expected:

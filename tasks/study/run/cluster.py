@@ -21,15 +21,15 @@ from tasks.errors import StudyError, TaskError
 from tasks.evaluation.settings import check_methods
 from tasks.methods import METHOD_VERSIONS
 from tasks.study.config import STAGE_VERSIONS
-from tasks.study.run.compute import ComputedPart, compute_part
+from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import Part, QueuedJob
+from tasks.study.run.jobs import Job, QueuedJob
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 _CONNECT_S = 5.0
-_RETRIES = 2  # of a part that failed by what may not come again, such as a full disk
+_RETRIES = 2  # of a job that failed by what may not come again, such as a full disk
 
 
 @contextmanager
@@ -68,7 +68,7 @@ def _quiet(*names: str) -> Iterator[None]:
 
 
 class Cluster:
-    """Workers of a Dask scheduler, one part at a time each."""
+    """Workers of a Dask scheduler, one job at a time each."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
@@ -83,31 +83,31 @@ class Cluster:
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
-    ) -> Iterator[tuple[QueuedJob, ComputedPart]]:
+    ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
         """As `Scheduler.compute`."""
         from distributed import as_completed
 
-        job_of = {self._submit(job): job for job in jobs}
+        queued_of = {self._submit(queued): queued for queued in jobs}
         on_progress(f"workers: {self.worker_count()}", 0, len(jobs))
-        for done, future in enumerate(as_completed(job_of, loop=self._client.loop), start=1):
-            job = job_of.pop(future)
-            yield job, _result(future, job.part)
+        for done, future in enumerate(as_completed(queued_of, loop=self._client.loop), start=1):
+            queued = queued_of.pop(future)
+            yield queued, _result(future, queued.job)
             future.release()
             on_progress(f"workers: {self.worker_count()}", done, len(jobs))
 
-    def _submit(self, job: QueuedJob) -> Future:
+    def _submit(self, queued: QueuedJob) -> Future:
         return self._client.submit(
             _entry(),
-            _order(job),
+            _order(queued),
             _versions(),
-            key=f"eres-{job.key}-{'shown' if job.shown else 'rows'}",
-            priority=round(cost([job.part]).seconds),  # the longest first, so that none is last
+            key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
+            priority=round(cost([queued.job]).seconds),  # the longest first, so that none is last
             retries=_RETRIES,
         )
 
 
-def _order(job: QueuedJob) -> bytes:
-    return pickle.dumps(job)
+def _order(queued: QueuedJob) -> bytes:
+    return pickle.dumps(queued)
 
 
 def _versions() -> dict[str, Any]:
@@ -129,8 +129,8 @@ def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
     return compute
 
 
-def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedPart | str:
-    """Compute a part on a worker; returns why not, if no retry could.
+def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
+    """Compute a job on a worker; returns why not, if no retry could.
 
     Parameters
     ----------
@@ -149,33 +149,33 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedPart | str:
             )
         if _versions() != versions:
             raise StudyError(f"found code of versions {_versions()}, expected {versions}")
-        job = pickle.loads(order)
-        part = _as_found_here(job.part, job.key)
-        return compute_part(part, silent, shown=job.shown)
+        queued = pickle.loads(order)
+        job = _as_found_here(queued.job, queued.key)
+        return compute_job(job, silent, with_highlights=queued.with_highlights)
     except (RenderError, SensorError, EventError, TaskError) as error:
         return f"worker {worker.address} on {socket.gethostname()}: {error}"
 
 
-def _as_found_here(part: Part, key: str) -> Part:
-    """The part with the scene that this machine has, refused if that or a method is another one."""
-    check_methods(part.evaluate)
-    scene = load_scene(part.scene.source)
-    if scene.digest != part.scene.digest:  # which was asked for before, and is pickled with it
+def _as_found_here(job: Job, key: str) -> Job:
+    """The job with the scene that this machine has, refused if that or a method is another one."""
+    check_methods(job.evaluate)
+    scene = load_scene(job.scene.source)
+    if scene.digest != job.scene.digest:  # which was asked for before, and is pickled with it
         raise StudyError(
-            f"scene {part.scene.source}: found files of digest {scene.digest[:12]}, expected "
-            f"{part.scene.digest[:12]}, as where the study was started"
+            f"scene {job.scene.source}: found files of digest {scene.digest[:12]}, expected "
+            f"{job.scene.digest[:12]}, as where the study was started"
         )
-    here = replace(part, scene=scene)
+    here = replace(job, scene=scene)
     if here.key != key:
         raise StudyError("found other code of a method of your own than where the study started")
     return here
 
 
-def _result(future: Future, part: Part) -> ComputedPart:
+def _result(future: Future, job: Job) -> ComputedJob:
     from distributed import KilledWorker
     from distributed.client import FutureCancelledError
 
-    named = f"{part.scene.name}, clip {part.clip.index}"
+    named = f"{job.scene.name}, clip {job.clip.index}"
     try:
         result = future.result()
     except KilledWorker as error:
@@ -184,7 +184,7 @@ def _result(future: Future, part: Part) -> ComputedPart:
             f"the last was {error.last_worker.address}"
         ) from None
     except FutureCancelledError:
-        raise StudyError(f"{named}: the Dask scheduler is gone, or gave the part up") from None
+        raise StudyError(f"{named}: the Dask scheduler is gone, or gave the job up") from None
     except OSError as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):

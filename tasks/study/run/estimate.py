@@ -1,7 +1,7 @@
 """What a study will cost, said before it starts: frames, disk and time.
 
 A rough estimate: how fast a scene moves and how many events it makes is known only afterwards. The
-constants are of the paper preset, on two cores of a virtual AMD EPYC server and LLVM; a part's
+constants are of the paper preset, on two cores of a virtual AMD EPYC server and LLVM; a job's
 progress bar corrects them as it goes.
 """
 
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tasks.study.config import Evaluate
-from tasks.study.run.jobs import Part
+from tasks.study.run.jobs import Job
 
 _IMAGE_MOTION_PX_S = 700  # of the fastest part of a 1280 px image, at base speed, on average
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
@@ -30,11 +30,11 @@ _CORES_MEASURED_ON = 2
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of parts that are still to be done.
+    """Of jobs that are still to be done.
 
     Parameters
     ----------
-    parts, frames
+    jobs, frames
         How many.
     disk_bytes
         Of their frames, of which the cache keeps what it has room for.
@@ -42,7 +42,7 @@ class Cost:
         Of work on this machine's cores.
     """
 
-    parts: int
+    jobs: int
     frames: int
     disk_bytes: float
     seconds: float
@@ -52,49 +52,49 @@ class Cost:
         hours, minutes = divmod(round(self.seconds / 60), 60)
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
         return (
-            f"{self.parts} part{'s' * (self.parts != 1)} to do: about {self.frames} frames, "
+            f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
             f"{self.disk_bytes / 1e9:.2g} GB of them on disk, {time}"
         )
 
 
-def cost(parts: Sequence[Part], cores: int | None = None) -> Cost:
-    """Estimate what parts cost; frames that are in the cache are counted as if they were not."""
+def cost(jobs: Sequence[Job], cores: int | None = None) -> Cost:
+    """Estimate what jobs cost; frames that are in the cache are counted as if they were not."""
     cores = cores or len(os.sched_getaffinity(0))
-    frames = [_frames(part) for part in parts]
-    pixels = [part.render.resolution**2 for part in parts]
+    frames = [_frames(job) for job in jobs]
+    pixels = [job.render.resolution**2 for job in jobs]
     seconds = 0.0
-    for part, n, px in zip(parts, frames, pixels, strict=True):
-        seconds += n * px * part.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        seconds += n * _sensor_pixels(part) * 1e-9 * _SIMULATE_NS_PER_PX
-        seconds += _score_s(part)
+    for job, n, px in zip(jobs, frames, pixels, strict=True):
+        seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
+        seconds += n * _sensor_pixels(job) * 1e-9 * _SIMULATE_NS_PER_PX
+        seconds += _score_s(job)
     disk = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
-    return Cost(len(parts), sum(frames), disk, seconds / cores)
+    return Cost(len(jobs), sum(frames), disk, seconds / cores)
 
 
-def _frames(part: Part) -> int:
-    seconds = part.clip.t_window_end_s - part.clip.t_start_s
-    motion_px_s = _IMAGE_MOTION_PX_S * part.render.resolution / 1280
-    return 2 + round(seconds * motion_px_s / part.render.max_displacement_px)
+def _frames(job: Job) -> int:
+    seconds = job.clip.t_window_end_s - job.clip.t_start_s
+    motion_px_s = _IMAGE_MOTION_PX_S * job.render.resolution / 1280
+    return 2 + round(seconds * motion_px_s / job.render.max_displacement_px)
 
 
-def _settings(part: Part) -> int:
+def _settings(job: Job) -> int:
     """How many sensors of each width."""
-    sensors = part.simulate
+    sensors = job.simulate
     return math.prod(
         len(axis) for axis in (sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
     )
 
 
-def _sensor_pixels(part: Part) -> int:
-    return _settings(part) * sum(width**2 for width in part.simulate.widths)
+def _sensor_pixels(job: Job) -> int:
+    return _settings(job) * sum(width**2 for width in job.simulate.widths)
 
 
-def _score_s(part: Part) -> float:
-    share = _sensor_pixels(part) / 1280**2  # most scores cost about as much as there are pixels
-    others_s = share * sum(_SCORE_S[task] * items for task, items in _items(part.evaluate).items())
-    tracking = part.evaluate.tracking
+def _score_s(job: Job) -> float:
+    share = _sensor_pixels(job) / 1280**2  # most scores cost about as much as there are pixels
+    others_s = share * sum(_SCORE_S[task] * items for task, items in _items(job.evaluate).items())
+    tracking = job.evaluate.tracking
     searches = len(tracking.methods) * len(tracking.sigmas_mm)
-    searches *= _settings(part) * len(part.simulate.widths)
+    searches *= _settings(job) * len(job.simulate.widths)
     return others_s + 1e-6 * _TRACKING_US_PER_EVENT * tracking.max_events * searches
 
 

@@ -1,4 +1,4 @@
-"""What a report shows of one part: pictures, and the statistics behind the scaling law."""
+"""What a report shows of one job: pictures, and the statistics behind the scaling law."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
 from tasks.study.results.scaling import Scaling
-from tasks.study.run.jobs import Part
+from tasks.study.run.jobs import Job
 from tasks.study.run.scaling import interval_histogram, measure_scaling
 
 PREVIEW_S = 0.01  # events of the window's last 10 ms are kept as a picture
@@ -19,7 +19,7 @@ PREVIEW_S = 0.01  # events of the window's last 10 ms are kept as a picture
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Exhibit:
-    """Pictures and statistics of a part.
+    """Pictures and statistics of a job.
 
     Parameters
     ----------
@@ -39,15 +39,15 @@ class Exhibit:
     slope: NDArray[np.float64]
 
 
-class ExhibitCollector:
-    """Watches a part's sensors of the first contrast threshold, as they stand for the others.
+class HighlightsCollector:
+    """Watches a job's sensors of the first contrast threshold, as they stand for the others.
 
     Pictures are taken at the first speed, intervals between events at the lowest and the highest.
     """
 
-    def __init__(self, part: Part, settings: list[Setting]) -> None:
-        speeds = part.simulate.speeds
-        self._contrast_threshold = part.simulate.contrast_thresholds[0]
+    def __init__(self, job: Job, settings: list[Setting]) -> None:
+        speeds = job.simulate.speeds
+        self._contrast_threshold = job.simulate.contrast_thresholds[0]
         self._picture_speed = speeds[0]
         self._previews = {
             (s.model.width, s.model.cutoff_hz): np.zeros((s.model.height, s.model.width), np.int64)

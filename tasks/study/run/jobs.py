@@ -22,10 +22,10 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Job:
     """A stretch of a scene's path, the sensors that see it, and the tasks that use what they say.
 
-    A part is the unit of work: it is rendered, simulated and scored at one go, and its rows are
+    A job is the unit of work: it is rendered, simulated and scored at one go, and its rows are
     kept under its `key`.
     """
 
@@ -37,7 +37,7 @@ class Part:
 
     @property
     def key(self) -> str:
-        """Name of the part's rows: a digest of everything that decides them."""
+        """Name of the job's rows: a digest of everything that decides them."""
         return digest(
             {
                 **self._stretch,
@@ -50,7 +50,7 @@ class Part:
 
     @property
     def frames_decided_by(self) -> dict[str, object]:
-        """What decides the part's frames, apart from the renderer."""
+        """What decides the job's frames, apart from the renderer."""
         light = self.scene.light_digest
         return {**self._stretch, "light": light, "version": STAGE_VERSIONS["render"]}
 
@@ -87,23 +87,23 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class QueuedJob:
-    """A part to compute.
+    """A job to compute.
 
     Parameters
     ----------
-    part, key
-        The key is the part's from when the study began, should a method be edited meanwhile.
-    shown
-        Whether the report shows it.
+    job, key
+        The key is the job's from when the study began, should a method be edited meanwhile.
+    with_highlights
+        Whether to make what the report shows of its scene, too.
     """
 
-    part: Part
+    job: Job
     key: str
-    shown: bool
+    with_highlights: bool
 
 
-def parts(study: Study, scene: Scene) -> list[Part]:
-    """The parts of a study on one scene; its samples first.
+def jobs_of(study: Study, scene: Scene) -> list[Job]:
+    """The jobs of a study on one scene; its samples first.
 
     Raises
     ------
@@ -117,8 +117,8 @@ def parts(study: Study, scene: Scene) -> list[Part]:
     return found
 
 
-def _samples(study: Study, scene: Scene) -> Iterator[Part]:
-    """The usual parts: a clip around each sample."""
+def _samples(study: Study, scene: Scene) -> Iterator[Job]:
+    """The usual jobs: a clip around each sample."""
     evaluate = replace(
         study.evaluate,
         flow=replace(study.evaluate.flow, fast_methods=()),
@@ -130,10 +130,10 @@ def _samples(study: Study, scene: Scene) -> Iterator[Part]:
     if not any(methods_of(evaluate).values()):
         return
     for clip in _spread_clips(study, scene, study.simulate):
-        yield Part(scene, clip, study.render, study.simulate, evaluate)
+        yield Job(scene, clip, study.render, study.simulate, evaluate)
 
 
-def _fast_samples(study: Study, scene: Scene) -> Iterator[Part]:
+def _fast_samples(study: Study, scene: Scene) -> Iterator[Job]:
     """The same samples, with a warm-up that is long enough for a camera that is much faster."""
     flow = study.evaluate.flow
     if not flow.fast_methods or scene.name not in (flow.fast_scenes or [scene.name]):
@@ -141,16 +141,16 @@ def _fast_samples(study: Study, scene: Scene) -> Iterator[Part]:
     simulate = replace(study.simulate, speeds=(flow.fast_speed,))
     evaluate = replace(NO_TASKS, flow=replace(flow, methods=flow.fast_methods, fast_methods=()))
     for clip in _spread_clips(study, scene, simulate):
-        yield Part(scene, clip, study.render, simulate, evaluate)
+        yield Job(scene, clip, study.render, simulate, evaluate)
 
 
-def _video(study: Study, scene: Scene) -> Iterator[Part]:
+def _video(study: Study, scene: Scene) -> Iterator[Job]:
     """One continuous stretch from the path's start."""
     video = study.evaluate.video
     if not video.methods or scene.name not in (video.scenes or [scene.name]):
         return
     clip = replace(continuous_stretch(scene, video.duration_s), t_window_start_s=video.run_in_s)
-    yield Part(scene, clip, study.render, study.simulate, replace(NO_TASKS, video=video))
+    yield Job(scene, clip, study.render, study.simulate, replace(NO_TASKS, video=video))
 
 
 def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
@@ -171,45 +171,45 @@ def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
     return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
 
 
-def trials(study: Study, to_do: Collection[Part], done: Iterable[Part]) -> list[Part]:
+def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Job]:
     """Parts, small ones, in which every method of the user's own that is new to a run works once.
 
     They are on the first clip where the method can work: with the sensor of fewest pixels, and one
-    sample of each task. Their frames are those of the parts to do, but for a video that would be
+    sample of each task. Their frames are those of the jobs to do, but for a video that would be
     all there is: of that, only the first image's.
 
     Parameters
     ----------
     to_do, done
-        The parts of the study that have no scores yet, and those that have.
+        The jobs of the study that have no scores yet, and those that have.
     """
     known = set(_ownmethods_of(done))
     new = [method for method in _ownmethods_of(to_do) if method not in known]
     found = []
-    for part in to_do:
-        planar = part.scene.plane is not None
+    for job in to_do:
+        planar = job.scene.plane is not None
         fitting = [method for method in new if planar or not TASKS[method[0]].planar_only]
         if fitting:
-            found.append(_trial(study, part, fitting))
+            found.append(_trial(study, job, fitting))
             new = [method for method in new if method not in fitting]
     return found
 
 
-def _ownmethods_of(parts: Iterable[Part]) -> list[tuple[str, str]]:
+def _ownmethods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
     """Task and name of each of the user's own methods, once."""
-    named = (item for part in parts for item in methods_of(part.evaluate).items())
+    named = (item for job in jobs for item in methods_of(job.evaluate).items())
     return list(dict.fromkeys((task, one) for task, names in named for one in names if ":" in one))
 
 
-def _trial(study: Study, part: Part, methods: list[tuple[str, str]]) -> Part:
+def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
     sensors, wanted = study.simulate, study.evaluate
     names = {task: tuple(n for t, n in methods if t == task) for task in METHODS}
-    clip = part.clip
-    if part.evaluate.video.methods:
+    clip = job.clip
+    if job.evaluate.video.methods:
         end_s = min(clip.t_start_s + wanted.video.every_s, clip.t_window_end_s)
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
     return replace(
-        part,
+        job,
         clip=clip,
         simulate=replace(
             sensors,

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 
 from eres_render.progress import Progress
-from tasks.study.run.compute import ComputedPart, compute_part
+from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.jobs import QueuedJob
 
 # Where each stage begins in a job's time, and its share of it; for the progress bar alone.
@@ -23,14 +23,15 @@ class ThisProcess:
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
-    ) -> Iterator[tuple[QueuedJob, ComputedPart]]:
+    ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
         """As `Scheduler.compute`."""
-        for k, job in enumerate(jobs):
+        for k, queued in enumerate(jobs):
 
-            def on_part(stage: str, done: float, of: float, /, k: int = k) -> None:
+            def on_job(stage: str, done: float, of: float, /, k: int = k) -> None:
                 begin, share = _STAGES.get(stage, (0.0, 0.0))
                 on_progress(f"{stage} {done:g}/{of:g}", k + begin + share * done / of, len(jobs))
 
-            on_progress(f"loading {job.part.scene.name}", k, len(jobs))
-            yield job, compute_part(job.part, on_part, shown=job.shown)
+            on_progress(f"loading {queued.job.scene.name}", k, len(jobs))
+            computed = compute_job(queued.job, on_job, with_highlights=queued.with_highlights)
+            yield queued, computed
         on_progress("done", len(jobs), len(jobs))

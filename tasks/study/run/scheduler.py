@@ -9,7 +9,7 @@ from typing import Protocol
 
 from eres_render.progress import Progress
 from tasks.study.run.cluster import Cluster, connected
-from tasks.study.run.compute import ComputedPart
+from tasks.study.run.compute import ComputedJob
 from tasks.study.run.jobs import QueuedJob
 from tasks.study.run.local import ThisProcess
 
@@ -24,7 +24,7 @@ class Scheduler(Protocol):
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
-    ) -> Iterator[tuple[QueuedJob, ComputedPart]]:
+    ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
         """Yield every job and its result, in any order.
 
         Parameters
