@@ -33,7 +33,7 @@ from tasks.study.report import write_report
 from tasks.study.results.scaling import read_scaling
 from tasks.study.run import frame_cache, local, run_study
 from tasks.study.run import provenance as environment
-from tasks.study.run.estimate import cost
+from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import jobs_of
 
 
@@ -189,12 +189,12 @@ def test_cost_is_said_before_the_start(finished, scene_folder):
     """Promise: frames are estimated to a factor of two, and twice the work costs twice."""
     work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
     rendered = len(list((cache_dir() / "frames").rglob("*.exr")))
-    said = cost(work)
+    said = estimate_work(work)
     assert said.jobs == len(work)
     assert 0.5 * rendered < said.frames < 2 * rendered
-    twice = cost([*work, *work], cores=1)
-    assert twice.seconds == pytest.approx(2 * cost(work, cores=1).seconds)
-    assert twice.seconds == pytest.approx(2 * cost([*work, *work], cores=2).seconds)
+    twice = estimate_work([*work, *work], cores=1)
+    assert twice.seconds == pytest.approx(2 * estimate_work(work, cores=1).seconds)
+    assert twice.seconds == pytest.approx(2 * estimate_work([*work, *work], cores=2).seconds)
     assert said.text().startswith(f"{len(work)} jobs to do: about {said.frames} frames")
 
 

@@ -26,10 +26,10 @@ from tasks.row import Row
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Evaluation:
-    """Scores of all sensors and methods on a sequence, their costs, and the reference."""
+    """Scores of all sensors and methods on a sequence, their timings, and the reference."""
 
     rows: list[Row]
-    costs: JobTimings
+    timings: JobTimings
     reference: ReferenceFrames
 
 
@@ -109,7 +109,7 @@ def evaluate(
     for i, (setting, count) in enumerate(zip(settings, counts, strict=True)):
         rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores_of[i]]
         scored_of_all += [(setting.model.width, s) for s in scores_of[i]]
-    costs = JobTimings(
+    timings = JobTimings(
         scene=sequence.manifest.scene,
         sample=sequence.manifest.clip,
         cores=cores,
@@ -123,9 +123,9 @@ def evaluate(
         simulating_s=simulated_s - started_s - reading_s - collecting_s,
         collecting_s=collecting_s,
         scoring_s=time.perf_counter() - simulated_s,
-        methods=_method_costs(scored_of_all),
+        methods=_method_timings(scored_of_all),
     )
-    return Evaluation(rows, costs, reference)
+    return Evaluation(rows, timings, reference)
 
 
 def _scores(scorers: Iterable[Scorer]) -> list[Score]:
@@ -143,7 +143,7 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
     yield batch
 
 
-def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodTimings, ...]:
+def _method_timings(scored: Iterable[tuple[int, Score]]) -> tuple[MethodTimings, ...]:
     """What each method took on each width, from scores with the width of their sensor."""
     groups: dict[tuple[str, str, str, int], list[Score]] = {}
     for width, score in scored:

@@ -22,7 +22,7 @@ from tasks.evaluation.settings import check_methods
 from tasks.methods import METHOD_VERSIONS
 from tasks.study.config import STAGE_VERSIONS
 from tasks.study.run.compute import ComputedJob, compute_job
-from tasks.study.run.estimate import cost
+from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import Job, QueuedJob
 
 if TYPE_CHECKING:
@@ -101,7 +101,9 @@ class Cluster:
             _order(queued),
             _versions(),
             key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
-            priority=round(cost([queued.job]).seconds),  # the longest first, so that none is last
+            priority=round(
+                estimate_work([queued.job]).seconds
+            ),  # the longest first, so that none is last
             retries=_RETRIES,
         )
 

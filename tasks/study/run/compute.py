@@ -14,11 +14,9 @@ from tasks.evaluation.timings import FrameTimer, timings_file
 from tasks.row import Row
 from tasks.study.config import digest
 from tasks.study.run.frame_cache import frames_folder
-from tasks.study.run.highlights import HighlightsCollector
+from tasks.study.run.highlights import Highlights
 from tasks.study.run.jobs import Job
-from tasks.study.run.previews import preview_files
 from tasks.study.run.provenance import environment
-from tasks.study.run.scaling import scaling_files
 
 _BYTES_PER_PX_S = 4500  # of 2250 half-float frames a second of path: the room made for a clip
 
@@ -66,23 +64,18 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
             timer,
         )
         settings = job.settings(job.simulate.dark_fraction * sequence.white_level)
-        collector = HighlightsCollector(job, settings) if with_highlights else None
+        highlights = Highlights(job, settings) if with_highlights else None
         result = evaluate(
             sequence,
             light.truth(sequence),
             settings,
             job.evaluate,
             on_progress,
-            collector.push if collector else None,
+            highlights.push if highlights else None,
         )
-        exhibit = collector.exhibit(result.reference) if collector else None
-    costs = replace(result.costs, rendered_frames=timer.frames, rendering_s=timer.seconds)
-    files = {f"costs/{job.key}.json": timings_file(costs)}
-    if exhibit:
-        for name, data in preview_files(job, exhibit).items():
-            files[f"previews/{name}"] = data
-        for name, data in scaling_files(exhibit.scaling, exhibit.slope).items():
-            files[f"scaling/{name}"] = data
+        shown = highlights.result(result.reference) if highlights else {}
+    timings = replace(result.timings, rendered_frames=timer.frames, rendering_s=timer.seconds)
+    files = {f"costs/{job.key}.json": timings_file(timings), **shown}
     return ComputedJob(result.rows, files, environment(light.renderer.variant))
 
 

@@ -1,4 +1,4 @@
-"""What a study will cost, said before it starts: frames, disk and time.
+"""What the jobs of a study will take, estimated before they start: frames, disk and time.
 
 A rough estimate: how fast a scene moves and how many events it makes is known only afterwards. The
 constants are of the paper preset, on two cores of a virtual AMD EPYC server and LLVM; a job's
@@ -29,7 +29,7 @@ _CORES_MEASURED_ON = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Cost:
+class WorkEstimate:
     """Of jobs that are still to be done.
 
     Parameters
@@ -57,8 +57,8 @@ class Cost:
         )
 
 
-def cost(jobs: Sequence[Job], cores: int | None = None) -> Cost:
-    """Estimate what jobs cost; frames that are in the cache are counted as if they were not."""
+def estimate_work(jobs: Sequence[Job], cores: int | None = None) -> WorkEstimate:
+    """Estimate what jobs take; frames that are in the cache are counted as if they were not."""
     cores = cores or len(os.sched_getaffinity(0))
     frames = [_frames(job) for job in jobs]
     pixels = [job.render.resolution**2 for job in jobs]
@@ -68,7 +68,7 @@ def cost(jobs: Sequence[Job], cores: int | None = None) -> Cost:
         seconds += n * _sensor_pixels(job) * 1e-9 * _SIMULATE_NS_PER_PX
         seconds += _score_s(job)
     disk = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
-    return Cost(len(jobs), sum(frames), disk, seconds / cores)
+    return WorkEstimate(len(jobs), sum(frames), disk, seconds / cores)
 
 
 def _frames(job: Job) -> int:

@@ -16,7 +16,7 @@ from tasks.evaluation.settings import check_methods
 from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
-from tasks.study.run.estimate import cost
+from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import Job, QueuedJob, jobs_of, trials
 from tasks.study.run.provenance import command, together
 from tasks.study.run.scheduler import Scheduler, open_scheduler
@@ -68,7 +68,7 @@ def run_study(
             if key not in rows_of or (is_first and not _has_highlights(out, job.scene.name)):
                 to_do.append(QueuedJob(job, key, is_first))
         if to_do:
-            _log.info("%s", cost([queued.job for queued in to_do], computing.cores).text())
+            _log.info("%s", estimate_work([queued.job for queued in to_do], computing.cores).text())
             new = trials(study, [queued.job for queued in to_do], [work[key] for key in rows_of])
             _try_own_methods(new, computing, on_progress)
         write_bytes(out / "study.json", _json(to_json(study)))
