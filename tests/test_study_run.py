@@ -189,7 +189,7 @@ def test_cost_is_said_before_the_start(finished, scene_folder):
     """Promise: frames are estimated to a factor of two, and twice the work costs twice."""
     work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
     rendered = len(list((cache_dir() / "frames").rglob("*.exr")))
-    said = estimate_work(work)
+    said = estimate_work(work, cores=2)
     assert said.jobs == len(work)
     assert 0.5 * rendered < said.frames < 2 * rendered
     twice = estimate_work([*work, *work], cores=1)

@@ -11,9 +11,9 @@ from string import Template
 from typing import Any
 
 from tasks.errors import ResultError
-from tasks.evaluation.registry import TASKS
 from tasks.evaluation.timings import read_timings
 from tasks.files import write_bytes
+from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all as judge_claims
 from tasks.study.claims.verdict import Status, Verdict, threshold_note

@@ -101,9 +101,8 @@ class Cluster:
             _order(queued),
             _versions(),
             key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
-            priority=round(
-                estimate_work([queued.job]).seconds
-            ),  # the longest first, so that none is last
+            # The longest first, so that none is last.
+            priority=round(estimate_work([queued.job], cores=1).seconds),
             retries=_RETRIES,
         )
 

@@ -8,23 +8,15 @@ progress bar corrects them as it goes.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tasks.study.config import Evaluate
 from tasks.study.run.jobs import Job
 
 _IMAGE_MOTION_PX_S = 700  # of the fastest part of a 1280 px image, at base speed, on average
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
 _RENDER_SAMPLES_PER_S = 61e6  # both cores together
 _SIMULATE_NS_PER_PX = 11  # pixel-frame of one sensor at one speed, one core; keeping events too
-_SCORE_S = {  # of one item at 1280 px and at base speed, one core
-    "reconstruction": 0.01,
-    "flow": 0.04,
-    "video": 0.4,
-}
-_TRACKING_US_PER_EVENT = 8  # of the most that a method gets, at any width, baselines counted too
 _CORES_MEASURED_ON = 2
 
 
@@ -57,16 +49,18 @@ class WorkEstimate:
         )
 
 
-def estimate_work(jobs: Sequence[Job], cores: int | None = None) -> WorkEstimate:
+def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     """Estimate what jobs take; frames that are in the cache are counted as if they were not."""
-    cores = cores or len(os.sched_getaffinity(0))
     frames = [_frames(job) for job in jobs]
     pixels = [job.render.resolution**2 for job in jobs]
     seconds = 0.0
     for job, n, px in zip(jobs, frames, pixels, strict=True):
         seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        seconds += n * _sensor_pixels(job) * 1e-9 * _SIMULATE_NS_PER_PX
-        seconds += _score_s(job)
+        sensors, tasks = job.simulate, job.evaluate.tasks.values()
+        for width in sensors.widths:
+            one_s = n * width**2 * 1e-9 * _SIMULATE_NS_PER_PX
+            one_s += sum(task.score_s(width) for task in tasks)
+            seconds += _settings(job) * one_s
     disk = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
     return WorkEstimate(len(jobs), sum(frames), disk, seconds / cores)
 
@@ -83,26 +77,3 @@ def _settings(job: Job) -> int:
     return math.prod(
         len(axis) for axis in (sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
     )
-
-
-def _sensor_pixels(job: Job) -> int:
-    return _settings(job) * sum(width**2 for width in job.simulate.widths)
-
-
-def _score_s(job: Job) -> float:
-    share = _sensor_pixels(job) / 1280**2  # most scores cost about as much as there are pixels
-    others_s = share * sum(_SCORE_S[task] * items for task, items in _items(job.evaluate).items())
-    tracking = job.evaluate.tracking
-    searches = len(tracking.methods) * len(tracking.sigmas_mm)
-    searches *= _settings(job) * len(job.simulate.widths)
-    return others_s + 1e-6 * _TRACKING_US_PER_EVENT * tracking.max_events * searches
-
-
-def _items(evaluate: Evaluate) -> dict[str, int]:
-    flow, video = evaluate.flow, evaluate.video
-    images = round((video.duration_s - video.run_in_s) / video.every_s)
-    return {
-        "reconstruction": len(evaluate.reconstruction.methods),
-        "flow": len(flow.methods) * flow.features * (1 + flow.native_patch),
-        "video": len(video.methods) * images,
-    }

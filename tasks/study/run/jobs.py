@@ -6,16 +6,17 @@ import logging
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor import SensorModel
 from tasks.errors import StudyError
-from tasks.evaluation.registry import TASKS
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NO_TASKS, Evaluate, methods_of
-from tasks.methods import METHODS, code_of
+from tasks.methods import code_of
+from tasks.registry import TASKS
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 
 _log = logging.getLogger(__name__)
@@ -124,9 +125,10 @@ def _samples(study: Study, scene: Scene) -> Iterator[Job]:
         flow=replace(study.evaluate.flow, fast_methods=()),
         video=NO_TASKS.video,
     )
-    if evaluate.tracking.methods and scene.plane is None:
-        _log.info("%s is not planar: no pose tracking on it", scene.name)
-        evaluate = replace(evaluate, tracking=NO_TASKS.tracking)
+    for task, settings in evaluate.tasks.items():
+        if settings.methods and TASKS[task].planar_only and scene.plane is None:
+            _log.info("%s is not planar: no %s on it", scene.name, TASKS[task].title)
+            evaluate = replace(evaluate, **{task: getattr(NO_TASKS, task)})
     if not any(methods_of(evaluate).values()):
         return
     for clip in _spread_clips(study, scene, study.simulate):
@@ -202,12 +204,15 @@ def _ownmethods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
 
 
 def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
-    sensors, wanted = study.simulate, study.evaluate
-    names = {task: tuple(n for t, n in methods if t == task) for task in METHODS}
-    clip = job.clip
+    sensors, clip = study.simulate, job.clip
     if job.evaluate.video.methods:
-        end_s = min(clip.t_start_s + wanted.video.every_s, clip.t_window_end_s)
+        end_s = min(clip.t_start_s + study.evaluate.video.every_s, clip.t_window_end_s)
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
+    window_s = clip.t_window_end_s - clip.t_window_start_s
+    trials: dict[str, Any] = {
+        task: settings.trial(tuple(name for at, name in methods if at == task), window_s)
+        for task, settings in study.evaluate.tasks.items()
+    }
     return replace(
         job,
         clip=clip,
@@ -218,22 +223,5 @@ def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
             contrast_thresholds=sensors.contrast_thresholds[:1],
             speeds=sensors.speeds[:1],
         ),
-        evaluate=Evaluate(
-            reconstruction=replace(wanted.reconstruction, methods=names["reconstruction"]),
-            flow=replace(
-                wanted.flow,
-                methods=names["flow"],
-                features=1,
-                native_patch=False,
-                fast_methods=(),
-            ),
-            tracking=replace(
-                wanted.tracking, methods=names["tracking"], sigmas_mm=wanted.tracking.sigmas_mm[:1]
-            ),
-            video=replace(
-                wanted.video,
-                methods=names["video"],
-                every_s=clip.t_window_end_s - clip.t_window_start_s,
-            ),
-        ),
+        evaluate=Evaluate(**trials),
     )

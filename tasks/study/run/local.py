@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 
+from eres_render.cores import cores
 from eres_render.progress import Progress
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.jobs import QueuedJob
@@ -19,7 +19,7 @@ class ThisProcess:
     @property
     def cores(self) -> int:
         """Cores that this process may use."""
-        return len(os.sched_getaffinity(0))
+        return cores()
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress

@@ -9,8 +9,8 @@ from itertools import chain
 
 import numpy as np
 
-from tasks.evaluation.registry import TASKS
 from tasks.evaluation.timings import JobTimings, MethodTimings
+from tasks.registry import TASKS
 from tasks.study.report.markup import scrolling
 from tasks.study.results.metrics import Series
 from tasks.study.results.words import MISSING, join_words
