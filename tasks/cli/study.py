@@ -112,7 +112,7 @@ def study(
         spp: Samples per pixel of the render.
         resolution: Side of the rendered frames, px; sensors that are finer are left out.
         method: Methods of your own, as well as the study's, each as package.module:function.
-        scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the parts.
+        scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     """
     from dataclasses import replace
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.errors import ResultError
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.metrics import METRICS, Series
