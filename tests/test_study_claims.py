@@ -7,7 +7,6 @@ import pytest
 from study_rows import EI, Change, paper_rows
 from tasks.row import Row
 from tasks.study.claims.judge import CLAIMS, judge_all
-from tasks.study.claims.scaling import SCALING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.scores import Condition, Scores
@@ -23,7 +22,7 @@ def test_every_claim_is_judged_once() -> None:
     """Each claim has its number once, in order."""
     judged = [v.number for v in judge_all(paper_rows(), {})]
     assert judged == [*range(1, 11), *range(12, 17), *range(18, 22), 24]
-    assert len(judged) == len(SCALING_CLAIMS) + len(CLAIMS)
+    assert len(judged) == len(CLAIMS)
 
 
 @pytest.mark.parametrize("number", NUMBERS)

@@ -9,7 +9,7 @@ import pytest
 
 from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows
 from tasks.row import Row
-from tasks.study.claims.judge import CLAIMS
+from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.bootstrap import DRAWS, resampled_medians
 from tasks.study.results.intervals import estimate
@@ -29,9 +29,7 @@ def rows_for(number: int, change: Change = lambda w, c, s, v: v, **options: obje
 
 
 def verdict(number: int, rows: list[Row]) -> Verdict:
-    scores = Scores(rows)
-    (found,) = (v for claim in CLAIMS if (v := claim(scores)).number == number)
-    return found
+    return next(v for v in judge_all(rows, {}) if v.number == number)
 
 
 @pytest.mark.parametrize("number", [*SERIES, 21])

@@ -2,37 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
-from tasks.study.claims.verdict import Verdict, status_of
+from tasks.study.claims.claim import Claim, Evidence, too_few_text
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
 from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.perturbation import shown_series
+from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Condition, Scores, beats
 from tasks.study.results.words import cutoff_label, join_words
 
 
-def every_method_beats_doing_nothing(scores: Scores) -> Verdict:
-    """Claim 24 (ours): in every cell the median is better than without using the events."""
-    counts = [_Count(scores, series) for series in shown_series(scores)]
-    return Verdict(
-        number=24,
-        title="Every method beats doing nothing",
-        statement="Under every condition the median score is better than that of the image, flow "
-        "or path that the method starts from.",
-        status=status_of(o for count in counts for o in count.outcomes.values()),
-        ours="\n".join(str(count) for count in counts) or "no rows of any method",
-        paper="not reported",
-        note="Our own check: a score that does not beat its starting point says nothing about the "
-        "resolution. " + _certainty(min((count.samples for count in counts), default=0)),
-    )
+@dataclass(frozen=True, kw_only=True)
+class BaselineClaim(Claim):
+    """In every cell of every method the median is better than without using the events."""
+
+    def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
+        """Count the cells of each method that are better."""
+        counts = [_Count(scores, series) for series in shown_series(scores)]
+        samples = min((count.samples for count in counts), default=0)
+        return Evidence(
+            outcomes=[outcome for count in counts for outcome in count.outcomes.values()],
+            ours="\n".join(str(count) for count in counts) or "no rows of any method",
+            paper="not reported",
+            scope=f"{too_few_text(samples)}."
+            if samples < MIN_SAMPLES_FOR_INTERVAL
+            else "Not settled: the paired interval of the difference reaches zero.",
+        )
 
 
-def _certainty(samples: int) -> str:
-    if samples < MIN_SAMPLES_FOR_INTERVAL:
-        few = f"{samples} sample{'s' * (samples != 1)}"
-        return f"{few}, too few for an interval ({MIN_SAMPLES_FOR_INTERVAL} needed)."
-    return "Not settled: the paired interval of the difference reaches zero."
+BEATS_DOING_NOTHING = BaselineClaim(
+    number=24,
+    title="Every method beats doing nothing",
+    statement="Under every condition the median score is better than that of the image, flow or "
+    "path that the method starts from.",
+    note="Our own check: a score that does not beat its starting point says nothing about the "
+    "resolution.",
+)
 
 
 class _Count:
@@ -50,9 +59,7 @@ class _Count:
             if self.outcomes[where] is None or cells["ours"].samples < MIN_SAMPLES_FOR_INTERVAL:
                 continue
             gain = estimate(cells, lambda m: np.asarray(sign * (m["ours"] - m["nothing"])))
-            self.unsettled += (
-                gain.low is not None and gain.high is not None and (gain.low <= 0 <= gain.high)
-            )
+            self.unsettled += gain.includes(0.0)
 
     def __str__(self) -> str:
         measured = [where for where, outcome in self.outcomes.items() if outcome is not None]
