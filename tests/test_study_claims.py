@@ -70,7 +70,7 @@ def test_daytime_margin_that_is_smaller_but_for_another_winner_fails_claim_4() -
     """By day another width wins: the smaller margin alone is not enough."""
     found = verdict(4, paper_rows(EI, lambda w, c, s, v: v + 9 * (w == 346 and c == 200)))
     assert found.status is Status.DOES_NOT_HOLD
-    assert "best 346 px" in found.ours
+    assert " at 346 px, " in found.ours
 
 
 NEEDED: dict[int, tuple[int, float, float]] = {
@@ -187,8 +187,7 @@ COARSEST_IS_WORST = SceneClaim(
     statement="At 200 Hz, 240 px reconstructs better than 128 px.",
     series=EI,
     numbers={"margin": Number(margin(240, 128, DAY), above=0)},
-    ours="240 over 128 px {margin}",
-    paper="{margin}",
+    text="240 over 128 px {margin}",
 )
 
 
@@ -199,7 +198,11 @@ def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
     assert own.number == 101
     assert own.status is Status.HOLDS
     assert own.ours.splitlines()[0] == "carpet: 240 over 128 px +1.61 [+1.61, +1.61] dB"
-    assert own.paper.splitlines() == ["carpet: +1.61 dB", "rocks: +1.47 dB", "room: +2.25 dB"]
+    assert own.paper.splitlines() == [
+        "carpet: 240 over 128 px +1.61 dB",
+        "rocks: 240 over 128 px +1.47 dB",
+        "room: 240 over 128 px +2.25 dB",
+    ]
     assert own.note == ""
     (alone,) = judge_all(
         paper_rows(EI, lambda w, c, s, v: v - 3 * (w == 240)), {}, [COARSEST_IS_WORST]

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from tasks.study.claims.numbers import (
     NotMeasured,
     Number,
     Quantity,
-    Reading,
     SceneScores,
     estimated,
 )
+from tasks.study.claims.statistics import SceneCell
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
@@ -85,28 +85,26 @@ class SceneClaim(Claim):
         The method.
     numbers
         The numbers that decide or that are printed, by name.
-    ours, paper
-        Text of a scene, with the names of numbers in braces. A text of the paper without any is
-        printed as it is.
+    text
+        What is printed of a scene, with the names of numbers in braces; also for the paper.
+    paper
+        What the paper says in place of such numbers, where it prints none.
     scenes
         The scenes that the claim is about; all of the run if empty.
     beside
-        Other methods of the task whose numbers are printed too, where a run has them, each with its
-        text. They do not decide.
+        Other methods of the task whose numbers are printed too, where a run has them. They do not
+        decide.
     mean
         Name of the number to print as a mean over scenes too.
-    of_samples
-        Whether the numbers are medians over samples, which can be too few for an interval.
     """
 
     series: Series
     numbers: Mapping[str, Quantity]
-    ours: str
-    paper: str
+    text: str
+    paper: str = ""
     scenes: tuple[str, ...] = ()
-    beside: Mapping[str, str] = field(default_factory=dict)
+    beside: tuple[str, ...] = ()
     mean: str = ""
-    of_samples: bool = True
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
         """Return the series of a run that is judged and words about it, or None and why not."""
@@ -114,59 +112,58 @@ class SceneClaim(Claim):
 
     def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
         """Read the numbers of each scene."""
+        holds, lines = self._read(paper_scores(), self.series, {})
+        measured = any(outcome is not None for outcome in holds.values())
+        paper = self.paper or ("\n".join(lines) if measured else "not reported")
         series, about = self.chosen(scores)
         if series is None:
-            return Evidence((), about, self._paper(), "")
-        outcomes: dict[str, bool | None] = {}
+            return Evidence((), about, paper, "")
+        holds, lines = self._read(scores, series, scaling)
+        judged = [scene for scene, outcome in holds.items() if outcome is not None]
+        scope = f"{about} {self._scope(scores, series, judged)}".strip()
+        where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
+        ours = "\n".join(lines) or f"no rows of {series.name}{where}"
+        return Evidence(list(holds.values()), ours, paper, scope)
+
+    def _read(
+        self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]
+    ) -> tuple[dict[str, bool | None], list[str]]:
+        """Whether the claim holds on each scene, and a line or more for each."""
+        holds: dict[str, bool | None] = {}
         lines = []
-        for scene in self._of_claim(scores.scenes(series)):
+        for scene in scores.scenes(series):
+            if self.scenes and scene not in self.scenes:
+                continue
             on = SceneScores(scores, series, scene, scaling.get(scene))
             try:
-                readings = self._readings(on)
+                holds[scene], text = self._readings(on)
             except NotMeasured as reason:
-                outcomes[scene] = None
+                holds[scene] = None
                 lines.append(f"{scene}: {reason}")
                 continue
-            outcomes[scene] = all(reading.holds for reading in readings.values())
-            first, *more = self.ours.format_map(readings).split("\n")
-            failed = "" if outcomes[scene] else " (does not hold)"
-            lines += [f"{scene}: {first}{failed}", *more, *self._beside(on)]
-        where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
-        lines = lines or [f"no rows of {series.name}{where}"]
-        lines += self._mean(scores, series, "mean of {} scenes")
-        judged = [scene for scene, holds in outcomes.items() if holds is not None]
-        scope = f"{about} {self._scope(scores, series, judged)}".strip()
-        return Evidence(list(outcomes.values()), "\n".join(lines), self._paper(), scope)
+            lines.append(f"{scene}: {text}{'' if holds[scene] else ' (does not hold)'}")
+            for method in self.beside:
+                other = series._replace(method=method)
+                with suppress(NotMeasured):
+                    text = self._readings(replace(on, series=other))[1]
+                    lines.append(f"{other.name}: {text}")
+        return holds, lines + self._mean(scores, series)
 
-    def _of_claim(self, scenes: Iterable[str]) -> list[str]:
-        return [scene for scene in scenes if not self.scenes or scene in self.scenes]
-
-    def _readings(self, on: SceneScores) -> dict[str, Reading]:
+    @property
+    def _cells(self) -> list[SceneCell]:
+        """The cells that the numbers are made of."""
         numbers = [one for one in self.numbers.values() if isinstance(one, Number)]
         cells = {cell for number in numbers for cell in number.statistic.cells}
-        on.require(sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed)))
-        return {name: read(on) for name, read in self.numbers.items()}
+        return sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed))
 
-    def _beside(self, on: SceneScores) -> list[str]:
-        lines = []
-        for method, text in self.beside.items():
-            with suppress(NotMeasured):
-                other = replace(on, series=on.series._replace(method=method))
-                lines.append(text.format_map(self._readings(other)))
-        return lines
+    def _readings(self, on: SceneScores) -> tuple[bool, str]:
+        """Whether the claim holds on a scene, and its text there."""
+        on.require(self._cells)
+        readings = {name: read(on) for name, read in self.numbers.items()}
+        text = self.text.format_map({name: one.text for name, one in readings.items()})
+        return all(one.holds for one in readings.values()), text
 
-    def _paper(self) -> str:
-        if "{" not in self.paper:
-            return self.paper
-        scores = paper_scores()
-        lines = []
-        for scene in self._of_claim(scores.scenes(self.series)):
-            with suppress(NotMeasured):
-                readings = self._readings(SceneScores(scores, self.series, scene))
-                lines.append(f"{scene}: {self.paper.format_map(readings)}")
-        return "\n".join(lines + self._mean(scores, self.series, "mean")) or "not reported"
-
-    def _mean(self, scores: Scores, series: Series, label: str) -> list[str]:
+    def _mean(self, scores: Scores, series: Series) -> list[str]:
         """A line with the mean of the named number over the scenes that have it, if several do."""
         number = self.numbers.get(self.mean)
         if not isinstance(number, Number):
@@ -175,9 +172,8 @@ class SceneClaim(Claim):
         found = [on for on in every if all(on.cell(c).complete for c in number.statistic.cells)]
         if len(found) < 2:
             return []
-        unit = found[0].metric.unit
-        mean = estimated(number.statistic, *found)
-        return [f"{label.format(len(found))}: {mean.text(unit=unit)}"]
+        mean = estimated(number.statistic, *found).text(unit=found[0].metric.unit)
+        return [f"mean of {len(found)} scenes: {mean}"]
 
     def _scope(self, scores: Scores, series: Series, judged: Sequence[str]) -> str:
         """Say what the verdict rests on, where that is less than the paper's."""
@@ -186,7 +182,10 @@ class SceneClaim(Claim):
         claimed = self.scenes or paper_scores().scenes(self.series)
         parts = [f"Judged on {join_words(judged)} only"] if set(claimed) - set(judged) else []
         few = min(scores.samples(series, scene) for scene in judged)
-        if self.of_samples and few < MIN_SAMPLES_FOR_INTERVAL:
+        if (
+            any(isinstance(one, Number) for one in self.numbers.values())
+            and few < MIN_SAMPLES_FOR_INTERVAL
+        ):
             parts.append(too_few_text(few))
         return f"{'; '.join(parts)}." if parts else ""
 

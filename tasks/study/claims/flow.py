@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import BestWidth, Number, Reading, SceneScores, Score
+from tasks.study.claims.numbers import Best, Number, Reading, SceneScores, Score
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
@@ -25,12 +25,14 @@ from tasks.study.results.words import cutoff_label
 
 PHOTOMETRIC = Series("flow", "photometric_flow", "rnepe_px")
 CONTRAST = Series("flow", "contrast_maximization", "rnepe_px")
+
 _FAST = 10.0  # factor of the paper's 9 m/s on carpet
 _UP_TO_2 = [(cutoff_hz, speed) for cutoff_hz in CUTOFFS_HZ for speed in SPEEDS]
+_QUOTIENTS = [growth(width) / growth(width, CONTRAST.method) for width in WIDTHS]
 
 
 def _wins_of_finest(on: SceneScores) -> Reading:
-    """In how many lights and speeds 1280 px is best, and where it is not."""
+    """In how many lights and speeds 1280 px is best, and which width is elsewhere."""
     best = {where: on.best_width(*where) for where in _UP_TO_2}
     lost = [
         f"{cutoff_label(cutoff_hz)}, speed {speed:.2g}: {width} px"
@@ -42,18 +44,14 @@ def _wins_of_finest(on: SceneScores) -> Reading:
 
 
 def _against_initial_flow(on: SceneScores) -> Reading:
-    """How the best score at night compares with not using the events."""
+    """How the best score at night compares with the flow that the method starts from."""
     width = on.best_width(NIGHT, 1.0)
     nothing = on.scores.baseline(on.series, Condition(on.scene, width, NIGHT, 1.0)).median
     if nothing is None:
         return Reading("")
-    best = on.median(SceneCell(width, NIGHT))
-    better = "better" if best < nothing else "no better"
-    text = on.metric.text
-    return Reading(f"; best {text(best)} px, {better} than the initial flow's {text(nothing)} px")
+    better = "better" if on.median(SceneCell(width, NIGHT)) < nothing else "no better"
+    return Reading(f", {better} than the initial flow's {on.metric.text(nothing)} px")
 
-
-_GROWTHS = "{contrast.value} against {photometric.value} at 1280 px; smallest quotient {quotient}"
 
 FLOW_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
@@ -62,14 +60,12 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         statement="With no cutoff, 640 px has the smallest error at each of the three speeds.",
         series=PHOTOMETRIC,
         numbers={
+            "slow": Best(IDEAL, SPEEDS[0]),
+            "middle": Best(IDEAL, SPEEDS[1]),
+            "fast": Best(IDEAL, SPEEDS[2]),
             "lead": Number(smallest(*(lead([640], IDEAL, speed) for speed in SPEEDS)), above=0),
-            **{f"width_{i}": BestWidth(IDEAL, speed) for i, speed in enumerate(SPEEDS)},
-            **{f"error_{i}": Score(IDEAL, speed) for i, speed in enumerate(SPEEDS)},
         },
-        ours="best {error_0} px at {width_0} px, {error_1} px at {width_1} px, {error_2} px at "
-        "{width_2} px; 640 px over the rest by at least {lead}",
-        paper="{error_0} px at {width_0} px, {error_1} px at {width_1} px, {error_2} px at "
-        "{width_2} px; by at least {lead}",
+        text="best {slow}, {middle}, {fast}; 640 px over the rest by at least {lead}",
         note="The caption of the paper's appendix table says that ideal light prefers high "
         "resolution, but the table's best is 640 px in 9 of 9 places, so that is what is checked.",
     ),
@@ -80,17 +76,13 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         series=PHOTOMETRIC,
         scenes=("carpet",),
         numbers={
-            "ideal": Score(IDEAL, width=1280),
-            "day": Score(DAY, width=1280),
-            "night": Score(NIGHT, width=1280),
+            "ideal": Score(1280, IDEAL),
+            "day": Score(1280, DAY),
+            "night": Score(1280, NIGHT),
             "rise": Number(smallest_fall(*(median(1280, c) for c in CUTOFFS_HZ)), above=0),
         },
-        ours="{ideal} → {day} → {night} px, smallest rise {rise}",
-        paper="{ideal} → {day} → {night} px",
-        beside={
-            "photometric_flow_with_delay": "with a delay as one more unknown: "
-            "{ideal} → {day} → {night} px"
-        },
+        text="{ideal} → {day} → {night}, smallest rise {rise}",
+        beside=("photometric_flow_with_delay",),
         note="At base speed.",
     ),
     SceneClaim(
@@ -101,12 +93,11 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         series=PHOTOMETRIC,
         scenes=("carpet", "rocks", "room"),
         numbers={
-            "best": BestWidth(NIGHT),
-            "coarser": Number(lead(WIDTHS[:-1], NIGHT), above=0, below_on=("room",)),
-            "against_nothing": _against_initial_flow,
+            "best": Best(NIGHT),
+            "initial": _against_initial_flow,
+            "lead": Number(lead(WIDTHS[:-1], NIGHT), above=0, below_on=("room",)),
         },
-        ours="best {best} px, coarser over 1280 px {coarser}{against_nothing}",
-        paper="{coarser}",
+        text="best {best}{initial}; coarser over 1280 px {lead}",
         note="At base speed. Half of the initial flows are within "
         f"{3 * math.sqrt(2 * math.log(2)):.2f} px, about what the paper prints for carpet at "
         "night, so its order there need not mean anything. The paper says that lower resolution "
@@ -123,8 +114,7 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
             "wins": _wins_of_finest,
             "lead": Number(smallest(*(lead([1280], *where) for where in _UP_TO_2)), above=0),
         },
-        ours="best in {wins}, smallest lead {lead}",
-        paper="best in {wins}, smallest lead {lead}",
+        text="best in {wins}, smallest lead {lead}",
     ),
     SceneClaim(
         number=16,
@@ -134,12 +124,11 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         series=CONTRAST,
         scenes=("carpet",),
         numbers={
-            "coarse": Score(NIGHT, _FAST, width=640),
-            "fine": Score(NIGHT, _FAST, width=1280),
+            "coarse": Score(640, NIGHT, _FAST),
+            "fine": Score(1280, NIGHT, _FAST),
             "margin": Number(margin(640, 1280, NIGHT, _FAST), above=0),
         },
-        ours="{coarse} px at 640, {fine} px at 1280 px, {margin}",
-        paper="{margin}",
+        text="{coarse} at 640, {fine} at 1280 px, {margin}",
         note="The paper's text says 0.2 px; both of its tables have 0.12 px, so they are what we "
         "compare with.",
     ),
@@ -151,17 +140,11 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         series=PHOTOMETRIC,
         scenes=("carpet",),
         numbers={
-            "photometric": Number(growth(1280), unit="×", sign=""),
-            "contrast": Number(growth(1280, CONTRAST.method), unit="×", sign=""),
-            "quotient": Number(
-                smallest(*(growth(width) / growth(width, CONTRAST.method) for width in WIDTHS)),
-                above=1,
-                unit="",
-                sign="",
-            ),
+            "contrast": Number(growth(1280, CONTRAST.method), unit="", sign=""),
+            "photometric": Number(growth(1280), unit="", sign=""),
+            "quotient": Number(smallest(*_QUOTIENTS), above=1, unit="", sign=""),
         },
-        ours=_GROWTHS,
-        paper=_GROWTHS,
+        text="{contrast} against {photometric} at 1280 px, smallest quotient {quotient}",
         note="At base speed; the quotient is photometric flow's ratio over contrast "
         "maximization's. The paper says the same of E-RAFT, which is not run here.",
     ),

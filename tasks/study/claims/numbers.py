@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from tasks.study.results.metrics import METRICS, Metric, Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Cell, Condition, Scores
-from tasks.study.results.words import cutoff_label, number_text
+from tasks.study.results.words import cutoff_label
 
 
 class NotMeasured(Exception):
@@ -89,45 +90,26 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
     NotMeasured
         The statistic divides by a number that is 0.
     """
-    sign = 1.0 if statistic.of_rates else scenes[0].metric.sign
+    rates = statistic.of_rates
     cells = {(on.scene, at): on.cell(at) for on in scenes for at in statistic.cells}
-    if statistic.positive:
-        for cell in cells.values():
-            if statistic.of_rates and not np.all(cell.event_rates_hz > 0):
-                raise NotMeasured("not measured, a sample has no events")
-            if not statistic.of_rates and not np.all(cell.values > 0):
-                raise NotMeasured("not measured, an error is 0")
+    values = [cell.event_rates_hz if rates else cell.values for cell in cells.values()]
+    if statistic.positive and not np.all(np.concatenate(values) > 0):
+        zero = "a sample has no events" if rates else "an error is 0"
+        raise NotMeasured(f"not measured, {zero}")
+    sign = 1.0 if rates else scenes[0].metric.sign
 
     def of_all(medians: Mapping[tuple[str, SceneCell], np.ndarray]) -> np.ndarray:
         each = [{at: sign * medians[on.scene, at] for at in statistic.cells} for on in scenes]
         return np.mean([statistic.of(of_one) for of_one in each], axis=0)
 
-    return estimate(cells, of_all, of_rates=statistic.of_rates)
+    return estimate(cells, of_all, of_rates=rates)
 
 
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A number as a claim's text prints it.
-
-    Attributes
-    ----------
-    text
-        The number in full; a template prints it for ``{name}``.
-    value
-        The number without its interval, for ``{name.value}``.
-    doubt
-        Words where the samples do not settle it, for ``{name.doubt}``.
-    holds
-        Whether it is as the claim says.
-    """
+class Reading(NamedTuple):
+    """A number as the text of a claim prints it."""
 
     text: str
-    value: str = ""
-    doubt: str = ""
-    holds: bool = True
-
-    def __str__(self) -> str:
-        return self.text
+    holds: bool = True  # whether it is as the claim says
 
 
 Quantity = Callable[[SceneScores], Reading]
@@ -159,37 +141,35 @@ class Number:
     def __call__(self, on: SceneScores) -> Reading:
         found = estimated(self.statistic, on)
         unit = on.metric.unit if self.unit is None else self.unit
-        unit = f" {unit}" if unit not in ("", "×") else unit
-        full = found.text(self.decimals, self.sign) + unit
-        value = number_text(found.value, self.decimals, self.sign) + unit
+        text = found.text(self.decimals, self.sign, unit)
         bound = self.below if self.above is None else self.above
         if bound is None:
-            return Reading(full, value)
+            return Reading(text)
         below = self.above is None or on.scene in self.below_on
         doubt = ", not settled by these samples" if found.includes(bound) else ""
-        holds = found.value < bound if below else found.value > bound
-        return Reading(full + doubt, value, doubt, holds)
-
-
-@dataclass(frozen=True, slots=True)
-class BestWidth:
-    """The width with the best median, px."""
-
-    cutoff_hz: float
-    speed: float = 1.0
-
-    def __call__(self, on: SceneScores) -> Reading:
-        return Reading(str(on.best_width(self.cutoff_hz, self.speed)))
+        return Reading(text + doubt, found.value < bound if below else found.value > bound)
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The median of one width, or of the best one, without its unit."""
+    """The median of one width."""
+
+    width: int
+    cutoff_hz: float
+    speed: float = 1.0
+
+    def __call__(self, on: SceneScores) -> Reading:
+        score = on.median(SceneCell(self.width, self.cutoff_hz, self.speed))
+        return Reading(f"{on.metric.text(score)} {on.metric.unit}")
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """The best median, and the width that has it."""
 
     cutoff_hz: float
     speed: float = 1.0
-    width: int | None = None
 
     def __call__(self, on: SceneScores) -> Reading:
-        width = self.width or on.best_width(self.cutoff_hz, self.speed)
-        return Reading(on.metric.text(on.median(SceneCell(width, self.cutoff_hz, self.speed))))
+        width = on.best_width(self.cutoff_hz, self.speed)
+        return Reading(f"{Score(width, self.cutoff_hz, self.speed)(on).text} at {width} px")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import BestWidth, Number
+from tasks.study.claims.numbers import Best, Number
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
@@ -11,7 +13,6 @@ from tasks.study.claims.statistics import (
     event_rate,
     largest,
     lead,
-    loss,
     margin,
     median,
     slope,
@@ -24,11 +25,10 @@ from tasks.study.results.paper import IDEAL_MARGIN_IN_CAPTION_DB, SPEEDS, WIDTHS
 EVENT_INTEGRATION = Series("reconstruction", "event_integration", "psnr_db")
 HIGH_PASS = Series("video", "high_pass_filter", "psnr_db")
 
+_times = partial(Number, unit="times", decimals=1, sign="")
 _DAY_MARGINS = [margin(1280, 640, DAY, speed) for speed in SPEEDS]
-_HIGH_PASS_TEXT = (
-    "ideal best {ideal_best} px, 1280 px over the rest {ideal}; "
-    "night best {night_best} px, 240 px over the rest {night}"
-)
+_LOSSES = [median(width, IDEAL) - median(width, NIGHT) for width in WIDTHS]
+_SPREADS = [spread(*(median(width, IDEAL, speed) for speed in SPEEDS)) for width in WIDTHS]
 
 RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
@@ -37,12 +37,11 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         statement="With no cutoff, 1280 px reconstructs best, well above 640 px.",
         series=EVENT_INTEGRATION,
         numbers={
-            "best": BestWidth(IDEAL),
+            "best": Best(IDEAL),
             "lead": Number(lead([1280], IDEAL), above=0),
             "margin": Number(margin(1280, 640, IDEAL), above=0),
         },
-        ours="best {best} px, 1280 over 640 px {margin}",
-        paper="{margin}",
+        text="best {best}, 1280 over 640 px {margin}",
         mean="margin",
         note=f"The caption of the paper's appendix table says about {IDEAL_MARGIN_IN_CAPTION_DB:g} "
         "dB, but the table has 2.5 to 3.7 dB and the text agrees with the table, so the table is "
@@ -54,14 +53,13 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         statement="At 200 Hz, 1280 px is still best, with a smaller margin over 640 px than ideal.",
         series=EVENT_INTEGRATION,
         numbers={
-            "best": BestWidth(DAY),
+            "best": Best(DAY),
             "lead": Number(lead([1280], DAY), above=0),
             "day": Number(margin(1280, 640, DAY), above=0),
             "ideal": Number(margin(1280, 640, IDEAL)),
             "fall": Number(margin(1280, 640, IDEAL) - margin(1280, 640, DAY), above=0),
         },
-        ours="best {best} px, 1280 over 640 px {day}, ideal {ideal.value}",
-        paper="{day}",
+        text="best {best}, 1280 over 640 px {day}, in ideal light {ideal}",
         mean="day",
     ),
     SceneClaim(
@@ -70,16 +68,8 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         statement="With no cutoff, each resolution's score moves by at most 0.02 dB over the three "
         "speeds.",
         series=EVENT_INTEGRATION,
-        numbers={
-            "spread": Number(
-                largest(*(spread(*(median(w, IDEAL, s) for s in SPEEDS)) for w in WIDTHS)),
-                below=0.02,
-                decimals=3,
-                sign="",
-            )
-        },
-        ours="{spread}",
-        paper="{spread}",
+        numbers={"spread": Number(largest(*_SPREADS), below=0.02, decimals=3, sign="")},
+        text="{spread}",
         note="The number is the largest spread of any resolution.",
     ),
     SceneClaim(
@@ -89,13 +79,12 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         "finest.",
         series=EVENT_INTEGRATION,
         numbers={
-            "best": BestWidth(NIGHT),
+            "best": Best(NIGHT),
             "lead": Number(lead([240, 346, 640], NIGHT), above=0),
         },
-        ours="best {best} px, inner over ends {lead}",
-        paper="{best} px, {lead}",
-        note="The margin is that of the best inner width over the better of 128 and 1280 px, at "
-        "base speed.",
+        text="best {best}, inner widths over 128 and 1280 px {lead}",
+        note="At base speed. The number is that of the best inner width over the better of 128 and "
+        "1280 px.",
     ),
     SceneClaim(
         number=7,
@@ -103,36 +92,25 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         statement="The loss from no cutoff to 50 Hz grows with resolution.",
         series=EVENT_INTEGRATION,
         numbers={
-            "slope": Number(
-                slope([loss(width, IDEAL, NIGHT) for width in WIDTHS]),
-                above=0,
-                unit="dB per doubling",
-            ),
-            "coarse": Number(loss(128, IDEAL, NIGHT), decimals=1, sign=""),
-            "fine": Number(loss(1280, IDEAL, NIGHT), decimals=1, sign="", unit=""),
+            "slope": Number(slope(_LOSSES), above=0, unit="dB per doubling"),
+            "coarse": Number(_LOSSES[0], decimals=1, sign=""),
+            "fine": Number(_LOSSES[-1], decimals=1, sign=""),
         },
-        ours="{slope}, {coarse.value} lost at 128, {fine.value} at 1280 px",
-        paper="{slope}, {coarse.value} lost at 128, {fine.value} at 1280 px",
+        text="{slope}; {coarse} lost at 128 px, {fine} at 1280 px",
         note="The slope is a least-squares line of the loss over log2 of the width.",
     ),
     SceneClaim(
         number=8,
         title="The event rate outgrows the pixel count",
-        statement="1280 px has 4× the pixels of 640 px and fires more than 4× the events, so each "
-        "pixel fires more.",
+        statement="1280 px has 4 times the pixels of 640 px and fires more than 4 times the "
+        "events, so each pixel fires more.",
         series=EVENT_INTEGRATION,
         numbers={
-            name: Number(
-                event_rate(1280, cutoff_hz) / event_rate(640, cutoff_hz),
-                above=4,
-                unit="×",
-                decimals=1,
-                sign="",
-            )
-            for name, cutoff_hz in (("ideal", IDEAL), ("day", DAY))
+            "ideal": _times(event_rate(1280, IDEAL) / event_rate(640, IDEAL), above=4),
+            "day": _times(event_rate(1280, DAY) / event_rate(640, DAY), above=4),
         },
-        ours="ideal {ideal}, day {day}",
-        paper="ideal about 8×, day about 6×",
+        text="ideal {ideal}, day {day}",
+        paper="ideal about 8 times, day about 6 times",
         note="Ratio of the median event rates of the whole sensor, at base speed.",
     ),
     SceneClaim(
@@ -146,8 +124,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
             "fast": Number(_DAY_MARGINS[2]),
             "fall": Number(smallest_fall(*_DAY_MARGINS), above=0),
         },
-        ours="{slow} → {middle} → {fast}{fall.doubt}",
-        paper="{slow} → {middle} → {fast}",
+        text="{slow} → {middle} → {fast}, smallest fall {fall}",
         note="Speeds 1, 1.3 and 2.",
     ),
     SceneClaim(
@@ -158,14 +135,14 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         series=HIGH_PASS,
         scenes=("carpet",),
         numbers={
-            "ideal_best": BestWidth(IDEAL),
-            "ideal": Number(lead([1280], IDEAL), above=0),
-            "night_best": BestWidth(NIGHT),
-            "night": Number(lead([240], NIGHT), above=0),
+            "ideal": Best(IDEAL),
+            "ideal_lead": Number(lead([1280], IDEAL), above=0),
+            "night": Best(NIGHT),
+            "night_lead": Number(lead([240], NIGHT), above=0),
         },
-        ours=_HIGH_PASS_TEXT,
-        paper="ideal {ideal_best} px, {ideal}; night {night_best} px, {night}",
-        beside={"high_pass_filter_no_event_decay": f"without event decay: {_HIGH_PASS_TEXT}"},
+        text="ideal best {ideal}, 1280 px over the rest {ideal_lead}; night best {night}, 240 px "
+        "over the rest {night_lead}",
+        beside=("high_pass_filter_no_event_decay",),
         note="The paper says the same of E2VID, which is not run here. The samples follow one "
         "another in one video, so they are not independent and the intervals are too narrow.",
     ),

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores, estimated
 from tasks.study.claims.reconstruction import EVENT_INTEGRATION
 from tasks.study.claims.statistics import IDEAL, log2, pixel_rate, slope, smallest_fall
+from tasks.study.results.intervals import Estimate
 from tasks.study.results.paper import WIDTHS
-from tasks.study.results.scaling import FIT_PX, Scaling
-from tasks.study.results.words import cutoff_label, number_text
+from tasks.study.results.scaling import FIT_PX, Scaling, Slopes
+from tasks.study.results.words import cutoff_label
 
 _PIXEL_RATES = [pixel_rate(width, IDEAL) for width in WIDTHS]
 
@@ -23,16 +22,10 @@ def _scaling(on: SceneScores) -> Scaling:
     return on.scaling
 
 
-@dataclass(frozen=True, slots=True)
-class _Exponent:
-    """The exponent γ of |L_t| ~ 1/p^γ, positive with its whole interval."""
-
-    pixels: Literal["everywhere", "edges"]
-
-    def __call__(self, on: SceneScores) -> Reading:
-        law = getattr(_scaling(on), self.pixels).law
-        exponent, low, high = (number_text(one, 2) for one in (law.exponent, law.low, law.high))
-        return Reading(f"{exponent} [{low}, {high}]", holds=law.low > 0)
+def _exponent(slopes: Slopes) -> Reading:
+    """The exponent γ of |L_t| ~ 1/p^γ; all of its interval is positive."""
+    law = slopes.law
+    return Reading(Estimate(law.exponent, law.low, law.high).text(sign=""), law.low > 0)
 
 
 def _pixel_rates(on: SceneScores) -> Reading:
@@ -71,13 +64,13 @@ SCALING_CLAIMS: tuple[Claim, ...] = (
         "|L_t| ~ 1/p^γ with γ > 0.",
         series=EVENT_INTEGRATION,
         numbers={
-            "everywhere": _Exponent("everywhere"),
-            "edges": _Exponent("edges"),
+            "everywhere": lambda on: _exponent(_scaling(on).everywhere),
+            "edges": lambda on: _exponent(_scaling(on).edges),
             "exponent": Number(slope([log2(rate) for rate in _PIXEL_RATES]), unit="", sign=""),
             "rise": Number(smallest_fall(*reversed(_PIXEL_RATES)), above=0),
             "rates": _pixel_rates,
         },
-        ours="{rates} events/s a pixel, γ = {exponent}; |L_t|: γ = {everywhere} everywhere, "
+        text="{rates} events/s a pixel, γ = {exponent}; |L_t|: γ = {everywhere} everywhere, "
         "{edges} at edges",
         paper="a power law for small p, no exponent printed",
         note=f"|L_t| between the last two frames of one clip, for p up to {FIT_PX:g} px of the "
@@ -93,11 +86,10 @@ SCALING_CLAIMS: tuple[Claim, ...] = (
         "higher speed.",
         series=EVENT_INTEGRATION,
         numbers={"modes": _modes},
-        ours="\n{modes}",
+        text="at 128 → 240 → 346 → 640 → 1280 px\n{modes}",
         paper="the mode shifts to shorter times, no number printed",
         note="The mode is the fullest of 10 bins a decade, so steps below 26 % do not show; where "
         "two humps are about as high it jumps from one to the other. One clip a scene, so without "
         "an interval.",
-        of_samples=False,
     ),
 )

@@ -97,11 +97,6 @@ def lead(widths: Sequence[int], cutoff_hz: float, speed: float = 1.0) -> Statist
     return largest(*(at[width] for width in widths)) - largest(*others)
 
 
-def loss(width: int, cutoff_hz: float, lower_cutoff_hz: float) -> Statistic:
-    """Return how much worse a width is at a lower cutoff."""
-    return median(width, cutoff_hz) - median(width, lower_cutoff_hz)
-
-
 def growth(width: int, method: str = "") -> Statistic:
     """Return the error at night over that in ideal light."""
     return median(width, NIGHT, method=method) / median(width, IDEAL, method=method)
