@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published

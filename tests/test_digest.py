@@ -16,7 +16,7 @@ from eres_render.storage.checksums import sha256
 from eres_render.storage.digest import digest
 from light_scenes import edit_scene
 from tasks.study.config import preset
-from tasks.study.run.jobs import parts
+from tasks.study.run.jobs import jobs_of
 
 
 class Shade(enum.Enum):
@@ -93,7 +93,7 @@ def test_anything_else_is_refused(value):
 
 def test_every_value_of_a_part_is_in_its_key():
     """Promise: each field of light, sensors and tasks, but how many samples there are."""
-    for job in (parts(preset("paper"), load_scene("carpet"))[k] for k in (0, 20, 40)):
+    for job in (jobs_of(preset("paper"), load_scene("carpet"))[k] for k in (0, 20, 40)):
         keys = {job.key}
         for section in ("clip", "render", "simulate"):
             for changed, place in changes(getattr(job, section)):

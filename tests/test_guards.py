@@ -28,7 +28,7 @@ from tasks.row import Row
 from tasks.study.config import preset
 from tasks.study.report import write_report
 from tasks.study.run import run_study
-from tasks.study.run.jobs import parts
+from tasks.study.run.jobs import jobs_of
 from test_sensor_exactness import texture_in_motion
 
 FILE = Path(__file__).parent / "data" / "guards.json"
@@ -66,7 +66,7 @@ def digest(*chunks: bytes) -> str:
 
 def part_keys() -> list[str]:
     study = preset("paper")
-    return sorted(part.key for name in study.scenes for part in parts(study, load_scene(name)))
+    return sorted(job.key for name in study.scenes for job in jobs_of(study, load_scene(name)))
 
 
 def scene_digests() -> dict[str, list[str]]:

@@ -17,7 +17,7 @@ from tasks.row import Row, write_rows
 from tasks.study.report import write_report
 from tasks.study.report.page import MAX_BYTES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.run.highlights import PREVIEW_S
+from tasks.study.run.previews import PREVIEW_S
 
 
 def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:

@@ -65,7 +65,7 @@ scene = mi.load_dict({
     "sky": {"type": "constant"},
 })
 mean = float(__import__("numpy").asarray(mi.render(scene)).mean())
-assert 0.4 < mean < 0.6, f"a grey floor under a white sky came out as {mean}, expected 0.5"
+assert 0.4 < mean < 0.6, f"a gray floor under a white sky came out as {mean}, expected 0.5"
 """
 _PROBE_LIMIT_S = 180.0
 

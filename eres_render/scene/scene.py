@@ -87,9 +87,13 @@ class Scene:
             return None
         return Plane(settings.normal, float(np.dot(settings.normal, settings.point_m)))
 
-    def camera(self, width: int) -> Camera:
-        """Return the scene's square camera at a resolution."""
-        return Camera(width, width, math.radians(self.settings.camera.fov_deg))
+    def camera(self, width: int, height: int | None = None) -> Camera:
+        """Return the scene's camera at a resolution; square by default.
+
+        The horizontal field of view is the same at every width and height.
+        """
+        fov_rad = math.radians(self.settings.camera.fov_deg)
+        return Camera(width, width if height is None else height, fov_rad)
 
     def texture_files(self) -> dict[str, str]:
         """Return the texture files by parameter of scene.xml; make those that are not cached."""
@@ -116,10 +120,15 @@ class Scene:
         path = self.settings.path
         return 0.0 if path is None else path.min_clearance_m
 
-    def trajectory(self) -> Trajectory:
+    def trajectory(self, camera: Camera | None = None) -> Trajectory:
         """Return the camera path; in a planar scene, the view stays on the square at all times.
 
         `Renderer.trajectory` checks the distance from the surfaces of the scene.
+
+        Parameters
+        ----------
+        camera
+            Whose view to check as well as that of the scene's square camera.
 
         Raises
         ------
@@ -128,6 +137,8 @@ class Scene:
         SceneError
             If the scene has no path, or a view leaves the square.
         """
+        if camera is not None:
+            self._check_view(self._trajectory, camera)
         return self._trajectory
 
     @cached_property
@@ -137,16 +148,20 @@ class Scene:
             raise TrajectoryError(
                 f"{self.path_name}: found a path of length 0, expected a camera that moves"
             )
-        square, plane = self.settings.plane, self.plane
-        if square is not None and plane is not None:
-            reach_m = _reach_m(trajectory, self.camera(2), plane, square.point_m)
-            if reach_m > square.half_width_m:
-                raise SceneError(
-                    f"{self.path_name}: the view reaches {reach_m:.3f} m from "
-                    f"plane.point_m along a side, expected at most plane.half_width_m = "
-                    f"{square.half_width_m} m; bring the path nearer to the plane, or turn less"
-                )
+        self._check_view(trajectory, self.camera(2))
         return trajectory
+
+    def _check_view(self, trajectory: Trajectory, camera: Camera) -> None:
+        square, plane = self.settings.plane, self.plane
+        if square is None or plane is None:
+            return
+        reach_m = _reach_m(trajectory, camera, plane, square.point_m)
+        if reach_m > square.half_width_m:
+            raise SceneError(
+                f"{self.path_name}: the view reaches {reach_m:.3f} m from "
+                f"plane.point_m along a side, expected at most plane.half_width_m = "
+                f"{square.half_width_m} m; bring the path nearer to the plane, or turn less"
+            )
 
     def _unchecked_trajectory(self) -> Trajectory:
         path, square, plane = self.settings.path, self.settings.plane, self.plane

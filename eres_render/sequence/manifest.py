@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eres_render.camera import Camera
 from eres_render.errors import SequenceError
 from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json, read_typed
@@ -24,6 +25,8 @@ class Manifest:
     `scene_source` is what `load_scene` finds the scene by: the name of a packaged one, else a path.
     `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
     when time 0 was on the clock of the poses that were given, and not written where it is 0.
+    `intrinsics` are fx, fy, cx and cy in pixels, and not written where pixels are square and the
+    principal point is the center of the image.
     """
 
     version: int
@@ -46,6 +49,7 @@ class Manifest:
     variant: str
     mitsuba: str
     t_offset_us: int = 0
+    intrinsics: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)
@@ -62,6 +66,15 @@ class Manifest:
                 f"window_s: found {self.window_s}, expected a stretch within the frames' times "
                 f"{self.t_s[0]} to {self.t_s[-1]} s"
             )
+        _ = self.camera  # refuses what cannot be
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took the frames."""
+        if self.intrinsics is None:
+            return Camera(self.width, self.height, self.fov_rad)
+        fx, fy, cx, cy = self.intrinsics
+        return Camera(self.width, self.height, self.fov_rad, fx=fx, fy=fy, cx=cx, cy=cy)
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -86,6 +99,7 @@ def read_manifest(folder: Path) -> Manifest:
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write the manifest into a sequence folder."""
     table = dataclasses.asdict(manifest)
-    if not manifest.t_offset_us:
-        del table["t_offset_us"]
+    for name in ("t_offset_us", "intrinsics"):
+        if not table[name]:
+            del table[name]
     write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import platform
 import shutil
 import sys
@@ -11,6 +10,7 @@ import sys
 from rich.console import Console
 from rich.markup import escape
 
+from eres_render.cores import cores
 from eres_render.rendering.backend import probe_variants
 from eres_render.scene.load import scene_root
 from eres_render.storage.cache import cache_dir
@@ -33,7 +33,7 @@ def diagnose(console: Console) -> int:
     console.print(f"renders use: {best or 'nothing works'}\n")
 
     facts = Table(box=None, show_header=False)
-    facts.add_row("cores", str(len(os.sched_getaffinity(0))))
+    facts.add_row("cores", str(cores()))
     facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
     for name, found in versions().items():
         facts.add_row(name, found)

@@ -56,10 +56,10 @@ def sensors() -> None:
 
 def methods() -> None:
     """List the methods of each task."""
-    from tasks.methods import METHODS
+    from tasks.registry import TASKS
 
     table = Table("task", "method", "where", box=None)
-    for task, listed in METHODS.items():
-        for name, where in listed.items():
+    for task, spec in TASKS.items():
+        for name, where in spec.methods.items():
             table.add_row(task, name, where)
     terminal.out.print(table, crop=False)

@@ -1,4 +1,4 @@
-"""What a run's parts took: measured stage by stage and method by method, a JSON file a part."""
+"""What a run's jobs took: measured stage by stage and method by method, a JSON file a job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tasks.errors import ResultError
 
 
 @dataclass(frozen=True, slots=True)
-class MethodCost:
+class MethodTimings:
     """What one method took on the sensors of one width.
 
     Parameters
@@ -42,13 +42,13 @@ class MethodCost:
 
 
 @dataclass(frozen=True, slots=True)
-class PartCosts:
-    """What one part took. Times are of the clock on the wall, with all cores at work.
+class JobTimings:
+    """What one job took. Times are of the clock on the wall, with all cores at work.
 
     Parameters
     ----------
     scene, sample
-        Which part: a scene may have several of one sample, for different tasks.
+        Which job: a scene may have several of one sample, for different tasks.
     cores
         At work.
     frames, resolution, spp
@@ -84,7 +84,7 @@ class PartCosts:
     simulating_s: float
     collecting_s: float
     scoring_s: float
-    methods: tuple[MethodCost, ...]
+    methods: tuple[MethodTimings, ...]
     rendered_frames: int = 0
     rendering_s: float = 0.0
 
@@ -106,13 +106,13 @@ class FrameTimer:
         self._on_progress(stage, done, of)
 
 
-def costs_file(costs: PartCosts) -> bytes:
-    """Content of the file of a part."""
+def timings_file(costs: JobTimings) -> bytes:
+    """Content of the file of a job."""
     return json.dumps(asdict(costs), indent=1).encode()
 
 
-def read_costs(folder: Path) -> list[PartCosts]:
-    """Read the costs of all parts in a folder, by scene, sample and number of methods.
+def read_timings(folder: Path) -> list[JobTimings]:
+    """Read the timings of all jobs in a folder, by scene, sample and number of methods.
 
     None if it does not exist.
 
@@ -121,5 +121,5 @@ def read_costs(folder: Path) -> list[PartCosts]:
     ResultError
         A file is not JSON, or its fields are others.
     """
-    found = [read_json(PartCosts, file, ResultError) for file in sorted(folder.glob("*.json"))]
+    found = [read_json(JobTimings, file, ResultError) for file in sorted(folder.glob("*.json"))]
     return sorted(found, key=lambda one: (one.scene, one.sample, len(one.methods)))

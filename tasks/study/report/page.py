@@ -13,8 +13,8 @@ from typing import Any
 from eres_render.storage.atomic import write_bytes
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
-from tasks.evaluation.registry import TASKS
-from tasks.evaluation.timings import read_costs
+from tasks.evaluation.timings import read_timings
+from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all as judge_claims
 from tasks.study.claims.verdict import Status, Verdict, threshold_note
@@ -131,7 +131,7 @@ def _page(
         threshold_link=' <a href="#threshold">Threshold</a>' if found[1:] else "",
         threshold=_threshold(found, list(filter(is_main, series))) if found[1:] else "",
         previews=previews_html(previews, entries),
-        costs=costs_html(read_costs(run_dir / "costs")),
+        costs=costs_html(read_timings(run_dir / "costs")),
         provenance=_provenance(environment, config),
         reproduce=_reproduce(environment),
         plot_data=json.dumps(

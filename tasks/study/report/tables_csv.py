@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Iterable
 
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS
 from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, native_px
 
 _CSV_COLUMNS = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypedDict
 
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import METRICS, Series, method_label
 from tasks.study.results.scores import Condition, Scores

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS
 from tasks.study.results.metrics import METRICS, Series, method_label
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS
 from tasks.study.results.words import number_text
 
 
