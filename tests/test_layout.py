@@ -39,7 +39,7 @@ def test_the_page_shows_the_folders_that_there_are():
         "photometric_tracking",
         "scorers",
         "sections",
-    }  # a level below the page
+    }  # a level lower
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
