@@ -18,7 +18,8 @@ if TYPE_CHECKING:
         TrajectoryError,
     )
     from eres_render.rendering.renderer import Renderer
-    from eres_render.scene.scene import Scene, list_scenes, load_scene
+    from eres_render.scene.load import list_scenes, load_scene
+    from eres_render.scene.scene import Scene
     from eres_render.sequence.clips import Clip, clips, continuous_stretch
     from eres_render.sequence.ground_truth import Flow, GroundTruth, ground_truth
     from eres_render.sequence.ground_truth_files import window_times, write_truth
@@ -49,8 +50,8 @@ _HOMES = {
     "clips": "eres_render.sequence.clips",
     "continuous_stretch": "eres_render.sequence.clips",
     "ground_truth": "eres_render.sequence.ground_truth",
-    "list_scenes": "eres_render.scene.scene",
-    "load_scene": "eres_render.scene.scene",
+    "list_scenes": "eres_render.scene.load",
+    "load_scene": "eres_render.scene.load",
     "measure_noise": "eres_render.sequence.monte_carlo_noise",
     "open_sequence": "eres_render.sequence.sequence",
     "path_through": "eres_render.trajectory.spline",

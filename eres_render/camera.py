@@ -1,6 +1,6 @@
 """The pinhole camera and the homography that a plane induces between two of its views.
 
-Camera axes as in OpenCV: x right, y down, z forward. Pixel centres lie at integers + 0.5, so (0, 0)
+Camera axes as in OpenCV: x right, y down, z forward. Pixel centers lie at integers + 0.5, so (0, 0)
 is the top-left corner of the image and (width, height) its bottom-right corner.
 """
 
@@ -17,51 +17,104 @@ from eres_render.errors import RenderError
 Float64 = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, init=False)
 class Camera:
-    """A pinhole with square pixels and its principal point in the middle of the image.
+    """A pinhole camera: the size of its image, its focal lengths and its principal point.
+
+    By default pixels are square and the principal point is the center of the image.
 
     Parameters
     ----------
     width, height
-        Image size in pixels.
+        Size of the image in pixels.
     fov_rad
-        Horizontal field of view, between the outer edges of the image.
+        Horizontal field of view of an image of this width that is centered on the principal point,
+        `2 atan(width / (2 fx))`. Give it or `fx`.
+    fx, fy
+        Focal lengths in pixels.
+    cx, cy
+        Principal point in pixels.
+
+    Raises
+    ------
+    RenderError
+        If the image has no pixels, a value is out of range, or `fov_rad` and `fx` contradict each
+        other.
     """
 
     width: int
     height: int
     fov_rad: float
+    fx: float
+    fy: float
+    cx: float
+    cy: float
 
-    def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
-            raise RenderError(f"Camera: the image must have pixels, got {self.width}x{self.height}")
-        if not 0 < self.fov_rad < math.pi:
-            raise RenderError(f"Camera.fov_rad must lie in (0, pi), got {self.fov_rad}")
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        fov_rad: float | None = None,
+        *,
+        fx: float | None = None,
+        fy: float | None = None,
+        cx: float | None = None,
+        cy: float | None = None,
+    ) -> None:
+        if width < 1 or height < 1:
+            raise RenderError(f"Camera: the image must have pixels, got {width}x{height}")
+        for name, given in (("fx", fx), ("fy", fy)):
+            if given is not None and not 0 < given < math.inf:
+                raise RenderError(f"Camera.{name} must be a positive number of pixels, got {given}")
+        for name, given in (("cx", cx), ("cy", cy)):
+            if given is not None and not math.isfinite(given):
+                raise RenderError(f"Camera.{name} must be finite, got {given}")
+        if fov_rad is None:
+            if fx is None:
+                raise RenderError("Camera: found neither fov_rad nor fx, expected one of them")
+            fov_rad = 2 * math.atan2(0.5 * width, fx)
+        if not 0 < fov_rad < math.pi:
+            raise RenderError(f"Camera.fov_rad must lie in (0, pi), got {fov_rad}")
+        fx_of_fov = 0.5 * width / math.tan(0.5 * fov_rad)
+        if fx is None:
+            fx = fx_of_fov
+        elif not math.isclose(fx, fx_of_fov, rel_tol=1e-6):
+            raise RenderError(
+                f"Camera: fov_rad = {fov_rad} means fx = {fx_of_fov}, got fx = {fx}; give one"
+            )
+        values = {
+            "width": width,
+            "height": height,
+            "fov_rad": fov_rad,
+            "fx": fx,
+            "fy": fx if fy is None else fy,
+            "cx": 0.5 * width if cx is None else cx,
+            "cy": 0.5 * height if cy is None else cy,
+        }
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels; 1108.5 for 60 degrees across 1280 pixels."""
-        return 0.5 * self.width / math.tan(0.5 * self.fov_rad)
+        """Mean focal length in pixels; 1108.5 for 60 degrees across 1280 square pixels."""
+        return 0.5 * (self.fx + self.fy)
 
     @property
     def K(self) -> Float64:
         """The (3, 3) matrix from camera coordinates to homogeneous pixels."""
-        f = self.focal_px
-        return np.array([[f, 0.0, 0.5 * self.width], [0.0, f, 0.5 * self.height], [0.0, 0.0, 1.0]])
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def project(self, points_cam: Float64) -> Float64:
         """Project (..., 3) points in camera coordinates, z > 0, to (..., 2) pixels."""
         points_cam = np.asarray(points_cam, dtype=np.float64)
         if not np.all(points_cam[..., 2] > 0):
             raise RenderError("Camera.project: every point must lie in front of the camera, z > 0")
-        centre_px = (0.5 * self.width, 0.5 * self.height)
-        return self.focal_px * points_cam[..., :2] / points_cam[..., 2:] + centre_px
+        return (self.fx, self.fy) * points_cam[..., :2] / points_cam[..., 2:] + (self.cx, self.cy)
 
     def rays(self, points_px: Float64) -> Float64:
         """Return (..., 3) directions, z = 1, in camera coordinates through (..., 2) pixels."""
         points_px = np.asarray(points_px, dtype=np.float64)
-        xy = (points_px - (0.5 * self.width, 0.5 * self.height)) / self.focal_px
+        xy = (points_px - (self.cx, self.cy)) / (self.fx, self.fy)
         return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
     def grid(self, n: int) -> Float64:

@@ -106,11 +106,11 @@ def rnepe_px(estimate: NDArray[np.float64], truth: NDArray[np.float64], width: i
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Features:
-    """Features of one window with their true flow, in pixels of an image of some width.
+    """Features of one window with their true flow, in pixels of an image of some size.
 
     Parameters
     ----------
-    width
+    width, height
         Of the image, px.
     centres_px
         (N, 2) where the features are at the window's start.
@@ -121,6 +121,7 @@ class Features:
     """
 
     width: int
+    height: int
     centres_px: NDArray[np.float64]
     flow_px: NDArray[np.float64]
     draws: NDArray[np.float64]
@@ -129,13 +130,14 @@ class Features:
         return len(self.centres_px)
 
     def at(self, width: int) -> Features:
-        """The same features in an image of another width.
+        """The same features in an image of another width, its height rounded to whole pixels.
 
         The initial flows are off by the same share of the image: sensors are compared on the same
         draws, not on luck.
         """
-        scale = width / self.width
-        return Features(width, scale * self.centres_px, scale * self.flow_px, self.draws)
+        height = round(width * self.height / self.width)
+        scale = np.array([width / self.width, height / self.height])
+        return Features(width, height, scale * self.centres_px, scale * self.flow_px, self.draws)
 
     def initial_flow_px(self, sigma_px: float = INITIAL_SIGMA_PX) -> NDArray[np.float64]:
         """Flows to start from, (N, 2): the truth and Gaussian noise.
@@ -181,7 +183,7 @@ def find_features(
     TaskError
         The image has fewer such corners.
     """
-    width = image.shape[1]
+    height, width = image.shape
     corners_px = corners(image, MARGIN_PX * width / REFERENCE_WIDTH_PX)
     start_s, end_s = window_s
     seen = np.ones(len(corners_px), bool)
@@ -197,7 +199,7 @@ def find_features(
     scene, sample = key
     rng = np.random.default_rng([seed, zlib.crc32(scene.encode()), sample])
     draws = rng.standard_normal((count, 2))
-    return Features(width, corners_px[chosen], flow_px[chosen], draws)
+    return Features(width, height, corners_px[chosen], flow_px[chosen], draws)
 
 
 def corners(

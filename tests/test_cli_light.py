@@ -1,6 +1,7 @@
 """The light side of the command line: any scene, truth, convergence; bad input is refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -71,6 +72,35 @@ def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     assert eres("truth", sequence.folder, *wide)[0] == 0
     camera = json.loads((tmp_path / "wide" / "camera.json").read_text())
     assert (camera["width"], camera["height"]) == (20, 12)
+
+
+def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):
+    """Promise: events, truth and scores of wide frames, at a width that does not divide theirs."""
+    out, sensor = tmp_path / "wide", ["--resolution", 173]
+    options = ["--spp", 4, "--samples", 1, "--max-displacement", 1]
+    code, _, err = eres("render", "carpet", "--out", out, "--width", 320, *options)
+    assert (code, "found --width, expected" in err) == (1, True)
+    assert eres("render", "carpet", "--out", out, "--width", 320, "--height", 180, *options)[0] == 0
+    clip = out / "clip_000"
+    assert "of 320x180 px" in eres("info", clip)[1]
+    events = tmp_path / "events.h5"
+    code, said, _ = eres("simulate", clip, "--out", events, *sensor, "--truth", 0.05)
+    assert (code, "of 173x97 px" in said) == (0, True)
+    assert eres("truth", clip, "--out", tmp_path / "truth", "--width", 173)[0] == 0
+    camera = json.loads((tmp_path / "truth" / "camera.json").read_text())
+    assert (camera["width"], camera["height"]) == (173, 97)
+    np.testing.assert_allclose(camera["K"][1], [0, 277.128 * 97 / 180, 48.5], rtol=1e-5)
+    for method, nothing, task in (
+        ("event_integration", "no_events", "reconstruction"),
+        ("photometric_flow", "initial_flow", "flow"),
+        ("photometric_tracking", "initial_path", "tracking"),
+    ):
+        asked = ["--task", task, "--method", method, nothing, *sensor]
+        code, said, _ = eres("evaluate", clip, *asked)
+        assert code == 0
+        rows = {line.split()[0]: line for line in said.splitlines()}
+        mine, theirs = (float(re.search(r"\d+\.\d+", rows[m])[0]) for m in (method, nothing))
+        assert mine > theirs + 2 if task == "reconstruction" else mine < 0.5 * theirs
 
 
 def test_truth_replaces_truth_only_when_told(eres, tmp_path):
@@ -144,6 +174,9 @@ BAD_NUMBERS = [
     (("--spp", "7"), "spp: found 7, expected a square"),
     (("--seed", "-1"), "seed: found -1"),
     (("--resolution", "0"), "the image must have pixels, got 0x0"),
+    (("--width", "9"), "found --resolution and --width, expected --resolution for square frames"),
+    (("--height", "9"), "found --resolution and --height, expected --resolution for"),
+    (("--width", "9", "--height", "8"), "found --resolution and --width and --height, expected"),
     (("--duration", "9"), "duration_s: found 9.0, expected (0, 0.4] s"),
     (("--max-displacement", "0"), "max_displacement_px must be positive"),
     (("--integrator", "baked"), "shape 'mirror' is not Lambertian"),
@@ -236,15 +269,15 @@ end_header
 
 
 def write_mesh(folder, material=""):
-    """A mesh in the colours of its vertices, and the poses of a camera above it."""
+    """A mesh in the colors of its vertices, and the poses of a camera above it."""
     (folder / "mesh.ply").write_text(PLY)
     mesh = f'<shape type="ply"><string name="filename" value="mesh.ply"/>{material}</shape>'
     xml = write_scene(folder, CAMERA, '<emitter type="constant"/>', mesh)
     return xml, write_poses(folder, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)))
 
 
-def test_colours_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplog):
-    """Promise: a mesh with colours, as scanners write it, renders without a word of Mitsuba's; one
+def test_colors_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplog):
+    """Promise: a mesh with colors, as scanners write it, renders without a word of Mitsuba's; one
     without UV coordinates is path-traced, not a traceback."""
     scene = load_scene(*write_mesh(tmp_path))
     (sequence,) = render_scene(scene, tmp_path / "r", resolution=8, spp=1, continuous=True)
@@ -253,7 +286,7 @@ def test_colours_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, capl
     assert sequence.manifest.integrator == "path"
 
 
-def test_colours_of_a_mesh_that_a_material_uses_are_said_once(tmp_path, capfd, caplog):
+def test_colors_of_a_mesh_that_a_material_uses_are_said_once(tmp_path, capfd, caplog):
     """Promise: what Mitsuba warns of that matters is said, with the scene's name, and once."""
     material = """<bsdf type="diffuse"><texture type="mesh_attribute" name="reflectance">
         <string name="name" value="vertex_color"/></texture></bsdf>"""

@@ -1,13 +1,16 @@
 """Claims on events and event integration hold, fail or are not measured as the rows say."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from study_rows import EI, Change, paper_rows
 from tasks.row import Row
+from tasks.study.claims.claim import SceneClaim
 from tasks.study.claims.judge import CLAIMS, judge_all
-from tasks.study.claims.scaling import SCALING_CLAIMS
+from tasks.study.claims.numbers import Number
+from tasks.study.claims.statistics import DAY, margin
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.scores import Condition, Scores
@@ -23,7 +26,7 @@ def test_every_claim_is_judged_once() -> None:
     """Each claim has its number once, in order."""
     judged = [v.number for v in judge_all(paper_rows(), {})]
     assert judged == [*range(1, 11), *range(12, 17), *range(18, 22), 24]
-    assert len(judged) == len(SCALING_CLAIMS) + len(CLAIMS)
+    assert len(judged) == len(CLAIMS)
 
 
 @pytest.mark.parametrize("number", NUMBERS)
@@ -67,7 +70,7 @@ def test_daytime_margin_that_is_smaller_but_for_another_winner_fails_claim_4() -
     """By day another width wins: the smaller margin alone is not enough."""
     found = verdict(4, paper_rows(EI, lambda w, c, s, v: v + 9 * (w == 346 and c == 200)))
     assert found.status is Status.DOES_NOT_HOLD
-    assert "best 346 px" in found.ours
+    assert " at 346 px, " in found.ours
 
 
 NEEDED: dict[int, tuple[int, float, float]] = {
@@ -174,3 +177,45 @@ def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
     """Value, interval and unit, or value and unit."""
     assert Estimate(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
     assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"
+
+
+# ---- a claim of your own -----------------------------------------------------------------------
+
+COARSEST_IS_WORST = SceneClaim(
+    number=101,
+    title="The coarsest sensor is worst by day",
+    statement="At 200 Hz, 240 px reconstructs better than 128 px.",
+    series=EI,
+    numbers={"margin": Number(margin(240, 128, DAY), above=0)},
+    text="240 over 128 px {margin}",
+)
+
+
+def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
+    """Promise: numbers, intervals, the paper's column and the scope come with it."""
+    *others, own = judge_all(paper_rows(samples=7), {}, [*CLAIMS, COARSEST_IS_WORST])
+    assert len(others) == len(CLAIMS)
+    assert own.number == 101
+    assert own.status is Status.HOLDS
+    assert own.ours.splitlines()[0] == "carpet: 240 over 128 px +1.61 [+1.61, +1.61] dB"
+    assert own.paper.splitlines() == [
+        "carpet: 240 over 128 px +1.61 dB",
+        "rocks: 240 over 128 px +1.47 dB",
+        "room: 240 over 128 px +2.25 dB",
+    ]
+    assert own.note == ""
+    (alone,) = judge_all(
+        paper_rows(EI, lambda w, c, s, v: v - 3 * (w == 240)), {}, [COARSEST_IS_WORST]
+    )
+    assert alone.status is Status.DOES_NOT_HOLD
+
+
+def test_what_the_paper_does_not_have_is_not_reported() -> None:
+    """A claim about a width of your own, or a method of your own, has no number of the paper."""
+    number = {"margin": Number(margin(512, 128, DAY), above=0)}
+    (found,) = judge_all(paper_rows(), {}, [replace(COARSEST_IS_WORST, numbers=number)])
+    assert (found.status, found.paper) == (Status.NOT_MEASURED, "not reported")
+    (found,) = judge_all(
+        paper_rows(), {}, [replace(COARSEST_IS_WORST, series=EI._replace(method="own:method"))]
+    )
+    assert (found.status, found.paper) == (Status.NOT_MEASURED, "not reported")

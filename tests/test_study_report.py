@@ -215,7 +215,7 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="found 'video'"):
         write_report(tmp_path)
     index.write_text(json.dumps([{k: v for k, v in entries[0].items() if k != "caption"}]))
-    with pytest.raises(ResultError, match="no caption"):
+    with pytest.raises(ResultError, match=r"\[0\]\.caption: missing"):
         write_report(tmp_path)
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(ResultError, match=r"study\.json: not JSON"):

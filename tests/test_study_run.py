@@ -294,9 +294,9 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     assert compute_one_again("{") == here
     assert compute_one_again('{"cores": 2}') == here
     not_json, not_text = warnings_of_tasks(caplog)
-    assert not_json.startswith(f"{file}: not JSON, Expecting property name")
+    assert not_json.startswith(f"{file}: not JSON: Expecting property name")
     assert not_json.endswith("; where the finished jobs were computed is lost")
-    assert not_text.startswith(f"{file}: expected a text for each name; ")
+    assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
 
 
 FULL = "No space left on device"
@@ -313,10 +313,9 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, name):
     if "parts" in name:
         file.unlink()
     before = file.read_bytes() if file.exists() else None
-    file.with_name(f".{file.name}.{os.getpid()}").symlink_to("/dev/full")
-    with pytest.raises(OSError, match=FULL) as error:
+    file.with_name(f".{file.name}.{os.getpid()}.unfinished").symlink_to("/dev/full")
+    with pytest.raises(RenderError, match=f"^{file}: cannot be written: {FULL}"):
         run_study(study, tmp_path / "run")
-    assert error.value.filename == str(file)
     assert (file.read_bytes() if file.exists() else None) == before
     assert not list(tmp_path.rglob(".*"))
     assert run_study(study, tmp_path / "run") == rows

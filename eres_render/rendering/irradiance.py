@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from eres_render.errors import BackendError, RenderError, SceneError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -74,14 +74,14 @@ def irradiance_maps(
 
     if (variant := str(mi.variant())).startswith("scalar"):
         raise BackendError(
-            f"{scene.name}: baking needs a vectorised Mitsuba variant, found {variant}; "
+            f"{scene.name}: baking needs a vectorized Mitsuba variant, found {variant}; "
             "install LLVM (apt-get install libllvm19) or use lightmaps baked elsewhere"
         )
     start = time.perf_counter()
-    world = load_world(scene)
-    if not world.emitters():
+    mi_scene = load_mi_scene(scene)
+    if not mi_scene.emitters():
         raise SceneError(f"{scene.xml_file}: found no light, expected an <emitter>")
-    shapes = {shape.id(): shape for shape in bakeable_surfaces(world, scene)}
+    shapes = {shape.id(): shape for shape in bakeable_surfaces(mi_scene, scene)}
     sizes_m = _texture_sizes_m(scene)
     sides = {name: _cells(shape, cell_m, sizes_m) for name, shape in shapes.items()}
     albedo = {
@@ -104,7 +104,7 @@ def irradiance_maps(
             for name, shape in shapes.items()
         }
 
-    direct = everywhere(_light_of_lamps(world), spp, smooth=False)
+    direct = everywhere(_light_of_lamps(mi_scene), spp, smooth=False)
     maps = direct
     for bounce in range(1, _BOUNCES + 1):
         glow = {name: albedo[name] * maps[name] / np.float32(np.pi) for name in maps}
@@ -127,7 +127,7 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
     """Return how many cells a shape's lightmap has along u and along v.
 
     The size of the UV square is that of the texture on it, if `sizes_m` knows it, which lets cells
-    line up with the parts of an atlas; else the mean stretch of the parametrisation over the shape.
+    line up with the parts of an atlas; else the mean stretch of the parametrization over the shape.
     """
     import drjit as dr
     import mitsuba as mi
@@ -187,7 +187,7 @@ def _per_cell(
     sides
         Cells along u and along v.
     smooth
-        Take the mean over each cell and its neighbours, which surfaces that glow all over allow.
+        Take the mean over each cell and its neighbors, which surfaces that glow all over allow.
     on_samples
         Told, now and then, how many more samples are done.
     """
@@ -225,12 +225,12 @@ def _per_cell(
     sums, counts_2d = total.reshape(n_v, n_u), count.reshape(n_v, n_u)
     known = counts_2d >= _LEAST_SHARE * spp
     if smooth:
-        sums, counts_2d = _with_neighbours(sums * known), _with_neighbours(counts_2d * known)
+        sums, counts_2d = _with_neighbors(sums * known), _with_neighbors(counts_2d * known)
     mean = np.divide(sums, counts_2d, out=np.zeros((n_v, n_u)), where=known)
     return _fill(mean, known).astype(np.float32)
 
 
-def _outside(world: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
+def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
     """Return which points lie on no covered part of a surface, such as a floor under a table's leg.
 
     Rays from a covered point all meet the back of something. A few backs alone may be seen through
@@ -242,24 +242,24 @@ def _outside(world: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
     covered = valid
     for _ in range(_PROBES_PER_POINT):
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
-        seen = world.ray_intersect(point.spawn_ray(towards), active=covered)
+        seen = mi_scene.ray_intersect(point.spawn_ray(towards), active=covered)
         covered = covered & seen.is_valid() & (dr.dot(seen.n, towards) > 0)
     return valid & ~covered
 
 
-def _light_of_lamps(world: mi.Scene) -> Light:
+def _light_of_lamps(mi_scene: mi.Scene) -> Light:
     """Return the irradiance that comes straight from the emitters, by one ray to each."""
     import drjit as dr
     import mitsuba as mi
 
     def light(point: Any, sampler: Any, valid: Any) -> tuple[Any, Any]:
-        counts = _outside(world, point, sampler, valid)
+        counts = _outside(mi_scene, point, sampler, valid)
         irradiance = mi.Float(0)
-        for emitter in world.emitters():
+        for emitter in mi_scene.emitters():
             sample, weight = emitter.sample_direction(point, sampler.next_2d(), counts)
             cosine = dr.dot(sample.d, point.sh_frame.n)
             above = counts & (cosine > 0) & (dr.dot(sample.d, point.n) > 0) & (sample.pdf > 0)
-            hidden = world.ray_test(point.spawn_ray_to(sample.p), above)
+            hidden = mi_scene.ray_test(point.spawn_ray_to(sample.p), above)
             irradiance += dr.select(above & ~hidden, weight[0] * cosine, 0.0)
         return irradiance, counts
 
@@ -299,7 +299,7 @@ def _glowing(scene: Scene, radiance: dict[str, Float32]) -> mi.Scene:
             "wrap_mode": "clamp",
         }
         emitters[name] = mi.load_dict({"type": "area", "radiance": texture})
-    return load_world(scene, emitters)
+    return load_mi_scene(scene, emitters)
 
 
 def _set_glow(glowing: mi.Scene, radiance: dict[str, Float32]) -> None:
@@ -318,7 +318,7 @@ def _shrunk(image: Float32, sides: tuple[int, int]) -> Float32:
     return small.astype(np.float32, copy=False)
 
 
-def _with_neighbours(image: NDArray[np.float64]) -> NDArray[np.float64]:
+def _with_neighbors(image: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the sum over each pixel and the eight around it; beyond the edge lies nothing."""
     outside = cv2.BORDER_CONSTANT
     return cv2.boxFilter(image, -1, (3, 3), normalize=False, borderType=outside).astype(np.float64)
@@ -332,15 +332,15 @@ def _fill(image: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.fl
     return image[tuple(nearest)]
 
 
-def bakeable_surfaces(world: mi.Scene, scene: Scene) -> list[mi.Shape]:
+def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
     """Return the shapes that reflect light, all of which can be baked."""
-    for shape in surfaces(world):
+    for shape in surfaces(mi_scene):
         if reason := reason_not_to_bake(shape):
             raise SceneError(
                 f"{scene.xml_file}: cannot be baked: shape {shape.id()!r} {reason}; path-trace it "
                 "(--integrator path)"
             )
-    return surfaces(world)
+    return surfaces(mi_scene)
 
 
 def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:

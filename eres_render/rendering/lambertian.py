@@ -13,9 +13,9 @@ _PROBES = 1 << 12  # points of a surface at which its UV coordinates are tried
 _UV_TOLERANCE = 1e-3  # of the surface's size
 
 
-def surfaces(world: mi.Scene) -> list[mi.Shape]:
+def surfaces(mi_scene: mi.Scene) -> list[mi.Shape]:
     """Return the shapes that reflect light; lamps, which Mitsuba makes black, are left out."""
-    return [shape for shape in world.shapes() if not shape.is_emitter()]
+    return [shape for shape in mi_scene.shapes() if not shape.is_emitter()]
 
 
 def reason_not_to_bake(shape: mi.Shape) -> str:

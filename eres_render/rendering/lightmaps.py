@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from eres_render.errors import SceneError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.irradiance import bakeable_surfaces, irradiance_maps, reflectance
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.scene import BAKE_VERSION, Scene
 from eres_render.storage.cache import cache_dir
 from eres_render.storage.exr import read_attributes, read_luminance, write_luminance
@@ -142,8 +142,8 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> mi.Scene:
 
     maps = lightmaps(scene, on_progress)
     emitters = {}
-    world = load_world(scene)  # held on to: its shapes must not outlive it
-    for shape in bakeable_surfaces(world, scene):
+    mi_scene = load_mi_scene(scene)  # held on to: its shapes must not outlive it
+    for shape in bakeable_surfaces(mi_scene, scene):
         if shape.id() not in maps:
             raise SceneError(
                 f"{scene.folder}: no lightmap of shape {shape.id()!r} among {list(maps)}"
@@ -161,4 +161,4 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> mi.Scene:
             "wrap_mode": "clamp",
         }
         emitters[shape.id()] = mi.load_dict({"type": "area", "radiance": texture})
-    return load_world(scene, emitters)
+    return load_mi_scene(scene, emitters)

@@ -26,14 +26,14 @@ _log = logging.getLogger(__name__)
 _WARNING = re.compile(r"^\d{4}-\d\d-\d\d [\d:]+ WARN +", re.MULTILINE)
 _ATTRIBUTE = re.compile(r'^\[ply\.h:\d+\] .*attribute "(\w+)"')
 
-# Of linear sRGB primaries, Rec. 709: what Mitsuba's monochrome variants weigh colours with.
+# Of linear sRGB primaries, Rec. 709: what Mitsuba's monochrome variants weigh colors with.
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
-def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
+def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
     """Load scene.xml for the selected variant; shapes named in `emitters` glow with these.
 
-    Every colour becomes its luminance before light travels, in all variants: the monochrome ones do
+    Every color becomes its luminance before light travels, in all variants: the monochrome ones do
     that by themselves when they read a file, for the others it is done here.
 
     Raises
@@ -71,21 +71,21 @@ def load_world(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Sc
                 node.props["glow"] = emitters[node.props.id()]
         mi.parser.transform_all(config, state)
         with _warnings_of(scene):
-            world = cast("mi.Scene", mi.parser.instantiate(config, state))
+            mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))
     except RuntimeError as error:
         raise SceneError(f"{scene.xml_file}: Mitsuba refuses it: {error}") from error
     finally:
         mitsuba.set_file_resolver(everywhere)
     if str(mi.variant()).endswith("_rgb"):
-        _drop_colour(world)
-    return world
+        _drop_color(mi_scene)
+    return mi_scene
 
 
 @contextmanager
 def _warnings_of(scene: Scene) -> Iterator[None]:
     """Take what Mitsuba warns of into our log, but for attributes of meshes that nothing uses.
 
-    It warns of every one in a PLY file that it could not use as it is, such as colours of 0 to 255.
+    It warns of every one in a PLY file that it could not use as it is, such as colors of 0 to 255.
     """
     import mitsuba
 
@@ -117,15 +117,15 @@ def _xml_files(scene: Scene) -> list[Path]:
     return [scene.xml_file, *(file for file in scene.files if file.suffix == ".xml")]
 
 
-def _drop_colour(world: mi.Scene) -> None:
+def _drop_color(mi_scene: mi.Scene) -> None:
     import mitsuba as mi
 
-    parameters = mi.traverse(world)
+    parameters = mi.traverse(mi_scene)
     for key in parameters.keys():  # noqa: SIM118 - it is no mapping
         value = parameters[key]
         if isinstance(value, mi.Color3f):
             parameters[key] = mi.Color3f(float(np.asarray(value) @ _LUMINANCE))
         elif key.endswith(".data") and np.ndim(value) == 3 and np.shape(value)[2] == 3:
-            grey = np.asarray(value, np.float32) @ _LUMINANCE.astype(np.float32)
-            parameters[key] = mi.TensorXf(np.repeat(grey[:, :, None], 3, axis=2))
+            gray = np.asarray(value, np.float32) @ _LUMINANCE.astype(np.float32)
+            parameters[key] = mi.TensorXf(np.repeat(gray[:, :, None], 3, axis=2))
     parameters.update()

@@ -33,11 +33,11 @@ class Hits:
 class RayCaster:
     """Shoots rays at a Mitsuba scene, in the selected variant, in single precision."""
 
-    def __init__(self, world: Any) -> None:
+    def __init__(self, mi_scene: Any) -> None:
         import mitsuba as mi
 
-        self._world = world
-        shapes = world.shapes()
+        self._mi_scene = mi_scene
+        shapes = mi_scene.shapes()
         # What rays meet in an instance is a shape of its group, which is none of these.
         self.shape_ids: list[str] = [*(str(shape.id()) for shape in shapes), "of an instance"]
         has_back = (mi.has_flag(s.bsdf().flags(), mi.BSDFFlags.BackSide) for s in shapes)
@@ -64,11 +64,11 @@ class RayCaster:
             mi.Point3f(*origins.T.astype(np.float32)),
             mi.Vector3f(*directions.T.astype(np.float32)),
         )
-        si = self._world.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+        si = self._mi_scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
         number = np.asarray(dr.reinterpret_array(mi.UInt32, si.shape))
         index_of = np.full(int(number.max()) + 1, len(self.shape_ids) - 1, dtype=np.intp)
         index_of[0] = -1
-        for i, shape in enumerate(self._world.shapes()):
+        for i, shape in enumerate(self._mi_scene.shapes()):
             own = int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
             if own < len(index_of):
                 index_of[own] = i
@@ -82,10 +82,10 @@ class RayCaster:
         n = len(directions)
         distance, normal = np.full(n, np.inf), np.zeros((n, 3))
         shape = np.full(n, -1, dtype=np.intp)
-        index_of = {s: i for i, s in enumerate(self._world.shapes())}
+        index_of = {s: i for i, s in enumerate(self._mi_scene.shapes())}
         for k in range(n):
             ray = mi.Ray3f(mi.Point3f(origins[k]), mi.Vector3f(directions[k]))
-            si = self._world.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+            si = self._mi_scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
             if si.is_valid():
                 distance[k], normal[k], shape[k] = (
                     si.t,

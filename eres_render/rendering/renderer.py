@@ -18,7 +18,7 @@ from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
 from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.memory import check_memory
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.scene import Scene
@@ -47,7 +47,7 @@ class Renderer:
     scene
         What to look at.
     width
-        Side of the square image in pixels.
+        Side of the square image in pixels, where no camera is given.
     spp
         Samples per pixel, stratified and spread evenly over the pixel's area (a box filter: any
         other would blur resolution in). Best a square: 1, 4, 9, 16, ...; else it must be a multiple
@@ -59,12 +59,15 @@ class Renderer:
         which is noisy: see `measure_noise`). By default baked where that is possible, else path.
     on_progress
         Called while light is baked, where it has to be.
+    camera
+        In place of the scene's square one: any image size, focal lengths and principal point.
 
     Raises
     ------
     RenderError
         If the sampler cannot lay out `spp` samples, or the image or the seed cannot be, or the
-        image needs more memory than this machine has.
+        image needs more memory than this machine has, or its pixels are not square and the Mitsuba
+        variant is scalar.
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
@@ -79,13 +82,15 @@ class Renderer:
         seed: int = 0,
         integrator: Integrator | None = None,
         on_progress: Progress = silent,
+        *,
+        camera: Camera | None = None,
     ) -> None:
         if not 0 <= seed < 1 << 32:
             raise RenderError(f"seed: found {seed}, expected 0 to 2^32 - 1")
         self.scene = scene
         self.seed = seed
         self.variant = select_variant()
-        camera = scene.camera(width)
+        camera = camera or scene.camera(width)
         # Before anything that takes long; a baked scene needs more, which is checked below.
         check_memory(camera, spp, integrator or "path", self.variant)
         self._use_camera(camera, spp)
@@ -97,8 +102,8 @@ class Renderer:
         baked = self.integrator == "baked"
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
             # Baking takes minutes: a path that hits something is refused before.
-            _check_path(scene, RayCaster(load_world(scene)))
-        self._world: Any = baked_scene(scene, on_progress) if baked else load_world(scene)
+            _check_path(scene, camera, RayCaster(load_mi_scene(scene)))
+        self._mi_scene: Any = baked_scene(scene, on_progress) if baked else load_mi_scene(scene)
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
 
@@ -116,6 +121,11 @@ class Renderer:
         rows = math.isqrt(max(spp, 0))  # the multijittered sampler's, so many columns in each
         if rows == 0 or spp % rows:
             raise RenderError(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")
+        if camera.fx != camera.fy and self.variant.startswith("scalar"):
+            raise RenderError(
+                f"camera: found fx = {camera.fx} and fy = {camera.fy}, and {self.variant} renders "
+                "square pixels only; install LLVM (apt-get install libllvm19)"
+            )
         self.camera, self.spp = camera, spp
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
@@ -153,7 +163,7 @@ class Renderer:
         if self.variant.startswith("scalar"):
             return self._repeats_scalar(T_world_cam, pixels, count)
         self._look_from(T_world_cam)
-        flat = self._render_vectorised(self.spp, self.seed, np.tile(pixels, count))
+        flat = self._render_vectorized(self.spp, self.seed, np.tile(pixels, count))
         return flat.reshape(count, len(pixels))
 
     @cached_property
@@ -188,7 +198,7 @@ class Renderer:
         TrajectoryError, SceneError
             If there is no such path, or it does not; the text names when, and what is in the way.
         """
-        return _check_path(self.scene, self._caster)
+        return _check_path(self.scene, self.camera, self._caster)
 
     @cached_property
     def image_motion(self) -> ImageMotion:
@@ -204,28 +214,28 @@ class Renderer:
 
     @cached_property
     def _caster(self) -> RayCaster:
-        return RayCaster(self._world)
+        return RayCaster(self._mi_scene)
 
     def _render(self, T_world_cam: Float64, spp: int, seed: int) -> NDArray[np.float32]:
         self._look_from(T_world_cam)
         if self.variant.startswith("scalar"):
-            image = self._tracer.render(self._world, self._sensor, seed, spp)
+            image = self._tracer.render(self._mi_scene, self._sensor, seed, spp)
             return np.asarray(image, dtype=np.float32)[:, :, 0]
         height, width = self.camera.height, self.camera.width
-        return self._render_vectorised(spp, seed).reshape(height, width)
+        return self._render_vectorized(spp, seed).reshape(height, width)
 
     def _look_from(self, T_world_cam: Float64) -> None:
         self._camera_parameters["to_world"] = _to_world(T_world_cam)
         self._camera_parameters.update()
 
-    def _render_vectorised(
+    def _render_vectorized(
         self, spp: int, seed: int, pixels: NDArray[np.integer] | None = None
     ) -> NDArray[np.float32]:
         """Render by hand what `mi.render` would, each pixel's samples summed in a fixed order.
 
         All pixels, or those listed, which may come more than once: (N,).
 
-        Mitsuba's vectorised films add samples to pixels atomically, in an order that changes from
+        Mitsuba's vectorized films add samples to pixels atomically, in an order that changes from
         run to run unless `spp` is a power of two, so the same pose would not give the same frame.
         """
         import drjit as dr
@@ -233,14 +243,14 @@ class Renderer:
 
         if self.integrator == "baked":
             ray, weight = self._rays(self._positions(spp, seed, pixels))
-            # As `path` with max_depth 1, without its loop, and with Embree told that neighbouring
+            # As `path` with max_depth 1, without its loop, and with Embree told that neighboring
             # camera rays run side by side: together nearly twice as fast.
-            si = self._world.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
-            radiance = si.emitter(self._world).eval(si)
+            si = self._mi_scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
+            radiance = si.emitter(self._mi_scene).eval(si)
         else:
             sampler, position = self._sampled(spp, seed, pixels)
             ray, weight = self._rays(position)
-            radiance, _, _ = self._tracer.sample(self._world, sampler, ray)
+            radiance, _, _ = self._tracer.sample(self._mi_scene, sampler, ray)
         means = dr.block_sum((weight * radiance)[0], spp) / spp
         return np.asarray(means, dtype=np.float32)
 
@@ -261,7 +271,8 @@ class Renderer:
         import drjit as dr
         import mitsuba as mi
 
-        width, height = self.camera.width, self.camera.height
+        camera = self.camera
+        width, height = camera.width, camera.height
         n_samples = (width * height if pixels is None else len(pixels)) * spp
         sampler = self._sensor.sampler()
         sampler.set_sample_count(spp)
@@ -272,7 +283,10 @@ class Renderer:
         if pixels is not None:
             pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
         corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
-        return sampler, (corner + sampler.next_2d()) / mi.Point2f(width, height)
+        position = corner + sampler.next_2d()
+        if camera.fx != camera.fy:  # where Mitsuba, whose pixels are square, has the same ray
+            position.y = camera.cy + (position.y - camera.cy) * (camera.fx / camera.fy)
+        return sampler, position / mi.Point2f(width, height)
 
     def _rays(self, position: Any) -> tuple[Any, Any]:
         import mitsuba as mi
@@ -292,14 +306,14 @@ class Renderer:
             sensor = mi.load_dict(camera | {"to_world": _to_world(T_world_cam)})
             for r in range(count):
                 seed = (self.seed + 1 + k * count + r) % (1 << 32)
-                image = self._tracer.render(self._world, sensor, seed, self.spp)
+                image = self._tracer.render(self._mi_scene, sensor, seed, self.spp)
                 radiance[r, k] = np.asarray(image)[0, 0, 0]
         return radiance
 
 
-def _check_path(scene: Scene, caster: RayCaster) -> Trajectory:
+def _check_path(scene: Scene, camera: Camera, caster: RayCaster) -> Trajectory:
     """Return a scene's camera path; refuse one that does not keep clear of surfaces."""
-    trajectory = scene.trajectory()
+    trajectory = scene.trajectory(camera)
     check_clearance(trajectory, scene.duration_s, caster, scene.min_clearance_m, scene.path_name)
     return trajectory
 
@@ -308,8 +322,8 @@ def _best_integrator(scene: Scene, variant: str) -> Integrator:
     """Return "baked" if the light of every surface is baked or can be, else "path", and say why."""
     if has_lightmaps(scene):
         return "baked"
-    world = load_world(scene)  # held on to: a mesh cannot be asked once its scene is gone
-    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(world))
+    mi_scene = load_mi_scene(scene)  # held on to: a mesh cannot be asked once its scene is gone
+    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(mi_scene))
     reason = next((f"shape {name!r} {reason}" for name, reason in reasons if reason), "")
     if not reason and variant.startswith("scalar"):
         reason = f"{variant} cannot bake"
@@ -338,6 +352,8 @@ def _mitsuba_camera(
         "type": "perspective",
         "fov": float(np.rad2deg(camera.fov_rad)),
         "fov_axis": "x",
+        "principal_point_offset_x": 0.5 - camera.cx / camera.width,
+        "principal_point_offset_y": 0.5 - camera.cy / camera.height,
         "near_clip": 1e-3,
         "film": {
             "type": "hdrfilm",

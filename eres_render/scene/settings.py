@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from eres_render.scene.texture_recipes import TextureRecipe
-from eres_render.storage.settings_reader import Vector3
+from eres_render.storage.settings_reader import Vector3, formerly
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class SceneToml:
     """
 
     title: str
-    licence: str
+    license: str = field(metadata=formerly("licence"))
     length_unit: str
     radiance_unit: str
     plane: PlaneSettings | None = None

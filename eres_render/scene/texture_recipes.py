@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from eres_render.errors import SceneError
 from eres_render.interior.pieces import PIECES, paint
 from eres_render.storage.cache import cache_dir
+from eres_render.storage.digest import digest
 from eres_render.storage.exr import write_luminance
 from eres_render.textures.carpet import bokhara
 from eres_render.textures.fractal_noise import Float32
@@ -54,7 +53,7 @@ class TextureRecipe:
     size_px
         Texels along u.
     texel_m
-        Size of a texel, metres.
+        Size of a texel, meters.
     seed
         Of everything that is random.
     height_px
@@ -84,8 +83,7 @@ class TextureRecipe:
     @property
     def digest(self) -> str:
         """Name of the texture that this recipe makes with this version of the code."""
-        text = json.dumps([TEXTURES[self.kind].version, asdict(self)], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return digest([TEXTURES[self.kind].version, self])
 
     def make(self) -> Float32:
         """Return the texels, `shape` float32: reflectance, or radiance for what glows."""
@@ -96,6 +94,5 @@ class TextureRecipe:
         """Return an EXR file (half, channel Y) of the texels, made now if it is not cached."""
         path = cache_dir() / "textures" / f"{self.kind}-{self.digest[:16]}.exr"
         if not path.exists():
-            path.parent.mkdir(parents=True, exist_ok=True)
             write_luminance(path, self.make())
         return path

@@ -74,6 +74,11 @@ def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
     return SceneXml(file, tuple(reader.files), cameras)
 
 
+def canonical_xml(file: Path) -> str:
+    """Return the content of an XML file without comments, layout and order of attributes."""
+    return ElementTree.canonicalize(from_file=file, strip_text=True)
+
+
 @dataclass(slots=True)
 class _Reader:
     """Walks through scene files as Mitsuba does: in order, parameters and folders kept in mind."""

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from eres_render.camera import Camera, Plane, plane_homography
 from eres_render.errors import SceneError
 from eres_render.rendering.backend import select_variant
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
-from eres_render.scene.scene import Scene, load_scene
+from eres_render.scene.load import load_scene
+from eres_render.scene.scene import Scene
 from eres_render.sequence.sequence import RadianceSequence
 from eres_render.trajectory.spline import Trajectory
 
@@ -35,7 +36,7 @@ class Flow:
     Parameters
     ----------
     flow_px
-        (H, W, 2) float32, x and y displacement of what is seen at the pixel's centre. Zero where
+        (H, W, 2) float32, x and y displacement of what is seen at the pixel's center. Zero where
         the point gets behind the camera.
     valid
         (H, W) bool: the point is within the image at the second time, and nothing hides it.
@@ -78,24 +79,36 @@ class GroundTruth:
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution; its `K` is the camera matrix.
 
-        By default its image has the frames' shape. With a height of its own it sees the largest
-        middle of them that has its shape, as a sensor does, so that its pixels are square.
+        By default it sees all of the frames, at the height that makes its pixels as square as
+        theirs, to within rounding. With a height of its own it sees the largest middle of them that
+        has its shape, as a sensor does.
         """
         whole = self._camera
+        fov_rad, stretch = whole.fov_rad, 1.0
         if height is None:
-            return Camera(width, round(width * whole.height / whole.width), whole.fov_rad)
-        share = whole.height * width / (whole.width * height)  # of the frames' width, if under 1
-        fov_rad = whole.fov_rad
-        if share < 1:
-            fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
-        return Camera(width, height, fov_rad)
+            height = round(width * whole.height / whole.width)
+            stretch = height * whole.width / (whole.height * width)
+        else:
+            share = whole.height * width / (whole.width * height)  # of the frames' width, if < 1
+            if share < 1:
+                fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
+        fx = Camera(width, height, fov_rad).fx
+        fy = fx * (whole.fy / whole.fx) * stretch
+        return Camera(
+            width,
+            height,
+            fov_rad,
+            fy=fy,
+            cx=0.5 * width + fx / whole.fx * (whole.cx - 0.5 * whole.width),
+            cy=0.5 * height + fy / whole.fy * (whole.cy - 0.5 * whole.height),
+        )
 
     def pose(self, t_s: float) -> Float64:
         """Return T_world_cam, (4, 4), at a time on the path in seconds."""
         return self.trajectory.pose(t_s)
 
     def depth(self, t_s: float, width: int, height: int | None = None) -> Float32:
-        """Return the z-depth at the pixels' centres, (H, W) float32 metres; inf for nothing."""
+        """Return the z-depth at the pixels' centres, (H, W) float32 meters; inf for nothing."""
         camera, T = self.camera(width, height), self.pose(t_s)
         depth = self._depth(T, camera.rays(camera.centres()))
         return depth.reshape(camera.height, camera.width).astype(np.float32)
@@ -190,5 +203,5 @@ def surface_distance(scene: Scene) -> Distance:
     if (plane := scene.plane) is not None:
         return plane.distance
     select_variant()
-    caster = RayCaster(load_world(scene))
+    caster = RayCaster(load_mi_scene(scene))
     return lambda origin, ways: caster.cast(origin, ways).distance

@@ -19,7 +19,7 @@ from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
 from eres_render.sequence.ground_truth import Flow, GroundTruth
 from eres_render.sequence.sequence import RadianceSequence
-from eres_render.storage.atomic import write_text, write_whole
+from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.exr import write_channels
 from eres_render.trajectory.tum import tum_text
 
@@ -44,7 +44,7 @@ def write_truth(
 
     Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM, on the clock of the poses that
     the camera's path was given by, if it was), `depth/000000.exr`, ... (float
-    channel Z, metres), `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on
+    channel Z, meters), `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on
     request `flow/000000.png`, ... as in the DSEC dataset. All of them, or none: if one cannot be
     written, those before it are removed.
 
@@ -153,7 +153,7 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
 
 
 def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
-    """Write (H, W) z-depth in metres as an EXR image with the float channel Z."""
+    """Write (H, W) z-depth in meters as an EXR image with the float channel Z."""
     _write_float_exr(path, {"Z": depth})
 
 
@@ -181,7 +181,7 @@ def write_flow_png(path: Path, flow: Flow) -> None:
     good, data = cv2.imencode(".png", rgb[..., ::-1])  # OpenCV's order is blue, green, red
     if not good:
         raise RenderError(f"{path}: the PNG encoder failed")
-    write_whole(path, lambda unfinished: unfinished.write_bytes(data.tobytes()))
+    write_bytes(path, data.tobytes())
 
 
 def _write_float_exr(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> None:

@@ -6,12 +6,14 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from eres_render.camera import Camera
 from eres_render.errors import SequenceError
 from eres_render.storage.atomic import write_text
-from eres_render.storage.settings_reader import read_typed
+from eres_render.storage.settings_reader import read_json, read_typed
 
 FORMAT_VERSION = 2
 
@@ -23,6 +25,8 @@ class Manifest:
     `scene_source` is what `load_scene` finds the scene by: the name of a packaged one, else a path.
     `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
     when time 0 was on the clock of the poses that were given, and not written where it is 0.
+    `intrinsics` are fx, fy, cx and cy in pixels, and not written where pixels are square and the
+    principal point is the center of the image.
     """
 
     version: int
@@ -45,6 +49,7 @@ class Manifest:
     variant: str
     mitsuba: str
     t_offset_us: int = 0
+    intrinsics: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)
@@ -61,6 +66,15 @@ class Manifest:
                 f"window_s: found {self.window_s}, expected a stretch within the frames' times "
                 f"{self.t_s[0]} to {self.t_s[-1]} s"
             )
+        _ = self.camera  # refuses what cannot be
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that took the frames."""
+        if self.intrinsics is None:
+            return Camera(self.width, self.height, self.fov_rad)
+        fx, fy, cx, cy = self.intrinsics
+        return Camera(self.width, self.height, self.fov_rad, fx=fx, fy=fy, cx=cx, cy=cy)
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -72,13 +86,8 @@ def read_manifest(folder: Path) -> Manifest:
         If it is missing, of another version, or a field of it is not what it must be.
     """
     path = folder / "manifest.json"
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SequenceError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise SequenceError(f"{path}: not a JSON file: {error}") from error
-    version = table.get("version") if isinstance(table, dict) else None
+    table = read_json(dict[str, Any], path, SequenceError)
+    version = table.get("version")
     if isinstance(version, int) and version != FORMAT_VERSION:  # its other fields are others
         what_to_do = "update eres to read it" if version > FORMAT_VERSION else "render it again"
         raise SequenceError(
@@ -90,6 +99,7 @@ def read_manifest(folder: Path) -> Manifest:
 def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write the manifest into a sequence folder."""
     table = dataclasses.asdict(manifest)
-    if not manifest.t_offset_us:
-        del table["t_offset_us"]
+    for name in ("t_offset_us", "intrinsics"):
+        if not table[name]:
+            del table[name]
     write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 REPEATS = 64  # so many times the samples are what events are held against
-_DARK_SHARE = 1e-3  # of white, added before the logarithm: the sensor's default
+_DARK_FRACTION = 1e-3  # of white, added before the logarithm: the sensor's default
 _STRETCHES, _LONGEST_STRETCH_S = 4, 0.25
 _MOST_PIXELS, _FEWEST_PIXELS = 256, 16  # of each stretch
 _SHARE_OF_RENDER = 0.05  # that measuring may cost at most, in samples
@@ -28,7 +28,7 @@ _FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # but so many samples 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Monte Carlo noise of rendered pixels, and its events: all measured, nothing modelled.
+    """Monte Carlo noise of rendered pixels, and its events: all measured, nothing modeled.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def measure_noise(
         poses = renderer.trajectory.pose(t_s)
         events, of_mean, log_variances = count_events(
             (renderer.repeats(pose, chosen, REPEATS) for pose in poses),
-            _DARK_SHARE * renderer.white_level,
+            _DARK_FRACTION * renderer.white_level,
             contrast_threshold,
         )
         fired.append(events)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.camera import Camera
 from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import release_memory
@@ -56,6 +57,7 @@ def render_clip(
     scene, camera = renderer.scene, renderer.camera
     t_s = adaptive_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     poses = renderer.trajectory.pose(t_s)
+    centered = camera == Camera(camera.width, camera.height, camera.fov_rad)
     manifest = Manifest(
         version=FORMAT_VERSION,
         complete=False,
@@ -77,6 +79,7 @@ def render_clip(
         variant=renderer.variant,
         mitsuba=version("mitsuba"),
         t_offset_us=renderer.trajectory.t_offset_us,
+        intrinsics=None if centered else (camera.fx, camera.fy, camera.cx, camera.cy),
     )
     with locked(out_dir / ".lock"):
         writer = SequenceWriter(out_dir, manifest, renderer.trajectory)
@@ -118,6 +121,7 @@ def render_scene(
     max_displacement_px: float = 0.5,
     samples: int | None = None,
     continuous: bool = False,
+    camera: Camera | None = None,
     on_progress: Progress = silent,
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
@@ -127,7 +131,9 @@ def render_scene(
 
     Parameters
     ----------
-    resolution, spp, seed, integrator
+    resolution
+        Side of the square image in pixels, where no camera is given.
+    spp, seed, integrator, camera
         As for `Renderer`.
     duration_s, samples
         How much of the path, and at most how many clips of it; see `clips`.
@@ -142,7 +148,7 @@ def render_scene(
     RenderError
         As `Renderer`, `clips` and `render_clip`.
     """
-    scene.trajectory()  # one that cannot be is refused before anything is loaded or baked
+    scene.trajectory(camera)  # one that cannot be is refused before anything is loaded or baked
     if continuous:
         if samples is not None:
             raise RenderError(f"samples: found {samples}, but a continuous sequence has no clips")
@@ -150,7 +156,7 @@ def render_scene(
     else:
         wanted = {f"clip_{c.index:03d}": c for c in clips(scene, duration_s, samples=samples)}
     warn_if_far_apart(scene.name, max_displacement_px)
-    renderer = Renderer(scene, resolution, spp, seed, integrator, on_progress)
+    renderer = Renderer(scene, resolution, spp, seed, integrator, on_progress, camera=camera)
     warn_of_noise(renderer, list(wanted.values()), max_displacement_px)
     sequences = []
     for k, (name, clip) in enumerate(wanted.items(), start=1):

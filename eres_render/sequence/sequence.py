@@ -91,7 +91,7 @@ class RadianceSequence:
     @property
     def camera(self) -> Camera:
         """The camera that took the frames."""
-        return Camera(self.manifest.width, self.manifest.height, self.manifest.fov_rad)
+        return self.manifest.camera
 
     def frame(self, i: int) -> NDArray[np.float32]:
         """Read frame i: (H, W) float32 linear radiance, finite and not negative.

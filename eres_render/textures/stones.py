@@ -53,7 +53,7 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
 
     Stones of all sizes are laid down from large to small wherever they find room. Each is a rounded
     polygon with a domed top and a reflectance, grain, bands and veins of its own. The relief is
-    then shaded once, by a fixed light and the sky, and that shading belongs to the texture: the bed
+    then shaded once, by a fixed light and the sky, and that shading is part of the texture: the bed
     is rendered as a flat, Lambertian surface.
 
     Parameters
@@ -63,7 +63,7 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     texel_m
         Size of a texel.
     seed
-        Of everything.
+        Seed of all randomness.
 
     Returns
     -------
@@ -210,9 +210,9 @@ def _log_shading(relief: Float32) -> Float32:
 
 @numba.njit(cache=True)
 def _sunlit(relief: Float32, sun_x: float, sun_y: float, sun_z: float) -> Float32:
-    """Return which share of the sun each texel sees, for a sun more from above than from the side.
+    """Return the share of the sun that each texel sees, for a sun nearer to the top than the left.
 
-    Row by row, away from the sun, the height below which all is in shadow is carried along.
+    The height below which all is in shadow is carried from row to row, away from the sun.
     """
     height, width = relief.shape
     lit = np.ones_like(relief)

@@ -23,7 +23,7 @@ class Trajectory:
     """A twice continuously differentiable path of poses.
 
     Rotation and position are splined apart (SO(3) x R^3): scaling the positions then scales the
-    speed by exactly that factor, and the path of the camera centre does not depend on how it turns.
+    speed by exactly that factor, and the path of the camera center does not depend on how it turns.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Trajectory:
         return T
 
     def velocity(self, t_s: ArrayLike) -> Float64:
-        """Return the velocity of the camera centre in the world, (..., 3) m/s."""
+        """Return the velocity of the camera center in the world, (..., 3) m/s."""
         i, _, rates = self._weights(t_s)
         steps, _ = self._steps
         return sum((rates[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3)))
@@ -111,7 +111,7 @@ class Trajectory:
 
     @cached_property
     def _steps(self) -> tuple[Float64, Float64]:
-        """From each control pose to the next: (N - 1, 3) metres, (N - 1, 3) rotation vectors."""
+        """From each control pose to the next: (N - 1, 3) meters, (N - 1, 3) rotation vectors."""
         turn = Rotation.from_matrix(self.controls[:, :3, :3])
         return np.diff(self.controls[:, :3, 3], axis=0), (turn[:-1].inv() * turn[1:]).as_rotvec()
 

@@ -60,7 +60,7 @@ def read_tum(path: Path, t_offset_us: int = 0) -> tuple[Float64, Float64]:
     ------
     TrajectoryError
         If the file is missing or no text, a line does not hold 8 numbers with a quaternion of
-        length 1 to 1e-3 (what is nearer is normalised), or times do not increase.
+        length 1 to 1e-3 (what is nearer is normalized), or times do not increase.
     """
     times, poses = _read(path)
     return _earlier(times, t_offset_us), poses

@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from eres_render.cores import cores
 from eres_render.rendering.backend import probe_variants
-from eres_render.scene.scene import scene_root
+from eres_render.scene.load import scene_root
 from eres_render.storage.cache import cache_dir
 from tasks.cli.table import Table
 from tasks.study.run.provenance import versions

@@ -37,7 +37,9 @@ def render(
         Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
     ],
     out: Path,
-    resolution: int = 1280,
+    resolution: int | None = None,
+    width: int | None = None,
+    height: int | None = None,
     spp: int = 16,
     max_displacement: float = 0.5,
     duration: float | None = None,
@@ -56,7 +58,10 @@ def render(
 
     Args:
         out: Folder for the clips.
-        resolution: Side of the frames, px.
+        resolution: Side of square frames, px; 1280 by default.
+        width: Width of frames of another shape, px; give the height with it. The horizontal field
+            of view stays that of the scene.
+        height: Height of frames of another shape, px.
         spp: Samples per pixel: 1, 4, 9, 16, ...
         max_displacement: Largest motion in the image between two frames, px.
         duration: How much of the path, seconds; all of it by default.
@@ -71,11 +76,13 @@ def render(
     from eres_render import load_scene, render_scene
     from tasks.cli.progress_bar import progress_bar
 
+    found = load_scene(scene, trajectory)
+    camera = found.camera(*_size(resolution, width, height))
     with progress_bar(terminal.err) as on_progress:
         sequences = render_scene(
-            load_scene(scene, trajectory),
+            found,
             out,
-            resolution=resolution,
+            camera=camera,
             spp=spp,
             seed=seed,
             integrator=integrator,
@@ -87,6 +94,23 @@ def render(
         )
     for sequence in sequences:
         terminal.out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
+
+
+def _size(resolution: int | None, width: int | None, height: int | None) -> tuple[int, int]:
+    """Return the width and height of frames, px."""
+    from eres_render import RenderError
+
+    if width is None and height is None:
+        side = 1280 if resolution is None else resolution
+        return side, side
+    if width is None or height is None or resolution is not None:
+        given = {"--resolution": resolution, "--width": width, "--height": height}
+        found = " and ".join(name for name, value in given.items() if value is not None)
+        raise RenderError(
+            f"size of the frames: found {found}, expected --resolution for square frames, or "
+            "--width and --height"
+        )
+    return width, height
 
 
 def truth(
@@ -102,7 +126,7 @@ def truth(
 ) -> None:
     """Write ground truth of a sequence: depth, optical flow with what is visible, poses.
 
-    Depth is along the camera's axis, in metres (EXR channel Z); flow is in pixels from each time to
+    Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
     the next (EXR channels u, v, valid). Times run from the start of the window to its end.
 
     Args:

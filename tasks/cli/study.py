@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from rich.markup import escape
 from rich.table import Column
 from tyro.conf import Positional, arg
+from tyro.extras import literal_type_from_choices
 
 from tasks.cli import terminal
 from tasks.cli.app import RunFolder
 from tasks.cli.table import Table
 from tasks.errors import StudyError
+from tasks.registry import TASKS
 from tasks.row import Row
 
 
@@ -23,7 +25,7 @@ def evaluate(
     sequence: Annotated[
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
     ],
-    task: Literal["reconstruction", "flow", "tracking", "video"],
+    task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS))],
     method: tuple[str, ...] = (),
     resolution: int = 346,
     cutoff: float = math.inf,

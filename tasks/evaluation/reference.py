@@ -72,7 +72,8 @@ class ReferenceFrames:
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
         """Log intensity at the window's start as each sensor's pixels see it, by its width."""
-        seen = {width: integrate(self.start, width, width) for width in self.widths}
+        sizes = {width: (self.truth.camera(width).height, width) for width in self.widths}
+        seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
 
     def features(self, count: int, seed: int) -> Features:
@@ -95,24 +96,24 @@ class ReferenceFrames:
             )
         return self._features[count, seed]
 
-    def picture(self, t_s: float, equalisation: str) -> NDArray[np.float64]:
+    def picture(self, t_s: float, equalization: str) -> NDArray[np.float64]:
         """Return the image that a video's is compared with.
 
         Parameters
         ----------
         t_s
             When, in the sequence's time.
-        equalisation
+        equalization
             As for `tasks.video.picture`.
 
         Returns
         -------
         (H, W) in [0, 1], at the frames' resolution.
         """
-        key = t_s, equalisation
+        key = t_s, equalization
         if key not in self._pictures:
             log_image = log_light(self.sequence, t_s, self.dark_level)
-            self._pictures[key] = picture(log_image, log_image.shape, equalisation)
+            self._pictures[key] = picture(log_image, log_image.shape, equalization)
         return self._pictures[key]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -40,7 +40,7 @@ def evaluate_sequence(
     methods
         Names, or "package.module:function"; all listed ones by default.
     width
-        Of the square sensor, px.
+        Of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz
         Photoreceptor cutoff; inf is ideal.
     speed
@@ -68,13 +68,14 @@ def evaluate_sequence(
         )
     warn_if_short(sequence, cutoff_hz, speed)
     warn_if_coarse(sequence)
+    truth = ground_truth(sequence)
     model = SensorModel(
         width=width,
-        height=width,
+        height=truth.camera(width).height,
         contrast_threshold=contrast_threshold,
         cutoff_hz=cutoff_hz,
         dark_level=DARK_FRACTION * sequence.white_level,
     )
     setting = Setting(model, speed, *(round(t_s / speed * 1e6) for t_s in sequence.window_s))
     tasks = {task: load(spec.settings)(methods=names)}
-    return evaluate(sequence, ground_truth(sequence), [setting], tasks, on_progress).rows
+    return evaluate(sequence, truth, [setting], tasks, on_progress).rows

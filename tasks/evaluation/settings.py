@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal, Self
 
+from eres_render.storage.settings_reader import formerly
 from tasks.methods import check_method
 
 
@@ -152,7 +153,7 @@ class Video(TaskSettings):
         Length of the stretch from the path's start, and how much of it is not scored, seconds.
     every_s
         From one scored image to the next, seconds of the path.
-    equalisation
+    equalization
         Of the histograms of prediction and truth before they are compared: "none", "global",
         "local" or "clahe" (local, with limited contrast).
     """
@@ -162,7 +163,9 @@ class Video(TaskSettings):
     duration_s: float = 2.0
     run_in_s: float = 0.5
     every_s: float = 0.05
-    equalisation: Literal["none", "global", "local", "clahe"] = "local"
+    equalization: Literal["none", "global", "local", "clahe"] = field(
+        default="local", metadata=formerly("equalisation")
+    )
 
     def score_s(self, width: int) -> float:
         images = round((self.duration_s - self.run_in_s) / self.every_s)

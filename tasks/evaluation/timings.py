@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from eres_render.progress import Progress
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 
 
@@ -111,35 +112,14 @@ def timings_file(costs: JobTimings) -> bytes:
 
 
 def read_timings(folder: Path) -> list[JobTimings]:
-    """Read the timings of all jobs in `folder`, by scene and sample; none if it does not exist.
+    """Read the timings of all jobs in a folder, by scene, sample and number of methods.
+
+    None if it does not exist.
 
     Raises
     ------
     ResultError
         A file is not JSON, or its fields are others.
     """
-    found = [_read(file) for file in sorted(folder.glob("*.json"))]
-    return sorted(found, key=lambda one: (one.scene, one.sample))
-
-
-def _read(file: Path) -> JobTimings:
-    try:
-        content = json.loads(file.read_text())
-    except ValueError as error:
-        raise ResultError(f"{file}: not JSON, {error}") from None
-    content = _checked(file, content, JobTimings)
-    methods = tuple(
-        MethodTimings(**_checked(file, one, MethodTimings)) for one in content["methods"]
-    )
-    return JobTimings(**{**content, "methods": methods})
-
-
-def _checked(file: Path, content: object, kind: type[JobTimings | MethodTimings]) -> dict:
-    expected = {field.name for field in fields(kind)}
-    found = set(content) if isinstance(content, dict) else set()
-    if not isinstance(content, dict) or found != expected:
-        raise ResultError(
-            f"{file}: fields of {kind.__name__}: found {', '.join(sorted(found)) or 'none'}, "
-            f"expected {', '.join(sorted(expected))}"
-        )
-    return content
+    found = [read_json(JobTimings, file, ResultError) for file in sorted(folder.glob("*.json"))]
+    return sorted(found, key=lambda one: (one.scene, one.sample, len(one.methods)))

@@ -7,8 +7,8 @@ from pathlib import Path
 from sensor.formats import find_format, read_events, read_header, write_events
 from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
+from tasks.events.overwriting import check_new
 from tasks.events.truth import truth_to_copy
-from tasks.files import check_new
 
 
 def convert(

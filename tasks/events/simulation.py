@@ -18,9 +18,9 @@ from sensor.optics import middle
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
+from tasks.events.overwriting import check_new
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.truth import truth_to_add
-from tasks.files import check_new
 
 Frames = Iterable[NDArray[np.float32]]
 

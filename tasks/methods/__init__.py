@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib
 import inspect
@@ -13,6 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, get_type_hints
 
+from eres_render.errors import nearest
 from tasks.errors import TaskError
 from tasks.registry import TASKS, load
 
@@ -39,10 +39,9 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
     """
     listed = TASKS[task].methods
     if ":" not in name and name not in listed:
-        near = difflib.get_close_matches(name, listed, n=1) or sorted(listed)
         raise TaskError(
-            f"{task}: no method {name!r}; did you mean {near[0]!r}? One of your own is named "
-            "package.module:function"
+            f"{task}: no method {name!r}, {nearest(name, listed)} "
+            "(name a method of your own package.module:function)"
         )
     module, _, function = listed.get(name, name).partition(":")
     import_module = importlib.import_module if name in listed else _imported

@@ -24,11 +24,12 @@ class FlowScorer:
         self._reference, self._setting, self._task = reference, setting, task
         width = setting.model.width
         self._features = reference.features(task.features, task.seed).at(width)
+        size = width, self._features.height
         # The same patches at 1280 px: they are looked at once.
         self._variants = {patch_px(width): [""]}
         if task.native_patch:
             self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
-        self._kept = patch_mask(self._features.centres_px, max(self._variants), width, width)
+        self._kept = patch_mask(self._features.centres_px, max(self._variants), *size)
         self._parts: list[Events] = []
 
     def push(self, events: Events) -> None:

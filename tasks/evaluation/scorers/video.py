@@ -56,8 +56,8 @@ class VideoScorer:
         for t_us, answer in taken:
             log_image, failure = image_answer("video", name, answer, self._blank)
             sample = self._samples[t_us]
-            truth = self._reference.picture(self._times_s[sample], self._task.equalisation)
-            found = picture(log_image, truth.shape, self._task.equalisation)
+            truth = self._reference.picture(self._times_s[sample], self._task.equalization)
+            found = picture(log_image, truth.shape, self._task.equalization)
             value = psnr_db(found, truth)
             self._scores.append(
                 Score(

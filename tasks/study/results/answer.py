@@ -17,8 +17,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
+from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
-from tasks.files import write_bytes
 from tasks.row import read_rows
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import METRICS, Series

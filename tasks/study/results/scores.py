@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.metrics import METRICS, Series
-from tasks.study.results.paper import CONTRAST_THRESHOLD, published
+from tasks.study.results.paper import CONTRAST_THRESHOLD, every_published, published
 
 
 class Condition(NamedTuple):
@@ -276,6 +276,16 @@ def _check_known(row: Row) -> None:
     ):
         if name not in known:
             raise ResultError(f"unknown {field} {name!r}; expected {' or '.join(known)}")
+
+
+@cache
+def paper_scores() -> Scores:
+    """Return the paper's medians as scores of one sample each, without event rates."""
+    rows = []
+    for (scene, task, method, width, cutoff_hz, speed, metric), value in every_published():
+        where = scene, task, method, width, cutoff_hz, CONTRAST_THRESHOLD, speed
+        rows.append(Row(*where, 0, metric, value, math.nan))
+    return Scores(rows)
 
 
 def base_speed(scores: Scores, series: Series) -> float:

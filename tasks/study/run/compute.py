@@ -95,7 +95,7 @@ class _SceneLight:
         return digest(
             {
                 **job.frames_decided_by,
-                **({"t_offset_us": t_offset_us} if t_offset_us else {}),
+                "t_offset_us": t_offset_us or None,
                 "white_level": self.renderer.white_level,
                 "integrator": self.renderer.integrator,
                 "variant": self.renderer.variant,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -39,12 +39,15 @@ class Job:
     @property
     def key(self) -> str:
         """Name of the job's rows: a digest of everything that decides them."""
+        methods = {task: names for task, names in methods_of(self.evaluate).items() if names}
         return digest(
             {
                 **self._stretch,
-                "simulate": asdict(self.simulate),
-                "evaluate": asdict(self.evaluate),
-                "methods": code_of(chain.from_iterable(methods_of(self.evaluate).values())),
+                "simulate": self.simulate,
+                "evaluate": {
+                    task: getattr(self.evaluate, task) for task in methods if methods[task]
+                },
+                "methods": code_of(chain.from_iterable(methods.values())),
                 "versions": STAGE_VERSIONS,
             }
         )
@@ -59,8 +62,8 @@ class Job:
     def _stretch(self) -> dict[str, object]:
         return {
             "scene": self.scene.digest,
-            "clip": asdict(self.clip),
-            "render": {**asdict(self.render), "samples": None},  # others change nothing here
+            "clip": self.clip,
+            "render": replace(self.render, samples=None),  # others change nothing here
         }
 
     def settings(self, dark_level: float) -> list[Setting]:

@@ -11,9 +11,10 @@ from typing import Any
 
 from eres_render import load_scene
 from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import write_bytes
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError, StudyError
 from tasks.evaluation.settings import check_methods
-from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
 from tasks.study.run.estimate import estimate_work
@@ -51,8 +52,9 @@ def run_study(
     TaskError
         A method does not exist or is another task's; a `MethodError` if it raises, or answers with
         what is no answer, which the first sample shows before anything else is computed.
-    RenderError, SensorError, OSError
-        As the stages raise them. Nothing is left under a final name that is not whole.
+    RenderError, SensorError
+        As the stages raise them, or a file cannot be written. Nothing is left under a final name
+        that is not whole.
     """
     with open_scheduler(scheduler) as computing:
         check_methods(study.evaluate)
@@ -142,28 +144,26 @@ def _environment_so_far(file: Path) -> dict[str, str]:
     if not file.exists():
         return {}
     try:
-        found = json.loads(file.read_text())
-        if isinstance(found, dict) and all(isinstance(value, str) for value in found.values()):
-            return {name: value for name, value in found.items() if name != "command"}
-        reason = "expected a text for each name"
-    except ValueError as error:
-        reason = f"not JSON, {error}"
-    _log.warning("%s: %s; where the finished jobs were computed is lost", file, reason)
-    return {}
+        found = read_json(dict[str, str], file, ResultError)
+    except ResultError as error:
+        _log.warning("%s; where the finished jobs were computed is lost", error)
+        return {}
+    return {name: value for name, value in found.items() if name != "command"}
 
 
 def _has_highlights(out: Path, scene: str) -> bool:
     """Whether the run has what the report shows of a scene."""
     try:
         for folder in ("previews", "scaling"):
-            json.loads((out / folder / f"{scene}.json").read_text())
-    except (OSError, ValueError):
+            read_json(Any, out / folder / f"{scene}.json", ResultError)
+    except ResultError:
         return False
     return True
 
 
 def _write_preview_index(folder: Path, scene_names: list[str]) -> None:
-    index = chain.from_iterable(json.loads((folder / f"{s}.json").read_text()) for s in scene_names)
+    files = (folder / f"{name}.json" for name in scene_names)
+    index = chain.from_iterable(read_json(tuple[Any, ...], file, ResultError) for file in files)
     write_bytes(folder / "index.json", _json(list(index)))
 
 

@@ -1,0 +1,205 @@
+"""Cameras of any shape, with other focal lengths along x and y and the principal point anywhere."""
+
+import json
+
+import numpy as np
+import pytest
+
+from another_process import run_python
+from eres_render import (
+    Camera,
+    Clip,
+    GroundTruth,
+    Renderer,
+    RenderError,
+    SceneError,
+    SequenceError,
+    ground_truth,
+    load_scene,
+    open_sequence,
+    render_clip,
+)
+from eres_render.rendering.backend import select_variant
+from eres_render.sequence.ground_truth import surface_distance
+from eres_render.storage.exr import write_luminance
+from light_scenes import dots_folder, light_evenly, room_folder, small_carpet_folder, tilted_pose
+
+WIDE = Camera(128, 72, fx=130.0, fy=104.0, cx=49.5, cy=41.25)
+CLIP = Clip(0, 0.24, 0.25, 0.26)
+
+
+def random_camera(seed):
+    """A camera whose rays are at most 45 degrees off its axis."""
+    rng = np.random.default_rng(seed)
+    width, height = map(int, rng.integers(8, 60, 2))
+    (fx, fy), (cx, cy) = rng.uniform(1, 3, 2) * (width, height), rng.uniform(0, (width, height))
+    return Camera(width, height, fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+@pytest.fixture(scope="module")
+def ramps(tmp_path_factory):
+    """Planes that glow by 5 + x and by 5 + y W m^-2 sr^-1 at the point (x, y, 0), within 4 m."""
+    scenes = []
+    for axis in (0, 1):
+        folder = dots_folder(tmp_path_factory.mktemp("ramps") / "xy"[axis])
+        # Texels' centers lie at -4 and 4 m, and light is linear between them; rows run along y.
+        along_x = np.array([[1.0, 9.0], [1.0, 9.0]])
+        write_luminance(folder / "ramp.exr", along_x if axis == 0 else along_x.T)
+        xml = (folder / "scene.xml").read_text()
+        glow = """<shape type="rectangle" id="ramp">
+          <transform name="to_world"><scale value="8"/></transform>
+          <emitter type="area"><texture type="bitmap" name="radiance">
+            <string name="filename" value="ramp.exr"/><boolean name="raw" value="true"/>
+          </texture></emitter></shape>
+        <shape type="rectangle" id="floor"><transform name="to_world">
+          <scale value="3"/><translate z="-1"/></transform></shape></scene>"""
+        (folder / "scene.xml").write_text(xml[: xml.index("<shape")] + glow)
+        scenes.append(load_scene(light_evenly(folder, "floor", 0.0)))
+    return scenes
+
+
+@pytest.fixture(scope="module")
+def small_carpet(tmp_path_factory):
+    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
+    return load_scene(light_evenly(folder, "carpet", 3.0))
+
+
+def seen_m(camera, T, points_px):
+    """Where the rays through pixels meet the plane z = 0, (N, 2) m, by the camera matrix."""
+    ones = np.ones((len(points_px), 1))
+    rays = np.hstack([points_px, ones]) @ np.linalg.inv(camera.K).T @ T[:3, :3].T
+    return (T[:3, 3] - T[2, 3] / rays[:, 2:] * rays)[:, :2]
+
+
+@pytest.fixture
+def any_pixels():
+    if select_variant().startswith("scalar"):
+        pytest.skip("scalar variants render square pixels only")
+
+
+@pytest.mark.usefixtures("any_pixels")
+@pytest.mark.parametrize("integrator", ["baked", "path"])
+@pytest.mark.parametrize("seed", [None, *range(4)])
+def test_every_pixel_sees_the_point_that_the_camera_matrix_says(ramps, integrator, seed):
+    """Expected: light that is linear in x or y tells where each pixel looks, to 0.01 px of it."""
+    camera = WIDE if seed is None else random_camera(seed)
+    T = tilted_pose()
+    found = [
+        Renderer(scene, spp=64, integrator=integrator, camera=camera).frame(T).ravel() - 5
+        for scene in ramps
+    ]
+    pixel_m = T[2, 3] / max(camera.fx, camera.fy)
+    expected = seen_m(camera, T, camera.centres())
+    np.testing.assert_allclose(np.transpose(found), expected, rtol=0, atol=0.01 * pixel_m)
+
+
+@pytest.mark.usefixtures("any_pixels")
+def test_repeated_pixels_are_those_of_the_frame(ramps):
+    renderer, T = Renderer(ramps[1], spp=64, integrator="path", camera=WIDE), tilted_pose()
+    pixels = np.array([0, 127, 4000, 128 * 72 - 1])
+    repeats, frame = renderer.repeats(T, pixels, 4), renderer.frame(T).ravel()[pixels]
+    np.testing.assert_allclose(repeats, np.tile(frame, (4, 1)), rtol=1e-4)
+
+
+def test_a_scalar_machine_moves_the_principal_point_and_refuses_pixels_that_are_not_square(ramps):
+    code = (
+        "import sys; from eres_render import *; scene = load_scene(sys.argv[1])\n"
+        "renderer = Renderer(scene, spp=64, camera=Camera(16, 9, fx=20.0, cx=5.0, cy=6.0))\n"
+        "print(*renderer.frame(scene.trajectory().pose(1.0)).ravel().tolist())\n"
+        "try: Renderer(scene, camera=Camera(16, 9, fx=20.0, fy=21.0))\n"
+        "except RenderError as error: print(error)"
+    )
+    run = run_python(code, ramps[0].folder, ERES_VARIANT="scalar_rgb")
+    frame, refused = run.stdout.splitlines()
+    camera, T = Camera(16, 9, fx=20.0, cx=5.0, cy=6.0), ramps[0].trajectory().pose(1.0)
+    expected = seen_m(camera, T, camera.centres())[:, 0]
+    found = np.array(frame.split(), float) - 5
+    np.testing.assert_allclose(found, expected, rtol=0, atol=0.01 * T[2, 3] / camera.fx)
+    assert refused.startswith(
+        "camera: found fx = 20.0 and fy = 21.0, and scalar_rgb renders square"
+    )
+
+
+@pytest.mark.parametrize("depth", [False, True], ids=["plane", "room"])
+def test_truth_follows_surface_points_through_any_camera(small_carpet, tmp_path, depth):
+    """Expected: a point at its depth lies on the surface, and its flow ends where it projects."""
+    scene = load_scene(room_folder(tmp_path / "room")) if depth else small_carpet
+    distance = surface_distance(scene)
+    for camera in (WIDE, random_camera(7)):
+        truth = GroundTruth(scene.trajectory(), camera, distance, scene.plane)
+        width, height = camera.width, camera.height
+        assert truth.camera(width) == truth.camera(width, height) == camera
+        T_0, T_1 = truth.pose(1.0), truth.pose(1.02)
+        K, centers = camera.K, np.hstack([camera.centres(), np.ones((width * height, 1))])
+        z = truth.depth(1.0, width).reshape(-1, 1).astype(float)
+        points = z * centers @ np.linalg.inv(K).T @ T_0[:3, :3].T + T_0[:3, 3]
+        if not depth:
+            np.testing.assert_allclose(points[:, 2], 0, atol=1e-6)
+        there = (points - T_1[:3, 3]) @ T_1[:3, :3] @ K.T
+        moved_px = (there[:, :2] / there[:, 2:] - centers[:, :2]).reshape(height, width, 2)
+        flow = truth.flow(1.0, 1.02, width)
+        assert np.linalg.norm(moved_px, axis=2).max() > 1
+        np.testing.assert_allclose(flow.flow_px, moved_px, atol=1e-3)
+        assert flow.valid.mean() > 0.5
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_sensors_see_through_the_same_lens(small_carpet, seed):
+    """Expected: pixels of a sensor that sees all of the frames are theirs, divided; those of one of
+    another shape are those of the largest middle."""
+    rng = np.random.default_rng(seed)
+    whole = random_camera(seed + 100)
+    truth = GroundTruth(small_carpet.trajectory(), whole, surface_distance(small_carpet))
+    points = [*rng.uniform(-0.3, 0.3, 2), 1.0] * rng.uniform(0.5, 2, (20, 1))
+    expected = whole.project(points)
+    coarse = truth.camera(max(2, whole.width // 3))
+    shares = coarse.width / whole.width, coarse.height / whole.height
+    np.testing.assert_allclose(coarse.project(points), expected * shares, rtol=1e-9)
+
+    width, height = map(int, rng.integers(2, 50, 2))
+    scale = max(width / whole.width, height / whole.height)
+    from_middle = scale * (expected - np.array([whole.width, whole.height]) / 2)
+    part = truth.camera(width, height).project(points)
+    np.testing.assert_allclose(part - np.array([width, height]) / 2, from_middle, atol=1e-9)
+
+
+@pytest.mark.usefixtures("any_pixels")
+def test_a_sequence_keeps_its_camera(small_carpet, tmp_path):
+    """Promise: read back, it has the same camera; square ones are written as they always were."""
+    renderer = Renderer(small_carpet, spp=1, integrator="path", camera=WIDE)
+    sequence = render_clip(renderer, CLIP, tmp_path / "wide", 1.0)
+    assert sequence.camera == WIDE
+    assert sequence.frame(0).shape == (72, 128)
+    assert ground_truth(sequence).camera(128) == WIDE
+    square = render_clip(Renderer(small_carpet, 32, 1), CLIP, tmp_path / "square", 1.0)
+    assert "intrinsics" not in (square.folder / "manifest.json").read_text()
+
+    centered = Camera(128, 72, WIDE.fov_rad)
+    with pytest.raises(RenderError, match=r"found a sequence with"):
+        render_clip(Renderer(small_carpet, spp=1, camera=centered), CLIP, sequence.folder, 1.0)
+    file = sequence.folder / "manifest.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"fov_rad": 1.0}))
+    with pytest.raises(SequenceError, match=r"manifest\.json: .*fov_rad = 1.0 means fx"):
+        open_sequence(sequence.folder)
+
+
+def test_a_view_that_leaves_the_plane_is_refused(small_carpet):
+    """Expected: 60 degrees across 36 of 64 pixels are 91 degrees along the height."""
+    with pytest.raises(SceneError, match=r"path: the view reaches .* expected at most plane"):
+        _ = Renderer(small_carpet, spp=1, camera=small_carpet.camera(36, 64)).trajectory
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({}, "neither fov_rad nor fx"),
+        ({"fov_rad": 1.0, "fx": 8.0}, r"fov_rad = 1.0 means fx = 9\.15"),
+        ({"fx": 0.0}, r"Camera.fx must be a positive number of pixels, got 0"),
+        ({"fx": 9.0, "fy": np.inf}, r"Camera.fy must be a positive number of pixels, got inf"),
+        ({"fx": 9.0, "cx": np.nan}, r"Camera.cx must be finite, got nan"),
+        ({"fov_rad": 3.2}, r"Camera.fov_rad must lie in \(0, pi\), got 3.2"),
+    ],
+)
+def test_cameras_that_cannot_be_are_refused(values, message):
+    with pytest.raises(RenderError, match=message):
+        Camera(10, 7, **values)
