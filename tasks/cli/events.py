@@ -45,7 +45,7 @@ def simulate(
     from rich.progress import track
 
     from eres_render import open_sequence
-    from tasks.events.files import sensor_for, simulate_sequence
+    from tasks.events.simulation import sensor_for, simulate_sequence
 
     sequence = open_sequence(path)
     model = sensor_for(
@@ -98,7 +98,7 @@ def convert(
         size: Width and height of the sensor, for files that do not store it.
         overwrite: Replace OUT if it exists; without it such a file is refused.
     """
-    from tasks.events.files import convert as convert_file
+    from tasks.events.conversion import convert as convert_file
 
     count = convert_file(
         source,

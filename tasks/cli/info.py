@@ -25,12 +25,12 @@ def info(
         format: dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
     """
     if path.is_file():
-        from tasks.events.files import describe
+        from tasks.events.description import describe
 
         _print_pairs(describe(path, format=format))
         return
     from eres_render import open_sequence
-    from tasks.events.files import seconds
+    from tasks.events.description import seconds
 
     sequence = open_sequence(path)
     manifest = sequence.manifest
