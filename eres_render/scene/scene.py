@@ -88,9 +88,17 @@ class Scene:
         return Plane(settings.normal, float(np.dot(settings.normal, settings.point_m)))
 
     def camera(self, width: int, height: int | None = None) -> Camera:
-        """Return the scene's camera at a resolution; square by default.
+        """Return the camera of the scene; its horizontal field of view is the same at every size.
 
-        The horizontal field of view is the same at every width and height.
+        Parameters
+        ----------
+        width, height
+            Size of the image, px; square by default.
+
+        Returns
+        -------
+        camera
+            With the principal point at the center.
         """
         fov_rad = math.radians(self.settings.camera.fov_deg)
         return Camera(width, width if height is None else height, fov_rad)
