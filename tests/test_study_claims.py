@@ -10,7 +10,7 @@ from tasks.row import Row
 from tasks.study.claims.claim import SceneClaim
 from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.numbers import Number
-from tasks.study.claims.statistics import DAY, margin
+from tasks.study.claims.statistics import DAY, event_rate, margin
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.scores import Condition, Scores
@@ -211,10 +211,13 @@ def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
 
 
 def test_what_the_paper_does_not_have_is_not_reported() -> None:
-    """A claim about a width of your own, or a method of your own, has no number of the paper."""
+    """Claims about your own width, event rates or your own method have no number of the paper."""
     number = {"margin": Number(margin(512, 128, DAY), above=0)}
     (found,) = judge_all(paper_rows(), {}, [replace(COARSEST_IS_WORST, numbers=number)])
     assert (found.status, found.paper) == (Status.NOT_MEASURED, "not reported")
+    rate = {"margin": Number(event_rate(640, DAY) - event_rate(128, DAY), above=0, unit="1/s")}
+    (found,) = judge_all(paper_rows(), {}, [replace(COARSEST_IS_WORST, numbers=rate)])
+    assert (found.status, found.paper) == (Status.HOLDS, "not reported")
     (found,) = judge_all(
         paper_rows(), {}, [replace(COARSEST_IS_WORST, series=EI._replace(method="own:method"))]
     )

@@ -196,10 +196,7 @@ class SceneClaim(Claim):
         claimed = self.scenes or paper_scores().scenes(self.series)
         parts = [f"Judged on {join_words(judged)} only"] if set(claimed) - set(judged) else []
         few = min(scores.samples(series, scene) for scene in judged)
-        if (
-            any(isinstance(one, Number) for one in self.numbers.values())
-            and few < MIN_SAMPLES_FOR_INTERVAL
-        ):
+        if self._cells and few < MIN_SAMPLES_FOR_INTERVAL:
             parts.append(too_few_text(few))
         return f"{'; '.join(parts)}." if parts else ""
 

@@ -118,12 +118,15 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
     Raises
     ------
     NotMeasured
-        A value is 0 where the statistic divides or takes a logarithm.
+        There are no event rates, as in the paper's tables, or a value is 0 where the statistic
+        divides or takes a logarithm.
     """
     rates = statistic.of_rates
     cells = {(on.scene, at): on.cell(at) for on in scenes for at in statistic.cells}
-    values = [cell.event_rates_hz if rates else cell.values for cell in cells.values()]
-    if statistic.positive and not np.all(np.concatenate(values) > 0):
+    values = np.concatenate([c.event_rates_hz if rates else c.values for c in cells.values()])
+    if np.isnan(values).any():
+        raise NotMeasured("not measured, there are no event rates")
+    if statistic.positive and not np.all(values > 0):
         zero = "a sample has no events" if rates else "an error is 0"
         raise NotMeasured(f"not measured, {zero}")
     sign = 1.0 if rates else scenes[0].metric.sign
