@@ -52,9 +52,7 @@ def test_a_task_of_ones_own_is_scored(page):
     assert rate.value == rate.event_rate_hz > 0
     start_s, end_s = clip.window_s
     assert count.value == pytest.approx(2 * rate.value * (end_s - start_s), rel=1e-4)
-    with pytest.raises(
-        TaskError, match=r"rate: no method 'no_events'; did you mean 'per_second'\?"
-    ):
+    with pytest.raises(TaskError, match="rate: no method 'no_events'"):
         evaluate_sequence(clip, "rate", methods=("no_events",))
 
 

@@ -21,8 +21,10 @@ def info(
 ) -> None:
     """Say what is in a radiance sequence or in a file of events.
 
-    Args:
-        format: dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
+    Parameters
+    ----------
+    format
+        dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
     """
     if path.is_file():
         from tasks.events.description import describe

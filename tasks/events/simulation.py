@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
+from eres_render.progress import Progress, silent
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.engine.bank import DARK_FRACTION
 from sensor.formats import find_format, write_events
@@ -21,8 +22,6 @@ from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
 from tasks.events.overwriting import check_new
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.truth import truth_to_add
-
-Frames = Iterable[NDArray[np.float32]]
 
 
 def sensor_for(
@@ -80,7 +79,7 @@ def simulate_sequence(
     truth_step_s: float | None = None,
     format: str | None = None,
     overwrite: bool = False,
-    watch: Callable[[Frames], Frames] = lambda frames: frames,
+    on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires before a sequence; returns their number.
 
@@ -105,8 +104,8 @@ def simulate_sequence(
         Add ground truth of the window to the file, this far apart; see `truth_to_add`.
     overwrite
         Replace the file if it exists.
-    watch
-        Passes the frames on, and may show how far they are.
+    on_progress
+        Called as frames are done.
 
     Raises
     ------
@@ -133,8 +132,13 @@ def simulate_sequence(
         "window_end_us": window_us[1],
     }
     rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
-    frames = (frame[rows, columns] for frame in watch(sequence))
-    parts: Iterable[Events] = stream(frames, sequence.t_s / speed, model, seed=seed)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for k, frame in enumerate(sequence, start=1):
+            yield frame[rows, columns]
+            on_progress("simulating", k, len(sequence))
+
+    parts: Iterable[Events] = stream(frames(), sequence.t_s / speed, model, seed=seed)
     leaving = None
     if readout is not None:
         origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
