@@ -2,11 +2,11 @@
 
 
 class RenderError(ValueError):
-    """Base class: something asked of the renderer cannot be done."""
+    """Base class: the renderer cannot do something."""
 
 
 class SceneError(RenderError):
-    """A scene folder is unknown, incomplete or says something that cannot be."""
+    """A scene is unknown, incomplete or contradicts itself."""
 
 
 class TrajectoryError(RenderError):
@@ -18,4 +18,4 @@ class SequenceError(RenderError):
 
 
 class BackendError(RenderError):
-    """No Mitsuba variant that works here can do what was asked."""
+    """No Mitsuba variant that works on this machine can do something."""

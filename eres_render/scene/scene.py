@@ -94,9 +94,19 @@ class Scene:
         return Plane(settings.normal, float(np.dot(settings.normal, settings.point_m)))
 
     def camera(self, width: int, height: int | None = None) -> Camera:
-        """Return the scene's camera at a resolution; square by default.
+        """Return the scene's camera at a resolution.
 
         The horizontal field of view is the same at every width and height.
+
+        Parameters
+        ----------
+        width, height
+            Size of the image, px; square by default.
+
+        Returns
+        -------
+        camera
+            With a centered principal point.
         """
         fov_rad = math.radians(self.settings.camera.fov_deg)
         return Camera(width, width if height is None else height, fov_rad)
@@ -134,7 +144,7 @@ class Scene:
         Parameters
         ----------
         camera
-            Whose view to check as well as that of the scene's square camera.
+            Its view is checked too, in addition to that of the scene's square camera.
 
         Raises
         ------
@@ -249,6 +259,11 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
         Poses T_world_cam in TUM's format, in place of the scene's own path. The camera passes
         through each at its time, counted from the first, whose own time the path keeps as
         `t_offset_us`; see `path_through`.
+
+    Returns
+    -------
+    scene
+        The scene, read and checked.
 
     Raises
     ------

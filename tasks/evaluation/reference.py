@@ -1,4 +1,4 @@
-"""What the frames themselves say, shared by all the sensors before them."""
+"""The reference that all sensors before the same frames share."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tasks.video import log_light, picture
 
 
 class ReferenceFrames:
-    """Frames, ground truth and log images of one sequence: what methods' answers are held against.
+    """Frames, ground truth and log images of one sequence, the reference for methods' answers.
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ class ReferenceFrames:
     truth
         Poses, depth and flow of their scene.
     evaluate
-        What the tasks are asked to do.
+        Settings of the tasks.
     dark_level
-        Of the sensors, in the frames' unit of radiance.
+        Dark level of the sensors, in the frames' unit of radiance.
     widths
-        Of the sensors, px.
+        Widths of the sensors, px.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class ReferenceFrames:
 
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
-        """Log intensity at the window's start as each sensor's pixels see it, by its width."""
+        """Log intensity at the window's start as each sensor's pixels see it, by sensor width."""
         sizes = {width: (self.truth.camera(width).height, width) for width in self.widths}
         seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
@@ -95,14 +95,14 @@ class ReferenceFrames:
 
     @cached_property
     def video_times_s(self) -> tuple[float, ...]:
-        """When images of a video are compared: every `every_s` of the window, and at its end."""
+        """Times at which images of a video are compared: every `every_s`, and the window's end."""
         start_s, end_s = self.sequence.window_s
         every_s = self.evaluate.video.every_s
         count = round((end_s - start_s) / every_s)
         return tuple(np.linspace(start_s, end_s, count + 1)[1:].tolist())
 
     def video_picture(self, t_s: float) -> NDArray[np.float64]:
-        """What the image of a video at a time is compared with."""
+        """Return the image that the image of a video at a time is compared with."""
         if t_s not in self._pictures:
             log_image = log_light(self.sequence, t_s, self.dark_level)
             equalisation = self.evaluate.video.equalisation
@@ -110,7 +110,7 @@ class ReferenceFrames:
         return self._pictures[t_s]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Log intensity as the sensors define it, with their dark level."""
+        """Return the log intensity with the sensors' dark level."""
         return np.log(radiance.astype(np.float64) + self.dark_level)
 
     def _frame_at(self, t_s: float) -> NDArray[np.float32]:
