@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from eres_render.trajectory.generators import random_path, waypoint_loop
     from eres_render.trajectory.spline import Trajectory, path_through
 
-# Names are loaded when they are asked for (PEP 562): the command line answers before SciPy, Numba
-# and what else they need has been imported.
+# Names are imported on first use (PEP 562), so that the command line starts without SciPy and
+# Numba.
 _HOMES = {
     "BackendError": "eres_render.errors",
     "Camera": "eres_render.camera",

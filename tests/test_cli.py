@@ -45,8 +45,8 @@ def test_help_lists_the_commands_in_short(eres):
     code, out, _ = eres("--help")
     assert (code, len(out.splitlines()) < 45) == (0, True)
     assert all(f"• {command} " in out for command in COMMANDS)
-    assert "Stopped at any point" not in out
-    assert "Stopped at any point" in eres("render", "--help")[1]
+    assert "After an interruption" not in out
+    assert "After an interruption" in eres("render", "--help")[1]
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,9 @@ class Scene:
         return Plane(settings.normal, float(np.dot(settings.normal, settings.point_m)))
 
     def camera(self, width: int, height: int | None = None) -> Camera:
-        """Return the camera of the scene; its horizontal field of view is the same at every size.
+        """Return the scene's camera at a resolution.
+
+        The horizontal field of view is the same at every width and height.
 
         Parameters
         ----------
@@ -98,7 +100,7 @@ class Scene:
         Returns
         -------
         camera
-            With the principal point at the center.
+            With a centered principal point.
         """
         fov_rad = math.radians(self.settings.camera.fov_deg)
         return Camera(width, width if height is None else height, fov_rad)
@@ -136,7 +138,7 @@ class Scene:
         Parameters
         ----------
         camera
-            Whose view to check as well as that of the scene's square camera.
+            Its view is checked too, in addition to that of the scene's square camera.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What the frames themselves say, shared by all the sensors before them."""
+"""The reference that all sensors before the same frames share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tasks.video import log_light, picture
 
 
 class ReferenceFrames:
-    """Frames, ground truth and log images of one sequence: what methods' answers are held against.
+    """Frames, ground truth and log images of one sequence, the reference for methods' answers.
 
     Parameters
     ----------
@@ -25,9 +25,9 @@ class ReferenceFrames:
     truth
         Poses, depth and flow of their scene.
     dark_level
-        Of the sensors, in the frames' unit of radiance.
+        Dark level of the sensors, in the frames' unit of radiance.
     widths
-        Of the sensors, px.
+        Widths of the sensors, px.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class ReferenceFrames:
 
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
-        """Log intensity at the window's start as each sensor's pixels see it, by its width."""
+        """Log intensity at the window's start as each sensor's pixels see it, by sensor width."""
         sizes = {width: (self.truth.camera(width).height, width) for width in self.widths}
         seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
@@ -117,7 +117,7 @@ class ReferenceFrames:
         return self._pictures[key]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Log intensity as the sensors define it, with their dark level."""
+        """Return the log intensity with the sensors' dark level."""
         return np.log(radiance.astype(np.float64) + self.dark_level)
 
     def _frame_at(self, t_s: float) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""One sensor on one sequence: all methods of one task, without a study around it."""
+"""Evaluate one sensor on one sequence: methods of one task, without a study."""
 
 from __future__ import annotations
 
@@ -36,22 +36,30 @@ def evaluate_sequence(
     sequence
         A clip, or a continuous stretch.
     task
-        Which task.
+        Name of the task.
     methods
-        Names, or "package.module:function"; all listed ones by default.
+        Names, or "package.module:function"; all listed methods by default.
     width
         Of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz
         Photoreceptor cutoff; inf is ideal.
+    contrast_threshold
+        C, log units.
     speed
-        How much faster the scene moves than it was rendered.
+        Factor by which the scene moves faster than it was rendered.
     on_progress
-        Called with the stage, how much of it is done, and how much there is of it.
+        Called as frames are simulated and sensors scored.
+
+    Returns
+    -------
+    rows
+        One score each.
 
     Raises
     ------
     TaskError
-        A method does not exist, or the scene does not suit the task.
+        If a method does not exist, the frames are coarser than the sensor, or the scene does not
+        suit the task.
     """
     spec = TASKS[task]
     names = tuple(methods) or tuple(spec.methods)
