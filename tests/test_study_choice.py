@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drawn import answer_html
 from study_rows import EI, EPF, nothing_rows, paper_rows
 from tasks.row import Row
-from tasks.study.report.sections.choice import answer_html, choice_cell
+from tasks.study.report.sections.choice import choice_cell
 from tasks.study.results.choice import Choice, choose, choose_all
 from tasks.study.results.scores import Scores
 

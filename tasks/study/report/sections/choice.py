@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from html import escape
 
 from tasks.study.report.markup import scrolling
-from tasks.study.results.answer import headline, times_text
+from tasks.study.results.answer import times_text
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.choice import Choice, Choices
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
@@ -21,18 +20,6 @@ from tasks.study.results.words import (
     share_text,
     speed_label,
 )
-
-
-def answer_html(choices: Choices, series: Series, *, named: bool = False) -> str:
-    """Render the answer in words; `named` puts the series before it, for a page that answers for
-    several."""
-    answer = re.sub(r"\*\*(.+?)\*\*", r"<b>\1</b>", escape(headline(choices, series)))
-    for unit in ("px", METRICS[series.metric].unit):
-        answer = answer.replace(f" {unit}", f"&nbsp;{unit}")
-    if not named:
-        return f'<p class="answer">{answer}</p>'
-    title = escape(series.title[0].upper() + series.title[1:])
-    return f'<p class="answer several"><span class="task">{title}</span> {answer}</p>'
 
 
 def choice_tables_html(choices: Choices, series: Series) -> str:
