@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from drawn import section
 from tasks.errors import ResultError
 from tasks.evaluation.timings import FrameTimer, MethodCost, PartCosts, costs_file, read_costs
-from tasks.study.report.sections.timings import costs_html
+from tasks.study.report.sections.timings import summarize
 
 FLOW = MethodCost("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
 NOTHING = MethodCost("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)
@@ -51,6 +52,10 @@ def test_damaged_costs_are_named(tmp_path: Path) -> None:
     file.write_bytes(costs_file(PART).replace(b'"estimates"', b'"fits"'))
     with pytest.raises(ResultError, match=r"part\.json: fields of MethodCost: found cpu_s, .*fits"):
         read_costs(tmp_path)
+
+
+def costs_html(parts: list[PartCosts]) -> str:
+    return section("timings.html", data=summarize(parts))
 
 
 def cells(page: str) -> dict[str, list[str]]:

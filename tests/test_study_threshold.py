@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from drawn import comparison_html
 from study_rows import CM, EI, EPF, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.report import write_report
-from tasks.study.report.sections.comparison import to_html
 from tasks.study.report.sections.threshold import threshold_html
 from tasks.study.report.tradeoff import plot_data
 from tasks.study.results.comparison import comparison_table
@@ -226,7 +226,7 @@ def test_another_threshold_has_no_numbers_of_the_paper() -> None:
     entries = [e for block in table.blocks for line in block.lines for e in line.entries]
     assert all(entry.paper is None for entry in entries)
     assert "paper" not in json.dumps(plot_data(scores, EI, "carpet"))
-    assert '<td class="paper">' not in to_html(table)
+    assert '<td class="paper">' not in comparison_html(table)
 
 
 @pytest.mark.parametrize(

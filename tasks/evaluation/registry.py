@@ -9,6 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 
+@dataclass(frozen=True, slots=True)
+class ShareColumn:
+    """The column of a table that says how often a method failed, or how often it did not."""
+
+    head: str
+    meaning: str
+    of_successes: bool = False
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskSpec:
     """One task.
@@ -26,6 +35,8 @@ class TaskSpec:
         pushed to.
     planar_only
         Whether the scene must be a plane.
+    share_column
+        How tables show failures. None where a method cannot fail.
     """
 
     title: str
@@ -33,6 +44,7 @@ class TaskSpec:
     scorer: str
     sample: str | None
     planar_only: bool = False
+    share_column: ShareColumn | None = None
 
 
 _SCORERS = "tasks.evaluation.scorers"
@@ -55,6 +67,7 @@ TASKS = {
         baseline="initial_flow",
         scorer=f"{_SCORERS}.flow:FlowScorer",
         sample="tasks.flow:FlowSample",
+        share_column=ShareColumn("fail", "share of features that failed"),
     ),
     "tracking": TaskSpec(
         title="pose tracking",
@@ -62,5 +75,6 @@ TASKS = {
         scorer=f"{_SCORERS}.tracking:TrackingScorer",
         sample="tasks.tracking:TrackingSample",
         planar_only=True,
+        share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
     ),
 }

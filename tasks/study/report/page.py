@@ -12,30 +12,26 @@ from jinja2 import Template
 from markupsafe import Markup, escape
 
 from tasks.errors import ResultError
-from tasks.evaluation.registry import TASKS
-from tasks.evaluation.timings import read_costs
 from tasks.files import write_bytes
 from tasks.study.report.figures import COLOURS, figure_files
-from tasks.study.report.finished_run import FinishedRun, read_json, read_run
-from tasks.study.report.markup import scrolling
-from tasks.study.report.sections.bandwidth import buses_html
-from tasks.study.report.sections.choice import choice_tables_html
+from tasks.study.report.finished_run import FinishedRun, read_run
+from tasks.study.report.sections.choice import choice_tables
 from tasks.study.report.sections.claims import claims
-from tasks.study.report.sections.comparison import to_html
+from tasks.study.report.sections.comparison import comparisons
 from tasks.study.report.sections.failures import convergence_html
-from tasks.study.report.sections.previews import previews_html
+from tasks.study.report.sections.previews import previews
 from tasks.study.report.sections.provenance import provenance
 from tasks.study.report.sections.scaling import scaling_html
 from tasks.study.report.sections.summary import summary
 from tasks.study.report.sections.threshold import threshold_html
-from tasks.study.report.sections.timings import costs_html
+from tasks.study.report.sections.timings import timings
+from tasks.study.report.sections.tradeoff import tradeoff
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.report.tradeoff import plot_data
-from tasks.study.results.comparison import ComparisonTable, comparison_table
+from tasks.study.results.comparison import comparison_table
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
-from tasks.study.results.scores import base_speed
 
 MAX_BYTES = 15_000_000
 """A report is never larger than this."""
@@ -66,38 +62,6 @@ class Section:
     data: Callable[[FinishedRun], object]
 
 
-def _tradeoff(run: FinishedRun) -> Markup:
-    lead = (
-        '<p class="lead">One line for each sensor resolution; along it the camera gets faster, '
-        "from left to right. Left is cheaper; for PSNR up is better, for errors down is. The "
-        "dashed line is the score of doing nothing, without any events.</p>"
-    )
-    none = (
-        "<noscript><p>This plot needs JavaScript; the tables below hold the same numbers.</p>"
-        "</noscript>"
-    )
-    groups: dict[str, list[str]] = {}
-    for i, one in enumerate(run.series):
-        groups.setdefault(one.task, []).append(f'<option value="{i}">{escape(one.name)}</option>')
-    options = "".join(
-        f'<optgroup label="{escape(TASKS[task].title.capitalize())}">{"".join(found)}</optgroup>'
-        for task, found in groups.items()
-    )
-    picker = (
-        f'<p class="picker"><label>Task and method <select id="pick">{options}</select></label></p>'
-    )
-    plots = ""
-    for one in run.series:
-        places = "".join(
-            f'<div class="plot"><h3>{escape(f"{scene}, {one.title}")}</h3></div>'
-            for scene in run.scores.scenes(one)
-        )
-        hidden = "" if one is run.series[0] else " hidden"
-        plots += f'<div class="plots"{hidden}>{places}</div>'
-    picker = picker if run.series[1:] else ""
-    return Markup(lead + picker + plots + none + buses_html(run.scores, run.series[0]))
-
-
 def _folded(series: Series, content: str, *, opened: bool) -> str:
     title = escape(series.title[0].upper() + series.title[1:])
     return f"<details{' open' * opened}><summary>{title}</summary>{content}</details>"
@@ -107,35 +71,9 @@ def _scaling(run: FinishedRun) -> Markup:
     return Markup(scaling_html(run.folder / "scaling", run.scaling, run.scenes))
 
 
-def _tables(run: FinishedRun) -> Markup:
-    text = ""
-    for one in run.series:
-        base = comparison_table(run.scores, one, [base_speed(run.scores, one)])
-        every = comparison_table(run.scores, one)
-        text += _folded(
-            one,
-            f"{_table(base)}<p class='note'>{escape(base.footnote)}</p>"
-            f"<details><summary>All speeds</summary>{_table(every)}</details>",
-            opened=one is run.series[0],
-        )
-    return Markup(text)
-
-
-def _table(table: ComparisonTable) -> str:
-    return scrolling(table.title, to_html(table))
-
-
 def _failures(run: FinishedRun) -> Markup:
     none = "<p>This run has no optical flow and no pose tracking.</p>"
     return Markup(convergence_html(run.scores) or none)
-
-
-def _choice(run: FinishedRun) -> Markup:
-    parts = [
-        _folded(one, choice_tables_html(run.choices[one], one), opened=one is run.series[0])
-        for one in run.series
-    ]
-    return Markup("".join(parts))
 
 
 def _threshold(run: FinishedRun) -> Markup | None:
@@ -148,26 +86,16 @@ def _threshold(run: FinishedRun) -> Markup | None:
     return Markup("".join(parts))
 
 
-def _previews(run: FinishedRun) -> Markup:
-    index = run.folder / "previews" / "index.json"
-    entries = read_json(index, list) if index.is_file() else []
-    return Markup(previews_html(run.folder / "previews", entries))
-
-
-def _costs(run: FinishedRun) -> Markup:
-    return Markup(costs_html(read_costs(run.folder / "costs")))
-
-
 SECTIONS = (
-    Section("tradeoff", "Trade-off", "Score against event rate", "as_is.html", _tradeoff),
+    Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html", tradeoff),
     Section("scaling", "Scaling", "Why finer sensors fire faster", "as_is.html", _scaling),
-    Section("tables", "Tables", "Beside the paper", "as_is.html", _tables),
+    Section("tables", "Tables", "Beside the paper", "comparison.html", comparisons),
     Section("convergence", "Failures", "Where methods fail", "as_is.html", _failures),
     Section("claims", "Claims", "The paper's claims", "claims.html", claims),
-    Section("choice", "Choice", "Which resolution to choose", "as_is.html", _choice),
+    Section("choice", "Choice", "Which resolution to choose", "choice.html", choice_tables),
     Section("threshold", "Threshold", "Contrast threshold", "as_is.html", _threshold),
-    Section("previews", "Previews", "What the sensors saw", "as_is.html", _previews),
-    Section("costs", "Cost", "What this run took", "as_is.html", _costs),
+    Section("previews", "Previews", "What the sensors saw", "previews.html", previews),
+    Section("costs", "Cost", "What this run took", "timings.html", timings),
     Section("provenance", "Provenance", "Provenance", "provenance.html", provenance),
 )
 """The sections of a report, in their order."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from tasks.study.report.sections.choice import choice_facts
+from tasks.study.report.sections.timings import time_text
 from tasks.study.results import words
+from tasks.study.results.comparison import line_label
 
 TEMPLATES = Environment(
     loader=PackageLoader("tasks.study.report"),
@@ -15,6 +18,9 @@ TEMPLATES = Environment(
 )
 TEMPLATES.globals["MISSING"] = words.MISSING
 for _written in (
+    choice_facts,
+    line_label,
+    time_text,
     words.capitalized,
     words.cutoff_detail,
     words.cutoff_label,

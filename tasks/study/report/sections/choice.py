@@ -1,67 +1,66 @@
-"""Which resolution to choose: the report's headline and its tables of choices."""
+"""Which resolution to choose: tables of choices, speeds down, cutoffs across."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from html import escape
+from dataclasses import dataclass
 
-from tasks.study.report.markup import scrolling
+from tasks.study.report.finished_run import FinishedRun
 from tasks.study.results.answer import times_text
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.choice import Choice, Choices
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
-from tasks.study.results.metrics import METRICS, Series
-from tasks.study.results.words import (
-    MISSING,
-    cutoff_detail,
-    cutoff_label,
-    join_words,
-    rate_label,
-    share_text,
-    speed_label,
-)
+from tasks.study.results.metrics import METRICS, Metric, Series
+from tasks.study.results.words import rate_label, share_text
 
 
-def choice_tables_html(choices: Choices, series: Series) -> str:
-    """Render a table of choices for each scene: speeds down, cutoffs across."""
-    metric = METRICS[series.metric]
-    parts = [
-        f'<p class="lead">In each place: the smallest width '
-        f"whose median is within {metric.negligible:g} {metric.unit} of the best, and what it "
-        "saves against the best. “Tied” is the smallest width that these samples do not tell apart "
-        f"from the best (paired 95&#8239;% interval; needs {MIN_SAMPLES_FOR_INTERVAL} samples). "
-        "“Paper” is the first rule on the medians that it prints. "
-        "Struck out: even the best does not beat doing nothing by more than that. On a bus it is "
-        "the same choice among the widths whose own mean event rate, of the square sensor, the bus "
-        "carries, and how much of it that takes: for the slowest bus of a real camera, and for "
-        "each faster one on which another width is enough. These buses carry "
-        f"{_listed(capacities_hz())} Mev/s.</p>"
-    ]
-    cutoffs = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
-    heads = "".join(
-        f'<th scope="col">{escape(cutoff_label(c))} <small>{escape(cutoff_detail(c))}</small></th>'
-        for c in cutoffs
+@dataclass(frozen=True, slots=True)
+class SceneChoices:
+    """One scene: by speed, a choice for each cutoff."""
+
+    scene: str
+    lines: dict[float, list[Choice | None]]
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesChoices:
+    """One series: a table for each scene."""
+
+    title: str
+    metric: Metric
+    cutoffs_hz: list[float]
+    tables: list[SceneChoices]
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceTables:
+    """All series, and which capacities the buses of real cameras have."""
+
+    series: list[SeriesChoices]
+    capacities_mev_s: list[str]
+    samples_needed: int = MIN_SAMPLES_FOR_INTERVAL
+
+
+def choice_tables(run: FinishedRun) -> ChoiceTables:
+    """Collect the section."""
+    return ChoiceTables(
+        [_of_series(one, choices) for one, choices in run.choices.items()],
+        [f"{capacity / 1e6:g}" for capacity in capacities_hz()],
     )
+
+
+def _of_series(series: Series, choices: Choices) -> SeriesChoices:
+    cutoffs_hz = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
+    tables = []
     for scene in dict.fromkeys(scene for scene, _, _ in choices):
-        body = "".join(
-            f'<tr><th scope="row">{escape(speed_label(scene, speed))}</th>'
-            + "".join(choice_cell(choices[scene, cutoff, speed], series) for cutoff in cutoffs)
-            + "</tr>"
-            for speed in dict.fromkeys(speed for where, _, speed in choices if where == scene)
-        )
-        table = (
-            f'<table class="choice"><caption><span>{escape(scene)}</span></caption>'
-            f'<thead><tr><th scope="col"></th>{heads}</tr></thead><tbody>{body}</tbody></table>'
-        )
-        parts.append(scrolling(f"Choice, {scene}", table))
-    return "".join(parts)
+        speeds = dict.fromkeys(speed for where, _, speed in choices if where == scene)
+        lines = {s: [choices.get((scene, c, s)) for c in cutoffs_hz] for s in speeds}
+        tables.append(SceneChoices(scene, lines))
+    return SeriesChoices(series.title, METRICS[series.metric], cutoffs_hz, tables)
 
 
-def choice_cell(choice: Choice | None, series: Series) -> str:
-    """Render one place of a table of choices."""
-    if choice is None:
-        return f"<td>{MISSING}<br><small>not all samples measured</small></td>"
-    metric = METRICS[series.metric]
+def choice_facts(choice: Choice) -> list[str]:
+    """Say what else is to know of a choice, a line each."""
+    metric = choice.metric
     score = metric.text(choice.scores[choice.enough])
     facts = [f"{score} {metric.unit} at {rate_label(choice.event_rates_hz[choice.enough])} Mev/s"]
     if choice.enough == choice.best:
@@ -78,9 +77,7 @@ def choice_cell(choice: Choice | None, series: Series) -> str:
     facts += _bus_texts(choice)
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {metric.text(choice.nothing)} {metric.unit}")
-    kind = "" if choice.worthwhile else ' class="worthless"'
-    small = "".join(f"<small>{escape(fact)}</small><br>" for fact in facts)
-    return f"<td{kind}><b>{choice.enough} px</b>{small}</td>"
+    return facts
 
 
 def _bus_texts(choice: Choice) -> list[str]:
@@ -95,7 +92,3 @@ def _bus_texts(choice: Choice) -> list[str]:
             answer = f"{bus.enough} px at {share_text(share)}"
         texts.append(f"{bus.capacity_hz / 1e6:g} Mev/s bus: {answer}")
     return texts
-
-
-def _listed(capacities: Iterable[float]) -> str:
-    return join_words([f"{capacity / 1e6:g}" for capacity in capacities])

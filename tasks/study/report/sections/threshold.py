@@ -7,7 +7,7 @@ from html import escape
 
 from tasks.study.report.chart import Chart
 from tasks.study.report.markup import scrolling
-from tasks.study.report.sections.choice import choice_cell
+from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.choice import choose_all
 from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.scores import Condition, Scores, base_speed, beats
@@ -121,10 +121,11 @@ def _choices(ascending: list[Scores], first: Scores, series: Series, scene: str)
     """Which width to choose: cutoffs down, thresholds across."""
     choices = [choose_all(scores, series) for scores in ascending]
     speed = base_speed(first, series)
+    cell = TEMPLATES.get_template("macros.html").module.choice_cell  # type: ignore[attr-defined]
     body = "".join(
         f'<tr><th scope="row">{escape(cutoff_label(cutoff_hz))} '
         f"<small>{escape(cutoff_detail(cutoff_hz))}</small></th>"
-        + "".join(choice_cell(one.get((scene, cutoff_hz, speed)), series) for one in choices)
+        + "".join(cell(one.get((scene, cutoff_hz, speed))) for one in choices)
         + "</tr>"
         for cutoff_hz in first.cutoffs_hz(series)
     )
