@@ -144,8 +144,7 @@ def test_the_report_of_the_paper_run_is_the_same(tmp_path, monkeypatch):
 
 
 def plain(text: str) -> str:
-    """Text without the white space between tags, quotes in one spelling."""
-    text = re.sub("&#(x27|39);", "'", text).replace("&#34;", "&quot;")
+    """Text without the white space between tags and at the ends of lines."""
     return re.sub(r"\s+", " ", re.sub(r">\s+", ">", re.sub(r"\s+<", "<", text))).strip()
 
 

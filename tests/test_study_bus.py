@@ -51,7 +51,7 @@ def test_the_table_marks_what_saturates() -> None:
     rows = paper_rows(scenes=("carpet",))
     page = buses_html(Scores(rows))
     assert "survives its own bus" in page
-    assert '<b class="over">2097 <small>209715&#8239;%</small></b>' in page
+    assert '<b class="over">2097 <small>209715\u202f%</small></b>' in page
     assert page.count("<tr>") == 1 + 10  # the head, and ten cameras
     lost = [r for r in rows if (r.width, r.sample) != (128, 3)]
     assert "DVS128" not in buses_html(Scores(lost))

@@ -60,11 +60,11 @@ def costs_html(parts: list[PartCosts]) -> str:
 
 def cells(page: str) -> dict[str, list[str]]:
     """Texts of the cells of each line of the tables, by the line's head."""
-    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
+    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page, re.DOTALL)
     return {
         head: [
-            unescape(re.sub("<[^>]*>", "", cell.replace("<br>", "; ")))
-            for cell in re.findall(r"<td.*?</td>", line)
+            unescape(re.sub("<[^>]*>", "", cell.replace(" <small>", "; "))).replace("\n", "; ")
+            for cell in re.findall(r"<td.*?</td>", line, re.DOTALL)
         ]
         for head, line in lines
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -58,6 +59,17 @@ class FinishedRun:
             dict.fromkeys(s for one in self.scores.series() for s in self.scores.scenes(one))
         )
 
+    @property
+    def firsts(self) -> list[Series]:
+        """The first series of each task."""
+        return list({one.task: one for one in reversed(self.series)}.values())[::-1]
+
+    @cached_property
+    def sample_counts(self) -> list[int]:
+        """The different numbers of samples a scene, ascending."""
+        scores = self.scores
+        return sorted({scores.samples(s, at) for s in scores.series() for at in scores.scenes(s)})
+
     @cached_property
     def choices(self) -> dict[Series, Choices]:
         """Which width to choose, by series."""
@@ -72,6 +84,32 @@ class FinishedRun:
     def verdicts(self) -> list[Verdict]:
         """The paper's claims, judged."""
         return judge_all(self.scores, self.scaling)
+
+    def picture(self, name: str, reason: str) -> str:
+        """Read a PNG file in base64; `reason` says why it is expected.
+
+        Parameters
+        ----------
+        name
+            Its path in the run's folder.
+        reason
+            Ends the error's text.
+
+        Returns
+        -------
+        str
+            Its bytes in base64.
+
+        Raises
+        ------
+        ResultError
+            It is missing.
+        """
+        path = self.folder / name
+        try:
+            return base64.b64encode(path.read_bytes()).decode()
+        except FileNotFoundError:
+            raise ResultError(f"{path}: no such file, but {reason}") from None
 
 
 def read_run(folder: Path) -> FinishedRun:

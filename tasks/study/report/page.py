@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from jinja2 import Template
-from markupsafe import Markup, escape
 
 from tasks.errors import ResultError
 from tasks.files import write_bytes
-from tasks.study.report.figures import COLOURS, figure_files
+from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
+from tasks.study.report.plot import COLORS
 from tasks.study.report.sections.choice import choice_tables
-from tasks.study.report.sections.claims import claims
 from tasks.study.report.sections.comparison import comparisons
-from tasks.study.report.sections.failures import convergence_html
+from tasks.study.report.sections.failures import failures
 from tasks.study.report.sections.previews import previews
-from tasks.study.report.sections.provenance import provenance
-from tasks.study.report.sections.scaling import scaling_html
-from tasks.study.report.sections.summary import summary
-from tasks.study.report.sections.threshold import threshold_html
+from tasks.study.report.sections.scaling import scaling
+from tasks.study.report.sections.threshold import thresholds
 from tasks.study.report.sections.timings import timings
-from tasks.study.report.sections.tradeoff import tradeoff
+from tasks.study.report.sections.tradeoff import tradeoff, tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
-from tasks.study.report.tradeoff import plot_data
 from tasks.study.results.comparison import comparison_table
-from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 
 MAX_BYTES = 15_000_000
@@ -62,41 +56,22 @@ class Section:
     data: Callable[[FinishedRun], object]
 
 
-def _folded(series: Series, content: str, *, opened: bool) -> str:
-    title = escape(series.title[0].upper() + series.title[1:])
-    return f"<details{' open' * opened}><summary>{title}</summary>{content}</details>"
-
-
-def _scaling(run: FinishedRun) -> Markup:
-    return Markup(scaling_html(run.folder / "scaling", run.scaling, run.scenes))
-
-
-def _failures(run: FinishedRun) -> Markup:
-    none = "<p>This run has no optical flow and no pose tracking.</p>"
-    return Markup(convergence_html(run.scores) or none)
-
-
-def _threshold(run: FinishedRun) -> Markup | None:
-    if not run.found[1:]:
-        return None
-    parts = [
-        _folded(one, threshold_html(run.found, one), opened=one is run.series[0])
-        for one in filter(is_main, run.series)
-    ]
-    return Markup("".join(parts))
+def _itself(run: FinishedRun) -> FinishedRun:
+    """The data of sections that show what the run holds as it is."""
+    return run
 
 
 SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html", tradeoff),
-    Section("scaling", "Scaling", "Why finer sensors fire faster", "as_is.html", _scaling),
+    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html", scaling),
     Section("tables", "Tables", "Beside the paper", "comparison.html", comparisons),
-    Section("convergence", "Failures", "Where methods fail", "as_is.html", _failures),
-    Section("claims", "Claims", "The paper's claims", "claims.html", claims),
+    Section("convergence", "Failures", "Where methods fail", "failures.html", failures),
+    Section("claims", "Claims", "The paper's claims", "claims.html", _itself),
     Section("choice", "Choice", "Which resolution to choose", "choice.html", choice_tables),
-    Section("threshold", "Threshold", "Contrast threshold", "as_is.html", _threshold),
+    Section("threshold", "Threshold", "Contrast threshold", "threshold.html", thresholds),
     Section("previews", "Previews", "What the sensors saw", "previews.html", previews),
     Section("costs", "Cost", "What this run took", "timings.html", timings),
-    Section("provenance", "Provenance", "Provenance", "provenance.html", provenance),
+    Section("provenance", "Provenance", "Provenance", "provenance.html", _itself),
 )
 """The sections of a report, in their order."""
 
@@ -135,7 +110,7 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     tables = [comparison_table(one, series) for one in run.found for series in one.series()]
     write_bytes(run_dir / "tables.csv", to_csv(tables).encode())
     for series in filter(is_main, run.series):
-        for kind, image in figure_files(run.scores, series).items():
+        for kind, image in figure_files(tradeoff_plots(run.scores, series)).items():
             name = re.sub(r"\W+", "_", series.method)
             write_bytes(run_dir / "figures" / f"tradeoff_{name}.{kind}", image)
     report = run_dir / "report.html"
@@ -145,11 +120,9 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
 
 def _page(run: FinishedRun, sections: Sequence[Section]) -> str:
     collected = [(section, section.data(run)) for section in sections]
-    plots = [plot_data(run.scores, one, s) for one in run.series for s in run.scores.scenes(one)]
     return TEMPLATES.get_template("page.html").render(
         title="Which event-camera resolution is enough?",
-        colors=COLOURS,
-        summary=summary(run),
+        colors=COLORS,
+        run=run,
         sections=[(section, data) for section, data in collected if data is not None],
-        plot_data=Markup(json.dumps(plots, ensure_ascii=False).replace("<", "\\u003c")),
     )

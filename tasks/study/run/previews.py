@@ -16,7 +16,7 @@ _GAMMA = 2.2
 
 
 def preview_files(part: Part, exhibit: Exhibit) -> dict[str, bytes]:
-    """A part's pictures and, last, `<scene>.json`, which describes them, by file name.
+    """A part's pictures and, last, `SCENE.json`, which describes them, by file name.
 
     One shows the radiance at the window's end; one for each width and cutoff shows the sum of
     polarities in the window's last 10 ms at the first speed. All show the same part of the scene.

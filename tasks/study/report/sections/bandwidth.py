@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sensor.presets import SensorPreset
+from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.bandwidth import Load, bus_loads
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores, base_speed
-
-
-@dataclass(frozen=True, slots=True)
-class BusTable:
-    """One scene: for each camera, and each cutoff, its bus's load at each speed."""
-
-    scene: str
-    lines: list[tuple[SensorPreset, list[list[Load | None]]]]
+from tasks.study.results.words import MISSING, rate_label
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,48 +17,41 @@ class Buses:
     """A table for each scene, at base speed and at the highest."""
 
     speeds: list[float]
-    cutoffs_hz: list[float]
-    tables: list[BusTable]
+    tables: list[Table]
 
 
 def buses(scores: Scores, series: Series) -> Buses:
     """Collect the loads that one series puts on the buses of real cameras."""
-    cutoffs_hz = scores.cutoffs_hz(series)
     speeds = list(dict.fromkeys([base_speed(scores, series), max(scores.speeds(series))]))
-    tables = [_table(scores, series, s, cutoffs_hz, speeds) for s in scores.scenes(series)]
-    return Buses(speeds, cutoffs_hz, [table for table in tables if table.lines])
+    tables = [_table(scores, series, scene, speeds) for scene in scores.scenes(series)]
+    return Buses(speeds, [table for table in tables if table])
 
 
-def _table(
-    scores: Scores,
-    series: Series,
-    scene: str,
-    cutoffs_hz: Sequence[float],
-    speeds: Sequence[float],
-) -> BusTable:
-    loads = {
-        (cutoff_hz, speed, load.camera): load
-        for cutoff_hz in cutoffs_hz
-        for speed in speeds
-        for load in bus_loads(_rates_hz(scores, series, scene, cutoff_hz, speed))
+def _table(scores: Scores, series: Series, scene: str, speeds: Sequence[float]) -> Table | None:
+    cutoffs_hz, widths = scores.cutoffs_hz(series), scores.widths(series)
+    loads: dict[tuple[float, float, str], Load] = {}
+    for hz in cutoffs_hz:
+        for speed in speeds:
+            cells = {w: scores.cell(series, Condition(scene, w, hz, speed)) for w in widths}
+            rates_hz = {w: c.event_rate_hz for w, c in cells.items() if c.event_rate_hz is not None}
+            loads |= {(hz, speed, one.camera.camera): one for one in bus_loads(rates_hz)}
+    if not loads:
+        return None
+    cameras = {one.camera.camera: one.camera for one in loads.values()}.values()
+    ordered = sorted(cameras, key=lambda one: (one.model.width, one.max_bandwidth_mev_s))
+    rows = {
+        Text(one.camera, f"{one.model.width}×{one.model.height}, {one.year}"): [
+            [Text(f"{one.max_bandwidth_mev_s:g}")],
+            *([_text(loads.get((hz, speed, one.camera))) for speed in speeds] for hz in cutoffs_hz),
+        ]
+        for one in ordered
     }
-    cameras = sorted(
-        dict.fromkeys(camera for _, _, camera in loads),
-        key=lambda camera: (camera.model.width, camera.max_bandwidth_mev_s),
-    )
-    lines = [
-        (camera, [[loads.get((c, speed, camera)) for speed in speeds] for c in cutoffs_hz])
-        for camera in cameras
-    ]
-    return BusTable(scene, lines)
+    heads = [Text("camera"), Text("bus [Mev/s]"), *map(cutoff_text, cutoffs_hz)]
+    return Table("buses", f"Buses, {scene}", scene, heads, {Text(""): rows})
 
 
-def _rates_hz(
-    scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float
-) -> dict[int, float]:
-    """Median event rates of the widths that have all samples."""
-    cells = {
-        width: scores.cell(series, Condition(scene, width, cutoff_hz, speed)).event_rate_hz
-        for width in scores.widths(series)
-    }
-    return {width: rate for width, rate in cells.items() if rate is not None}
+def _text(load: Load | None) -> Text:
+    if load is None:
+        return Text(MISSING)
+    share = f"{100 * load.share:.0f}\u202f%"
+    return Text(rate_label(load.rate_hz), share, "" if load.survives else "over")

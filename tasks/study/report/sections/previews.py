@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,25 +14,18 @@ _FIELDS = {"file", "scene", "width", "cutoff_hz", "speed", "kind", "caption"}
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A PNG picture in base64; `setting` is the cutoff in Hz and the speed."""
+    """A PNG picture in base64, of the radiance or of the events of a sensor."""
 
+    kind: str  # "frame" or "events"
     png: str
     caption: str
-    setting: tuple[float, float]
+    width: int
+    cutoff_hz: float
+    speed: float
 
 
-@dataclass(frozen=True, slots=True)
-class ScenePreviews:
-    """One scene: its radiance, and its events by setting from ideal light down, then by width."""
-
-    scene: str
-    frames: list[Picture]
-    events: list[Picture]
-    columns: int
-
-
-def previews(run: FinishedRun) -> list[ScenePreviews]:
-    """Collect the section from ``previews/index.json`` and the files that it lists.
+def previews(run: FinishedRun) -> dict[str, list[Picture]]:
+    """Collect the section by scene; events from ideal light down, then by width.
 
     Raises
     ------
@@ -43,20 +34,14 @@ def previews(run: FinishedRun) -> list[ScenePreviews]:
     """
     index = run.folder / "previews" / "index.json"
     entries = [_checked(index, one) for one in read_json(index, list)] if index.is_file() else []
-    found = []
-    for scene in dict.fromkeys(entry["scene"] for entry in entries):
-        of_scene = [entry for entry in entries if entry["scene"] == scene]
-        frames = [entry for entry in of_scene if entry["kind"] == "frame"]
-        events = [entry for entry in of_scene if entry["kind"] == "events"]
-        events.sort(key=lambda e: (-float(e["cutoff_hz"]), e["speed"], e["width"]))
-        found.append(
-            ScenePreviews(
-                scene,
-                [_picture(index.parent, entry) for entry in frames],
-                [_picture(index.parent, entry) for entry in events],
-                columns=len({entry["width"] for entry in events}),
-            )
-        )
+    found: dict[str, list[Picture]] = {}
+    for entry in entries:
+        png = run.picture(f"previews/{entry['file']}", "previews/index.json lists it")
+        setting = float(entry["cutoff_hz"]), float(entry["speed"])
+        picture = Picture(entry["kind"], png, entry["caption"], entry["width"], *setting)
+        found.setdefault(entry["scene"], []).append(picture)
+    for pictures in found.values():
+        pictures.sort(key=lambda one: (-one.cutoff_hz, one.speed, one.width))
     return found
 
 
@@ -70,11 +55,3 @@ def _checked(index: Path, entry: Any) -> dict[str, Any]:
             "'frame'"
         )
     return entry
-
-
-def _picture(folder: Path, entry: Mapping[str, Any]) -> Picture:
-    path = folder / entry["file"]
-    if not path.is_file():
-        raise ResultError(f"{path}: no such file, but previews/index.json lists it")
-    png = base64.b64encode(path.read_bytes()).decode()
-    return Picture(png, entry["caption"], (float(entry["cutoff_hz"]), float(entry["speed"])))

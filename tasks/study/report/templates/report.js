@@ -1,274 +1,239 @@
 "use strict";
-// Draws the trade-off plots from the JSON in #plot-data, shows those of the chosen method, and
-// enlarges previews.
+// Draws each .plot from the JSON in it, shows those of the chosen method, and enlarges previews.
 
-const SVG = "http://www.w3.org/2000/svg";
-const MARKS = [
-  "M4.5 0A4.5 4.5 0 1 1-4.5 0A4.5 4.5 0 1 1 4.5 0Z",
-  "M-4-4H4V4H-4Z",
-  "M0-5.2L5 3.8H-5Z",
-  "M0-5.6L5.2 0L0 5.6L-5.2 0Z",
-  "M0 5.2L5-3.8H-5Z",
-];
-const HEIGHT = 310;
-const MARGIN = { left: 46, right: 12, top: 12, bottom: 42 };
-const LABEL_ROOM = 26; // at one end for the label of a width, at the other for that of the dashed line
+const HEIGHT = 310, LEFT = 46, RIGHT = 12, TOP = 12, BOTTOM = 268; // of a panel; BOTTOM is the x axis
+const ROOM = 12, LABEL_ROOM = 26; // above and below the data, without and with labels of series
 
-function svg(name, attributes, parent, text) {
-  const element = document.createElementNS(SVG, name);
+function svg(parent, name, attributes, text) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
   if (text !== undefined) element.textContent = text;
-  if (parent) parent.append(element);
+  parent?.append(element);
   return element;
 }
 
-function html(name, properties, parent) {
+function html(parent, name, properties) {
   const element = Object.assign(document.createElement(name), properties);
-  if (parent) parent.append(element);
+  parent?.append(element);
   return element;
 }
 
-const colour = (series) => `var(--series-${series % 8})`;
-const inkOf = (series) => `color-mix(in srgb, ${colour(series)} 62%, var(--ink))`; // to be read
-const mark = (series) => MARKS[series % MARKS.length];
+const color = (key) => `var(--${key.color})`;
+const outline = (key) => `M${key.mark.map((corner) => corner.join(" ")).join("L")}Z`;
+const joined = (line) => line.points.map((p) => [p.x, p.y]);
+const placesOf = (line) => [...(line.path ?? []), ...joined(line)];
+const scaled = (axis, value) => (axis.log ? Math.log10(value) : value);
 
-function extent(values, share) {
-  const low = Math.min(...values), high = Math.max(...values);
+// From the lowest to the highest value on a scaled axis, with a share of that at each end.
+function domain(axis, values, share) {
+  const reached = [...values, ...axis.include].map((value) => scaled(axis, value));
+  if (!reached.length) return [0, 1];
+  const low = Math.min(...reached), high = Math.max(...reached);
   const pad = (high - low || 1) * share;
   return [low - pad, high + pad];
 }
 
-function niceTicks([low, high], count) {
-  const rough = (high - low) / count;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * [1, 2, 5, 10].find((m) => m * power >= rough);
-  const digits = Math.max(0, -Math.floor(Math.log10(step)));
-  const ticks = [];
-  for (let t = Math.ceil(low / step) * step; t <= high; t += step) ticks.push([t, t.toFixed(digits).replace("-", "−")]);
-  return ticks;
+// The finest of an axis's ticks with no more labels than there is room for.
+function ticksWithin(axis, [low, high]) {
+  const inside = ([at]) => at >= low && at <= high;
+  const sets = axis.ticks.map((ticks) => ticks.map(([v, label]) => [scaled(axis, v), label]).filter(inside));
+  return sets.find((ticks) => ticks.filter(([, label]) => label).length <= axis.most) ?? sets.at(-1);
 }
 
-function logTicks([low, high], every = false) {
-  const ticks = [];
-  const narrow = every && high - low < 0.7;
-  for (let decade = Math.floor(low); decade <= high; decade++)
-    for (const m of narrow ? [1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9] : [1, 2, 5]) {
-      const at = decade + Math.log10(m);
-      const label = m === 1 || every ? String(Number((m * 10 ** decade).toPrecision(2))) : "";
-      if (at >= low && at <= high) ticks.push([at, label]);
-    }
-  return ticks;
+function toggle(bar, pressed, onChange) {
+  const button = html(bar, "button", { type: "button", ariaPressed: String(pressed) });
+  button.addEventListener("click", () => {
+    button.ariaPressed = String(button.ariaPressed !== "true");
+    onChange(button.ariaPressed === "true");
+  });
+  return button;
 }
 
 class Plot {
-  constructor(root, data) {
-    this.root = root;
-    this.data = data;
+  constructor(root) {
+    this.data = JSON.parse(root.querySelector("script").textContent);
+    this.panels = root.querySelector(".panels");
     this.hidden = new Set();
-    this.shared = true;
+    this.zoomed = false;
     this.controls();
-    this.panels = html("div", { className: "panels" }, root);
-    this.figures = data.panels.map((panel) => {
-      const figure = html("figure", { className: "panel" }, this.panels);
-      const caption = html("figcaption", { textContent: `${panel.label} ` }, figure);
-      html("small", { textContent: panel.detail }, caption);
-      const box = html("div", {}, figure);
-      const tip = html("div", { className: "tip", hidden: true }, figure);
-      tip.setAttribute("aria-hidden", "true"); // its words are the label of the point it is for
-      return { figure, box, tip, panel };
+    this.figures = this.data.panels.map((panel) => {
+      const figure = html(this.panels, "figure", { className: "panel" });
+      const caption = html(figure, "figcaption", { textContent: `${panel.label} ` });
+      html(caption, "small", { textContent: panel.detail });
+      const box = html(figure, "div");
+      // A tip's words are the label of the point that it is for.
+      return { panel, box, tip: html(figure, "div", { className: "tip", hidden: true, ariaHidden: "true" }) };
     });
     this.draw();
     new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(this.panels);
   }
 
   controls() {
-    const bar = html("div", { className: "controls" }, this.root);
-    this.data.widths.forEach((width, series) => {
-      const button = html("button", { type: "button" }, bar);
-      const key = svg("svg", { width: 12, height: 12, viewBox: "-6 -6 12 12", "aria-hidden": true }, button);
-      svg("path", { d: mark(series), fill: colour(series) }, key);
-      button.append(`${width} px`);
-      button.setAttribute("aria-pressed", "true");
-      button.addEventListener("click", () => {
-        if (!this.hidden.delete(series)) this.hidden.add(series);
-        button.setAttribute("aria-pressed", String(!this.hidden.has(series)));
+    const bar = html(null, "div", { className: "controls" });
+    this.panels.before(bar);
+    this.data.keys.forEach((key, series) => {
+      const button = toggle(bar, true, (shown) => {
+        this.hidden[shown ? "delete" : "add"](series);
         this.draw(true);
       });
-      button.addEventListener("pointerenter", () => this.emphasise(series));
-      button.addEventListener("pointerleave", () => this.emphasise(null));
+      const mark = svg(button, "svg", { width: 12, height: 12, viewBox: "-6 -6 12 12", "aria-hidden": true });
+      svg(mark, "path", { d: outline(key), fill: color(key) });
+      button.append(key.name);
+      button.addEventListener("pointerenter", () => this.emphasize(series));
+      button.addEventListener("pointerleave", () => this.emphasize(null));
     });
-    const axis = html("button", { type: "button", className: "axis", textContent: "Zoom each panel" }, bar);
-    axis.setAttribute("aria-pressed", "false");
-    axis.addEventListener("click", () => {
-      this.shared = !this.shared;
-      axis.setAttribute("aria-pressed", String(!this.shared));
+    if (this.data.panels.length === 1) return;
+    const zoom = toggle(bar, false, (zoomed) => {
+      this.zoomed = zoomed;
       this.draw(true);
     });
+    Object.assign(zoom, { className: "axis", textContent: "Zoom each panel" });
   }
 
-  emphasise(series) {
+  emphasize(series) {
     this.panels.classList.toggle("focus", series !== null && !this.hidden.has(series));
     for (const group of this.panels.querySelectorAll(".series"))
       group.classList.toggle("on", Number(group.dataset.series) === series);
   }
 
-  height(score) {
-    return this.data.log ? Math.log10(score) : score;
-  }
-
   heights(panels) {
-    const points = panels.flatMap((p) => p.points.filter((q) => !this.hidden.has(q.series)));
-    const scores = [...points.map((q) => q.score), ...panels.flatMap((p) => p.baselines)];
-    const values = scores.map((score) => this.height(score));
-    const share = LABEL_ROOM / (HEIGHT - MARGIN.top - MARGIN.bottom - 2 * LABEL_ROOM);
-    return values.length ? extent(values, share) : [0, 1];
+    const shown = panels.flatMap((panel) => panel.lines.filter((_, series) => !this.hidden.has(series)));
+    const values = [...shown.flatMap(placesOf).map(([, y]) => y), ...panels.flatMap((p) => p.references)];
+    const room = this.data.keys.some((key) => key.label) ? LABEL_ROOM : ROOM;
+    return domain(this.data.y, values, room / (BOTTOM - TOP - 2 * room));
   }
 
-  draw(force) {
-    const all = this.data.panels;
-    const rates = all.flatMap((p) => p.points.map((q) => Math.log10(q.rate)));
-    const xDomain = rates.length ? extent(rates, 0.06) : [0, 1];
+  draw(anyway) {
+    const every = this.data.panels;
+    const widths = every.flatMap((panel) => panel.lines.flatMap(placesOf)).map(([x]) => x);
     for (const one of this.figures) {
       const width = one.box.clientWidth;
-      if (!width || (one.width === width && !force)) continue;
+      if (!width || (one.width === width && !anyway)) continue;
       one.width = width;
-      this.drawPanel(one, width, xDomain, this.heights(this.shared ? all : [one.panel]));
+      this.drawPanel(one, domain(this.data.x, widths, 0.06), this.heights(this.zoomed ? [one.panel] : every));
     }
   }
 
-  drawPanel(one, width, xDomain, yDomain) {
-    const { panel, box, tip } = one;
-    const right = width - MARGIN.right, bottom = HEIGHT - MARGIN.bottom;
-    const x = (v) => MARGIN.left + ((v - xDomain[0]) / (xDomain[1] - xDomain[0])) * (right - MARGIN.left);
-    const y = (v) => bottom - ((v - yDomain[0]) / (yDomain[1] - yDomain[0])) * (bottom - MARGIN.top);
-    const root = svg("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, role: "group" });
-    root.setAttribute("aria-label", `${this.data.title}, ${panel.label} (${panel.detail}): ${this.data.axis} against event rate. Dashed line: ${panel.baseline_label}. Arrow keys go from point to point.`);
-    svg("rect", { class: "frame", x: MARGIN.left, y: MARGIN.top, width: right - MARGIN.left, height: bottom - MARGIN.top }, root);
-    const ticks = this.data.log ? logTicks(yDomain, true) : niceTicks(yDomain, 9);
-    for (const [at, label] of ticks) {
-      svg("line", { class: "grid", x1: MARGIN.left, x2: right, y1: y(at), y2: y(at) }, root);
-      svg("text", { x: MARGIN.left - 6, y: y(at) + 4, "text-anchor": "end" }, root, label);
+  drawPanel(one, xDomain, yDomain) {
+    const { panel, box, tip, width } = one;
+    const { title, keys, x: xAxis, y: yAxis, labels_below: below } = this.data;
+    const right = width - RIGHT;
+    const across = (at) => LEFT + ((at - xDomain[0]) / (xDomain[1] - xDomain[0])) * (right - LEFT);
+    const up = (at) => BOTTOM - ((at - yDomain[0]) / (yDomain[1] - yDomain[0])) * (BOTTOM - TOP);
+    const x = (value) => across(scaled(xAxis, value)), y = (value) => up(scaled(yAxis, value));
+    const dashed = panel.references.length ? `Dashed line: ${panel.reference_label}. ` : "";
+    const label = `${title}, ${panel.label} (${panel.detail}): ${yAxis.label} against ${xAxis.label}. ${dashed}Arrow keys go from point to point.`;
+    const root = svg(null, "svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, role: "group", "aria-label": label });
+    const line = (kind, x1, x2, y1, y2, opacity = 1) => svg(root, "line", { class: kind, x1, x2, y1, y2, "stroke-opacity": opacity });
+    const text = (words, x, y, anchor = "middle") => svg(root, "text", { x, y, "text-anchor": anchor }, words);
+    svg(root, "rect", { class: "frame", x: LEFT, y: TOP, width: right - LEFT, height: BOTTOM - TOP });
+    for (const [at, words] of ticksWithin(yAxis, yDomain)) {
+      line("grid", LEFT, right, up(at), up(at), words ? 1 : 0.45);
+      text(words, LEFT - 6, up(at) + 4, "end");
     }
-    for (const [at, label] of logTicks(xDomain)) {
-      svg("line", { class: "grid", x1: x(at), x2: x(at), y1: MARGIN.top, y2: bottom, "stroke-opacity": label ? 1 : 0.45 }, root);
-      svg("text", { x: x(at), y: bottom + 15, "text-anchor": "middle" }, root, label);
+    for (const [at, words] of ticksWithin(xAxis, xDomain)) {
+      line("grid", across(at), across(at), TOP, BOTTOM, words ? 1 : 0.45);
+      text(words, across(at), BOTTOM + 15);
     }
-    svg("text", { x: (MARGIN.left + right) / 2, y: HEIGHT - 8, "text-anchor": "middle" }, root, "event rate [Mev/s]");
-    svg("text", { transform: `translate(11 ${(MARGIN.top + bottom) / 2}) rotate(-90)`, "text-anchor": "middle" }, root, this.data.axis);
-    for (const score of panel.baselines)
-      svg("line", { class: "baseline", x1: MARGIN.left, x2: right, y1: y(this.height(score)), y2: y(this.height(score)) }, root);
-    if (panel.baselines.length) {
-      const at = this.data.less_is_better ? MARGIN.top + 11 : bottom - 9; // where no width's label is
-      svg("line", { class: "baseline", x1: right - 30, x2: right - 6, y1: at, y2: at }, root);
-      svg("text", { x: right - 36, y: at + 4, "text-anchor": "end" }, root, panel.baseline_label);
+    text(xAxis.label, (LEFT + right) / 2, HEIGHT - 8);
+    text(yAxis.label, 0, 0).setAttribute("transform", `translate(11 ${(TOP + BOTTOM) / 2}) rotate(-90)`);
+    for (const value of panel.references) line("baseline", LEFT, right, y(value), y(value));
+    if (panel.references.length) {
+      const at = below ? TOP + 11 : BOTTOM - 9; // where no label of a series is
+      line("baseline", right - 30, right - 6, at, at);
+      text(panel.reference_label, right - 36, at + 4, "end");
     }
     const places = [];
-    this.data.widths.forEach((px, series) => {
-      if (this.hidden.has(series)) return;
-      const points = panel.points.filter((q) => q.series === series);
-      if (!points.length) return;
-      const group = svg("g", { class: "series", "data-series": series }, root);
-      const placed = points.map((q) => ({ q, x: x(Math.log10(q.rate)), y: y(this.height(q.score)) }));
-      svg("path", { class: "line", d: `M${placed.map((p) => `${p.x} ${p.y}`).join("L")}`, stroke: colour(series) }, group);
-      for (const p of placed) {
-        p.mark = svg("path", { class: "mark", d: mark(series), transform: `translate(${p.x} ${p.y})`, fill: colour(series), role: "img", tabindex: -1 }, group);
-        p.mark.setAttribute("aria-label", p.q.lines.join(", "));
+    keys.forEach((key, series) => {
+      const { points, path } = panel.lines[series], way = path ?? joined(panel.lines[series]);
+      if (this.hidden.has(series) || !way.length) return;
+      const group = svg(root, "g", { class: "series", "data-series": series });
+      svg(group, "path", { class: "line", d: `M${way.map((at) => `${x(at[0])} ${y(at[1])}`).join("L")}`, stroke: color(key) });
+      for (const point of points) {
+        const place = { series, lines: point.lines, x: x(point.x), y: y(point.y) };
+        place.mark = svg(group, "path", {
+          class: "mark", d: outline(key), transform: `translate(${place.x} ${place.y})`, fill: color(key),
+          role: "img", tabindex: -1, "aria-label": point.lines.join(", "),
+        });
+        places.push(place);
       }
-      const first = placed[0];
-      svg("text", { x: first.x, y: first.y + (this.data.less_is_better ? 18 : -10), "text-anchor": "middle", "aria-hidden": true, style: `fill:${inkOf(series)}` }, group, px);
-      places.push(...placed);
+      if (!key.label || !points.length) return;
+      const at = { x: x(points[0].x), y: y(points[0].y) + (below ? 18 : -10), "text-anchor": "middle", "aria-hidden": true };
+      svg(group, "text", { ...at, style: `fill: color-mix(in srgb, ${color(key)} 62%, var(--ink))` }, key.label);
     });
-    const ring = svg("circle", { class: "ring", r: 9, visibility: "hidden" }, root);
+    const ring = svg(root, "circle", { class: "ring", r: 9, visibility: "hidden" });
     const hadFocus = box.contains(document.activeElement);
     box.replaceChildren(root);
     tip.hidden = true;
+    if (!places.length) return;
 
     // One point of a panel is a stop of the Tab key, arrow keys go on from it.
-    let stop = Math.max(0, Math.min(one.stop ?? 0, places.length - 1));
     const stopAt = (index) => {
-      places[stop].mark.setAttribute("tabindex", -1);
-      one.stop = stop = index;
-      places[stop].mark.setAttribute("tabindex", 0);
+      places[one.stop].mark.tabIndex = -1;
+      one.stop = index;
+      places[index].mark.tabIndex = 0;
     };
     let current = -1;
     const show = (index) => {
       current = index;
-      const p = places[index];
-      tip.hidden = !p;
-      ring.setAttribute("visibility", p ? "visible" : "hidden");
-      this.emphasise(p ? p.q.series : null);
-      if (!p) return;
-      ring.setAttribute("cx", p.x);
-      ring.setAttribute("cy", p.y);
-      tip.replaceChildren(html("b", { textContent: p.q.lines[0] }));
-      for (const line of p.q.lines.slice(1)) html("div", { textContent: line }, tip);
-      const left = Math.min(Math.max(p.x - tip.offsetWidth / 2, 0), width - tip.offsetWidth);
-      const above = box.offsetTop + p.y - tip.offsetHeight - 14;
-      tip.style.left = `${left}px`;
-      tip.style.top = `${above > 0 ? above : box.offsetTop + p.y + 14}px`;
+      const place = places[index];
+      tip.hidden = !place;
+      ring.setAttribute("visibility", place ? "visible" : "hidden");
+      this.emphasize(place ? place.series : null);
+      if (!place) return;
+      ring.setAttribute("transform", `translate(${place.x} ${place.y})`);
+      tip.replaceChildren(...place.lines.map((words, i) => html(null, i ? "div" : "b", { textContent: words })));
+      const above = box.offsetTop + place.y - tip.offsetHeight - 14;
+      tip.style.left = `${Math.min(Math.max(place.x - tip.offsetWidth / 2, 0), width - tip.offsetWidth)}px`;
+      tip.style.top = `${above > 0 ? above : box.offsetTop + place.y + 14}px`;
     };
     const pick = (event) => {
       const frame = root.getBoundingClientRect();
-      const px = event.clientX - frame.left, py = event.clientY - frame.top;
-      let best = -1, nearest = 32;
-      places.forEach((p, i) => {
-        const distance = Math.hypot(p.x - px, p.y - py);
-        if (distance < nearest) [nearest, best] = [distance, i];
-      });
-      if (best !== current) show(best);
+      const away = places.map((p) => Math.hypot(p.x - event.clientX + frame.left, p.y - event.clientY + frame.top));
+      const nearest = away.indexOf(Math.min(...away, 32));
+      if (nearest !== current) show(nearest);
     };
     root.addEventListener("pointermove", pick);
     root.addEventListener("pointerdown", pick);
     root.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && show(-1));
-    places.forEach((p, i) => {
-      p.mark.addEventListener("focus", () => {
-        stopAt(i);
-        show(i);
+    places.forEach(({ mark }, index) => {
+      mark.addEventListener("focus", () => {
+        stopAt(index);
+        show(index);
       });
-      p.mark.addEventListener("blur", () => show(-1));
+      mark.addEventListener("blur", () => show(-1));
     });
     root.addEventListener("keydown", (event) => {
-      const last = places.length - 1;
-      const to = {
-        ArrowRight: stop < last ? stop + 1 : 0,
-        ArrowLeft: stop > 0 ? stop - 1 : last,
-        Home: 0,
-        End: last,
-      };
-      to.ArrowUp = to.ArrowRight;
-      to.ArrowDown = to.ArrowLeft;
+      const last = places.length - 1, next = (one.stop + 1) % places.length;
+      const before = (one.stop + last) % places.length;
+      const to = { ArrowRight: next, ArrowDown: before, ArrowUp: next, ArrowLeft: before, Home: 0, End: last }[event.key];
       if (event.key === "Escape") show(-1);
-      if (!(event.key in to)) return;
+      if (to === undefined) return;
       event.preventDefault();
-      places[to[event.key]].mark.focus();
+      places[to].mark.focus();
     });
-    if (places.length) stopAt(stop);
-    if (places.length && hadFocus) places[stop].mark.focus();
+    one.stop = Math.min(one.stop ?? 0, places.length - 1);
+    stopAt(one.stop);
+    if (hadFocus) places[one.stop].mark.focus();
   }
 }
 
-const plots = JSON.parse(document.getElementById("plot-data").textContent);
-const drawn = [...document.querySelectorAll(".plot")].map((root, i) => new Plot(root, plots[i]));
+const drawn = [...document.querySelectorAll(".plot")].map((root) => new Plot(root));
 
 const pick = document.getElementById("pick");
-if (pick) {
-  const groups = document.querySelectorAll(".plots");
-  const choose = () => {
-    groups.forEach((group, i) => (group.hidden = i !== Number(pick.value)));
-    drawn.forEach((plot) => plot.draw()); // those that were hidden had no width
-  };
-  pick.addEventListener("change", choose);
-  choose(); // a browser may restore an earlier choice
-}
+const choose = () => {
+  document.querySelectorAll(".plots").forEach((group, i) => (group.hidden = i !== Number(pick.value)));
+  drawn.forEach((plot) => plot.draw()); // those that were hidden had no width
+};
+pick?.addEventListener("change", choose);
+if (pick) choose(); // a browser may restore an earlier choice
 
 const zoom = document.getElementById("zoom");
 document.querySelectorAll(".shot").forEach((button) =>
   button.addEventListener("click", () => {
-    const small = button.querySelector("img"), large = zoom.querySelector("img");
-    large.src = small.src;
-    large.alt = small.alt;
-    large.className = small.className;
-    zoom.querySelector("p").textContent = small.alt;
+    const { src, alt, className } = button.querySelector("img");
+    Object.assign(zoom.querySelector("img"), { src, alt, className });
+    zoom.querySelector("p").textContent = alt;
     zoom.showModal();
   }),
 );
