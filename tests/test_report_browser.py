@@ -89,7 +89,9 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     add_previews(folder)
     (folder / "costs").mkdir()
     (folder / "costs" / "part.json").write_bytes(costs_file(PART))
-    return write_report(folder)
+    with pytest.MonkeyPatch.context() as patch:  # static figures take longer than all the rest
+        patch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
+        return write_report(folder)
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from tasks.study.report.answer import times_text
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text, cutoff_text
-from tasks.study.results.answer import times_text
 from tasks.study.results.choice import Choice, Choices
 from tasks.study.results.metrics import Series
 from tasks.study.results.words import rate_label, share_text, speed_label
