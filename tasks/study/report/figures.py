@@ -12,6 +12,23 @@ from matplotlib.figure import Figure
 
 from tasks.study.report.plot import COLORS, Axis, Panel, Plot
 
+_STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.xmargin": 0.08,
+    "axes.ymargin": 0.15,  # room for labels at one end and the legend at the other
+    "grid.color": "#e4e5e1",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "legend.labelcolor": COLORS["soft"][0],
+    "svg.hashsalt": "eres",
+}
+
 
 def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
     """Draw plots as PNG and SVG, the same bytes for the same plots.
@@ -26,29 +43,16 @@ def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
     dict
         The files by extension, ``png`` and ``svg``.
     """
-    files = {}
-    with rc_context(
-        {
-            "font.size": 9,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.grid": True,
-            "grid.color": "#e4e5e1",
-            "axes.axisbelow": True,
-            "svg.hashsalt": "eres",
-        }
-    ):
-        drawn = figure(plots)
-        for kind, options in {
-            "png": {"dpi": 160, "metadata": {"Software": None}},
-            "svg": {"metadata": {"Date": None}},
-        }.items():
-            file = io.BytesIO()
-            drawn.savefig(file, format=kind, facecolor="white", **options)  # type: ignore[arg-type]
-            files[kind] = file.getvalue()
+    drawn, files = figure(plots), {}
+    for kind, unwanted in {"png": "Software", "svg": "Date"}.items():
+        file = io.BytesIO()
+        with rc_context(_STYLE):  # type: ignore[arg-type]
+            drawn.savefig(file, format=kind, dpi=160, metadata={unwanted: None})
+        files[kind] = file.getvalue()
     return files
 
 
+@rc_context(_STYLE)  # type: ignore[arg-type]
 def figure(plots: Mapping[str, Plot]) -> Figure:
     """Draw a row for each plot, with its panels side by side."""
     columns = max(len(plot.panels) for plot in plots.values())
@@ -68,45 +72,25 @@ def figure(plots: Mapping[str, Plot]) -> Figure:
 
 def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
     below = plot.labels_below
-    axes.set_title(f"{name}, {panel.label} ({panel.detail})", fontsize=9, loc="left")
+    axes.set_title(f"{name}, {panel.label} ({panel.detail})")
+    axes.set_xlabel(plot.x.label)
     axes.set_xscale("log" if plot.x.log else "linear")
     axes.set_yscale("log" if plot.y.log else "linear")
-    axes.margins(x=0.08, y=0.15)  # room for labels at one end and the legend at the other
-    axes.set_xlabel(plot.x.label)
-    references = [
+    for at in panel.references:
         axes.axhline(at, color=COLORS["ink"][0], linestyle="--", linewidth=1)
-        for at in panel.references
-    ]
-    if references:
-        axes.legend(
-            references[:1],
-            [panel.reference_label],
-            loc="upper right" if below else "lower right",
-            frameon=False,
-            fontsize=8,
-            labelcolor=COLORS["soft"][0],
-            borderpad=0.1,
-            borderaxespad=0.3,
-        )
+    if panel.references:
+        legend = axes.legend(axes.lines[:1], [panel.reference_label], borderpad=0.1)
+        legend.set_loc("upper right" if below else "lower right")
     for key, line in zip(plot.keys, panel.lines, strict=True):
         marks = [(point.x, point.y) for point in line.points]
         if not marks:
             continue
-        color = COLORS[key.color][0]
+        color, outline = COLORS[key.color][0], [(x, -y) for x, y in key.mark]
         axes.plot(*zip(*(line.path or marks), strict=True), color=color, linewidth=1.5)
-        outline = [(x, -y) for x, y in key.mark]
         axes.plot(*zip(*marks, strict=True), color=color, marker=outline, markersize=6, linewidth=0)
-        axes.annotate(
-            key.label,
-            marks[0],
-            xytext=(0, -6 if below else 6),
-            va="top" if below else "bottom",
-            textcoords="offset points",
-            ha="center",
-            color=color,
-            fontsize=8,
-            fontweight="bold",
-        )
+        place = {"xytext": (0, -6 if below else 6), "va": "top" if below else "bottom"}
+        style = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "weight": "bold"}
+        axes.annotate(key.label, marks[0], color=color, **place, **style)  # type: ignore[arg-type]
 
 
 def _set_ticks(drawn: MatplotlibAxis, axis: Axis, low: float, high: float) -> None:

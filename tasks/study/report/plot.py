@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 
 from tasks.study.results.words import number_text
 
@@ -143,14 +144,10 @@ def plot(
 def width_keys(widths: Iterable[int], *, labelled: bool = False) -> list[Key]:
     """Give each sensor width a color and a mark, from coarse to fine."""
     colors = [name for name in COLORS if name.startswith("series")]
+    looks = zip(cycle(colors), cycle(MARKS))
     return [
-        Key(
-            f"{width} px",
-            colors[i % len(colors)],
-            MARKS[i % len(MARKS)],
-            str(width) if labelled else "",
-        )
-        for i, width in enumerate(widths)
+        Key(f"{width} px", color, mark, str(width) if labelled else "")
+        for width, (color, mark) in zip(widths, looks, strict=False)
     ]
 
 

@@ -111,11 +111,8 @@ def _plot(scores: Scores, found: list[Series], name: str) -> Plot:
 
 
 def _pooled_success(scores: Scores, series: Series, width: int, cutoff_hz: float) -> float | None:
-    speed = base_speed(scores, series)
-    cells = [
-        scores.cell(series, Condition(scene, width, cutoff_hz, speed))
-        for scene in scores.scenes(series)
-    ]
+    at = width, cutoff_hz, base_speed(scores, series)
+    cells = [scores.cell(series, Condition(scene, *at)) for scene in scores.scenes(series)]
     failed = [cell.failed for cell in cells if cell.complete]
     return float(1 - np.concatenate(failed).mean()) if failed else None
 

@@ -31,17 +31,11 @@ def scaling(run: FinishedRun) -> list[SceneScaling]:
     ResultError
         A scene has numbers but no picture.
     """
-    return [
-        SceneScaling(
-            scene=scene,
-            clip=one.clip,
-            png=run.picture(f"scaling/{scene}.png", f"{scene}.json is there"),
-            slopes=_slopes(one),
-            intervals=_intervals(one),
-        )
-        for scene in run.scenes
-        if (one := run.scaling.get(scene))
-    ]
+    found = []
+    for one in (run.scaling[scene] for scene in run.scenes if scene in run.scaling):
+        png = run.picture(f"scaling/{one.scene}.png", f"{one.scene}.json is there")
+        found.append(SceneScaling(one.scene, one.clip, png, _slopes(one), _intervals(one)))
+    return found
 
 
 def _slopes(one: Scaling) -> Plot:
@@ -70,13 +64,8 @@ def _law_text(slopes: Slopes) -> str:
 def _intervals(one: Scaling) -> Plot:
     """Histograms in the best light and in the worst, at base speed and at the highest."""
     settings = one.settings()
-    chosen = dict.fromkeys(
-        [
-            min(settings, key=lambda s: (-s[0], s[1])),
-            min(settings),
-            min(settings, key=lambda s: (s[0], -s[1])),
-        ]
-    )
+    best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
+    chosen = dict.fromkeys([best_light, worst, min(settings, key=lambda s: (s[0], -s[1]))])
     widths = sorted({interval.width for interval in one.intervals})
     shares = {(i.width, i.cutoff_hz, i.speed): _shares(i) for i in one.intervals}
     edges_ms = np.array(one.edges_us) * 1e-3

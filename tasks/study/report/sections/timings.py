@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,26 +44,27 @@ def summarize(costs: Sequence[PartCosts]) -> Timings:
 
 def _stages(costs: Sequence[PartCosts]) -> Rows:
     """Time, share of all time, and for each unit of what was done how much and how fast."""
-    samples = [1e-6 * one.rendered_frames * one.resolution**2 * one.spp for one in costs]
-    rendered: dict[str, list] = {
-        "frames": [one.rendered_frames for one in costs],
-        "M samples": samples,
+
+    def of_parts(amount: Callable[[PartCosts], float]) -> list[float]:
+        return [amount(one) for one in costs]
+
+    frames = of_parts(lambda one: one.rendered_frames)
+    samples = of_parts(lambda one: 1e-6 * one.rendered_frames * one.resolution**2 * one.spp)
+    read = of_parts(lambda one: one.frames)
+    pixels = of_parts(lambda one: 1e-6 * one.pixel_frames)
+    events = of_parts(lambda one: 1e-6 * one.events)
+    estimates = of_parts(lambda one: sum(method.estimates for method in one.methods))
+    stages = {
+        "rendering": ("rendering_s", {"frames": frames, "M samples": samples}),
+        "reading frames": ("reading_s", {"frames": read}),
+        "simulating sensors": ("simulating_s", {"M pixel-frames": pixels, "Mev": events}),
+        "keeping events for the tasks": ("collecting_s", {"Mev": events}),
+        "estimating and scoring": ("scoring_s", {"estimates": estimates}),
     }
-    pixels, events = ([1e-6 * getattr(one, n) for one in costs] for n in ("pixel_frames", "events"))
-    estimates = [sum(method.estimates for method in one.methods) for one in costs]
-    stages: dict[str, tuple[list[float], dict[str, list]]] = {
-        "rendering": ([one.rendering_s for one in costs], rendered),
-        "reading frames": ([one.reading_s for one in costs], {"frames": [o.frames for o in costs]}),
-        "simulating sensors": (
-            [one.simulating_s for one in costs],
-            {"M pixel-frames": pixels, "Mev": events},
-        ),
-        "keeping events for the tasks": ([one.collecting_s for one in costs], {"Mev": events}),
-        "estimating and scoring": ([one.scoring_s for one in costs], {"estimates": estimates}),
-    }
-    total_s = sum(sum(took_s) for took_s, _ in stages.values())
+    total_s = sum(getattr(one, field) for field, _ in stages.values() for one in costs)
     rows = {}
-    for stage, (took_s, done) in stages.items():
+    for stage, (field, done) in stages.items():
+        took_s = [getattr(one, field) for one in costs]
         amounts = [f"{_number(sum(found))} {unit}" for unit, found in done.items()]
         rates = [_rate(found, took_s, unit) for unit, found in done.items()]
         share = f"{100 * sum(took_s) / total_s:.0f}\u202f%" if total_s else MISSING
