@@ -1,6 +1,6 @@
 """Measure why finer sensors fire faster, on one clip, and draw L_t.
 
-A run keeps the numbers in `scaling/<scene>.json`, and the picture of L_t in `scaling/<scene>.png`.
+A run keeps the numbers in `scaling/SCENE.json`, and the picture of L_t in `scaling/SCENE.png`.
 """
 
 from __future__ import annotations
