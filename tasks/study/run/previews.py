@@ -34,7 +34,7 @@ def preview_files(
 
     Returns
     -------
-    PNG files and, last, `<scene>.json`, which describes them, by file name.
+    PNG files and, last, `SCENE.json`, which describes them, by file name.
     """
     scene, speed = job.scene.name, job.simulate.speeds[0]
     files: dict[str, bytes] = {}
