@@ -18,7 +18,8 @@ if TYPE_CHECKING:
         TrajectoryError,
     )
     from eres_render.rendering.renderer import Renderer
-    from eres_render.scene.scene import Scene, list_scenes, load_scene
+    from eres_render.scene.load import list_scenes, load_scene
+    from eres_render.scene.scene import Scene
     from eres_render.sequence.clips import Clip, clips, continuous_stretch
     from eres_render.sequence.ground_truth import Flow, GroundTruth, ground_truth
     from eres_render.sequence.ground_truth_files import window_times, write_truth
@@ -40,7 +41,8 @@ _NAMES = {
         "TrajectoryError",
     ),
     "eres_render.rendering.renderer": ("Renderer",),
-    "eres_render.scene.scene": ("Scene", "list_scenes", "load_scene"),
+    "eres_render.scene.load": ("list_scenes", "load_scene"),
+    "eres_render.scene.scene": ("Scene",),
     "eres_render.sequence.clips": ("Clip", "clips", "continuous_stretch"),
     "eres_render.sequence.ground_truth": ("Flow", "GroundTruth", "ground_truth"),
     "eres_render.sequence.ground_truth_files": ("window_times", "write_truth"),

@@ -7,10 +7,10 @@ import pytest
 from browser import Browser, find_chromium
 from study_rows import EI, EPF, EPPT, nothing_rows
 from study_rows import paper_rows as task_rows
-from tasks.evaluation.timings import costs_file
+from tasks.evaluation.timings import timings_file
 from tasks.row import Row
 from tasks.study.report import write_report
-from test_study_costs import PART
+from test_study_costs import JOB
 from test_study_report import add_previews, make_run
 
 PHONE, DESK = (390, 844), (1280, 2000)
@@ -80,7 +80,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = make_run(tmp_path_factory.mktemp("run"), some_rows())
     add_previews(folder)
     (folder / "costs").mkdir()
-    (folder / "costs" / "part.json").write_bytes(costs_file(PART))
+    (folder / "costs" / "part.json").write_bytes(timings_file(JOB))
     return write_report(folder)
 
 

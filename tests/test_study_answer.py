@@ -13,7 +13,8 @@ from tasks.row import Row, write_rows
 from tasks.study.report.sections.choice import answer_html
 from tasks.study.results.answer import choices_of, details, headline, main, overview, with_answers
 from tasks.study.results.choice import Choices, answered, choose_all
-from tasks.study.results.scores import Scores, Series
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Scores
 
 ROOT = Path(__file__).parent.parent
 RUN = ROOT / "docs" / "results" / "paper"

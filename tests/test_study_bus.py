@@ -6,7 +6,7 @@ import pytest
 
 from sensor.presets import SENSORS
 from study_rows import paper_rows
-from tasks.study.claims.verdict import EVENT_INTEGRATION
+from tasks.study.claims.reconstruction import EVENT_INTEGRATION
 from tasks.study.report.sections.bandwidth import buses_html
 from tasks.study.results.bandwidth import bus_loads, capacities_hz
 from tasks.study.results.scores import Scores

@@ -17,7 +17,7 @@ from tasks.row import Row, write_rows
 from tasks.study.report import write_report
 from tasks.study.report.page import MAX_BYTES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.run.highlights import PREVIEW_S
+from tasks.study.run.previews import PREVIEW_S
 
 
 def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
@@ -215,7 +215,7 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="found 'video'"):
         write_report(tmp_path)
     index.write_text(json.dumps([{k: v for k, v in entries[0].items() if k != "caption"}]))
-    with pytest.raises(ResultError, match="no caption"):
+    with pytest.raises(ResultError, match=r"\[0\]\.caption: missing"):
         write_report(tmp_path)
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(ResultError, match=r"study\.json: not JSON"):

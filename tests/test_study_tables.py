@@ -15,7 +15,8 @@ from tasks.row import Row
 from tasks.study.report.sections.comparison import to_html
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table, main_tables
-from tasks.study.results.scores import Condition, Scores, Series
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Condition, Scores
 
 
 def row(width: int, sample: int, value: float, **changes: object) -> Row:

@@ -19,8 +19,9 @@ from tasks.study.report.sections.comparison import to_html
 from tasks.study.report.sections.threshold import threshold_html
 from tasks.study.report.tradeoff import plot_data
 from tasks.study.results.comparison import comparison_table
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.results.scores import Series, by_threshold
+from tasks.study.results.scores import by_threshold
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
 """What 1280 px gains at event integration from another threshold; nothing else does."""

@@ -23,6 +23,7 @@ from importlib.metadata import version
 from eres_render.errors import BackendError, RenderError
 from eres_render.storage.atomic import write_text
 from eres_render.storage.cache import cache_dir
+from eres_render.storage.settings_reader import read_json
 
 _log = logging.getLogger(__name__)
 
@@ -163,16 +164,15 @@ def _verdict(name: str) -> VariantVerdict:
     digest = hashlib.sha256(surroundings.encode()).hexdigest()[:16]
     path = cache_dir() / "variants" / f"{name}-{digest}.json"
     try:
-        return VariantVerdict(**json.loads(path.read_text()))
-    except (OSError, ValueError, TypeError):
+        return read_json(VariantVerdict, path, BackendError)
+    except BackendError:
         pass  # not cached, or unreadable: probe again
     verdict = _probe(name)
     if not verdict.lasting:
         return verdict
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, json.dumps(asdict(verdict)))
-    except (OSError, RenderError) as error:
+    except RenderError as error:
         _log.debug("the verdict on %s is not cached: %s", name, error)
     return verdict
 

@@ -14,7 +14,8 @@ from eres_render.errors import SceneError
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
-from eres_render.scene.scene import Scene, load_scene
+from eres_render.scene.load import load_scene
+from eres_render.scene.scene import Scene
 from eres_render.sequence.sequence import RadianceSequence
 from eres_render.trajectory.spline import Trajectory
 

@@ -19,7 +19,7 @@ from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
 from eres_render.sequence.ground_truth import Flow, GroundTruth
 from eres_render.sequence.sequence import RadianceSequence
-from eres_render.storage.atomic import write_text, write_whole
+from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.exr import write_channels
 from eres_render.trajectory.tum import tum_text
 
@@ -218,7 +218,7 @@ def write_flow_png(path: Path, flow: Flow) -> None:
     good, data = cv2.imencode(".png", rgb[..., ::-1])  # OpenCV's order is blue, green, red
     if not good:
         raise RenderError(f"{path}: the PNG encoder failed")
-    write_whole(path, lambda unfinished: unfinished.write_bytes(data.tobytes()))
+    write_bytes(path, data.tobytes())
 
 
 def _write_float_exr(path: Path, channels: Mapping[str, NDArray[np.generic]]) -> None:

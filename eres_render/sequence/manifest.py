@@ -6,13 +6,14 @@ import dataclasses
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from eres_render.camera import Camera
 from eres_render.errors import SequenceError
 from eres_render.storage.atomic import write_text
-from eres_render.storage.settings_reader import read_typed
+from eres_render.storage.settings_reader import read_json, read_typed
 
 FORMAT_VERSION = 2
 
@@ -85,13 +86,8 @@ def read_manifest(folder: Path) -> Manifest:
         If it is missing or of another version, or one of its fields is wrong.
     """
     path = folder / "manifest.json"
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise SequenceError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise SequenceError(f"{path}: not a JSON file: {error}") from error
-    version = table.get("version") if isinstance(table, dict) else None
+    table = read_json(dict[str, Any], path, SequenceError)
+    version = table.get("version")
     if isinstance(version, int) and version != FORMAT_VERSION:  # its fields differ
         what_to_do = "update eres to read it" if version > FORMAT_VERSION else "render it again"
         raise SequenceError(

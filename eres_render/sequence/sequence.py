@@ -14,7 +14,6 @@ define the path, `t_offset_us` later, with all digits.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections import deque
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.camera import Camera
+from eres_render.cores import cores
 from eres_render.errors import RenderError, SequenceError, TrajectoryError
 from eres_render.sequence.manifest import Manifest, read_manifest, write_manifest
 from eres_render.storage.atomic import write_text
@@ -53,13 +53,13 @@ class RadianceSequence:
         return len(self.manifest.t_s)
 
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
-        cores = _cores()
-        with ThreadPoolExecutor(cores, thread_name_prefix="exr") as readers:
-            ahead = deque(readers.submit(self.frame, i) for i in range(min(cores, len(self))))
+        at_once = cores()
+        with ThreadPoolExecutor(at_once, thread_name_prefix="exr") as readers:
+            ahead = deque(readers.submit(self.frame, i) for i in range(min(at_once, len(self))))
             for i in range(len(self)):
                 frame = ahead.popleft().result()
-                if i + cores < len(self):
-                    ahead.append(readers.submit(self.frame, i + cores))
+                if i + at_once < len(self):
+                    ahead.append(readers.submit(self.frame, i + at_once))
                 yield frame
 
     @property
@@ -212,7 +212,7 @@ class SequenceWriter:
 
     def missing(self) -> list[int]:
         """Return the numbers of the frames that are missing or cannot be read."""
-        with ThreadPoolExecutor(_cores(), thread_name_prefix="exr") as readers:
+        with ThreadPoolExecutor(cores(), thread_name_prefix="exr") as readers:
             holds = list(readers.map(self._holds, range(len(self.manifest.t_s))))
         return [i for i, held in enumerate(holds) if not held]
 
@@ -245,10 +245,6 @@ class SequenceWriter:
         write_sums(self.folder, self._checksums)
         write_manifest(self.folder, dataclasses.replace(self.manifest, complete=True))
         return open_sequence(self.folder)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0))
 
 
 def _frame_name(i: int) -> str:

@@ -1,4 +1,4 @@
-"""Comparison tables for a terminal."""
+"""Tables of our scores and the paper's for a terminal."""
 
 from __future__ import annotations
 
@@ -7,14 +7,11 @@ from rich.text import Text
 
 from tasks.cli.table import Table
 from tasks.study.results.comparison import Block, ComparisonTable, columns_of, line_label
-from tasks.study.results.words import (
-    cutoff_label,
-    speed_label,
-)
+from tasks.study.results.words import cutoff_label, speed_label
 
 
 def to_rich(table: ComparisonTable) -> rich.console.Group:
-    """Render for a terminal of 80 columns or more, each block under its own heading."""
+    """Return a table for terminals of 80 columns or more, with a heading for each block."""
     parts: list[rich.console.RenderableType] = [Text(table.title, "bold")]
     for block in table.blocks:
         parts += [Text(f"\n{block.scene}, {speed_label(block.scene, block.speed)}", "italic")]

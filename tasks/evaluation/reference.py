@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
 from sensor.optics import integrate
-from tasks.evaluation.settings import Evaluate
 from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
 from tasks.video import log_light, picture
@@ -25,8 +24,6 @@ class ReferenceFrames:
         The frames.
     truth
         Poses, depth and flow of their scene.
-    evaluate
-        Settings of the tasks.
     dark_level
         Dark level of the sensors, in the frames' unit of radiance.
     widths
@@ -37,16 +34,15 @@ class ReferenceFrames:
         self,
         sequence: RadianceSequence,
         truth: GroundTruth,
-        evaluate: Evaluate,
         dark_level: float,
         widths: Iterable[int],
     ) -> None:
         self.sequence = sequence
         self.truth = truth
-        self.evaluate = evaluate
         self.dark_level = dark_level
         self.widths = tuple(dict.fromkeys(widths))
-        self._pictures: dict[float, NDArray[np.float64]] = {}
+        self._features: dict[tuple[int, int], Features] = {}
+        self._pictures: dict[tuple[float, str], NDArray[np.float64]] = {}
 
     @cached_property
     def start(self) -> NDArray[np.float32]:
@@ -80,34 +76,45 @@ class ReferenceFrames:
         seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
 
-    @cached_property
-    def features(self) -> Features:
-        """Features at the window's start, in pixels of the frames."""
-        config, manifest = self.evaluate.flow, self.sequence.manifest
-        return find_features(
-            self.start,
-            self.truth,
-            self.sequence.window_s,
-            (manifest.scene, manifest.clip),
-            count=config.features,
-            seed=config.seed,
-        )
+    def features(self, count: int, seed: int) -> Features:
+        """Features at the window's start, in pixels of the frames.
 
-    @cached_property
-    def video_times_s(self) -> tuple[float, ...]:
-        """Times at which images of a video are compared: every `every_s`, and the window's end."""
-        start_s, end_s = self.sequence.window_s
-        every_s = self.evaluate.video.every_s
-        count = round((end_s - start_s) / every_s)
-        return tuple(np.linspace(start_s, end_s, count + 1)[1:].tolist())
+        Parameters
+        ----------
+        count, seed
+            As for `find_features`.
 
-    def video_picture(self, t_s: float) -> NDArray[np.float64]:
-        """Return the image that the image of a video at a time is compared with."""
-        if t_s not in self._pictures:
+        Returns
+        -------
+        The same ones for every sensor.
+        """
+        if (count, seed) not in self._features:
+            manifest = self.sequence.manifest
+            key = manifest.scene, manifest.clip
+            self._features[count, seed] = find_features(
+                self.start, self.truth, self.sequence.window_s, key, count=count, seed=seed
+            )
+        return self._features[count, seed]
+
+    def picture(self, t_s: float, equalization: str) -> NDArray[np.float64]:
+        """Return the image that a video's is compared with.
+
+        Parameters
+        ----------
+        t_s
+            When, in the sequence's time.
+        equalization
+            As for `tasks.video.picture`.
+
+        Returns
+        -------
+        (H, W) in [0, 1], at the frames' resolution.
+        """
+        key = t_s, equalization
+        if key not in self._pictures:
             log_image = log_light(self.sequence, t_s, self.dark_level)
-            equalisation = self.evaluate.video.equalisation
-            self._pictures[t_s] = picture(log_image, log_image.shape, equalisation)
-        return self._pictures[t_s]
+            self._pictures[key] = picture(log_image, log_image.shape, equalization)
+        return self._pictures[key]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the log intensity with the sensors' dark level."""

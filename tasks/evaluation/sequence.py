@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from eres_render import RadianceSequence, ground_truth, load_scene
 from eres_render.progress import Progress, silent
@@ -12,11 +11,10 @@ from sensor import SensorModel
 from sensor.engine.bank import DARK_FRACTION
 from tasks.errors import TaskError
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.registry import TASKS
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import NO_TASKS, Evaluate, check_methods
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
-from tasks.methods import METHODS
+from tasks.methods import check_method
+from tasks.registry import TASKS, load
 from tasks.row import Row
 
 
@@ -63,18 +61,18 @@ def evaluate_sequence(
         If a method does not exist, the frames are coarser than the sensor, or the scene does not
         suit the task.
     """
-    wanted = replace(getattr(Evaluate(), task), methods=tuple(methods) or tuple(METHODS[task]))
-    tasks = replace(NO_TASKS, **{task: wanted})
-    check_methods(tasks)
+    spec = TASKS[task]
+    names = tuple(methods) or tuple(spec.methods)
+    for name in names:
+        check_method(task, name)
     if width > sequence.manifest.width:
         raise TaskError(
             f"resolution: found {width} px, finer than the frames of {sequence.manifest.width} px"
         )
     scene = load_scene(sequence.manifest.scene_source)
-    if TASKS[task].planar_only and scene.plane is None:
+    if spec.planar_only and scene.plane is None:
         raise TaskError(
-            f"{scene.name}: {TASKS[task].title} needs a planar scene, one whose scene.toml has a "
-            "[plane]"
+            f"{scene.name}: {spec.title} needs a planar scene, one whose scene.toml has a [plane]"
         )
     warn_if_short(sequence, cutoff_hz, speed)
     warn_if_coarse(sequence)
@@ -87,4 +85,5 @@ def evaluate_sequence(
         dark_level=DARK_FRACTION * sequence.white_level,
     )
     setting = Setting(model, speed, *(round(t_s / speed * 1e6) for t_s in sequence.window_s))
+    tasks = {task: load(spec.settings)(methods=names)}
     return evaluate(sequence, truth, [setting], tasks, on_progress).rows

@@ -1,18 +1,19 @@
-"""What a run's parts took: measured stage by stage and method by method, a JSON file a part."""
+"""What a run's jobs took: measured stage by stage and method by method, a JSON file a job."""
 
 from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from eres_render.progress import Progress
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 
 
 @dataclass(frozen=True, slots=True)
-class MethodCost:
+class MethodTimings:
     """What one method took on the sensors of one width.
 
     Parameters
@@ -41,13 +42,13 @@ class MethodCost:
 
 
 @dataclass(frozen=True, slots=True)
-class PartCosts:
-    """What one part took. Times are of the clock on the wall, with all cores at work.
+class JobTimings:
+    """What one job took. Times are of the clock on the wall, with all cores at work.
 
     Parameters
     ----------
     scene, sample
-        Which part: a scene may have several of one sample, for different tasks.
+        Which job: a scene may have several of one sample, for different tasks.
     cores
         At work.
     frames, resolution, spp
@@ -83,7 +84,7 @@ class PartCosts:
     simulating_s: float
     collecting_s: float
     scoring_s: float
-    methods: tuple[MethodCost, ...]
+    methods: tuple[MethodTimings, ...]
     rendered_frames: int = 0
     rendering_s: float = 0.0
 
@@ -105,39 +106,20 @@ class FrameTimer:
         self._on_progress(stage, done, of)
 
 
-def costs_file(costs: PartCosts) -> bytes:
-    """Content of the file of a part."""
+def timings_file(costs: JobTimings) -> bytes:
+    """Content of the file of a job."""
     return json.dumps(asdict(costs), indent=1).encode()
 
 
-def read_costs(folder: Path) -> list[PartCosts]:
-    """Read the costs of all parts in `folder`, by scene and sample; none if it does not exist.
+def read_timings(folder: Path) -> list[JobTimings]:
+    """Read the timings of all jobs in a folder, by scene, sample and number of methods.
+
+    None if it does not exist.
 
     Raises
     ------
     ResultError
         A file is not JSON, or its fields are others.
     """
-    found = [_read(file) for file in sorted(folder.glob("*.json"))]
-    return sorted(found, key=lambda one: (one.scene, one.sample))
-
-
-def _read(file: Path) -> PartCosts:
-    try:
-        content = json.loads(file.read_text())
-    except ValueError as error:
-        raise ResultError(f"{file}: not JSON, {error}") from None
-    content = _checked(file, content, PartCosts)
-    methods = tuple(MethodCost(**_checked(file, one, MethodCost)) for one in content["methods"])
-    return PartCosts(**{**content, "methods": methods})
-
-
-def _checked(file: Path, content: object, kind: type[PartCosts | MethodCost]) -> dict:
-    expected = {field.name for field in fields(kind)}
-    found = set(content) if isinstance(content, dict) else set()
-    if not isinstance(content, dict) or found != expected:
-        raise ResultError(
-            f"{file}: fields of {kind.__name__}: found {', '.join(sorted(found)) or 'none'}, "
-            f"expected {', '.join(sorted(expected))}"
-        )
-    return content
+    found = [read_json(JobTimings, file, ResultError) for file in sorted(folder.glob("*.json"))]
+    return sorted(found, key=lambda one: (one.scene, one.sample, len(one.methods)))

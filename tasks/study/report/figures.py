@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from tasks.study.report.tradeoff import Plot, plot_data
-from tasks.study.results.scores import Scores, Series
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Scores
 
 # One colour for each resolution, from coarse to fine: on a light and on a dark page. They differ in
 # lightness as well as in hue, and each resolution also has its own mark, the same in report.js.

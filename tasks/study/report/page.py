@@ -10,9 +10,11 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from eres_render.storage.atomic import write_bytes
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
-from tasks.evaluation.timings import read_costs
-from tasks.files import write_bytes
+from tasks.evaluation.timings import read_timings
+from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all as judge_claims
 from tasks.study.claims.verdict import Status, Verdict, threshold_note
@@ -31,9 +33,11 @@ from tasks.study.report.tradeoff import Plot, plot_data
 from tasks.study.results.choice import Choices, choose_all
 from tasks.study.results.comparison import ComparisonTable, comparison_table
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
+from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main, shown_series
+from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import read_scaling
-from tasks.study.results.scores import TASKS, Scores, Series, base_speed, by_threshold
+from tasks.study.results.scores import Scores, base_speed, by_threshold
 from tasks.study.results.words import join_words
 
 MAX_BYTES = 15_000_000
@@ -64,8 +68,8 @@ def write_report(run_dir: Path) -> Path:
     """
     found = by_threshold(read_rows(run_dir / "rows.parquet"))
     scores = found[0]
-    environment = _read_json(run_dir / "environment.json", dict)
-    config = _read_json(run_dir / "study.json", dict)
+    environment = read_json(dict[str, str], run_dir / "environment.json", ResultError)
+    config = read_json(dict[str, Any], run_dir / "study.json", ResultError)
     if not scores.series():
         rows_file = run_dir / "rows.parquet"
         raise ResultError(f"{rows_file}: only do-nothing rows, no method to report on")
@@ -87,18 +91,6 @@ def write_report(run_dir: Path) -> Path:
     return report
 
 
-def _read_json(path: Path, kind: type) -> Any:
-    try:
-        content = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise ResultError(f"{path}: no such file; is this the folder of a finished run?") from None
-    except ValueError as error:
-        raise ResultError(f"{path}: not JSON, {error}") from None
-    if not isinstance(content, kind):
-        raise ResultError(f"{path}: found a {type(content).__name__}, expected a {kind.__name__}")
-    return content
-
-
 def _page(
     run_dir: Path,
     found: list[Scores],
@@ -113,7 +105,7 @@ def _page(
     verdicts = judge_claims(scores, scaling)
     previews = run_dir / "previews"
     index = previews / "index.json"
-    entries = _read_json(index, list) if index.is_file() else []
+    entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
     plots = {one: [plot_data(scores, one, scene) for scene in scores.scenes(one)] for one in series}
     template = Template((here / "report.html").read_text())
     return template.substitute(
@@ -139,7 +131,7 @@ def _page(
         threshold_link=' <a href="#threshold">Threshold</a>' if found[1:] else "",
         threshold=_threshold(found, list(filter(is_main, series))) if found[1:] else "",
         previews=previews_html(previews, entries),
-        costs=costs_html(read_costs(run_dir / "costs")),
+        costs=costs_html(read_timings(run_dir / "costs")),
         provenance=_provenance(environment, config),
         reproduce=_reproduce(environment),
         plot_data=json.dumps(

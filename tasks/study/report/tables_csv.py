@@ -6,8 +6,8 @@ import csv
 import io
 from collections.abc import Iterable
 
+from tasks.registry import TASKS
 from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, native_px
-from tasks.study.results.scores import TASKS
 
 _CSV_COLUMNS = (
     *("scene", "task", "method", "variant", "metric"),

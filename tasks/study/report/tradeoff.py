@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TypedDict
 
+from tasks.registry import TASKS
 from tasks.study.results.intervals import estimate
-from tasks.study.results.scores import METRICS, TASKS, Condition, Scores, Series, method_label
+from tasks.study.results.metrics import METRICS, Series, method_label
+from tasks.study.results.scores import Condition, Scores
 from tasks.study.results.words import (
     cutoff_detail,
     cutoff_label,

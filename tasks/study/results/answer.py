@@ -17,13 +17,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
+from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
-from tasks.files import write_bytes
 from tasks.row import read_rows
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
+from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import shown_series, sigma_mm
-from tasks.study.results.scores import METRICS, Series, by_threshold
+from tasks.study.results.scores import by_threshold
 from tasks.study.results.words import MISSING, cutoff_label, join_words
 
 _PAGE_WIDTH = 100

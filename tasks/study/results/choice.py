@@ -10,7 +10,8 @@ import numpy as np
 
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
-from tasks.study.results.scores import METRICS, Cell, Condition, Metric, Scores, Series
+from tasks.study.results.metrics import METRICS, Metric, Series
+from tasks.study.results.scores import Cell, Condition, Scores
 
 
 @dataclass(frozen=True, slots=True)

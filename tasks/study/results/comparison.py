@@ -6,19 +6,11 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from tasks.registry import TASKS
+from tasks.study.results.metrics import METRICS, Series, method_label
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
-from tasks.study.results.scores import (
-    METRICS,
-    TASKS,
-    Cell,
-    Condition,
-    Scores,
-    Series,
-    base_speed,
-    beats,
-    method_label,
-)
+from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
 from tasks.study.results.words import (
     MISSING,
     rate_label,

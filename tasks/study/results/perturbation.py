@@ -12,7 +12,9 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.study.results.scores import TASKS, Scores, Series
+from tasks.registry import TASKS
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Scores
 
 TRACKING = Series("tracking", "photometric_tracking", "position_error_mm")
 REQUIRED_SUCCESS = 0.8

@@ -1,4 +1,4 @@
-"""What all of a run's pictures share: the part of the scene that they show, colours, the format."""
+"""What all of a run's pictures share: the area of the scene that they show, colours, the format."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ _SIDE_PX = 320
 _VIEW = 0.25  # of the image's side, around its middle
 
 
-def middle(image: NDArray) -> NDArray:
-    """The middle part of an image, at the size of a preview, each pixel a square."""
+def central_crop(image: NDArray) -> NDArray:
+    """The middle of an image, at the size of a preview, each pixel a square."""
     height, width = image.shape
     side = max(2, round(width * _VIEW))
     y, x = (height - side) // 2, (width - side) // 2

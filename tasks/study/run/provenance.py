@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import subprocess
 import sys
@@ -11,6 +10,7 @@ from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 
+from eres_render.cores import cores
 from tasks import DISTRIBUTION
 
 _BETWEEN = "; "  # values of one name
@@ -32,7 +32,7 @@ def environment(variant: str) -> dict[str, str]:
         **versions(),
         "system": platform.platform(),
         "processor": _processor(),
-        "cores": str(len(os.sched_getaffinity(0))),
+        "cores": str(cores()),
     }
 
 

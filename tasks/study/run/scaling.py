@@ -22,7 +22,7 @@ from sensor.statistics import (
     slopes_by_pixel_size,
 )
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
-from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, middle, png
+from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, central_crop, png
 
 _ROWS_LOOKED_AT = 320  # about so many of each sensor, evenly spread
 _BIN_EDGES_US = log_bin_edges_us()
@@ -80,7 +80,7 @@ def _slopes(
 def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, bytes]:
     """The picture and, last, the numbers of a scene, by file name."""
     strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
-    share = middle(strength)[..., None]
+    share = central_crop(strength)[..., None]
     colour = np.where(share > 0, BRIGHTER, DARKER)
     picture = np.array(NONE) + np.abs(share) * (colour - np.array(NONE))
     numbers = asdict(scaling)

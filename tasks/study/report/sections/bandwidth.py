@@ -6,7 +6,8 @@ from html import escape
 
 from tasks.study.report.markup import scrolling
 from tasks.study.results.bandwidth import Load, bus_loads
-from tasks.study.results.scores import Condition, Scores, Series, base_speed
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Condition, Scores, base_speed
 from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label, rate_label
 
 

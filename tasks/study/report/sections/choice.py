@@ -11,7 +11,7 @@ from tasks.study.results.answer import headline, times_text
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.choice import Choice, Choices
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
-from tasks.study.results.scores import METRICS, Series
+from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.words import (
     MISSING,
     cutoff_detail,

@@ -8,6 +8,7 @@ import numpy as np
 
 from tasks.study.report.chart import Chart
 from tasks.study.report.markup import scrolling
+from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.perturbation import (
     REQUIRED_SUCCESS,
     TRACKING,
@@ -16,7 +17,7 @@ from tasks.study.results.perturbation import (
     sigma_mm,
     sweep,
 )
-from tasks.study.results.scores import METRICS, Condition, Scores, Series, base_speed
+from tasks.study.results.scores import Condition, Scores, base_speed
 from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label, share_text
 
 

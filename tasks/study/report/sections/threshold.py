@@ -9,7 +9,8 @@ from tasks.study.report.chart import Chart
 from tasks.study.report.markup import scrolling
 from tasks.study.report.sections.choice import choice_cell
 from tasks.study.results.choice import choose_all
-from tasks.study.results.scores import METRICS, Condition, Scores, Series, base_speed, beats
+from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.scores import Condition, Scores, base_speed, beats
 from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label, rate_label, share_text
 
 

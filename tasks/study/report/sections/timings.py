@@ -9,13 +9,14 @@ from itertools import chain
 
 import numpy as np
 
-from tasks.evaluation.timings import MethodCost, PartCosts
+from tasks.evaluation.timings import JobTimings, MethodTimings
+from tasks.registry import TASKS
 from tasks.study.report.markup import scrolling
-from tasks.study.results.scores import TASKS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.words import MISSING, join_words
 
 
-def costs_html(costs: Sequence[PartCosts]) -> str:
+def costs_html(costs: Sequence[JobTimings]) -> str:
     """Render the section.
 
     Parameters
@@ -42,8 +43,8 @@ def costs_html(costs: Sequence[PartCosts]) -> str:
 @dataclass(frozen=True, slots=True)
 class _Stage:
     name: str
-    seconds: Callable[[PartCosts], float]
-    amounts: Callable[[PartCosts], Sequence[tuple[float, str]]]  # done in that time, with units
+    seconds: Callable[[JobTimings], float]
+    amounts: Callable[[JobTimings], Sequence[tuple[float, str]]]  # done in that time, with units
 
 
 _STAGES = (
@@ -74,7 +75,7 @@ _STAGES = (
 )
 
 
-def _stages_html(costs: Sequence[PartCosts]) -> str:
+def _stages_html(costs: Sequence[JobTimings]) -> str:
     total_s = sum(stage.seconds(one) for stage in _STAGES for one in costs)
     body = []
     for stage in _STAGES:
@@ -99,7 +100,7 @@ def _stages_html(costs: Sequence[PartCosts]) -> str:
 
 
 def _rate_text(
-    amounts: Sequence[tuple[float, str]], stage: _Stage, costs: Sequence[PartCosts]
+    amounts: Sequence[tuple[float, str]], stage: _Stage, costs: Sequence[JobTimings]
 ) -> str:
     rates = [
         amount / stage.seconds(one)
@@ -109,8 +110,8 @@ def _rate_text(
     return f"{_number(float(np.median(rates)))} {amounts[0][1]}/s" if rates else MISSING
 
 
-def _methods_html(costs: Sequence[PartCosts]) -> str:
-    found: dict[Series, dict[int, list[MethodCost]]] = {}
+def _methods_html(costs: Sequence[JobTimings]) -> str:
+    found: dict[Series, dict[int, list[MethodTimings]]] = {}
     for cost in (method for one in costs for method in one.methods):
         if cost.method != TASKS[cost.task].baseline:
             series = Series(cost.task, cost.method, "", cost.variant)
@@ -134,7 +135,7 @@ def _methods_html(costs: Sequence[PartCosts]) -> str:
     return scrolling("Time of each method", table)
 
 
-def _method_cell(costs: Sequence[MethodCost]) -> str:
+def _method_cell(costs: Sequence[MethodTimings]) -> str:
     if not costs:
         return f"<td>{MISSING}</td>"
     estimate_s = float(np.median([one.median_cpu_s for one in costs]))
