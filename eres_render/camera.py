@@ -63,12 +63,10 @@ class Camera:
     ) -> None:
         if width < 1 or height < 1:
             raise RenderError(f"Camera: the image must have pixels, got {width}x{height}")
-        for name, given in (("fx", fx), ("fy", fy)):
-            if given is not None and not 0 < given < math.inf:
-                raise RenderError(f"Camera.{name} must be a positive number of pixels, got {given}")
-        for name, given in (("cx", cx), ("cy", cy)):
-            if given is not None and not math.isfinite(given):
-                raise RenderError(f"Camera.{name} must be finite, got {given}")
+        above = {"fx": 0.0, "fy": 0.0, "cx": -math.inf, "cy": -math.inf}
+        for (name, low), given in zip(above.items(), (fx, fy, cx, cy), strict=True):
+            if given is not None and not low < given < math.inf:
+                raise RenderError(f"Camera.{name} must lie in ({low:g}, inf), got {given}")
         if fov_rad is None:
             if fx is None:
                 raise RenderError("Camera: found neither fov_rad nor fx, expected one of them")

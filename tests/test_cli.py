@@ -1,6 +1,7 @@
 """The command line: help, exit codes, one clear line for every mistake, nothing half-written."""
 
 import errno
+import re
 from pathlib import Path
 
 import pytest
@@ -38,6 +39,13 @@ def test_every_command_explains_itself(eres, command):
     code, out, _ = eres(command, "--help")
     assert code == 0
     assert len(out.splitlines()) > 3
+
+
+def test_every_option_has_help(eres):
+    for command in COMMANDS:
+        shown = " ".join(eres(command, "--help")[1].replace("│", " ").split())
+        bare = re.findall(r"--[\w-]+ (?:[A-Z{]\S* )?\((?:default|required)", shown)
+        assert not bare, f"{command}: {bare}"
 
 
 def test_help_lists_the_commands_in_short(eres):

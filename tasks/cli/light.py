@@ -56,22 +56,35 @@ def render(
     manifest.json, poses in TUM's format. After an interruption the same command continues with the
     first missing frame.
 
-    Args:
-        out: Folder for the clips.
-        resolution: Side of square frames, px; 1280 by default.
-        width: Width of frames of any shape, px; give the height too. The horizontal field of view
-            is that of the scene.
-        height: Height of frames of any shape, px; give the width too.
-        spp: Samples per pixel: 1, 4, 9, 16, ...
-        max_displacement: Largest motion in the image between two frames, px.
-        duration: How much of the path to render, seconds; all of it by default.
-        samples: Number of clips, from the start; all by default.
-        continuous: One sequence from the start to the duration, instead of clips.
-        trajectory: Poses (camera to world) in TUM's format that the camera passes through at their
-            times, in place of the scene's path; a Mitsuba .xml needs them.
-        integrator: "baked": light is computed once, for Lambertian scenes. "path": path tracing in
-            every frame, noisy. By default baked if possible.
-        seed: Seed of the pixel sampler, the same for every frame.
+    Parameters
+    ----------
+    out
+        Folder for the clips.
+    resolution
+        Side of square frames, px; 1280 by default.
+    width
+        Width of frames of any shape, px; give the height too. The horizontal field of view is that
+        of the scene.
+    height
+        Height of frames of any shape, px; give the width too.
+    spp
+        Samples per pixel: 1, 4, 9, 16, ...
+    max_displacement
+        Largest motion in the image between two frames, px.
+    duration
+        How much of the path to render, seconds; all of it by default.
+    samples
+        Number of clips, from the start; all by default.
+    continuous
+        One sequence from the start to the duration, instead of clips.
+    trajectory
+        Poses (camera to world) in TUM's format that the camera passes through at their times, in
+        place of the scene's path; a Mitsuba .xml needs them.
+    integrator
+        How to compute light. With baked it is computed once, for Lambertian scenes; with path every
+        frame is path-traced, with noise. By default baked if possible.
+    seed
+        Seed of the pixel sampler, the same for every frame.
     """
     from eres_render import load_scene, render_scene
     from tasks.cli.progress_bar import progress_bar
@@ -129,14 +142,21 @@ def truth(
     Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
     the next (EXR channels u, v, valid). Times run from the start of the window to its end.
 
-    Args:
-        out: Folder to write into.
-        width: Width of the images, px; best that of the sensor.
-        height: Height of the images, px, for a sensor of another shape than the frames, which sees
-            the middle of them. By default the images show all of the frames.
-        step: Time from one image to the next, seconds.
-        flow_png: Write the flow as 16-bit PNG too, as in the DSEC dataset.
-        overwrite: Replace ground truth that the folder holds; without it such a folder is refused.
+    Parameters
+    ----------
+    out
+        Folder to write into.
+    width
+        Width of the images, px; best that of the sensor.
+    height
+        Height of the images, px, for a sensor of another shape than the frames, which sees the
+        middle of them. By default the images show all of the frames.
+    step
+        Time from one image to the next, seconds.
+    flow_png
+        Write the flow as 16-bit PNG too, as in the DSEC dataset.
+    overwrite
+        Replace ground truth that the folder holds; without it such a folder is refused.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
     from tasks.cli.progress_bar import progress_bar
@@ -172,10 +192,14 @@ def convergence(
     ones. Prints the number of events of an ideal sensor at the frames' resolution, and the PSNR of
     event integration against the finest frames. Takes minutes at 1280 px on 2 cores.
 
-    Args:
-        resolution: Side of frames and sensor, px.
-        duration: Length of the stretch, seconds.
-        trajectory: Poses in TUM's format in place of the scene's path.
+    Parameters
+    ----------
+    resolution
+        Side of frames and sensor, px.
+    duration
+        Length of the stretch, seconds.
+    trajectory
+        Poses in TUM's format in place of the scene's path.
     """
     from eres_render import load_scene
     from tasks.cli.progress_bar import progress_bar
