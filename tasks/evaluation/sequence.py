@@ -1,4 +1,4 @@
-"""One sensor on one sequence: all methods of one task, without a study around it."""
+"""Score methods of one task on one sensor and one sequence, without a study."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ def evaluate_sequence(
     Raises
     ------
     TaskError
-        A method does not exist, or the scene does not suit the task.
+        A method does not exist, the sensor is finer than the frames, or the scene does not suit
+        the task.
     """
     spec = TASKS[task]
     names = tuple(methods) or tuple(spec.methods)
