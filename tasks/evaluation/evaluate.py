@@ -1,4 +1,4 @@
-"""Frames through every sensor, their events through every method, and the scores of that."""
+"""Simulate sensors on frames, run methods on their events, and score the answers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Watch = Callable[[Setting, Events], None]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Evaluation:
-    """Scores of all sensors and methods on a sequence, their timings, and the reference."""
+    """Rows and timings of all sensors and methods on a sequence, and the reference."""
 
     rows: list[Row]
     timings: JobTimings
@@ -49,20 +49,20 @@ def evaluate(
     sequence
         Frames: warm-up, then the window.
     truth
-        Of the sequence's scene.
+        Ground truth of the sequence's scene.
     settings
-        The sensors, at least one, all of one dark level.
+        The sensors, at least one, all with the same dark level.
     tasks
-        What is asked of the methods, by task.
+        Settings of each task, by its name; a task without methods is skipped.
     on_progress
-        Called as frames and then sensors are done.
+        Called after each frame, then after each sensor.
     watch
-        Called with each sensor's events as they come, warm-up included; from several threads, but
-        from one at a time for each sensor.
+        Called with each sensor's next events, warm-up included; from several threads, but for one
+        sensor from one thread at a time.
 
     Returns
     -------
-    Rows in the order of the settings, of the tasks and of what their scorers yield.
+    Rows, in the order of the sensors and tasks, with timings and the reference.
     """
     dark_level = settings[0].model.dark_level
     assert dark_level is not None, "settings have the sequence's dark level"
@@ -84,7 +84,7 @@ def evaluate(
 
 
 class _Sensor:
-    """One sensor, the scorers that watch it, and how many events it fired."""
+    """One sensor with its scorers and its number of events."""
 
     def __init__(
         self,
@@ -105,11 +105,11 @@ class _Sensor:
 
     @property
     def event_rate_hz(self) -> float:
-        """Events a second in the window."""
+        """Events per second in the window."""
         return self._in_window / self.setting.seconds
 
     def push(self, events: Events) -> None:
-        """Take in the next events, those of the warm-up included."""
+        """Add the next events, those of the warm-up included."""
         self.fired += len(events)
         self._in_window += len(events.between(self.setting.start_us, self.setting.end_us))
         for scorer in self._scorers:
@@ -118,7 +118,7 @@ class _Sensor:
             self._watch(self.setting, events)
 
     def scores(self) -> list[Score]:
-        """Scores of all its tasks, after the last event."""
+        """Return the scores of all tasks, after the last event."""
         return [score for scorer in self._scorers for score in scorer.scores()]
 
 
@@ -129,7 +129,7 @@ def _collect(
     stopwatch: Stopwatch,
     on_progress: Progress,
 ) -> None:
-    """Simulate all sensors, and push each its events."""
+    """Simulate all sensors, and push the events to them."""
 
     def frames() -> Iterator[NDArray[np.float32]]:
         decoded = iter(sequence)
@@ -151,7 +151,7 @@ def _collect(
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:
-    """Next events of as many sensors as come before one has more of them, by the sensor's index."""
+    """Group events by sensor index, into batches with one stretch of events per sensor."""
     batch: dict[int, Events] = {}
     for i, events in events_of_all:
         if i in batch:
@@ -164,8 +164,8 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
 def _score(
     sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress
 ) -> list[list[Score]]:
-    """Score all sensors; their scores in the sensors' order."""
-    # Large sensors take longest. They come first, so that no core is left with one at the end.
+    """Return the scores of each sensor."""
+    # Large sensors take longest. They come first, so that no core ends with one alone.
     order = sorted(range(len(sensors)), key=lambda i: -sensors[i].setting.model.width)
     scores: dict[int, list[Score]] = {}
     for i, found in zip(order, workers.map(lambda i: sensors[i].scores(), order), strict=True):
@@ -224,7 +224,7 @@ def _timings(
 
 
 def _method_timings(scored: Iterable[tuple[int, Score]]) -> tuple[MethodTimings, ...]:
-    """Timings of each method on each width, from scores with the width of their sensor."""
+    """Return the timings of each method on each width, from scores and their sensors' widths."""
     groups: dict[tuple[str, str, str, int], list[Score]] = {}
     for width, score in scored:
         if not score.copied:

@@ -1,4 +1,4 @@
-"""The reference that all sensors before the same frames share."""
+"""Reference data from the frames and ground truth, shared by all sensors."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tasks.video import log_light, picture
 
 
 class ReferenceFrames:
-    """Frames, ground truth and log images of one sequence, the reference for methods' answers.
+    """Frames, ground truth and log images of one sequence, with which answers are compared.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ class ReferenceFrames:
 
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
-        """Log intensity at the window's start as each sensor's pixels see it, by sensor width."""
+        """(h, w) log intensity at the window's start at each sensor's resolution, by its width."""
         sizes = {width: (self.truth.camera(width).height, width) for width in self.widths}
         seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
 
     def features(self, count: int, seed: int) -> Features:
-        """Features at the window's start, in pixels of the frames.
+        """Return features at the window's start, in pixels of the frames.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class ReferenceFrames:
 
         Returns
         -------
-        The same ones for every sensor.
+        Features, the same for every sensor.
         """
         if (count, seed) not in self._features:
             manifest = self.sequence.manifest
@@ -97,12 +97,12 @@ class ReferenceFrames:
         return self._features[count, seed]
 
     def picture(self, t_s: float, equalization: str) -> NDArray[np.float64]:
-        """Return the image that a video's is compared with.
+        """Return the true image with which an image of a video is compared.
 
         Parameters
         ----------
         t_s
-            When, in the sequence's time.
+            Time of the image, seconds of the sequence.
         equalization
             As for `tasks.video.picture`.
 
@@ -117,7 +117,7 @@ class ReferenceFrames:
         return self._pictures[key]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the log intensity with the sensors' dark level."""
+        """Return log intensity with the sensors' dark level."""
         return np.log(radiance.astype(np.float64) + self.dark_level)
 
     def _frame_at(self, t_s: float) -> NDArray[np.float32]:

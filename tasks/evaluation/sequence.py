@@ -1,4 +1,4 @@
-"""Evaluate one sensor on one sequence: methods of one task, without a study."""
+"""Score methods of one task on one sensor and one sequence, without a study."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def evaluate_sequence(
     Raises
     ------
     TaskError
-        If a method does not exist, the frames are coarser than the sensor, or the scene does not
-        suit the task.
+        A method does not exist, the sensor is finer than the frames, or the scene does not suit
+        the task.
     """
     spec = TASKS[task]
     names = tuple(methods) or tuple(spec.methods)

@@ -1,4 +1,4 @@
-"""How long the stages of an evaluation take."""
+"""Wall-clock time of the stages of an evaluation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Stopwatch:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        """Time what runs in this context, and add it to a stage."""
+        """Add the time spent in this context to a stage."""
         started_s = time.perf_counter()
         yield
         self.seconds[stage] += time.perf_counter() - started_s

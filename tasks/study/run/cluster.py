@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster as a scheduler: what they are sent, check first, and send back."""
+"""The workers of a Dask cluster compute the jobs: what they receive, check and send back."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 _CONNECT_S = 5.0
-_RETRIES = 2  # of a job that failed by what may not come again, such as a full disk
+_RETRIES = 2  # of a job that failed for a reason that may pass, such as a full disk
 
 
 @contextmanager
@@ -43,7 +43,7 @@ def connected(address: str) -> Iterator[Client]:
         ) from None
     if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
         raise StudyError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
-    with _quiet("distributed", "distributed.client"):  # our errors say it in a line
+    with _quiet("distributed", "distributed.client"):  # our errors say it in one line
         try:
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -68,13 +68,13 @@ def _quiet(*names: str) -> Iterator[None]:
 
 
 class Cluster:
-    """Workers of a Dask scheduler, one job at a time each."""
+    """Computes jobs on the workers of a Dask scheduler, one at a time on each."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
 
     def worker_count(self) -> int:
-        """How many workers there are now; they may come and go."""
+        """Return the number of workers now; they may come and go."""
         return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
     @property
@@ -116,7 +116,10 @@ def _versions() -> dict[str, Any]:
 
 
 def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
-    """What a worker is sent. Made here, it is sent as code, which a worker without eres can run."""
+    """Return the function that a worker runs.
+
+    It is defined here so that Dask sends its code: a worker without eres can run it, and say so.
+    """
 
     def compute(order: bytes, versions: dict[str, Any]) -> Any:
         try:
@@ -131,14 +134,18 @@ def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
 
 
 def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
-    """Compute a job on a worker; returns why not, if no retry could.
+    """Compute a job on a worker.
 
     Parameters
     ----------
     order
         The queued job, pickled.
     versions
-        Of the code that pickled it.
+        Versions of the code that pickled it.
+
+    Returns
+    -------
+    The result, or the reason why there is none, where trying again would not help.
     """
     from distributed import get_worker
 
@@ -158,17 +165,17 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
 
 
 def _as_found_here(job: Job, key: str) -> Job:
-    """The job with the scene that this machine has, refused if that or a method is another one."""
+    """Return the job with this machine's scene; refuse it if the scene or a method differs."""
     check_methods(job.evaluate)
     scene = load_scene(job.scene.source)
-    if scene.digest != job.scene.digest:  # which was asked for before, and is pickled with it
+    if scene.digest != job.scene.digest:  # the client computed it before it pickled the scene
         raise StudyError(
             f"scene {job.scene.source}: found files of digest {scene.digest[:12]}, expected "
             f"{job.scene.digest[:12]}, as where the study was started"
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError("found other code of a method of your own than where the study started")
+        raise StudyError("found other code of a method of your own than at the start of the study")
     return here
 
 
@@ -181,11 +188,11 @@ def _result(future: Future, job: Job) -> ComputedJob:
         result = future.result()
     except KilledWorker as error:
         raise StudyError(
-            f"{named}: one worker after another died while computing it, short of memory perhaps; "
+            f"{named}: one worker after another died while computing it, perhaps out of memory; "
             f"the last was {error.last_worker.address}"
         ) from None
     except FutureCancelledError:
-        raise StudyError(f"{named}: the Dask scheduler is gone, or gave the job up") from None
+        raise StudyError(f"{named}: the Dask scheduler is gone, or gave up the job") from None
     except OSError as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):

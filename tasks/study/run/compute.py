@@ -1,4 +1,4 @@
-"""A job from light to scores, as this process or a worker of a cluster does it."""
+"""Compute a job: render, simulate and score, in this process or on a worker."""
 
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ from tasks.study.run.highlights import Highlights
 from tasks.study.run.jobs import Job
 from tasks.study.run.provenance import environment
 
-_BYTES_PER_PX_S = 4500  # of 2250 half-float frames a second of path: the room made for a clip
+_BYTES_PER_PX_S = 4500  # space for 2250 half-float frames per second of path
 
 
 @dataclass(frozen=True, slots=True)
 class ComputedJob:
-    """All that a run keeps of a job.
+    """What a run keeps of a job.
 
     Parameters
     ----------
     rows
-        Its scores.
+        The scores.
     files
-        What the report shows of it: contents by path in the run's folder. What it took, and
-        pictures and scaling statistics if they were asked for.
+        Contents of files by path in the run's folder: timings and, on request, highlights.
     environment
-        Where it was computed.
+        Versions and machine that computed the job.
     """
 
     rows: list[Row]
@@ -42,14 +41,20 @@ class ComputedJob:
 
 
 def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> ComputedJob:
-    """Render, simulate and score a job; frames come from this machine's cache or go there.
+    """Render, simulate and score a job; the frames stay in this machine's cache.
 
     Parameters
     ----------
+    job
+        The job.
     on_progress
-        Called as frames and then sensors are done.
+        Called after each frame and each sensor.
     with_highlights
-        Whether to make what the report shows of the scene, too.
+        Whether to make the highlights of the scene for the report.
+
+    Returns
+    -------
+    Scores, files for the run's folder, and the environment.
     """
     light = _light_of(job, on_progress)
     seconds = job.clip.t_window_end_s - job.clip.t_start_s
@@ -80,7 +85,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
 
 
 class _SceneLight:
-    """A scene's renderer and ground truth, which take long to load."""
+    """A scene's renderer and ground truth, which load slowly."""
 
     def __init__(self, job: Job, on_progress: Progress) -> None:
         render = job.render
@@ -90,7 +95,7 @@ class _SceneLight:
         self._truth: GroundTruth | None = None
 
     def key(self, job: Job) -> str:
-        """Name of the job's frames: a digest of everything that decides them."""
+        """Return the name of the job's frames: a digest of everything that determines them."""
         t_offset_us = self.renderer.trajectory.t_offset_us
         return digest(
             {
@@ -104,13 +109,13 @@ class _SceneLight:
         )
 
     def truth(self, sequence: RadianceSequence) -> GroundTruth:
-        """What is behind the frames; the same for every sequence of the scene."""
+        """Return the ground truth, the same for every sequence of the scene."""
         if self._truth is None:
             self._truth = ground_truth(sequence)
         return self._truth
 
 
-_loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one: jobs come scene by scene
+_loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one, as jobs come scene by scene
 
 
 def _light_of(job: Job, on_progress: Progress) -> _SceneLight:

@@ -1,8 +1,7 @@
-"""What the jobs of a study will take, estimated before they start: frames, disk and time.
+"""Estimate frames, disk and time of jobs before they start.
 
-A rough estimate: how fast a scene moves and how many events it makes is known only afterwards. The
-constants are of the paper preset, on two cores of a virtual AMD EPYC server and LLVM; a job's
-progress bar corrects them as it goes.
+The estimate is rough, as image motion and event rates are known only afterwards. The constants were
+measured with the paper preset on two cores of a virtual AMD EPYC server, with LLVM.
 """
 
 from __future__ import annotations
@@ -13,25 +12,25 @@ from dataclasses import dataclass
 
 from tasks.study.run.jobs import Job
 
-_IMAGE_MOTION_PX_S = 700  # of the fastest part of a 1280 px image, at base speed, on average
+_IMAGE_MOTION_PX_S = 700  # average at base speed, of the fastest part of a 1280 px image
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
 _RENDER_SAMPLES_PER_S = 61e6  # both cores together
-_SIMULATE_NS_PER_PX = 11  # pixel-frame of one sensor at one speed, one core; keeping events too
+_SIMULATE_NS_PER_PX = 11  # one core, per pixel, frame, sensor and speed; with collecting
 _CORES_MEASURED_ON = 2
 
 
 @dataclass(frozen=True, slots=True)
 class WorkEstimate:
-    """Of jobs that are still to be done.
+    """Estimated work of jobs.
 
     Parameters
     ----------
     jobs, frames
-        How many.
+        Their numbers.
     disk_bytes
-        Of their frames, of which the cache keeps what it has room for.
+        Size of the frames; the cache may keep fewer.
     seconds
-        Of work on this machine's cores.
+        Wall-clock time with all cores at work.
     """
 
     jobs: int
@@ -40,7 +39,7 @@ class WorkEstimate:
     seconds: float
 
     def text(self) -> str:
-        """One line for people."""
+        """Return the estimate as one line of text."""
         hours, minutes = divmod(round(self.seconds / 60), 60)
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
         return (
@@ -50,7 +49,19 @@ class WorkEstimate:
 
 
 def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
-    """Estimate what jobs take; frames that are in the cache are counted as if they were not."""
+    """Estimate the work of jobs; frames in the cache count as if they were missing.
+
+    Parameters
+    ----------
+    jobs
+        The jobs.
+    cores
+        Number of cores that share the work.
+
+    Returns
+    -------
+    The estimate.
+    """
     frames = [_frames(job) for job in jobs]
     pixels = [job.render.resolution**2 for job in jobs]
     seconds = 0.0
@@ -72,7 +83,7 @@ def _frames(job: Job) -> int:
 
 
 def _settings(job: Job) -> int:
-    """How many sensors of each width."""
+    """Return the number of sensors of each width."""
     sensors = job.simulate
     return math.prod(
         len(axis) for axis in (sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)

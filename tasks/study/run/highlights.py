@@ -1,4 +1,4 @@
-"""Highlights of a scene, for the report: pictures, and the statistics behind the scaling law."""
+"""Highlights of a scene for the report: pictures and scaling statistics."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling
 
 
 class Highlights:
-    """Watches a job's sensors of the first contrast threshold, as they stand for the others.
+    """Collects the highlights of a job's scene from the events of its sensors.
 
-    Pictures are taken at the first speed, intervals between events at the lowest and the highest.
+    Only sensors of the first contrast threshold are used: pictures at the first speed, intervals
+    between events at the lowest and the highest speed.
 
     Parameters
     ----------
     job
-        The job, of whose scene they are.
+        The job.
     settings
         All its sensors.
     """
@@ -41,7 +42,15 @@ class Highlights:
         }
 
     def push(self, setting: Setting, events: Events) -> None:
-        """Take in the next events of one sensor, those of the warm-up included."""
+        """Add the next events of one sensor.
+
+        Parameters
+        ----------
+        setting
+            The sensor.
+        events
+            Its events, those of the warm-up included.
+        """
         sensors = self._job.simulate
         if setting.model.contrast_threshold != sensors.contrast_thresholds[0]:
             return
@@ -53,7 +62,7 @@ class Highlights:
             self._previews[key] += last.polarity_sum()
 
     def result(self, reference: ReferenceFrames) -> dict[str, bytes]:
-        """Return the files, by path in the run's folder, after the last event."""
+        """Return the files by path in the run's folder, after the last event."""
         keyframe = reference.end / np.float32(np.exp(reference.log_white))
         previews = preview_files(self._job, keyframe, self._previews)
         scaling, slope = measure_scaling(reference.sequence, reference.dark_level, self._histograms)

@@ -1,4 +1,4 @@
-"""What a study consists of: stretches that are rendered once, and what is looked at there."""
+"""The jobs of a study: stretches of a path, each with its sensors and tasks."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A stretch of a scene's path, the sensors that see it, and the tasks that use what they say.
+    """A stretch of a scene's path, the sensors that see it, and the tasks that use their events.
 
-    A job is the unit of work: it is rendered, simulated and scored at one go, and its rows are
-    kept under its `key`.
+    A job is the unit of work: one process renders, simulates and scores it, and a run keeps its
+    rows under its `key`.
     """
 
     scene: Scene
@@ -38,7 +38,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Name of the job's rows: a digest of everything that decides them."""
+        """Name of the job's rows: a digest of everything that determines them."""
         methods = {task: names for task, names in methods_of(self.evaluate).items() if names}
         return digest(
             {
@@ -54,7 +54,7 @@ class Job:
 
     @property
     def frames_decided_by(self) -> dict[str, object]:
-        """What decides the job's frames, apart from the renderer."""
+        """Everything that determines the job's frames, except for the renderer."""
         light = self.scene.light_digest
         return {**self._stretch, "light": light, "version": STAGE_VERSIONS["render"]}
 
@@ -67,7 +67,7 @@ class Job:
         }
 
     def settings(self, dark_level: float) -> list[Setting]:
-        """Every sensor at every speed."""
+        """Return every sensor at every speed."""
         sensors = self.simulate
         return [
             Setting(
@@ -96,9 +96,9 @@ class QueuedJob:
     Parameters
     ----------
     job, key
-        The key is the job's from when the study began, should a method be edited meanwhile.
+        The job, and its key when the study began: a method may be edited meanwhile.
     with_highlights
-        Whether to make what the report shows of its scene, too.
+        Whether to make the highlights of its scene for the report.
     """
 
     job: Job
@@ -107,13 +107,24 @@ class QueuedJob:
 
 
 def jobs_of(study: Study, scene: Scene) -> list[Job]:
-    """The jobs of a study on one scene; its samples first.
+    """Return the jobs of a study on one scene.
+
+    Parameters
+    ----------
+    study
+        The study.
+    scene
+        One of its scenes.
+
+    Returns
+    -------
+    Jobs, those of the usual samples first.
 
     Raises
     ------
     StudyError
-        More samples are asked for than the path has, a stretch is longer than the path, or there is
-        nothing to do on this scene.
+        The study asks for more samples than the path has, a stretch is longer than the path, or no
+        method suits the scene.
     """
     found = [*_samples(study, scene), *_fast_samples(study, scene), *_video(study, scene)]
     if not found:
@@ -122,7 +133,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
 
 
 def _samples(study: Study, scene: Scene) -> Iterator[Job]:
-    """The usual jobs: a clip around each sample."""
+    """Yield the usual jobs: a clip around each sample."""
     evaluate = replace(
         study.evaluate,
         flow=replace(study.evaluate.flow, fast_methods=()),
@@ -139,7 +150,7 @@ def _samples(study: Study, scene: Scene) -> Iterator[Job]:
 
 
 def _fast_samples(study: Study, scene: Scene) -> Iterator[Job]:
-    """The same samples, with a warm-up that is long enough for a camera that is much faster."""
+    """Yield the same samples at the much higher speed, with a longer warm-up."""
     flow = study.evaluate.flow
     if not flow.fast_methods or scene.name not in (flow.fast_scenes or [scene.name]):
         return
@@ -150,7 +161,7 @@ def _fast_samples(study: Study, scene: Scene) -> Iterator[Job]:
 
 
 def _video(study: Study, scene: Scene) -> Iterator[Job]:
-    """One continuous stretch from the path's start."""
+    """Yield one continuous stretch from the start of the path."""
     video = study.evaluate.video
     if not video.methods or scene.name not in (video.scenes or [scene.name]):
         return
@@ -159,7 +170,7 @@ def _video(study: Study, scene: Scene) -> Iterator[Job]:
 
 
 def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
-    """The study's samples, spread evenly over the path; all that fit where it says None."""
+    """Return the study's samples, spread evenly over the path; all that fit if it says None."""
     render = study.render
     fitting = clips(
         scene,
@@ -177,19 +188,25 @@ def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
 
 
 def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Job]:
-    """Parts, small ones, in which every method of the user's own that is new to a run works once.
+    """Return small jobs that try every method of the user's own that is new to a run once.
 
-    They are on the first clip where the method can work: with the sensor of fewest pixels, and one
-    sample of each task. Their frames are those of the jobs to do, but for a video that would be
-    all there is: of that, only the first image's.
+    A method is tried on the first clip that suits it, with the smallest sensor and one sample. The
+    frames are those of a job to do, except for video: only the stretch up to its first image is
+    rendered.
 
     Parameters
     ----------
+    study
+        The study.
     to_do, done
-        The jobs of the study that have no scores yet, and those that have.
+        Its jobs without and with scores.
+
+    Returns
+    -------
+    The trial jobs, none where no method is new.
     """
-    known = set(_ownmethods_of(done))
-    new = [method for method in _ownmethods_of(to_do) if method not in known]
+    known = set(_own_methods_of(done))
+    new = [method for method in _own_methods_of(to_do) if method not in known]
     found = []
     for job in to_do:
         planar = job.scene.plane is not None
@@ -200,8 +217,8 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     return found
 
 
-def _ownmethods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
-    """Task and name of each of the user's own methods, once."""
+def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
+    """Return task and name of each of the user's own methods, once."""
     named = (item for job in jobs for item in methods_of(job.evaluate).items())
     return list(dict.fromkeys((task, one) for task, names in named for one in names if ":" in one))
 

@@ -1,4 +1,4 @@
-"""This process as a scheduler: one job after another, each on all cores."""
+"""This process computes the jobs, one after another, each on all cores."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from eres_render.progress import Progress
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.jobs import QueuedJob
 
-# Where each stage begins in a job's time, and its share of it; for the progress bar alone.
+# Where each stage begins in a job's time, and the stage's share; only the progress bar uses this.
 _STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0.3)}
 
 
 class ThisProcess:
-    """Computes jobs here, in the order in which they are given."""
+    """Computes jobs in this process, in the given order."""
 
     @property
     def cores(self) -> int:
-        """Cores that this process may use."""
+        """Number of cores that this process may use."""
         return cores()
 
     def compute(

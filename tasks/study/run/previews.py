@@ -1,4 +1,4 @@
-"""Pictures of what each sensor saw, for the report: events over the middle of the image."""
+"""Pictures for the report: a frame, and each sensor's events in the center of the image."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ def preview_files(
     keyframe: NDArray[np.float32],
     polarity_sums: Mapping[tuple[int, float], NDArray[np.int64]],
 ) -> dict[str, bytes]:
-    """Draw a job's pictures, which all show the same part of the scene.
+    """Draw a job's pictures; all show the same part of the scene.
 
     Parameters
     ----------
     job
-        The job, of whose scene they are.
+        The job.
     keyframe
         (H, W) radiance at the window's end, in units of white.
     polarity_sums
@@ -34,7 +34,7 @@ def preview_files(
 
     Returns
     -------
-    PNG files and, last, `SCENE.json`, which describes them, by file name.
+    Files by name: PNG pictures and, last, `SCENE.json`, which describes them.
     """
     scene, speed = job.scene.name, job.simulate.speeds[0]
     files: dict[str, bytes] = {}
@@ -56,10 +56,10 @@ def preview_files(
         },
     )
     for (width, cutoff_hz), total in polarity_sums.items():
-        colours = np.array([DARKER, NONE, BRIGHTER], np.uint8)
+        colors = np.array([DARKER, NONE, BRIGHTER], np.uint8)
         caption = f"{width} px, last {PREVIEW_S * 1e3:g} ms"
         add(
-            colours[np.sign(central_crop(total)) + 1],
+            colors[np.sign(central_crop(total)) + 1],
             {"kind": "events", "width": width, "cutoff_hz": f"{cutoff_hz:g}", "caption": caption},
         )
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()

@@ -1,4 +1,4 @@
-"""Run a study: job by job, each once, into a folder that a report can be made of."""
+"""Run a study job by job, into a folder that a report can be made from."""
 
 from __future__ import annotations
 
@@ -28,39 +28,48 @@ _log = logging.getLogger(__name__)
 def run_study(
     study: Study, out: Path, scheduler: str | None = None, on_progress: Progress = silent
 ) -> list[Row]:
-    """Render, simulate and score every job of a study; what `out` holds already is kept.
+    """Render, simulate and score every job of a study, except for those that `out` already has.
 
     Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
-    `environment.json` (where the jobs were computed, and the command of the last start),
-    `previews/` and `scaling/` (pictures and scaling statistics of each scene's first clip),
-    `costs/` (what each job took), and `parts/` with the rows of each job, by which a run that was
-    stopped goes on where it was.
+    `environment.json` (versions and machines, and the command of the last start), `previews/` and
+    `scaling/` (pictures and scaling statistics of each scene's first clip), `costs/` (timings of
+    each job), and `parts/` (rows of each job, with which a stopped run continues).
 
     Parameters
     ----------
+    study
+        The study.
+    out
+        Folder of the run.
     scheduler
-        Address of a Dask scheduler, whose workers compute the jobs; by default this process does.
+        Address of a Dask scheduler with workers that compute the jobs; None for this process.
     on_progress
-        Called as jobs are done, those of earlier starts included; a job counts by the share of it
-        that is done.
+        Called as jobs proceed; jobs of earlier starts count as done.
+
+    Returns
+    -------
+    All rows, in the order of the jobs.
 
     Raises
     ------
     StudyError
-        The study asks for what cannot be, `out` is not a folder, or the cluster is not there or not
-        of the same code and scenes.
+        The study asks for something impossible, `out` is a file, or the cluster cannot be reached
+        or has other code or scenes.
     TaskError
-        A method does not exist or is another task's; a `MethodError` if it raises, or answers with
-        what is no answer, which the first sample shows before anything else is computed.
-    RenderError, SensorError
-        As the stages raise them, or a file cannot be written. Nothing is left under a final name
-        that is not whole.
+        A method does not exist or is for another task.
+    MethodError
+        A method raises, or returns no valid answer. Methods of the user's own are tried on one
+        sample before all jobs.
+    RenderError, SensorError, OSError
+        As the stages raise them. Files under their final names are complete even then.
     """
     with open_scheduler(scheduler) as computing:
         check_methods(study.evaluate)
         scenes = [load_scene(name) for name in study.scenes]
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
-        highlighted = {job.scene.name: job for job in reversed(work.values())}  # each scene's first
+        highlighted = {
+            job.scene.name: job for job in reversed(work.values())
+        }  # the first of each scene
         if out.exists() and not out.is_dir():
             raise StudyError(f"{out}: found a file, expected a folder for the run")
         rows_of = _rows_so_far(out / "parts", work)
@@ -91,7 +100,7 @@ def run_study(
 
 
 def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progress) -> None:
-    """Have the user's own methods work once, so that a mistake in them does not show hours later.
+    """Run the user's own methods once, so that a mistake in them shows at once, not hours later.
 
     Raises
     ------
@@ -103,11 +112,11 @@ def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progres
     _log.info("first, methods of your own are tried on one sample")
     queued = [QueuedJob(job, job.key, False) for job in jobs]
     for _ in computing.compute(queued, _counted(on_progress, 0, len(jobs))):
-        pass  # their scores are no part of the study
+        pass  # the study does not keep these scores
 
 
 def _counted(on_progress: Progress, found: int, total: int) -> Progress:
-    """Count jobs among all jobs, of which `found` were there before."""
+    """Report progress among all jobs, of which `found` were done before."""
 
     def counted(stage: str, done: float, of: float, /) -> None:
         on_progress(f"{found + int(done)}/{total} jobs: {stage}", found + done, total)
@@ -120,7 +129,7 @@ def _rows_file(folder: Path, key: str) -> Path:
 
 
 def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
-    """Rows by key of the jobs that are done; says which files are damaged or of no use."""
+    """Return the rows of finished jobs by key; warn of damaged and of unused files."""
     rows_of = {}
     for key in work:
         file = _rows_file(folder, key)
@@ -140,7 +149,7 @@ def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
 
 
 def _environment_so_far(file: Path) -> dict[str, str]:
-    """Where the jobs of earlier starts were computed, by whatever command."""
+    """Return the environment of earlier starts, without their command."""
     if not file.exists():
         return {}
     try:
@@ -152,7 +161,7 @@ def _environment_so_far(file: Path) -> dict[str, str]:
 
 
 def _has_highlights(out: Path, scene: str) -> bool:
-    """Whether the run has what the report shows of a scene."""
+    """Return whether the run has the highlights of a scene."""
     try:
         for folder in ("previews", "scaling"):
             read_json(Any, out / folder / f"{scene}.json", ResultError)

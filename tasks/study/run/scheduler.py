@@ -1,4 +1,4 @@
-"""Who computes the jobs of a study: this process, or the workers of a Dask cluster."""
+"""What computes the jobs of a study: this process, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -25,31 +25,30 @@ class Scheduler(Protocol):
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
-        """Yield every job and its result, in any order.
+        """Yield every job with its result, in any order.
 
         Parameters
         ----------
         jobs
-            What to compute.
+            The jobs.
         on_progress
-            Called with what is being done, how many jobs are done, in part too, and how many there
-            are.
+            Called with a text, the number of jobs that are done, with fractions, and their total.
 
         Returns
         -------
-        Each job with its result.
+        An iterator over jobs and results.
         """
         ...
 
 
 @contextmanager
 def open_scheduler(address: str | None) -> Iterator[Scheduler]:
-    """Open the Dask scheduler at an address, or, with none, stay in this process.
+    """Open the Dask scheduler at an address; with None, this process computes the jobs.
 
     Raises
     ------
     StudyError
-        No scheduler answers there within seconds, or Dask is not installed.
+        No scheduler answers at the address within seconds, or Dask is not installed.
     """
     if address is None:
         yield ThisProcess()
