@@ -5,7 +5,7 @@ Run: python benchmarks/bench_render.py [SCENE ...]
 At 1280 px and 16 samples per pixel, each round renders the same poses of a baked scene twice:
 `render_clip`, which also finds the frame times and writes EXR frames, poses and checksums; and
 `mi.render` with the path tracer at depth 1, which writes nothing. Prints a Markdown table: medians
-over the rounds of M samples/s, and of the ratio within a round. At least 0.85 is wanted.
+over the rounds of M samples/s, and of the ratio within a round, which should be at least 0.85.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def samples_per_s(renderer: Renderer) -> tuple[list[float], list[float]]:
     """Return the rate of `render_clip` and that of `mi.render`, round by round."""
     import mitsuba as mi
 
-    world, camera, integrator = renderer._world, renderer._sensor, renderer._tracer
+    mi_scene, camera, integrator = renderer._mi_scene, renderer._sensor, renderer._tracer
     parameters = mi.traverse(camera)
     # Mitsuba's camera looks along z with x to the left and y up.
     from_mitsuba = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -47,7 +47,7 @@ def samples_per_s(renderer: Renderer) -> tuple[list[float], list[float]]:
     def mitsuba_frame(pose: np.ndarray) -> None:
         parameters["to_world"] = mi.ScalarTransform4f((pose @ from_mitsuba).tolist())
         parameters.update()
-        np.asarray(mi.render(world, sensor=camera, integrator=integrator, spp=_SPP, seed=0))
+        np.asarray(mi.render(mi_scene, sensor=camera, integrator=integrator, spp=_SPP, seed=0))
 
     pose = renderer.trajectory.pose(0.0)
     mitsuba_frame(pose)  # compile

@@ -22,6 +22,8 @@ from bench_sensor import moving_texture
 from eres_render import Camera, Plane
 from sensor import SensorModel, simulate
 from tasks.methods import photometric_tracking as eppt
+from tasks.methods.photometric_tracking.accumulation import accumulate
+from tasks.methods.photometric_tracking.residuals import problem_of
 from tasks.tracking import path_at, perturbed, position_error_mm, tracking_sample
 
 FRAMES, DURATION_S, DISTANCE_M, C = 17, 0.014, 1.83, 0.2
@@ -78,11 +80,11 @@ def main() -> None:
                 sigma_m,
                 max_events=max_events,
             )
-            problem, _ = eppt._problem(sample, 14_000)
+            problem, _ = problem_of(sample, 14_000)
             (view,) = eppt.pyramid(log_image, camera.K, 0.0)
             answer = eppt.estimate(sample)  # also compiles
             one = seconds(
-                lambda p=problem, v=view, s=sample: eppt._accumulate(p, v, C, s.initial, 2000),
+                lambda p=problem, v=view, s=sample: accumulate(p, v, s.initial),
                 args.runs,
             )
             fit = seconds(lambda s=sample: eppt.estimate(s), args.runs)

@@ -1,9 +1,9 @@
-"""How a study scales over workers: the same small parts on one and on two, each on one core.
+"""How a study scales over workers: the same small jobs on one and on two, each on one core.
 
 Both clusters stand all the time and take turns; every run has another seed of the renderer, so that
 its frames are rendered anew. Workers hold one core each, and one thread of numba's; Dr.Jit always
 has two. Wall times of a busy machine say little. CPU times say what distribution itself costs: the
-workers' per part, and that of client and scheduler, which are this process.
+workers' per job, and that of client and scheduler, which are this process.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ from distributed import LocalCluster
 from eres_render import load_scene
 from tasks.study.config import Study, preset
 from tasks.study.run import run_study
-from tasks.study.run.compute import compute_part
-from tasks.study.run.jobs import parts
-from tasks.study.run.scheduler import Task
+from tasks.study.run.compute import compute_job
+from tasks.study.run.jobs import QueuedJob, jobs_of
 
 
 def study_of(seed: int, resolution: int, samples: int) -> Study:
@@ -93,7 +92,7 @@ def main() -> None:
             cluster.close()
 
         first = min(wall for wall, _, _ in found[1])
-        print("workers  wall s (each run)            parts/h  ratio  CPU s/part: workers  the rest")
+        print("workers  wall s (each run)             jobs/h  ratio   CPU s/job: workers  the rest")
         for n, runs in found.items():
             wall = min(one[0] for one in runs)
             each = " ".join(f"{one[0]:7.1f}" for one in runs)
@@ -104,14 +103,13 @@ def main() -> None:
             )
 
         study = study_of(0, args.resolution, args.samples)
-        part = parts(study, load_scene("carpet"))[0]
-        print(
-            f"a part on its way to a worker: {len(pickle.dumps(Task(part, part.key, True)))} bytes"
-        )
-        for shown in (False, True):
-            computed = compute_part(part, lambda *_: None, shown=shown)
+        job = jobs_of(study, load_scene("carpet"))[0]
+        size = len(pickle.dumps(QueuedJob(job, job.key, True)))
+        print(f"a job on its way to a worker: {size} bytes")
+        for with_highlights in (False, True):
+            computed = compute_job(job, lambda *_: None, with_highlights=with_highlights)
             size = len(pickle.dumps(computed))
-            kind = "with the report's files" if shown else "rows and costs"
+            kind = "with the report's files" if with_highlights else "rows and timings"
             print(f"a result of {len(computed.rows)} rows, {kind}: {size / 1e3:.0f} kB")
 
 

@@ -1,7 +1,7 @@
 """What preset paper would take on many workers, by the estimates of `tasks.study.run.estimate`.
 
 Workers have one core each, take the longest tasks first, and wait for nothing but each other. The
-second table splits the parts further, as eres does not: frames are rendered ten at a time, and when
+second table splits the jobs further, as eres does not: frames are rendered ten at a time, and when
 all are there, a task simulates and scores one sensor on one clip.
 """
 
@@ -12,23 +12,24 @@ from dataclasses import replace
 from itertools import product
 
 from eres_render import load_scene
+from tasks.evaluation.settings import NO_TASKS
 from tasks.study.config import Simulate, preset
-from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import NOTHING, Part, parts
+from tasks.study.run.estimate import estimate_work
+from tasks.study.run.jobs import Job, jobs_of
 
 WORKERS = (1, 2, 8, 32, 81, 1000)
 FRAMES_AT_A_TIME = 10
 
 
-def render_s(part: Part) -> float:
-    """Core seconds of a part's frames."""
-    blind = replace(part, simulate=replace(part.simulate, widths=()), evaluate=NOTHING)
-    return cost([blind], cores=1).seconds
+def render_s(job: Job) -> float:
+    """Core seconds of a job's frames."""
+    blind = replace(job, simulate=replace(job.simulate, widths=()), evaluate=NO_TASKS)
+    return estimate_work([blind], cores=1).seconds
 
 
-def simulate_s(part: Part) -> float:
-    """Core seconds of a part's sensors."""
-    return cost([replace(part, evaluate=NOTHING)], cores=1).seconds - render_s(part)
+def simulate_s(job: Job) -> float:
+    """Core seconds of a job's sensors."""
+    return estimate_work([replace(job, evaluate=NO_TASKS)], cores=1).seconds - render_s(job)
 
 
 def single_sensors(sensors: Simulate) -> list[Simulate]:
@@ -56,17 +57,17 @@ def longest_first_s(tasks_s: list[float], workers: int) -> float:
 
 def main() -> None:
     study = preset("paper")
-    work = [part for name in study.scenes for part in parts(study, load_scene(name))]
-    total_s = cost(work, cores=1).seconds
+    work = [job for name in study.scenes for job in jobs_of(study, load_scene(name))]
+    total_s = estimate_work(work, cores=1).seconds
 
-    kinds: dict[tuple[str, str], list[Part]] = {}
-    for part in work:
-        fast = "fast samples" if part.simulate.speeds != study.simulate.speeds else "samples"
-        kind = "video" if part.evaluate.video.methods else fast
-        kinds.setdefault((part.scene.name, kind), []).append(part)
-    print("core minutes of one part          parts  frames    GB  render  simulate  score    all")
+    kinds: dict[tuple[str, str], list[Job]] = {}
+    for job in work:
+        fast = "fast samples" if job.simulate.speeds != study.simulate.speeds else "samples"
+        kind = "video" if job.evaluate.video.methods else fast
+        kinds.setdefault((job.scene.name, kind), []).append(job)
+    print("core minutes of one job            jobs  frames    GB  render  simulate  score    all")
     for (scene, kind), found in kinds.items():
-        one = cost(found[:1], cores=1)
+        one = estimate_work(found[:1], cores=1)
         stages = render_s(found[0]), simulate_s(found[0])
         minutes = (*stages, one.seconds - sum(stages), one.seconds)
         print(
@@ -74,22 +75,22 @@ def main() -> None:
             + "".join(f"{s / 60:{w}.1f}" for s, w in zip(minutes, (8, 10, 7, 7), strict=True))
         )
 
-    whole_s = [cost([part], cores=1).seconds for part in work]
+    whole_s = [estimate_work([job], cores=1).seconds for job in work]
     chunks_s, sensors_s, read_bytes = [], [], 0.0
-    for part in work:
-        one = cost([part], cores=1)
+    for job in work:
+        one = estimate_work([job], cores=1)
         chunks = -(-one.frames // FRAMES_AT_A_TIME)
-        chunks_s += [render_s(part) / chunks] * chunks
-        for sensor in single_sensors(part.simulate):
-            alone = replace(part, simulate=sensor)
-            sensors_s.append(cost([alone], cores=1).seconds - render_s(part))
+        chunks_s += [render_s(job) / chunks] * chunks
+        for sensor in single_sensors(job.simulate):
+            alone = replace(job, simulate=sensor)
+            sensors_s.append(estimate_work([alone], cores=1).seconds - render_s(job))
             read_bytes += one.disk_bytes
     print(f"\n{total_s / 3600:.1f} core hours; longest task {max(whole_s) / 60:.0f} min")
     print(
         f"split: {len(chunks_s)} tasks render, then {len(sensors_s)} simulate and score: up to "
         f"{max(sensors_s) / 60:.1f} min each; {read_bytes / 1e9:.0f} GB of frames are read in all\n"
     )
-    print("workers  parts: hours  times as fast    split: hours  times as fast")
+    print("workers   jobs: hours  times as fast    split: hours  times as fast")
     for n in WORKERS:
         at_once_s = longest_first_s(whole_s, n)
         split_s = longest_first_s(chunks_s, n) + longest_first_s(sensors_s, n)

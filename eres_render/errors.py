@@ -1,16 +1,19 @@
-"""Errors of the render package; each message names the file, the field, found and expected."""
+"""Errors of the render package. Each message names file, field, found and expected value."""
+
+import difflib
+from collections.abc import Collection
 
 
 class RenderError(ValueError):
-    """Base class: something asked of the renderer cannot be done."""
+    """Base class: a request to the renderer cannot be carried out."""
 
 
 class SceneError(RenderError):
-    """A scene folder is unknown, incomplete or says something that cannot be."""
+    """A scene is unknown, incomplete, or holds a value that is not possible."""
 
 
 class TrajectoryError(RenderError):
-    """A camera path is malformed, leaves its scene or is asked for a time it does not cover."""
+    """A camera path is malformed, leaves its scene, or does not cover a requested time."""
 
 
 class SequenceError(RenderError):
@@ -18,4 +21,22 @@ class SequenceError(RenderError):
 
 
 class BackendError(RenderError):
-    """No Mitsuba variant that works here can do what was asked."""
+    """No Mitsuba variant on this machine can carry out a request."""
+
+
+def nearest(name: str, known: Collection[str]) -> str:
+    """Return a hint for an unknown name.
+
+    Parameters
+    ----------
+    name
+        The unknown name.
+    known
+        All known names.
+
+    Returns
+    -------
+    "did you mean ...?" with the nearest known name, or a list of all if none is near.
+    """
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}?" if near else f"choose from: {', '.join(known)}"

@@ -12,6 +12,7 @@ from eres_render import Renderer, Scene
 from eres_render.progress import Progress
 from eres_render.trajectory.frame_times import adaptive_times
 from sensor import SensorModel, stream
+from sensor.engine.bank import DARK_FRACTION
 from tasks.errors import TaskError
 from tasks.methods.event_integration import reconstruct
 from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
@@ -19,13 +20,10 @@ from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
 SPP = (1, 4, 16, 64)
 DISPLACEMENTS_PX = (2.0, 1.0, 0.5, 0.25)
 CONTRAST_THRESHOLD = 0.2
-DARK_FRACTION = 1e-3  # of the scene's white
-
-# Called with what is being done, frames done and frames in all.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
+class RenderSetting:
     """How a stretch is rendered.
 
     Parameters
@@ -39,9 +37,9 @@ class Setting:
     fresh_seeds: bool = False
 
 
-FINEST = Setting(spp=max(SPP), max_displacement_px=min(DISPLACEMENTS_PX))
-USUAL = Setting(spp=16, max_displacement_px=0.5)
-QUICK = Setting(spp=4, max_displacement_px=1.0)
+FINEST = RenderSetting(spp=max(SPP), max_displacement_px=min(DISPLACEMENTS_PX))
+USUAL = RenderSetting(spp=16, max_displacement_px=0.5)
+QUICK = RenderSetting(spp=4, max_displacement_px=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +54,13 @@ class Outcome:
         Of event integration from the setting's own first frame, against the finest's last frame.
     """
 
-    setting: Setting
+    setting: RenderSetting
     frames: int
     events: int
     psnr_db: float
 
 
-def settings() -> list[Setting]:
+def settings() -> list[RenderSetting]:
     """The finest first, then samples at the usual displacement, the other way round, and quick."""
     by_spp = [replace(USUAL, spp=spp) for spp in SPP]
     by_displacement = [replace(USUAL, max_displacement_px=px) for px in DISPLACEMENTS_PX]
@@ -114,7 +112,7 @@ def converge(
         ends: list[NDArray[np.float64]] = []  # log intensity of the first and the last frame
 
         def frames(
-            setting: Setting = setting,
+            setting: RenderSetting = setting,
             renderer: Renderer = renderer,
             t_s: NDArray[np.float64] = t_s,
             ends: list[NDArray[np.float64]] = ends,
@@ -138,6 +136,6 @@ def converge(
         yield Outcome(setting, len(t_s), count, psnr)
 
 
-def _name(setting: Setting) -> str:
+def _name(setting: RenderSetting) -> str:
     seeds = "fresh" if setting.fresh_seeds else "common"
     return f"{setting.spp} spp, {setting.max_displacement_px:g} px, {seeds} seeds"

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError
-from tasks.files import write_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa

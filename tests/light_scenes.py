@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from eres_render import load_scene
-from eres_render.scene.scene import scene_root
+from eres_render.scene.load import scene_root
 from eres_render.storage.exr import write_luminance
 
 DOTS_M = np.array(
@@ -106,7 +106,7 @@ def room_folder(folder: Path, *changes: tuple[str, str]) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     toml = """title = "A box with a ball"
-licence = "MIT"
+license = "MIT"
 length_unit = "m"
 radiance_unit = "W m^-2 sr^-1"
 

@@ -20,7 +20,7 @@ from sensor import SensorModel
 from sensor.formats import FORMATS, write_events
 
 ROOT = Path(__file__).parent.parent
-NOTES = ("1 part to do: ", "jit_kernel_write(): ")  # a study's cost; Dr.Jit on a cache of its own
+NOTES = ("1 job to do: ", "jit_kernel_write(): ")  # a study's cost; Dr.Jit on a cache of its own
 
 # Commands, one after the other in one process, each under its limit; then the process ends, which
 # is when HDF5 lets go of files that it could not close.

@@ -1,11 +1,11 @@
-"""What a rebuilt house must not change: names of results, and results to the last bit.
+"""What refactoring must not change: names of results, and results to the last bit.
 
-`tests/data/guards.json` keeps them. A change that is meant comes with a raised stage version and an
+`tests/data/guards.json` holds them. An intended change comes with a raised stage version and an
 entry under "Numbers change" in CHANGELOG.md, and is stored by
 
     python tests/test_guards.py --rewrite
 
-Bits are of one processor and of one version of each library: elsewhere those tests are skipped.
+Bits depend on the processor and the versions of libraries: elsewhere those tests are skipped.
 `test_study_numbers.py` holds the same scores within tolerances on any machine.
 """
 
@@ -28,7 +28,7 @@ from tasks.row import Row
 from tasks.study.config import preset
 from tasks.study.report import write_report
 from tasks.study.run import run_study
-from tasks.study.run.jobs import parts
+from tasks.study.run.jobs import jobs_of
 from test_sensor_exactness import texture_in_motion
 
 FILE = Path(__file__).parent / "data" / "guards.json"
@@ -66,7 +66,7 @@ def digest(*chunks: bytes) -> str:
 
 def part_keys() -> list[str]:
     study = preset("paper")
-    return sorted(part.key for name in study.scenes for part in parts(study, load_scene(name)))
+    return sorted(job.key for name in study.scenes for job in jobs_of(study, load_scene(name)))
 
 
 def scene_digests() -> dict[str, list[str]]:
@@ -94,7 +94,7 @@ def score_digest(rows: list[Row]) -> str:
 
 
 def machine() -> dict[str, str]:
-    """What bits depend on: the processor that code is compiled for, and who computes."""
+    """Return what bits depend on: processor, Python and libraries."""
     found = {"processor": llvmlite.binding.get_host_cpu_name(), "python": sys.version.split()[0]}
     return found | {name: version(name) for name in LIBRARIES}
 
@@ -149,7 +149,7 @@ def plain(text: str) -> str:
 
 
 def rewrite() -> None:
-    """Store what is so now."""
+    """Store the current state."""
     from test_study_numbers import STUDY
 
     with tempfile.TemporaryDirectory() as folder:

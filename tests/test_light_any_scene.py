@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from eres_render import Renderer, SceneError, TrajectoryError, load_scene
+from eres_render import Renderer, SceneError, TrajectoryError, load_scene, render_scene
 from eres_render.rendering.backend import select_variant
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.xml import read_scene_xml
 from eres_render.trajectory.generators import look_at
 from eres_render.trajectory.tum import tum_text
@@ -38,7 +38,7 @@ def test_the_camera_passes_through_the_given_poses_at_their_times(tmp_path):
     np.testing.assert_allclose(scene.trajectory().pose(t_s), poses, atol=1e-11)
     frame = Renderer(scene, 32, 4).frame(scene.trajectory().pose(0.3))
     assert frame[0, 0] == 1  # the sky
-    assert 0.2 < frame[16, 16] < 0.9  # the ball, grey by default
+    assert 0.2 < frame[16, 16] < 0.9  # the ball, gray by default
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path
     xml = write_xml(tmp_path, CAMERA, BALL, '<include filename="rest.xml"/>')
     scene = load_scene(xml)
     assert scene.files == (tmp_path / "rest.xml", tmp_path / "meshes" / "a.spd")
-    load_world(scene)
+    load_mi_scene(scene)
     before = scene.light_digest
     (tmp_path / "meshes" / "a.spd").write_text("400 2\n700 2\n")
     assert load_scene(xml).light_digest != before
@@ -121,7 +121,7 @@ def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path
 
 def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
     xml = write_xml(tmp_path, CAMERA, BALL, SKY)
-    with pytest.raises(SceneError, match=r"mine\.xml: has no camera path; give poses in TUM's"):
+    with pytest.raises(SceneError, match=r"mine\.xml: has no camera path; give poses in TUM"):
         load_scene(xml).trajectory()
     file, *_ = write_poses(tmp_path, [(3, 0, 0)] * 3)
     with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):
@@ -132,5 +132,26 @@ def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
     file, *_ = write_poses(tmp_path, ((3, 0, 0), (0, 0.1, 0), (0, 3, 0)))
     with pytest.raises(TrajectoryError, match=r"poses\.txt: at t = .* shape 'ball'"):
         _ = Renderer(load_scene(xml, file), 8, 1).trajectory
-    with pytest.raises(SceneError, match=r"no folder and no \.xml file named 'other\.xml'"):
+    with pytest.raises(SceneError, match=r"folder or \.xml file named 'other\.xml'"):
         load_scene("other.xml")
+
+
+def test_a_scene_folder_whose_path_a_generator_made(tmp_path):
+    """Promise: a scene and a path from outside render through the public API alone."""
+    folder = tmp_path / "spiral"
+    folder.mkdir()
+    turn = np.linspace(0, 1, 9)
+    spiral = np.column_stack([3 * np.cos(turn), 3 * np.sin(turn), 0.3 * turn])
+    write_poses(folder, spiral, turn)
+    write_xml(folder, BALL, SKY).rename(folder / "scene.xml")
+    (folder / "scene.toml").write_text("""title = "Around a ball"
+licence = "MIT"
+length_unit = "m"
+radiance_unit = "W m^-2 sr^-1"
+camera = { fov_deg = 50.0 }
+path = { kind = "tum", file = "poses.txt", min_clearance_m = 1.0 }
+""")
+    options = {"spp": 4, "max_displacement_px": 1.0, "duration_s": 0.1, "continuous": True}
+    (sequence,) = render_scene(load_scene(folder), tmp_path, resolution=16, **options)
+    np.testing.assert_allclose(sequence.T_world_cam[0, :3, 3], spiral[0], atol=1e-12)
+    assert sequence.frame(0)[0, 0] == 1  # the sky

@@ -10,15 +10,15 @@ from eres_render.interior.pieces import PIECES
 from eres_render.rendering import backend
 from eres_render.rendering import lightmaps as bake
 from eres_render.rendering.irradiance import irradiance_maps
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.storage.exr import read_attributes, read_luminance
 from light_scenes import drop_textures, edit_scene, small_carpet_folder
 
 
 @pytest.fixture(autouse=True)
-def vectorised():
+def vectorized():
     if backend.select_variant().startswith("scalar"):
-        pytest.skip("baking needs a vectorised Mitsuba variant")
+        pytest.skip("baking needs a vectorized Mitsuba variant")
 
 
 def test_irradiance_under_a_uniform_sky_is_pi_times_its_radiance(tmp_path):
@@ -42,13 +42,13 @@ def test_a_panel_lights_the_floor_as_the_double_integral_over_it_says(tmp_path):
     n = 8
     baked = irradiance_maps(scene, cell_m=5 / n, spp=16384)["carpet"]
     nodes, weights = np.polynomial.legendre.leggauss(12)
-    centre = (np.arange(n) + 0.5) / n * 5 - 2.5
+    center = (np.arange(n) + 0.5) / n * 5 - 2.5
     inner = (nodes / 2) * 5 / n  # a lightmap's texel is a mean over its cell
     expected = np.zeros((n, n))
     for radiance, x0, y0 in ((16.0, -2.0, 0.2), (14.0, 2.1, -0.2)):
         px, py = x0 + 0.3 * nodes, y0 + 2.2 * nodes
-        dx = (centre[:, None] + inner)[:, :, None] - px
-        dy = (centre[:, None] + inner)[:, :, None] - py
+        dx = (center[:, None] + inner)[:, :, None] - px
+        dy = (center[:, None] + inner)[:, :, None] - py
         r2 = dx[None, :, None, :, None, :] ** 2 + dy[:, None, :, None, :, None] ** 2 + 3.4**2
         kernel = radiance * 3.4**2 / r2**2
         panel = np.einsum("yxabcd,a,b,c,d->yx", kernel, *[weights] * 4)
@@ -75,7 +75,7 @@ def test_light_goes_round_an_integrating_sphere(tmp_path):
     np.testing.assert_allclose(wall, expected, rtol=0.02)
 
 
-def test_cells_under_a_solid_take_their_neighbours_light(tmp_path):
+def test_cells_under_a_solid_take_their_neighbors_light(tmp_path):
     """A box without a bottom stands on half of the floor: no darkness leaks from under it."""
     folder = edit_scene(tmp_path / "box")
     sides = {
@@ -242,7 +242,7 @@ def test_a_broken_scene_xml_is_named(tmp_path):
     folder = small_carpet_folder(tmp_path / "broken")
     (folder / "scene.xml").write_text('<scene version="3.0.0"><shape type="rectangel"/></scene>')
     with pytest.raises(SceneError, match=r"scene\.xml: Mitsuba refuses it"):
-        load_world(load_scene(folder))
+        load_mi_scene(load_scene(folder))
 
 
 def test_scalar_machines_are_told_that_they_cannot_bake(tmp_path, monkeypatch):
@@ -255,7 +255,7 @@ def test_scalar_machines_are_told_that_they_cannot_bake(tmp_path, monkeypatch):
     before = mi.variant()
     try:
         mi.set_variant("scalar_rgb")
-        with pytest.raises(BackendError, match=r"vectorised .* found scalar_rgb; .*libllvm19"):
+        with pytest.raises(BackendError, match=r"vectorized .* found scalar_rgb; .*libllvm19"):
             bake.lightmaps(stale)
     finally:
         mi.set_variant(before)

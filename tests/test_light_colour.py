@@ -1,4 +1,4 @@
-"""Colour: dropped before light travels, alike in every variant."""
+"""Color: dropped before light travels, alike in every variant."""
 
 import json
 
@@ -16,7 +16,7 @@ BLUISH = np.array([1.0, 2.0, 4.0])
 
 @pytest.fixture
 def red_floor(tmp_path):
-    """A red floor under a bluish sky, half of it an image file, half of it a plain colour."""
+    """A red floor under a bluish sky, half of it an image file, half of it a plain color."""
     import OpenEXR
 
     folder = edit_scene(tmp_path / "red")
@@ -49,8 +49,8 @@ def test_every_variant_sees_the_product_of_luminances(red_floor):
     """
     expected = (LUMINANCE @ RED) * (LUMINANCE @ BLUISH)
     assert expected == pytest.approx(0.5367, abs=1e-4)
-    coloured = LUMINANCE @ (RED * BLUISH)
-    assert coloured == pytest.approx(0.4425, abs=1e-4)
+    colored = LUMINANCE @ (RED * BLUISH)
+    assert colored == pytest.approx(0.4425, abs=1e-4)
     code = (
         "import sys, json; from eres_render import *;"
         "s = load_scene(sys.argv[1]);"

@@ -44,9 +44,9 @@ def test_a_path_passes_through_the_given_poses_at_their_times():
     """Expected: exactly, at uneven times, with turns of a tenth of a radian from pose to pose."""
     rng = np.random.default_rng(0)
     t = 100.0 + np.cumsum(rng.uniform(0.1, 0.2, 40))
-    centre, turn = np.cumsum(rng.normal(size=(2, 40, 3)) * 0.1, axis=1)
+    center, turn = np.cumsum(rng.normal(size=(2, 40, 3)) * 0.1, axis=1)
     ahead = np.column_stack([np.cos(turn[:, 0]), np.sin(turn[:, 0]), 0.3 * turn[:, 1]])
-    poses = np.array([look_at(c, c + a, UP) for c, a in zip(centre, ahead, strict=True)])
+    poses = np.array([look_at(c, c + a, UP) for c, a in zip(center, ahead, strict=True)])
     path = path_through(t, poses)
     assert path.duration_s == pytest.approx(t[-1] - t[0])
     np.testing.assert_allclose(path.pose(t - t[0]), poses, atol=1e-11)
@@ -106,7 +106,7 @@ def test_waypoints_at_one_place_are_refused():
     [
         ('kind = "waypoints"', 'kind = "waypoint"', "path: kind: found 'waypoint', expected one"),
         ('kind = "waypoints"\n', "", "path: kind: found None, expected one of facing_plane, way"),
-        ("seed = 5", "sede = 5", r"path\.seed: missing"),
+        ("seed = 5", "sede = 5", r"path\.sede: unknown, expected one of kind, seed, "),
         ("min_clearance_m = 0.2", "min_clearance_m = 0", r"path\.min_clearance_m: found 0\.0"),
         ("[-1.0, 0.0, 1.5]", "[-1.0, 0.0]", r"path\.waypoints\[2\]\.position_m: found \[-1\.0, 0"),
     ],

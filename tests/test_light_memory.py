@@ -144,7 +144,7 @@ def test_an_image_larger_than_memory_is_refused_at_once(
     """Promise: before anything is loaded, baked or written, both numbers are said."""
     if not select_variant().startswith("llvm"):
         pytest.skip("samples are not in the machine's memory")
-    for loads in ("load_world", "baked_scene", "has_lightmaps"):
+    for loads in ("load_mi_scene", "baked_scene", "has_lightmaps"):
         monkeypatch.setattr(render, loads, None)  # none of them is called
     monkeypatch.setattr(memory, "memory_bytes", lambda: 64 * 10**9)
     out = tmp_path / "out"

@@ -256,7 +256,7 @@ def test_said_false_events_are_the_sensors(name, tmp_path):
     At 24 px; two standard errors of the choice of pixels are allowed besides.
     """
     if backend.select_variant().startswith("scalar"):
-        pytest.skip("path tracing so many paths needs a vectorised variant")
+        pytest.skip("path tracing so many paths needs a vectorized variant")
     file = ROOT / "benchmarks" / "path_noise.py"
     spec = importlib.util.spec_from_file_location("path_noise", file)
     path_noise = importlib.util.module_from_spec(spec)

@@ -93,7 +93,7 @@ def test_baked_and_path_traced_views_agree(name, t_s):
     What is left of it in the mean is 5 % of the limit.
     """
     if backend.select_variant().startswith("scalar"):
-        pytest.skip("path tracing so many paths needs a vectorised variant")
+        pytest.skip("path tracing so many paths needs a vectorized variant")
     scene = load_scene(name)
     baked = Renderer(scene, 128, 1024, integrator="baked")
     traced = Renderer(scene, 128, 1024, integrator="path")

@@ -168,7 +168,7 @@ def test_only_we_say_that_a_frame_is_damaged(folder, kept_bytes):
     assert (run.stdout, run.stderr) == ("before\nrefused\n", "after\n")
 
 
-def test_a_colour_image_is_no_radiance_frame(folder):
+def test_a_color_image_is_no_radiance_frame(folder):
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     red = np.ones((4, 6), dtype=np.float16)
     OpenEXR.File(header, {"R": red}).write(str(folder / "frames" / "000001.exr"))
@@ -194,7 +194,7 @@ def test_a_missing_frame_is_named_at_once(folder):
         ({"complete": False}, "the render is unfinished"),
         ({"white_level": 0.0}, r"white_level: found 0\.0"),
         ({"window_s": [0.11, 0.2]}, r"window_s: found \(0\.11, 0\.2\), expected a stretch within"),
-        ({"colour": "red"}, r"manifest\.json: colour: unknown"),
+        ({"color": "red"}, r"manifest\.json: color: unknown"),
         ({"width": "6"}, r"manifest\.json: width: found '6', expected an integer"),
     ],
 )
@@ -205,13 +205,13 @@ def test_a_manifest_that_cannot_be_is_refused(folder, changes, message):
 
 
 def test_missing_and_damaged_text_files_are_refused(folder, tmp_path):
-    with pytest.raises(SequenceError, match=r"nowhere/manifest\.json: cannot be read"):
+    with pytest.raises(SequenceError, match=r"nowhere/manifest\.json: no such file"):
         open_sequence(tmp_path / "nowhere")
     (folder / "poses.txt").unlink()
     with pytest.raises(SequenceError, match=r"poses\.txt: cannot be read"):
         open_sequence(folder)
     (folder / "manifest.json").write_text('{"version": 2')
-    with pytest.raises(SequenceError, match=r"manifest\.json: not a JSON file"):
+    with pytest.raises(SequenceError, match=r"manifest\.json: not JSON"):
         open_sequence(folder)
 
 

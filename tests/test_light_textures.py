@@ -41,7 +41,7 @@ def test_one_seed_one_texture(plane):
 def test_every_octave_of_scale_has_contrast_down_to_the_texel(plane):
     """Amplitude times frequency, flat for a 1/f spectrum, stays within a factor of eight.
 
-    It rises towards the texel: the shadows between knots and the fibres, the grains of sand, are
+    It rises towards the texel: the shadows between knots and the fibers, the grains of sand, are
     meant to be strong.
     """
     log_r = np.log(plane[1]) - np.log(plane[1]).mean()
@@ -57,7 +57,7 @@ def test_every_octave_of_scale_has_contrast_down_to_the_texel(plane):
     assert max(scaled) / min(scaled) < 8
 
 
-def test_neighbouring_texels_differ_strongly(plane):
+def test_neighboring_texels_differ_strongly(plane):
     """Grain: a step to the next texel is, as a rule, worth an event (threshold 0.2)."""
     assert np.diff(np.log(plane[1])).std() > 0.2
 

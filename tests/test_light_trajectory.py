@@ -91,7 +91,7 @@ def test_one_seed_one_path():
     assert not np.allclose(a_path().controls, a_path(seed=4).controls)
 
 
-def test_poses_are_vectorised_over_any_shape():
+def test_poses_are_vectorized_over_any_shape():
     path = a_path()
     t = np.linspace(0, 10, 6).reshape(2, 3)
     assert path.pose(t).shape == (2, 3, 4, 4)
@@ -152,7 +152,7 @@ def test_damaged_tum_files_are_refused(tmp_path, text, message):
         read_tum(file)
 
 
-def test_nearly_unit_quaternions_are_normalised(tmp_path):
+def test_nearly_unit_quaternions_are_normalized(tmp_path):
     file = tmp_path / "poses.txt"
     file.write_text("0 1 2 3 0 0 0.0006 1.0005\n")
     R = read_tum(file)[1][0, :3, :3]
@@ -162,5 +162,5 @@ def test_nearly_unit_quaternions_are_normalised(tmp_path):
 def test_rotations_must_be_rotations():
     controls = np.tile(np.eye(4), (4, 1, 1))
     controls[2, 0, 0] = math.sqrt(2)
-    with pytest.raises(TrajectoryError, match="no rotation"):
+    with pytest.raises(TrajectoryError, match="not orthonormal"):
         Trajectory(0.5 * np.arange(-1, len(controls) - 1), controls)

@@ -22,7 +22,7 @@ from eres_render import (
 )
 from eres_render.camera import map_pixels
 from eres_render.rendering.backend import select_variant
-from eres_render.rendering.load import load_world
+from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
 from eres_render.sequence.ground_truth import surface_distance
 from eres_render.sequence.ground_truth_files import write_flow_png
@@ -47,7 +47,7 @@ def of_scene(scene):
 
 @pytest.fixture(scope="module")
 def floating_square(tmp_path_factory):
-    """A square of 0.4 m, half a metre before a wall; the camera slides past, 2 m from the wall."""
+    """A square of 0.4 m, half a meter before a wall; the camera slides past, 2 m from the wall."""
     folder = tmp_path_factory.mktemp("square")
     (folder / "scene.xml").write_text(SQUARE_XML)
     poses = np.tile(np.diag([1.0, -1.0, -1.0, 1.0]), (2, 1, 1))
@@ -61,7 +61,7 @@ def test_a_plane_in_closed_form_and_by_rays_agree():
     select_variant()
     scene = load_scene("carpet")
     closed = of_scene(scene)
-    caster = RayCaster(load_world(scene))
+    caster = RayCaster(load_mi_scene(scene))
     by_rays = GroundTruth(
         closed.trajectory, closed.camera(WIDTH), lambda o, d: caster.cast(o, d).distance
     )

@@ -3,24 +3,57 @@
 import pytest
 
 from docs_page import follow
+from eres_render import open_sequence
 from tasks.errors import TaskError
+from tasks.evaluation.sequence import evaluate_sequence
 from tasks.methods import METHOD_VERSIONS, code_of, load_method, task_of
+from tasks.registry import TASKS
 from tasks.row import read_rows
+
+DOOR_LINES = 20
+"""From outside, a method or a task takes fewer lines of code than this."""
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("own_method")
-    return folder, follow("methods.md", folder)
+    yield folder, follow("methods.md", folder)
+    del TASKS["rate"]
+
+
+def code_lines(file):
+    """Lines that are not blank."""
+    return sum(bool(line.strip()) for line in file.read_text().splitlines())
 
 
 def test_a_method_of_ones_own_is_scored_beside_ours(page):
     """Promise: a function outside the project takes part in `eres evaluate` and `eres study`."""
     folder, said = page
+    assert code_lines(folder / "my_flow.py") < DOOR_LINES
     assert "my_flow:estimate" in said
     rows = [r for r in read_rows(folder / "run" / "rows.parquet") if r.method == "my_flow:estimate"]
     assert {row.task for row in rows} == {"flow"}
     assert len({(row.width, row.cutoff_hz, row.speed) for row in rows}) == 9
+
+
+def test_a_task_of_ones_own_is_scored(page):
+    """Promise: a task outside the project, entered in one place, makes rows of a sequence's events;
+    so do methods of one's own on it."""
+    folder, _ = page
+    assert code_lines(folder / "my_rate.py") < DOOR_LINES
+    (folder / "my_count.py").write_text("def estimate(events, seconds): return 2 * events\n")
+    names = ("per_second", "my_count:estimate")
+    clip = open_sequence(folder / "clips" / "clip_000")
+    rows = evaluate_sequence(clip, "rate", methods=names, width=32)
+    assert [(row.task, row.method, row.metric) for row in rows] == [
+        ("rate", name, "events_per_s") for name in names
+    ]
+    rate, count = rows
+    assert rate.value == rate.event_rate_hz > 0
+    start_s, end_s = clip.window_s
+    assert count.value == pytest.approx(2 * rate.value * (end_s - start_s), rel=1e-4)
+    with pytest.raises(TaskError, match="rate: no method 'no_events'"):
+        evaluate_sequence(clip, "rate", methods=("no_events",))
 
 
 def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):

@@ -28,9 +28,8 @@ from tasks.study.config import (
     with_method,
 )
 from tasks.study.report import write_report
-from tasks.study.run import run_study
-from tasks.study.run import scheduler as schedule
-from tasks.study.run.jobs import parts, trials
+from tasks.study.run import local, run_study
+from tasks.study.run.jobs import jobs_of, trials
 from tasks.tracking import TrackingEstimate, TrackingSample
 
 HERE = __name__
@@ -166,18 +165,18 @@ def test_a_wrong_method_ends_the_study_on_its_first_sample(
     study = with_method(tiny_study(scene_folder), f"{HERE}:method")
     computed = []
 
-    def compute(part, on_progress, *, shown):
-        computed.append(part)
-        return real(part, on_progress, shown=shown)
+    def compute(job, on_progress, *, with_highlights):
+        computed.append(job)
+        return real(job, on_progress, with_highlights=with_highlights)
 
-    real = schedule.compute_part
-    monkeypatch.setattr(schedule, "compute_part", compute)
+    real = local.compute_job
+    monkeypatch.setattr(local, "compute_job", compute)
     with pytest.raises(MethodError, match=said) as refused:
         run_study(study, tmp_path / "run")
     assert "\n" not in str(refused.value)
     assert f"method '{HERE}:method': " in str(refused.value)
-    (part,) = computed
-    assert (part.simulate.widths, part.simulate.cutoffs_hz) == ((32,), (math.inf,))
+    (job,) = computed
+    assert (job.simulate.widths, job.simulate.cutoffs_hz) == ((32,), (math.inf,))
     assert not (tmp_path / "run").exists()
 
 
@@ -236,7 +235,7 @@ def test_a_method_of_another_task_is_refused_before_anything_is_rendered(
     eres, scene_folder, tmp_path, monkeypatch
 ):
     """Promise: by what it says it takes; one line that names both tasks, nothing is left."""
-    monkeypatch.setattr(schedule, "compute_part", None)
+    monkeypatch.setattr(local, "compute_job", None)
     monkeypatch.setitem(globals(), "function", image_of(None))
     for task, name, found in (
         ("flow", "function", "found a function of a ReconstructionSample, which is for reconstruc"),
@@ -283,7 +282,7 @@ def test_every_new_method_is_tried_once_where_it_can_work(scene_folder):
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("tasks.study.run.jobs.code_of", lambda names: {})
-        work = [part for name in study.scenes for part in parts(study, load_scene(name))]
+        work = [job for name in study.scenes for job in jobs_of(study, load_scene(name))]
         room, carpet = trials(study, work, [])
         assert (room.scene.name, room.clip) == ("room", work[0].clip)
         assert room.evaluate.reconstruction.methods == ("mine:recon",)
@@ -293,8 +292,8 @@ def test_every_new_method_is_tried_once_where_it_can_work(scene_folder):
         assert (carpet.scene.name, carpet.evaluate.tracking.methods) == ("carpet", ("mine:track",))
         assert not any(_others(carpet.evaluate))
         assert trials(study, work, work) == []
-        films = [part for part in work if part.evaluate.video.methods]
-        (film,) = trials(study, films, [part for part in work if part not in films])
+        films = [job for job in work if job.evaluate.video.methods]
+        (film,) = trials(study, films, [job for job in work if job not in films])
         assert film.clip.t_window_end_s == pytest.approx(study.evaluate.video.every_s)
         assert film.frames_decided_by != films[0].frames_decided_by
 

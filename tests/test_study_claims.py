@@ -1,13 +1,16 @@
-"""Claims on events and event integration hold, fail or are not measured as the rows say."""
+"""Promise: claims about events and event integration follow the rows."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from study_rows import EI, Change, paper_rows
 from tasks.row import Row
+from tasks.study.claims.claim import SceneClaim
 from tasks.study.claims.judge import CLAIMS, judge_all
-from tasks.study.claims.scaling import SCALING_CLAIMS
+from tasks.study.claims.numbers import Number
+from tasks.study.claims.statistics import DAY, event_rate, margin
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.scores import Condition, Scores
@@ -23,7 +26,7 @@ def test_every_claim_is_judged_once() -> None:
     """Each claim has its number once, in order."""
     judged = [v.number for v in judge_all(paper_rows(), {})]
     assert judged == [*range(1, 11), *range(12, 17), *range(18, 22), 24]
-    assert len(judged) == len(SCALING_CLAIMS) + len(CLAIMS)
+    assert len(judged) == len(CLAIMS)
 
 
 @pytest.mark.parametrize("number", NUMBERS)
@@ -49,14 +52,14 @@ FAILURES: dict[int, Change] = {
 
 @pytest.mark.parametrize("number", FAILURES)
 def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
-    """Each claim's own condition is broken, and it says so."""
+    """Rows break the condition of one claim, and its verdict says so."""
     found = verdict(number, paper_rows(EI, FAILURES[number]))
     assert found.status is Status.DOES_NOT_HOLD
     assert "(does not hold)" in found.ours
 
 
 def test_event_rate_that_only_follows_the_pixels_fails_claim_8() -> None:
-    """Exactly 4x the events on 4x the pixels is no rise of the per-pixel rate."""
+    """With 4 times the events on 4 times the pixels, the rate of a pixel does not rise."""
     found = verdict(8, paper_rows(rate=lambda width, cutoff_hz: float(width) ** 2))
     assert found.status is Status.DOES_NOT_HOLD
     silent = verdict(8, paper_rows(rate=lambda width, cutoff_hz: 0.0))
@@ -67,7 +70,7 @@ def test_daytime_margin_that_is_smaller_but_for_another_winner_fails_claim_4() -
     """By day another width wins: the smaller margin alone is not enough."""
     found = verdict(4, paper_rows(EI, lambda w, c, s, v: v + 9 * (w == 346 and c == 200)))
     assert found.status is Status.DOES_NOT_HOLD
-    assert "best 346 px" in found.ours
+    assert " at 346 px, " in found.ours
 
 
 NEEDED: dict[int, tuple[int, float, float]] = {
@@ -84,7 +87,7 @@ NEEDED: dict[int, tuple[int, float, float]] = {
 @pytest.mark.parametrize("number", NUMBERS)
 @pytest.mark.parametrize("lost_samples", [1, 9])
 def test_not_measured_is_never_holds(number: int, lost_samples: int) -> None:
-    """A needed cell is gone, or one of its samples: not measured, and the missing is named."""
+    """A needed cell or one of its samples is missing: not measured, and the text names it."""
     width = NEEDED[number][0]
     rows = [
         r
@@ -133,7 +136,7 @@ def test_few_samples_say_so_instead_of_an_interval() -> None:
 
 
 def test_the_contradiction_in_the_papers_caption_is_told() -> None:
-    """The caption's 0.1 dB and the table's 2.5 to 3.7 dB both stand in the note of claim 3."""
+    """The note of claim 3 has the caption's 0.1 dB and the table's 2.5 to 3.7 dB."""
     note = verdict(3, paper_rows()).note
     assert "0.1 dB" in note
     assert "2.5 to 3.7 dB" in note
@@ -146,7 +149,7 @@ def test_a_mean_over_scenes_is_the_papers() -> None:
 
 
 def test_the_bootstrap_is_paired_and_seeded() -> None:
-    """A difference between conditions with a common shift has no spread; a median alone has."""
+    """The difference of conditions with a common shift has no spread; a single median has."""
     scores = Scores(paper_rows())
     fine, coarse = (Condition("carpet", width, math.inf, 1.0) for width in (1280, 640))
     cells = {where: scores.cell(EI, where) for where in (fine, coarse)}
@@ -174,3 +177,48 @@ def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
     """Value, interval and unit, or value and unit."""
     assert Estimate(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
     assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"
+
+
+# ---- a claim of your own -----------------------------------------------------------------------
+
+COARSEST_IS_WORST = SceneClaim(
+    number=101,
+    title="The coarsest sensor is worst by day",
+    statement="At 200 Hz, 240 px reconstructs better than 128 px.",
+    series=EI,
+    numbers={"margin": Number(margin(240, 128, DAY), above=0)},
+    text="240 over 128 px {margin}",
+)
+
+
+def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
+    """Promise: numbers, intervals, the paper's column and the scope come with it."""
+    *others, own = judge_all(paper_rows(samples=7), {}, [*CLAIMS, COARSEST_IS_WORST])
+    assert len(others) == len(CLAIMS)
+    assert own.number == 101
+    assert own.status is Status.HOLDS
+    assert own.ours.splitlines()[0] == "carpet: 240 over 128 px +1.61 [+1.61, +1.61] dB"
+    assert own.paper.splitlines() == [
+        "carpet: 240 over 128 px +1.61 dB",
+        "rocks: 240 over 128 px +1.47 dB",
+        "room: 240 over 128 px +2.25 dB",
+    ]
+    assert own.note == ""
+    (alone,) = judge_all(
+        paper_rows(EI, lambda w, c, s, v: v - 3 * (w == 240)), {}, [COARSEST_IS_WORST]
+    )
+    assert alone.status is Status.DOES_NOT_HOLD
+
+
+def test_what_the_paper_does_not_have_is_not_reported() -> None:
+    """Claims about your own width, event rates or your own method have no number of the paper."""
+    number = {"margin": Number(margin(512, 128, DAY), above=0)}
+    (found,) = judge_all(paper_rows(), {}, [replace(COARSEST_IS_WORST, numbers=number)])
+    assert (found.status, found.paper) == (Status.NOT_MEASURED, "not reported")
+    rate = {"margin": Number(event_rate(640, DAY) - event_rate(128, DAY), above=0, unit="1/s")}
+    (found,) = judge_all(paper_rows(), {}, [replace(COARSEST_IS_WORST, numbers=rate)])
+    assert (found.status, found.paper) == (Status.HOLDS, "not reported")
+    (found,) = judge_all(
+        paper_rows(), {}, [replace(COARSEST_IS_WORST, series=EI._replace(method="own:method"))]
+    )
+    assert (found.status, found.paper) == (Status.NOT_MEASURED, "not reported")

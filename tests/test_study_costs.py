@@ -1,4 +1,4 @@
-"""What a run took: kept by part, and told in the report as rates and times of an estimate."""
+"""What a run took: kept by job, and told in the report as rates and times of an estimate."""
 
 import re
 from dataclasses import replace
@@ -7,13 +7,20 @@ from pathlib import Path
 
 import pytest
 
+from drawn import section
 from tasks.errors import ResultError
-from tasks.evaluation.timings import FrameTimer, MethodCost, PartCosts, costs_file, read_costs
-from tasks.study.report.sections.timings import costs_html
+from tasks.evaluation.timings import (
+    FrameTimer,
+    JobTimings,
+    MethodTimings,
+    read_timings,
+    timings_file,
+)
+from tasks.study.report.sections.timings import summarize
 
-FLOW = MethodCost("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
-NOTHING = MethodCost("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)
-PART = PartCosts(
+FLOW = MethodTimings("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
+NOTHING = MethodTimings("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)
+JOB = JobTimings(
     scene="carpet",
     sample=0,
     cores=2,
@@ -34,43 +41,47 @@ PART = PartCosts(
 
 
 def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:
-    """Promise: a file a part, in order of scene and sample; no folder, no costs."""
-    assert read_costs(tmp_path / "costs") == []
-    parts = [PART, replace(PART, sample=3), replace(PART, scene="rocks", methods=())]
-    for part, name in zip(parts, "cab", strict=True):
-        (tmp_path / f"{name}.json").write_bytes(costs_file(part))
-    assert read_costs(tmp_path) == parts
+    """Promise: a file a job, in order of scene and sample; no folder, no costs."""
+    assert read_timings(tmp_path / "costs") == []
+    jobs = [JOB, replace(JOB, sample=3), replace(JOB, scene="rocks", methods=())]
+    for job, name in zip(jobs, "cab", strict=True):
+        (tmp_path / f"{name}.json").write_bytes(timings_file(job))
+    assert read_timings(tmp_path) == jobs
 
 
 def test_damaged_costs_are_named(tmp_path: Path) -> None:
     """Promise: no JSON, and fields that are others, are refused with the file's name."""
-    file = tmp_path / "part.json"
+    file = tmp_path / "job.json"
     file.write_text("{")
-    with pytest.raises(ResultError, match=r"part\.json: not JSON"):
-        read_costs(tmp_path)
-    file.write_bytes(costs_file(PART).replace(b'"estimates"', b'"fits"'))
-    with pytest.raises(ResultError, match=r"part\.json: fields of MethodCost: found cpu_s, .*fits"):
-        read_costs(tmp_path)
+    with pytest.raises(ResultError, match=r"job\.json: not JSON"):
+        read_timings(tmp_path)
+    file.write_bytes(timings_file(JOB).replace(b'"estimates"', b'"fits"'))
+    with pytest.raises(ResultError, match=r"job\.json: methods\[0\]\.fits: unknown"):
+        read_timings(tmp_path)
+
+
+def costs_html(parts: list[JobTimings]) -> str:
+    return section("timings.html", data=summarize(parts))
 
 
 def cells(page: str) -> dict[str, list[str]]:
     """Texts of the cells of each line of the tables, by the line's head."""
-    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
+    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page, re.DOTALL)
     return {
         head: [
-            unescape(re.sub("<[^>]*>", "", cell.replace("<br>", "; ")))
-            for cell in re.findall(r"<td.*?</td>", line)
+            unescape(re.sub("<[^>]*>", "", cell.replace(" <small>", "; "))).replace("\n", "; ")
+            for cell in re.findall(r"<td.*?</td>", line, re.DOTALL)
         ]
         for head, line in lines
     }
 
 
-def test_rates_and_times_are_those_of_the_parts() -> None:
-    """Promise: amounts over times by hand; the part that compiled first moves no median, and
+def test_rates_and_times_are_those_of_the_jobs() -> None:
+    """Promise: amounts over times by hand; the job that compiled first moves no median, and
     frames from the cache are not taken for rendered ones."""
-    compiling = replace(PART, simulating_s=30.0, methods=(replace(FLOW, cpu_s=22.0),))
-    cached = replace(PART, rendered_frames=0, rendering_s=0.0)
-    table = cells(costs_html([compiling, PART, cached]))
+    compiling = replace(JOB, simulating_s=30.0, methods=(replace(FLOW, cpu_s=22.0),))
+    cached = replace(JOB, rendered_frames=0, rendering_s=0.0)
+    table = cells(costs_html([compiling, JOB, cached]))
     assert table["rendering"] == [
         *("24 s", "32\u202f%"),  # of 24 + 6 + 36 + 1.5 + 7.5 s
         "100 frames; 655 M samples",

@@ -49,6 +49,15 @@ def test_light_stands_for_cutoffs(tmp_path):
     assert cutoffs_hz == (cutoff_in_light(67), cutoff_in_light(17))
 
 
+def test_old_words_are_read(tmp_path):
+    text = 'scenes = ["carpet"]\n[evaluate.video]\n{} = "global"'
+    old, new = (
+        read_study(written(tmp_path, text.format(w))) for w in ("equalisation", "equalization")
+    )
+    assert old == new
+    assert new.evaluate.video.equalization == "global"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -58,7 +67,7 @@ def test_light_stands_for_cutoffs(tmp_path):
         ('scenes = ["carpet"]\n[render]\nspp = "4"', r"mine.toml: render.spp: found '4'"),
         (
             'scenes = ["carpet"]\n[simulate]\nwidths = [2560]',
-            r"mine.toml: top level: simulate.widths: found 2560 px, finer than",
+            r"mine.toml: simulate.widths: found 2560 px, finer than",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncontrast_thresholds = [0.2, 0.2]',
@@ -66,7 +75,15 @@ def test_light_stands_for_cutoffs(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [0]',
-            r"simulate.cutoffs_hz: found \[0\], expected a list of positive",
+            r"simulate.cutoffs_hz: found 0.0, expected a positive number",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [nan]',
+            r"simulate.cutoffs_hz\[0\]: found nan, expected a number or inf",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\nilluminance_lux = [0]',
+            r"simulate.illuminance_lux: found \(0.0,\), expected positive numbers",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [1]\nilluminance_lux = [1]',
@@ -79,12 +96,12 @@ def test_light_stands_for_cutoffs(tmp_path):
             "or 'bicubic'",
         ),
         (
-            'scenes = ["carpet"]\n[evaluate.video]\nequalisation = 3',
-            r"evaluate.video.equalisation: found 3, expected 'none' or 'global' or",
+            'scenes = ["carpet"]\n[evaluate.video]\nequalization = 3',
+            r"evaluate.video.equalization: found 3, expected 'none' or 'global' or",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 0.0',
-            r"top level: evaluate.video.every_s: found 0.0, expected a positive number",
+            r"mine.toml: evaluate.video.every_s: found 0.0, expected a positive number",
         ),
         (
             'scenes = ["carpet"]\n[evaluate.tracking]\nsigmas_mm = [5, -1]',

@@ -30,7 +30,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.evaluation.timings import read_costs
+from tasks.evaluation.timings import read_timings
 from tasks.row import Row
 from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking, Video
 from tasks.study.run import run_study
@@ -175,7 +175,7 @@ def test_a_change_is_told_by_row_and_size(run):
 def test_what_parts_took_is_kept_beside_them(run):
     """Promise: the clip and the stretch have their costs, of every frame and every estimate."""
     out, rows = run
-    costs = read_costs(out / "costs")
+    costs = read_timings(out / "costs")
     assert len(costs) == 2
     assert sum(method.estimates for one in costs for method in one.methods) == len(rows)
     for one in costs:

@@ -8,13 +8,13 @@ from eres_render import load_scene
 from tasks.errors import StudyError
 from tasks.evaluation.settings import NO_TASKS
 from tasks.study.config import PRESETS, Study, Tracking, Video
-from tasks.study.run.jobs import parts
+from tasks.study.run.jobs import jobs_of
 
 
 def test_only_what_is_scored_is_rendered() -> None:
     """Promise: a study of videos alone has one stretch, and no clips around samples."""
     video = replace(NO_TASKS, video=Video(methods=("blank",)))
-    (stretch,) = parts(
+    (stretch,) = jobs_of(
         Study(name="video", scenes=("carpet",), evaluate=video), load_scene("carpet")
     )
     assert stretch.evaluate == video
@@ -26,11 +26,11 @@ def test_a_scene_with_nothing_to_do_is_named() -> None:
     tracking = replace(NO_TASKS, tracking=Tracking())
     study = Study(name="pose", scenes=("room",), evaluate=tracking)
     with pytest.raises(StudyError, match="no method that suits room"):
-        parts(study, load_scene("room"))
+        jobs_of(study, load_scene("room"))
 
 
-def test_the_paper_preset_has_its_parts() -> None:
+def test_the_paper_preset_has_its_jobs() -> None:
     """20 clips on each scene, 20 with a longer warm-up for speed 10, one video on the carpet."""
     paper = PRESETS["paper"]
-    counts = [len(parts(paper, load_scene(name))) for name in paper.scenes]
+    counts = [len(jobs_of(paper, load_scene(name))) for name in paper.scenes]
     assert counts == [41, 20, 20]

@@ -31,11 +31,10 @@ from tasks.study.config import (
 )
 from tasks.study.report import write_report
 from tasks.study.results.scaling import read_scaling
-from tasks.study.run import frame_cache, run_study
+from tasks.study.run import frame_cache, local, run_study
 from tasks.study.run import provenance as environment
-from tasks.study.run import scheduler as schedule
-from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import parts
+from tasks.study.run.estimate import estimate_work
+from tasks.study.run.jobs import jobs_of
 
 
 def tiny_study(scene_folder):
@@ -165,7 +164,7 @@ def test_a_run_without_its_scaling_statistics_makes_them(finished, scene_folder)
 def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
     """Promise: a finished run is read, not made; not even the renderer is loaded."""
     out, rows = finished
-    monkeypatch.setattr(schedule, "compute_part", None)
+    monkeypatch.setattr(local, "compute_job", None)
     assert run_study(tiny_study(scene_folder), out) == rows
 
 
@@ -173,30 +172,30 @@ def test_more_samples_keep_the_old_ones(finished, scene_folder):
     """Promise: what decides a clip names it, so another number of samples reuses what fits."""
     study = tiny_study(scene_folder)
     scene = load_scene(scene_folder)
-    part, other, *_ = parts(study, scene)
-    more = parts(replace(study, render=replace(study.render, samples=4)), scene)
-    assert part.key != other.key
-    assert {one.key for one in parts(study, scene)} < {one.key for one in more}
+    job, other, *_ = jobs_of(study, scene)
+    more = jobs_of(replace(study, render=replace(study.render, samples=4)), scene)
+    assert job.key != other.key
+    assert {one.key for one in jobs_of(study, scene)} < {one.key for one in more}
     reconstruction = replace(study.evaluate.reconstruction, upsampling="nearest")
     for changed in (
         replace(study, render=replace(study.render, spp=9)),
         replace(study, simulate=replace(study.simulate, contrast_thresholds=(0.3,))),
         replace(study, evaluate=replace(study.evaluate, reconstruction=reconstruction)),
     ):
-        assert parts(changed, scene)[0].key != part.key
+        assert jobs_of(changed, scene)[0].key != job.key
 
 
 def test_cost_is_said_before_the_start(finished, scene_folder):
     """Promise: frames are estimated to a factor of two, and twice the work costs twice."""
-    work = parts(tiny_study(scene_folder), load_scene(scene_folder))
+    work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
     rendered = len(list((cache_dir() / "frames").rglob("*.exr")))
-    said = cost(work)
-    assert said.parts == len(work)
+    said = estimate_work(work, cores=2)
+    assert said.jobs == len(work)
     assert 0.5 * rendered < said.frames < 2 * rendered
-    twice = cost([*work, *work], cores=1)
-    assert twice.seconds == pytest.approx(2 * cost(work, cores=1).seconds)
-    assert twice.seconds == pytest.approx(2 * cost([*work, *work], cores=2).seconds)
-    assert said.text().startswith(f"{len(work)} parts to do: about {said.frames} frames")
+    twice = estimate_work([*work, *work], cores=1)
+    assert twice.seconds == pytest.approx(2 * estimate_work(work, cores=1).seconds)
+    assert twice.seconds == pytest.approx(2 * estimate_work([*work, *work], cores=2).seconds)
+    assert said.text().startswith(f"{len(work)} jobs to do: about {said.frames} frames")
 
 
 def test_report_of_a_real_run(finished):
@@ -254,8 +253,8 @@ def warnings_of_tasks(caplog):
     return [record.getMessage() for record in caplog.records if record.name.startswith("tasks.")]
 
 
-def test_damaged_parts_are_named_and_made_again(finished, scene_folder, tmp_path, caplog):
-    """Promise: damage costs the part, not the run; parts that are of no use are counted."""
+def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path, caplog):
+    """Promise: damage costs the job, not the run; jobs that are of no use are counted."""
     out, rows = finished
     shutil.copytree(out, tmp_path / "run")
     first, second, *_ = sorted((tmp_path / "run" / "parts").iterdir())
@@ -265,12 +264,12 @@ def test_damaged_parts_are_named_and_made_again(finished, scene_folder, tmp_path
     assert run_study(tiny_study(scene_folder), tmp_path / "run") == rows
     damaged, unused = warnings_of_tasks(caplog)
     assert damaged.startswith(f"{first}: not a whole Parquet file")
-    assert damaged.endswith("; the part is computed again")
-    assert unused.endswith("1 part of another study or version is not used")
+    assert damaged.endswith("; the job is computed again")
+    assert unused.endswith("1 job of another study or version is not used")
     assert read_rows(first) == read_rows(out / "parts" / first.name)
 
 
-def test_where_the_finished_parts_were_computed_stays_known(
+def test_where_the_finished_jobs_were_computed_stays_known(
     finished, scene_folder, tmp_path, caplog
 ):
     """Promise: a run that goes on elsewhere names both places; damage is said and costs that."""
@@ -295,9 +294,9 @@ def test_where_the_finished_parts_were_computed_stays_known(
     assert compute_one_again("{") == here
     assert compute_one_again('{"cores": 2}') == here
     not_json, not_text = warnings_of_tasks(caplog)
-    assert not_json.startswith(f"{file}: not JSON, Expecting property name")
-    assert not_json.endswith("; where the finished parts were computed is lost")
-    assert not_text.startswith(f"{file}: expected a text for each name; ")
+    assert not_json.startswith(f"{file}: not JSON: Expecting property name")
+    assert not_json.endswith("; where the finished jobs were computed is lost")
+    assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
 
 
 FULL = "No space left on device"
@@ -309,15 +308,14 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, name):
     out, rows = finished
     shutil.copytree(out, tmp_path / "run")
     study = tiny_study(scene_folder)
-    key = parts(study, load_scene(scene_folder))[1].key
+    key = jobs_of(study, load_scene(scene_folder))[1].key
     file = tmp_path / "run" / name.format(key=key)
     if "parts" in name:
         file.unlink()
     before = file.read_bytes() if file.exists() else None
-    file.with_name(f".{file.name}.{os.getpid()}").symlink_to("/dev/full")
-    with pytest.raises(OSError, match=FULL) as error:
+    file.with_name(f".{file.name}.{os.getpid()}.unfinished").symlink_to("/dev/full")
+    with pytest.raises(RenderError, match=f"^{file}: cannot be written: {FULL}"):
         run_study(study, tmp_path / "run")
-    assert error.value.filename == str(file)
     assert (file.read_bytes() if file.exists() else None) == before
     assert not list(tmp_path.rglob(".*"))
     assert run_study(study, tmp_path / "run") == rows

@@ -33,11 +33,12 @@ from tasks.study.config import (
     Video,
     with_method,
 )
+from tasks.study.run import cluster as cluster_module
+from tasks.study.run import local as local_module
 from tasks.study.run import run_study
-from tasks.study.run import scheduler as schedule_module
-from tasks.study.run.compute import ComputedPart
-from tasks.study.run.jobs import parts
-from tasks.study.run.scheduler import Task, schedule
+from tasks.study.run.compute import ComputedJob
+from tasks.study.run.jobs import QueuedJob, jobs_of
+from tasks.study.run.scheduler import open_scheduler
 
 ROOT = Path(__file__).parent.parent
 
@@ -48,7 +49,7 @@ pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """A scheduler on a busy machine may be slow to answer."""
-    monkeypatch.setattr(schedule_module, "_CONNECT_S", 60.0)
+    monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
 
 
 def tiny_study(folder, seed=0, samples=3):
@@ -114,8 +115,8 @@ def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
             assert (there / file.relative_to(tmp_path / "here")).read_bytes() == file.read_bytes()
 
 
-def test_a_killed_worker_costs_its_part_only(cluster, scene_folder, tmp_path):
-    """Promise: SIGKILL in the middle of a part; others go on, and the rows are the same."""
+def test_a_killed_worker_costs_its_job_only(cluster, scene_folder, tmp_path):
+    """Promise: SIGKILL in the middle of a job; others go on, and the rows are the same."""
     study = tiny_study(scene_folder, seed=1, samples=5)
     before, killed, over = frames_begun(cache_dir()), [], threading.Event()
 
@@ -137,7 +138,7 @@ def test_a_killed_worker_costs_its_part_only(cluster, scene_folder, tmp_path):
     finally:
         over.set()
         killer.join()
-    assert any(part.key in killed[0] for part in parts(study, load_scene(scene_folder)))
+    assert any(job.key in killed[0] for job in jobs_of(study, load_scene(scene_folder)))
     assert rows == run_study(study, tmp_path / "here")
 
 
@@ -165,7 +166,7 @@ def kill_and_resume(study, folder, moments, *options):
 
 
 def random_moments(folder, count):
-    """Moments to kill at, up to 1.5 s from when study.json is written, before the first part."""
+    """Moments to kill at, up to 1.5 s from when study.json is written, before the first job."""
 
     def moment(delay_s):
         if not (folder / "study.json").exists():
@@ -178,7 +179,7 @@ def random_moments(folder, count):
 
 
 def test_a_run_that_is_killed_resumes_to_the_same_rows(scene_folder, tmp_path, monkeypatch):
-    """Promise: killed in mid-render and between two parts, a run ends as an unbroken one does."""
+    """Promise: killed in mid-render and between two jobs, a run ends as an unbroken one does."""
     study = tiny_study(scene_folder, seed=2)
     rows = run_study(study, tmp_path / "unbroken")
     cache, broken = tmp_path / "cache", tmp_path / "broken"
@@ -202,7 +203,7 @@ def test_a_run_that_is_killed_often(scene_folder, tmp_path, monkeypatch):
 def test_a_client_that_is_killed_resumes_with_what_workers_had_done(
     cluster, scene_folder, tmp_path
 ):
-    """Promise: parts are written as they come, so a killed client loses no more than those."""
+    """Promise: jobs are written as they come, so a killed client loses no more than those."""
     study = tiny_study(scene_folder, seed=4, samples=15)
     options = (cluster.scheduler_address,)
     broken = tmp_path / "broken"
@@ -211,7 +212,7 @@ def test_a_client_that_is_killed_resumes_with_what_workers_had_done(
 
 
 @pytest.mark.slow
-def test_a_part_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monkeypatch):
+def test_a_job_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monkeypatch):
     """Promise: it is given up after some workers, by name, and what others did is kept."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "deadly.py").write_text(
@@ -225,40 +226,41 @@ def test_a_part_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monk
             run_study(study, tmp_path / "run", cluster.scheduler_address)
 
 
-def tasks_of(scene_folder):
-    work = parts(tiny_study(scene_folder), load_scene(scene_folder))
-    return [Task(part, part.key, False) for part in work]
+def queued_jobs(scene_folder):
+    work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
+    return [QueuedJob(job, job.key, False) for job in work]
 
 
-def nothing_computed(part, on_progress, *, shown):
+def nothing_computed(job, on_progress, *, with_highlights):
     on_progress("simulating", 1, 2)
-    return ComputedPart([], {}, {})
+    return ComputedJob([], {}, {})
 
 
-def test_progress_is_of_all_tasks(one_worker, scene_folder, monkeypatch):
-    """Promise: here in shares of a part, on workers in whole ones; complete at the end."""
-    monkeypatch.setattr(schedule_module, "compute_part", nothing_computed)
-    tasks = tasks_of(scene_folder)
+def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
+    """Promise: here in shares of a job, on workers in whole ones; complete at the end."""
+    for module in (cluster_module, local_module):
+        monkeypatch.setattr(module, "compute_job", nothing_computed)
+    jobs = queued_jobs(scene_folder)
     for address, expected in (
         (None, [0, 0.6, 1, 1.6, 2, 2.6, 3]),
         (one_worker.scheduler_address, [0, 1, 2, 3]),
     ):
         said = []
-        with schedule(address) as computing:
-            computed = list(computing.compute(tasks, lambda done, doing, to=said: to.append(done)))
+        with open_scheduler(address) as computing:
+            computed = list(computing.compute(jobs, lambda _, done, of, to=said: to.append(done)))
         assert said == pytest.approx(expected)
-        assert {task.key for task, _ in computed} == {task.key for task in tasks}
+        assert {job.key for job, _ in computed} == {job.key for job in jobs}
 
 
 def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch):
-    """Promise: an error of the system costs a part two retries, then it ends the run by name."""
+    """Promise: an error of the system costs a job two retries, then it ends the run by name."""
     tries = []
 
-    def failing(part, on_progress, *, shown):
-        tries.append(part)
+    def failing(job, on_progress, *, with_highlights):
+        tries.append(job)
         raise OSError(28, "No space left on device", "/cache/frames")
 
-    monkeypatch.setattr(schedule_module, "compute_part", failing)
+    monkeypatch.setattr(cluster_module, "compute_job", failing)
     study = tiny_study(scene_folder, samples=1)
     with pytest.raises(StudyError, match=r"carpet, clip 0: failed 3 times .*/cache/frames"):
         run_study(study, tmp_path / "run", one_worker.scheduler_address)
@@ -269,25 +271,25 @@ def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkey
 def test_a_wrong_method_of_ones_own_ends_the_run_at_once(
     one_worker, scene_folder, tmp_path, monkeypatch
 ):
-    """Promise: said by name from the worker too, after one small part; no other is begun."""
-    (tmp_path / "hasty.py").write_text(
+    """Promise: said by name from the worker too, after one small job; no other is begun."""
+    (tmp_path / "rash.py").write_text(
         "from tasks.flow import FlowSample\n\ndef estimate(sample: FlowSample):\n    return 1 / 0\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     computed = []
 
-    def compute(part, on_progress, *, shown):
-        computed.append(part)
-        return real(part, on_progress, shown=shown)
+    def compute(job, on_progress, *, with_highlights):
+        computed.append(job)
+        return real(job, on_progress, with_highlights=with_highlights)
 
-    real = schedule_module.compute_part
-    monkeypatch.setattr(schedule_module, "compute_part", compute)
-    study = with_method(tiny_study(scene_folder), "hasty:estimate")
-    said = r"^worker tcp://\S+ on \S+: flow, method 'hasty:estimate': raised ZeroDivisionError at "
-    with pytest.raises(StudyError, match=said + r"\S+hasty.py:4: division by zero$"):
+    real = cluster_module.compute_job
+    monkeypatch.setattr(cluster_module, "compute_job", compute)
+    study = with_method(tiny_study(scene_folder), "rash:estimate")
+    said = r"^worker tcp://\S+ on \S+: flow, method 'rash:estimate': raised ZeroDivisionError at "
+    with pytest.raises(StudyError, match=said + r"\S+rash.py:4: division by zero$"):
         run_study(study, tmp_path / "run", one_worker.scheduler_address)
-    (part,) = computed
-    assert part.simulate.widths == (32,)
+    (job,) = computed
+    assert job.simulate.widths == (32,)
     assert not (tmp_path / "run").exists()
 
 
@@ -302,30 +304,28 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
         return str(refused.value).split(": ", 1)[1]
 
     study = tiny_study(scene_folder, samples=1)
-    here = schedule_module._versions()
+    here = cluster_module._versions()
     for other in ({**here, "eres": "9.9"}, {**here, "render": 0}):
         with monkeypatch.context() as patch:
             asked_then_found = iter([other, here, here])
-            patch.setattr(schedule_module, "_versions", asked_then_found.__next__)
+            patch.setattr(cluster_module, "_versions", asked_then_found.__next__)
             assert refusal(study) == f"found code of versions {here}, expected {other}"
     with monkeypatch.context() as patch:
-        patch.setattr(
-            schedule_module, "_order", lambda task: pickle.dumps(replace(task, key="other"))
-        )
+        patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
         assert refusal(study).startswith("found other code of a method of your own")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")
         toml = edited / "scene.toml"
         toml.write_text(toml.read_text().replace("seed = ", "seed = 1"))
         patch.setattr(
-            schedule_module, "load_scene", lambda source: replace(load_scene(edited), source=source)
+            cluster_module, "load_scene", lambda source: replace(load_scene(edited), source=source)
         )
         assert refusal(study).startswith(f"scene {scene_folder}: found files of digest ")
     assert not list((tmp_path / "run").rglob("*.parquet"))
 
 
 def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
-    """Promise: two parts at once in one process would share a renderer, so it is not begun."""
+    """Promise: two jobs at once in one process would share a renderer, so it is not begun."""
     study, said = tiny_study(scene_folder), r"found 2 threads, .* start it with --nthreads 1"
     with (
         local_cluster(n_workers=1, threads_per_worker=2, processes=False) as cluster,
@@ -343,7 +343,7 @@ def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
 )
 def test_no_scheduler_is_said_before_anything_else(eres, tmp_path, monkeypatch, address, text):
     """Promise: one line, exit code 1, no folder, and no look at scenes that may not be there."""
-    monkeypatch.setattr(schedule_module, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(cluster_module, "_CONNECT_S", 0.5)
     args = ("--scenes", "nowhere", "--out", tmp_path / "run", "--scheduler", address)
     code, _, err = eres("study", *args)
     assert code == 1

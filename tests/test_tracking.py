@@ -13,6 +13,8 @@ from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
 from tasks.methods import initial_path, load_method
 from tasks.methods import photometric_tracking as eppt
+from tasks.methods.photometric_tracking import accumulation, search
+from tasks.methods.photometric_tracking.residuals import join_events, problem_of
 from tasks.numerics import bicubic, cumulative_spline
 from tasks.tracking import (
     TrackingEstimate,
@@ -171,23 +173,23 @@ def test_spline_derivatives_are_those_of_its_values():
             for axis in range(3):
                 step = np.zeros((10, 6))
                 step[segment[row] + control, 3 + axis] = h
-                there, back = (eppt._moved(path, s).pose(1e-6 * row) for s in (step, -step))
+                there, back = (search.moved(path, s).pose(1e-6 * row) for s in (step, -step))
                 turn = Rotation.from_matrix(there[:3, :3] @ back[:3, :3].T).as_rotvec() / (2 * h)
                 D = table[row, 16:].reshape(4, 3, 3)[control]
                 np.testing.assert_allclose(D[:, axis], turn, atol=1e-8)
                 step = np.roll(step, -3, axis=1)
-                there, back = (eppt._moved(path, s).pose(1e-6 * row) for s in (step, -step))
+                there, back = (search.moved(path, s).pose(1e-6 * row) for s in (step, -step))
                 moved = (there - back)[axis, 3] / (2 * h)
                 assert table[row, 12 + control] == pytest.approx(moved, abs=1e-8)
 
 
 def sum_at(sample, path, huber_in_c):
     """Cost, gradient, Hessian and events outside at a path."""
-    problem, _ = eppt._problem(sample, 14_000)
+    problem, _ = problem_of(sample, 14_000)
     (level,) = eppt.pyramid(sample.log_image, sample.camera.K, 0.0)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(eppt, "_HUBER_IN_C", huber_in_c)
-        return eppt._accumulate(problem, level, C, path, 2000)
+        patch.setattr(accumulation, "HUBER_IN_C", huber_in_c)
+        return accumulation.accumulate(problem, level, path)
 
 
 @pytest.mark.parametrize("huber_in_c", [0.5, 1e6])
@@ -201,7 +203,7 @@ def test_gradient_is_that_of_the_cost(scene, huber_in_c):
         step = np.zeros(60)
         step[i] = h
         there, back = (
-            sum_at(sample, eppt._moved(path, s.reshape(10, 6)), huber_in_c).cost
+            sum_at(sample, search.moved(path, s.reshape(10, 6)), huber_in_c).cost
             for s in (step, -step)
         )
         numeric[i] = (there - back) / (2 * h)
@@ -266,14 +268,14 @@ def test_looking_away_is_counted_and_does_not_pay(scene):
     sample = sample_of(scene, 0.0, 0, max_events=2000)
     away = np.zeros((10, 6))
     away[:, 0] = 5.0
-    total = sum_at(sample, eppt._moved(sample.initial, away), 0.5)
+    total = sum_at(sample, search.moved(sample.initial, away), 0.5)
     residuals = np.count_nonzero(sample.t_before_us >= 0)
     assert total.outside == residuals
     assert total.cost == pytest.approx(residuals * 0.5 * C * (C - 0.25 * C))
     assert not total.gradient.any()
     below = np.zeros((10, 6))
     below[:, 2] = -2.0  # beyond the plane
-    assert sum_at(sample, eppt._moved(sample.initial, below), 0.5).outside == residuals
+    assert sum_at(sample, search.moved(sample.initial, below), 0.5).outside == residuals
 
 
 def test_a_delay_is_told_apart_by_the_reference_view(scene):
@@ -319,8 +321,8 @@ def test_a_random_part_keeps_pixels_whole(scene):
 def test_joined_events_add_up(scene):
     """Promise: joining keeps each pixel's sum of polarities, its first event and its last."""
     sample = sample_of(scene, 0.002, 0, max_events=20_000)
-    problem, _ = eppt._problem(sample, 14_000)
-    joined = eppt._joined(problem, 4)
+    problem, _ = problem_of(sample, 14_000)
+    joined = join_events(problem, 4)
     assert joined.residuals < 0.6 * problem.residuals
     for p in (problem, joined):
         assert p.residuals == np.count_nonzero(p.t_before_us >= 0)
@@ -348,7 +350,7 @@ def test_what_fails_keeps_the_initial_path_and_says_why(scene):
     astray = sample_of(scene, 0.002, 0)
     away = np.zeros((10, 6))
     away[:, 0] = 5.0
-    astray = replace(astray, initial=eppt._moved(astray.initial, away))
+    astray = replace(astray, initial=search.moved(astray.initial, away))
     answer = eppt.estimate(astray)
     assert "left the reference view" in answer.failure
     assert answer.path is astray.initial
@@ -413,7 +415,7 @@ def test_the_optimum_is_that_of_ceres(scene):
 
     def residuals(step):
         """Whose squares sum to twice the robust cost."""
-        path = eppt._moved(sample.initial, step.reshape(10, 6))
+        path = search.moved(sample.initial, step.reshape(10, 6))
         change = seen(path, sample.t_us[later]) - seen(path, sample.t_before_us[later])
         r = sample.p[later] * change - C
         size = np.abs(r)
@@ -448,11 +450,11 @@ def test_the_optimum_is_that_of_ceres(scene):
     options.function_tolerance = 1e-12
     summary = pyceres.SolverSummary()
     pyceres.solve(options, problem, summary)
-    ceres = eppt._moved(sample.initial, step.reshape(10, 6))
+    ceres = search.moved(sample.initial, step.reshape(10, 6))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(eppt, "_CONVERGED_PX", 1e-6)
-        patch.setattr(eppt, "_CONVERGED_NOISE", 0.0)
+        patch.setattr(search, "_CONVERGED_PX", 1e-6)
+        patch.setattr(search, "_CONVERGED_NOISE", 0.0)
         names = ("x", "y", "t_us", "t_before_us", "p")
         kept = np.zeros(len(sample.t_us), bool)
         kept[later[inner]] = True

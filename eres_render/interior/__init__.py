@@ -1,1 +1,1 @@
-"""The room scene's geometry: furniture as meshes with a texture atlas of their own."""
+"""The room scene's geometry: furniture as meshes, each with its own texture atlas."""

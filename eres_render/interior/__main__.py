@@ -1,4 +1,4 @@
-"""Write the room's meshes, and print the textures' part of its scene.toml.
+"""Write the meshes of the room, and print the tables of textures for its scene.toml.
 
 Run: python -m eres_render.interior scenes/room
 """

@@ -1,4 +1,4 @@
-"""Charts side by side on one texture: the layout, the mesh, the paint."""
+"""An atlas of charts on one texture: the layout, the mesh, the paint."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from eres_render.interior.uv_charts import Chart
 from eres_render.textures.fractal_noise import Float32
 
 CELL_M = 0.02
-"""Charts take up whole cells of this size, with an empty one around, so that a lightmap with such
-cells has each chart's light to itself."""
+"""Size of a cell, m. Charts take up whole cells with one empty cell around them, so that no cell of
+a lightmap of this size holds the light of two charts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,21 @@ class Atlas:
     rows: int
 
     def paint(self, texels_per_cell: int, seed: int) -> Float32:
-        """Return the texture, (rows, columns) x texels_per_cell.
+        """Return the texture.
 
-        Paint goes on over the empty cells around a chart, so that filtered look-ups stay inside it.
+        Paint covers the empty cells around a chart too, so that filtered look-ups stay inside it.
+
+        Parameters
+        ----------
+        texels_per_cell
+            Texels along a cell of `CELL_M`.
+        seed
+            Seed of all randomness.
+
+        Returns
+        -------
+        texture
+            (rows, columns) x texels_per_cell float32.
         """
         k = texels_per_cell
         texels = np.full((self.rows * k, self.columns * k), 0.5, dtype=np.float32)
@@ -85,7 +97,20 @@ def _write_mesh(
 
 
 def layout(charts: Sequence[Chart], columns: int) -> Atlas:
-    """Place charts on a rectangle so many cells wide, tallest first, shelf upon shelf."""
+    """Place charts on shelves of a rectangle, tallest first.
+
+    Parameters
+    ----------
+    charts
+        Charts to place.
+    columns
+        Width of the rectangle in cells; it grows if a chart needs more.
+
+    Returns
+    -------
+    atlas
+        The charts with their places.
+    """
     sides = [tuple(max(1, round(side / CELL_M)) for side in chart.size_m) for chart in charts]
     columns = max(columns, max(width for width, _ in sides) + 2)
     places: dict[int, Place] = {}

@@ -1,4 +1,4 @@
-"""What hangs, grows and lies about: pictures, curtains, lamps, a plant, things on tables."""
+"""Decoration: pictures, curtains, lamps, a plant, things on tables."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from eres_render.textures.printed import (
 
 
 def _picture(width_m: float, height_m: float, paint: Painter, frame_tone: float) -> list[Chart]:
-    """Return a framed picture that hangs south of the plane y = 0, its middle at the origin."""
+    """Return a framed picture on the south side of the plane y = 0, centered on the origin."""
     x, z, edge = 0.5 * width_m, 0.5 * height_m, 0.04
     frame = wooden(frame_tone)
     charts = [face("south", (-x, -0.012, -z), (x, 0, z), everywhere(paint))]
@@ -114,7 +114,7 @@ def _stem(base: np.ndarray, tip: np.ndarray) -> Chart:
 
 
 def _leaf(length_m: float, rise: float) -> list[Chart]:
-    """Return a leaf that leaves the origin along x, rises, and bends down."""
+    """Return a leaf that starts at the origin along x, rises, and bends down."""
     t, s = np.linspace(0, 1, 9), np.linspace(0, 1, 5)
     half = 0.20 * length_m * np.sin(np.pi * (0.02 + 0.96 * t)) ** 0.8
     side = half[:, None] * (1 - 2 * s)
@@ -143,7 +143,7 @@ def lamps() -> list[Chart]:
 
 
 def things() -> list[Chart]:
-    """Return what lies on the tables, the sideboard and the sill."""
+    """Return the things on the tables, the sideboard and the sill."""
     table, sideboard, low = 0.75, 0.76, 0.412
     charts = moved(_bowl_of_fruit(), 0, (2.15, 3.72, table))
     charts += moved(_mug(0.5), 40, (1.55, 3.5, table))

@@ -1,4 +1,4 @@
-"""What stands on the floor: table, chairs, sofa, bookcase, sideboard, rug."""
+"""Furniture: table, chairs, sofa, bookcase, sideboard, rug."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def coffee_table() -> list[Chart]:
 
 
 def _chair() -> list[Chart]:
-    """Return a chair at the origin whose sitter looks north."""
+    """Return a chair at the origin that faces north."""
     wood = wooden(0.27)
     charts = rounded_box((-0.22, -0.22, 0.43), (0.22, 0.22, 0.475), 0.018, upholstered(0.22))
     charts += _legs(0.42, 0.42, 0.432, 0.04, 0.27)
@@ -56,7 +56,7 @@ def _chair() -> list[Chart]:
 
 
 def chairs() -> list[Chart]:
-    """Return four chairs about the table, none quite straight."""
+    """Return four chairs around the table, each slightly turned."""
     places = (
         (4, (1.55, 3.08, 0)),
         (-7, (2.45, 3.02, 0)),
@@ -102,7 +102,7 @@ def _pillow(tones: tuple[float, ...]) -> list[Chart]:
 
 
 def rug() -> list[Chart]:
-    """Return a kilim, not quite straight."""
+    """Return a slightly turned kilim."""
     low, high = (-1.25, -0.85, 0), (1.25, 0.85, 0.012)
     return moved(box(low, high, lambda _: kilim, ("bottom",)), 4, (4.0, 2.45, 0))
 
@@ -132,7 +132,7 @@ def bookcase() -> list[Chart]:
 
 
 def books() -> list[Chart]:
-    """Return the books, shelf by shelf, a few missing and a few lying."""
+    """Return the books, shelf by shelf, with some gaps and some books that lie flat."""
     width, depth, _, board = _CASE
     rng = np.random.default_rng(11)
     charts: list[Chart] = []
@@ -173,11 +173,11 @@ def _row_of_books(
     for k, book in enumerate(row):
         low = (book.left, back - book.deep, z)
         high = (book.left + book.thick, back, z + book.high)
-        # Covers show only beside a gap or a smaller neighbour.
-        beside = {"west": row[k - 1 : k], "east": row[k + 1 : k + 2]}
+        # Covers show only next to a gap or a smaller book.
+        next_to = {"west": row[k - 1 : k], "east": row[k + 1 : k + 2]}
         paints = {"south": book_spine, "top": book_pages, "west": book_cover, "east": book_cover}
         for name, paint in paints.items():
-            if any(b.high >= book.high and b.deep >= book.deep for b in beside.get(name, ())):
+            if any(b.high >= book.high and b.deep >= book.deep for b in next_to.get(name, ())):
                 continue
             if name == "west" and k == 0:
                 continue  # leans on the bookcase

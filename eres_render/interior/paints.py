@@ -12,7 +12,20 @@ from eres_render.textures.wood import wood
 
 
 def wooden(tone: float, ring_m: float = 0.018) -> FacePainter:
-    """Return wood whose grain runs along a board's longest side."""
+    """Return wood whose grain runs along a board's longest side.
+
+    Parameters
+    ----------
+    tone
+        Mean reflectance, about.
+    ring_m
+        Distance between year rings, m.
+
+    Returns
+    -------
+    painter
+        For the faces of a box.
+    """
     return lambda along_u: partial(wood, tone=tone, along_u=along_u, ring_m=ring_m)
 
 

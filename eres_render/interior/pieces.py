@@ -60,7 +60,21 @@ PIECES = {
 
 
 def paint(name: str, width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return a piece's texture, whose size its atlas decides.
+    """Return the texture of a piece.
+
+    Parameters
+    ----------
+    name
+        One of `PIECES`.
+    width_px, height_px, texel_m
+        Size of the texture and of a texel; its atlas decides both.
+    seed
+        Seed of all randomness.
+
+    Returns
+    -------
+    texture
+        (height_px, width_px) float32 reflectance.
 
     Raises
     ------

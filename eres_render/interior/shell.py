@@ -12,7 +12,7 @@ from eres_render.textures.masonry import bricks, plaster, wallpaper
 from eres_render.textures.wood import planks
 
 EAST_M, NORTH_M, HEIGHT_M = 6.4, 5.2, 2.7
-"""The room reaches from the origin, its south-western corner on the floor, so far."""
+"""Size of the room; the origin is its south-western corner on the floor."""
 
 WINDOW_SOUTH_M, WINDOW_NORTH_M, WINDOW_LOW_M, WINDOW_HIGH_M = 1.3, 3.7, 0.9, 2.3
 _REVEAL_M = 0.15
@@ -99,7 +99,7 @@ def _reveal() -> list[Chart]:
 
 
 def _door(west_m: float, east_m: float) -> list[Chart]:
-    """Return a panelled door in its frame in the south wall."""
+    """Return a paneled door in its frame in the south wall."""
     frame, leaf = lacquered(0.7), wooden(0.34, 0.03)
     top = 2.05
     charts = box((west_m, 0, 0), (east_m, 0.03, top), leaf, ("south", "bottom"))

@@ -1,6 +1,6 @@
 """Surfaces as grids of points, each unrolled onto a rectangle of a texture.
 
-A chart's u runs to the right and its v downwards for who looks at its front.
+Seen from the front, a chart's u runs to the right and its v downward.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Chart:
     Parameters
     ----------
     points
-        (rows, columns, 3), metres.
+        (rows, columns, 3), meters.
     normals
         (rows, columns, 3), of length 1, out of the front.
     t, s
@@ -38,7 +38,7 @@ class Chart:
     paint
         What the surface reflects.
     solid
-        (rows - 1, columns - 1) which meshes of the grid exist; all, unless there is a hole.
+        (rows - 1, columns - 1) bool: which meshes of the grid exist; False at a hole.
     """
 
     points: Float64
@@ -51,7 +51,22 @@ class Chart:
 
 
 def moved(charts: Iterable[Chart], turn_deg: float, shift_m: ArrayLike) -> list[Chart]:
-    """Return charts turned about the z axis, then shifted."""
+    """Return charts turned about the z axis, then shifted.
+
+    Parameters
+    ----------
+    charts
+        Charts to move.
+    turn_deg
+        Angle about the z axis.
+    shift_m
+        (3,) shift after the turn, m.
+
+    Returns
+    -------
+    charts
+        The moved charts.
+    """
     turn_rad = np.deg2rad(turn_deg)
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -63,7 +78,22 @@ def moved(charts: Iterable[Chart], turn_deg: float, shift_m: ArrayLike) -> list[
 
 
 def grid(points: ArrayLike, paint: Painter, t: ArrayLike, s: ArrayLike) -> Chart:
-    """Return a curved chart through (rows, columns, 3) points, shaded smoothly."""
+    """Return a curved, smoothly shaded chart through a grid of points.
+
+    Parameters
+    ----------
+    points
+        (rows, columns, 3), m.
+    paint
+        Painter of the chart.
+    t, s
+        (rows,) and (columns,) positions of the grid's lines on the rectangle, 0 to 1.
+
+    Returns
+    -------
+    chart
+        With normals from the grid's slopes.
+    """
     p = np.asarray(points, dtype=np.float64)
     along_v, along_u = np.gradient(p, axis=0), np.gradient(p, axis=1)
     normals = np.cross(along_v, along_u)
@@ -77,7 +107,22 @@ def grid(points: ArrayLike, paint: Painter, t: ArrayLike, s: ArrayLike) -> Chart
 
 
 def rectangle(corner: ArrayLike, right: ArrayLike, down: ArrayLike, paint: Painter) -> Chart:
-    """Return the flat chart with one corner and the two sides that leave it."""
+    """Return a flat rectangular chart.
+
+    Parameters
+    ----------
+    corner
+        (3,) the corner at the top left, m.
+    right, down
+        (3,) the two sides that leave the corner, m.
+    paint
+        Painter of the chart.
+
+    Returns
+    -------
+    chart
+        The rectangle.
+    """
     return plate(corner, right, down, paint, (0.0, 1.0), (0.0, 1.0))
 
 
@@ -90,7 +135,26 @@ def plate(
     s: tuple[float, ...],
     hole: tuple[int, int] | None = None,
 ) -> Chart:
-    """Return a flat chart, cut along lines t and s; `hole` names the mesh that is left out."""
+    """Return a flat rectangular chart that is cut into a grid, if wanted with a hole.
+
+    Parameters
+    ----------
+    corner
+        (3,) the corner at the top left, m.
+    right, down
+        (3,) the two sides that leave the corner, m.
+    paint
+        Painter of the chart.
+    t, s
+        Positions of the cuts along `down` and along `right`, 0 to 1.
+    hole
+        Row and column of the mesh that is left out, if any.
+
+    Returns
+    -------
+    chart
+        The rectangle.
+    """
     corner, right, down = (np.asarray(x, dtype=np.float64) for x in (corner, right, down))
     points = corner + np.multiply.outer(t, down)[:, None] + np.multiply.outer(s, right)
     normal = np.cross(down, right)
@@ -116,12 +180,42 @@ _FACES = {
 def box(
     low: ArrayLike, high: ArrayLike, paint: FacePainter, without: tuple[str, ...] = ()
 ) -> list[Chart]:
-    """Return the faces of a box between two corners, seen from outside."""
+    """Return the faces of a box between two corners.
+
+    Parameters
+    ----------
+    low, high
+        (3,) two opposite corners, m.
+    paint
+        Makes the painter of each face.
+    without
+        Names of the faces that are left out.
+
+    Returns
+    -------
+    charts
+        The faces, fronts outside.
+    """
     return [face(name, low, high, paint) for name in _FACES if name not in without]
 
 
 def face(name: str, low: ArrayLike, high: ArrayLike, paint: FacePainter) -> Chart:
-    """Return one face of a box: west, east, south, north, top or bottom."""
+    """Return one face of a box.
+
+    Parameters
+    ----------
+    name
+        west, east, south, north, top or bottom.
+    low, high
+        (3,) two opposite corners, m.
+    paint
+        Makes the painter of each face.
+
+    Returns
+    -------
+    chart
+        The face, front outside.
+    """
     ends = np.array([low, high], dtype=np.float64)
     size = ends[1] - ends[0]
     corner, (u, u_sign), (v, v_sign) = _FACES[name]
@@ -138,7 +232,24 @@ def rounded_box(
     paint: FacePainter,
     without: tuple[str, ...] = (),
 ) -> list[Chart]:
-    """Return the faces of a box with round edges, each taking half of every edge it has."""
+    """Return the faces of a box with round edges; each face has half of each of its edges.
+
+    Parameters
+    ----------
+    low, high
+        (3,) two opposite corners, m.
+    radius_m
+        Radius of the edges, m.
+    paint
+        Makes the painter of each face.
+    without
+        Names of the faces that are left out.
+
+    Returns
+    -------
+    charts
+        The faces, fronts outside.
+    """
     ends = np.array([low, high], dtype=np.float64)
     size = ends[1] - ends[0]
     core = ends + radius_m * np.array([[1.0], [-1.0]])
@@ -163,9 +274,21 @@ def rounded_box(
 
 
 def lathe(radii_m: ArrayLike, heights_m: ArrayLike, paint: Painter, segments: int = 32) -> Chart:
-    """Return the surface of revolution about the z axis through a profile, from top to bottom.
+    """Return the surface of revolution of a profile about the z axis.
 
-    The front is outside if the profile runs downwards, inside if it runs upwards.
+    Parameters
+    ----------
+    radii_m, heights_m
+        (N,) the profile from top to bottom, m.
+    paint
+        Painter of the chart.
+    segments
+        Number of meshes around the axis.
+
+    Returns
+    -------
+    chart
+        The front is outside if the profile runs downward, inside if it runs upward.
     """
     r, z = np.asarray(radii_m, dtype=np.float64), np.asarray(heights_m, dtype=np.float64)
     angle = np.linspace(0, 2 * np.pi, segments + 1)
@@ -194,7 +317,20 @@ def lathe(radii_m: ArrayLike, heights_m: ArrayLike, paint: Painter, segments: in
 
 
 def both_sides(chart: Chart, apart_m: float = 0.002) -> list[Chart]:
-    """Return a sheet's front and its back, a little apart."""
+    """Return the two sides of a thin sheet.
+
+    Parameters
+    ----------
+    chart
+        The sheet's front.
+    apart_m
+        Distance of the back from the front, m.
+
+    Returns
+    -------
+    charts
+        The front and the back.
+    """
     back = replace(
         chart,
         points=(chart.points - apart_m * chart.normals)[:, ::-1],

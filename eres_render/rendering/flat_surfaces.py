@@ -93,12 +93,12 @@ class FlatSurfaces:
     boxes: Float64
 
 
-def flat_surfaces(world: Any, baked: Collection[str]) -> FlatSurfaces:
+def flat_surfaces(mi_scene: Any, baked: Collection[str]) -> FlatSurfaces:
     """Take a baked scene apart.
 
     Parameters
     ----------
-    world
+    mi_scene
         The scene in Mitsuba; its surfaces glow.
     baked
         Ids of the shapes whose texture is a baked one: clamped, bilinear, not transformed. Any
@@ -108,7 +108,7 @@ def flat_surfaces(world: Any, baked: Collection[str]) -> FlatSurfaces:
     textures: list[NDArray[np.float16]] = []
     first_triangle = {}
     count = 0
-    for shape in world.shapes():
+    for shape in mi_scene.shapes():
         if not shape.is_mesh():
             boxes.append([np.ravel(shape.bbox().min), np.ravel(shape.bbox().max)])
             continue

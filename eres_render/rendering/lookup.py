@@ -37,18 +37,18 @@ class LookUp:
 
     Parameters
     ----------
-    world
+    mi_scene
         The baked scene.
     baked
         Ids of the shapes that `eres_render.rendering.lightmaps` gave a texture of radiance.
     """
 
-    def __init__(self, world: Any, baked: Collection[str]) -> None:
-        self._world = world
-        self._surfaces = flat_surfaces(world, baked)
+    def __init__(self, mi_scene: Any, baked: Collection[str]) -> None:
+        self._mi_scene = mi_scene
+        self._surfaces = flat_surfaces(mi_scene, baked)
         pieces = self._surfaces.pieces
         # What no ray meets is one more piece, infinitely far and black, unless there is a sky.
-        self._nothing = len(pieces.normal) if world.environment() is None else TRACED
+        self._nothing = len(pieces.normal) if mi_scene.environment() is None else TRACED
         textures = self._surfaces.textures
         self._addresses = np.array([texture.ctypes.data for texture in textures], np.uint64)
         self._sizes = np.array([texture.shape for texture in textures], np.int64).reshape(-1, 2)
@@ -126,7 +126,7 @@ class LookUp:
         import drjit as dr
         import mitsuba as mi
 
-        found = self._world.ray_intersect_preliminary(rays, coherent=True)
+        found = self._mi_scene.ray_intersect_preliminary(rays, coherent=True)
         shape = np.asarray(dr.reinterpret_array(mi.UInt32, found.shape))
         triangle = np.asarray(found.prim_index)
         piece_at = np.empty(len(shape), np.int32)

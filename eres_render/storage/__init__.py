@@ -1,1 +1,1 @@
-"""Files that are whole or not there: writing, locking, checking and reading them."""
+"""Write whole files, lock, check, hash and read them."""

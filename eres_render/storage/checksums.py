@@ -1,4 +1,4 @@
-"""SHA-256 of every frame, in a file that `sha256sum -c SHA256SUMS` understands."""
+"""SHA-256 of every frame, in a file that `sha256sum -c SHA256SUMS` reads."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ FILE_NAME = "SHA256SUMS"
 
 
 def sha256(file: Path) -> str:
-    """Return the digest of a file's bytes."""
+    """Return the SHA-256 of a file's bytes, 64 hexadecimal digits."""
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def read_sums(folder: Path) -> dict[str, str]:
-    """Return the digests by path within the folder; none if there is no such file.
+    """Return the digests by path within the folder; an empty dict if the file does not exist.
 
-    A last line that a killed render left half written is passed over.
+    A last line that a killed render left incomplete is ignored.
     """
     try:
         lines = (folder / FILE_NAME).read_text(encoding="utf-8").splitlines(keepends=True)
@@ -31,7 +31,22 @@ def read_sums(folder: Path) -> dict[str, str]:
 
 
 def append_sum(folder: Path, name: str, digest: str) -> None:
-    """Add a line for one file, as soon as the file is whole."""
+    """Add the line of one file, as soon as that file is complete.
+
+    Parameters
+    ----------
+    folder
+        The folder of the SHA256SUMS file.
+    name
+        Path of the file within the folder.
+    digest
+        SHA-256 of its bytes.
+
+    Raises
+    ------
+    RenderError
+        If SHA256SUMS cannot be written.
+    """
     path = folder / FILE_NAME
     try:
         with path.open("a", encoding="utf-8") as file:
@@ -41,6 +56,14 @@ def append_sum(folder: Path, name: str, digest: str) -> None:
 
 
 def write_sums(folder: Path, sums: Mapping[str, str]) -> None:
-    """Write all lines anew, sorted by name."""
+    """Write SHA256SUMS, sorted by name, in place of an existing one.
+
+    Parameters
+    ----------
+    folder
+        The folder of the file.
+    sums
+        SHA-256 by path within the folder.
+    """
     lines = (f"{digest}  {name}\n" for name, digest in sorted(sums.items()))
     write_text(folder / FILE_NAME, "".join(lines))

@@ -1,4 +1,4 @@
-"""Locks between processes. The system lets go of them when a process ends, also a killed one."""
+"""Locks between processes. The system releases them when a process ends or is killed."""
 
 from __future__ import annotations
 
@@ -14,21 +14,25 @@ from eres_render.errors import RenderError
 
 @contextmanager
 def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[None]:
-    """Hold a lock on a file that is there for this alone.
+    """Hold a lock, in a context.
 
     Parameters
     ----------
     path
-        The file; made, with its folder, if need be. Who held it alone removes it.
+        The lock file, which is made if necessary. An exclusive holder deletes it on release.
     shared
-        Hold it beside others who share it, not alone.
+        Hold the lock together with other shared holders, not exclusively.
     wait
-        Wait until it is free.
+        Wait until the lock is free.
+
+    Returns
+    -------
+    A context manager that holds the lock.
 
     Raises
     ------
     BlockingIOError
-        It is not free, and was not to be waited for.
+        The lock is held and `wait` is False.
     RenderError
         The file cannot be made.
     """
@@ -38,7 +42,7 @@ def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[N
         with _opened(path) as file:
             fcntl.flock(file, how)
             if not _is_at(path, file):
-                continue  # who held it removed it while we waited
+                continue  # the previous holder deleted the file while we waited
             try:
                 yield
             finally:
@@ -51,7 +55,7 @@ def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[N
 def _opened(path: Path) -> BinaryIO:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return path.open("a+b")  # over NFS a lock needs both
+        return path.open("a+b")  # a lock over NFS needs both
     except OSError as error:
         raise RenderError(f"{path.parent}: cannot be written: {error.strerror}") from error
 

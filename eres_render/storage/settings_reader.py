@@ -1,19 +1,26 @@
-"""Read a TOML or JSON table into a frozen dataclass, or say which field is wrong and how."""
+"""Read TOML and JSON files into frozen dataclasses; errors name the wrong field."""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import tomllib
 import types
 import typing
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 T = TypeVar("T")
 Vector3 = tuple[float, float, float]
+FloatOrInf = Annotated[float, "inf"]
+"""A number or inf, also as text ("inf"), because JSON has no such number."""
+
+_OLD_NAMES = "old names"
 _NAMES: dict[Any, str] = {
     float: "a number",
+    FloatOrInf: "a number or inf",
     int: "an integer",
     bool: "true or false",
     str: "a string",
@@ -21,54 +28,105 @@ _NAMES: dict[Any, str] = {
 }
 
 
-def read_typed(
-    kind: type[T], found: Any, file: Path, error: type[ValueError], field: str = ""
-) -> T:
-    """Return a parsed value as the wanted type.
+def formerly(*names: str) -> dict[str, tuple[str, ...]]:
+    """Return metadata for a dataclass field that can also be read under its old names."""
+    return {_OLD_NAMES: names}
+
+
+def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:
+    """Read a TOML file.
 
     Parameters
     ----------
     kind
-        A dataclass (a table with exactly its fields, those with a default may be absent), a union
-        of dataclasses told apart by their field `kind`, dict[str, ...], tuple of one type (a list),
-        Literal of words, float (finite), int, bool or str. None stands for an absent field.
+        Type of the content; see `read_typed`.
+    file
+        The file.
+    error
+        Raised if the file cannot be read, is not TOML, or a field is wrong.
+
+    Returns
+    -------
+    The content as the given type.
+    """
+    return read_typed(kind, _parsed(file, tomllib.loads, "TOML", error), file, error)
+
+
+def read_json(kind: type[T], file: Path, error: type[ValueError]) -> T:
+    """Read a JSON file.
+
+    Parameters
+    ----------
+    kind
+        Type of the content; see `read_typed`.
+    file
+        The file.
+    error
+        Raised if the file cannot be read, is not JSON, or a field is wrong.
+
+    Returns
+    -------
+    The content as the given type.
+    """
+    return read_typed(kind, _parsed(file, json.loads, "JSON", error), file, error)
+
+
+def _parsed(file: Path, parse: Callable[[str], Any], name: str, error: type[ValueError]) -> Any:
+    try:
+        return parse(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise error(f"{file}: no such file") from None
+    except OSError as reason:
+        raise error(f"{file}: cannot be read: {reason.strerror}") from reason
+    except ValueError as reason:  # of the parser, or of the decoder
+        raise error(f"{file}: not {name}: {reason}") from None
+
+
+def read_typed(
+    kind: type[T], found: Any, file: Path, error: type[ValueError], field: str = ""
+) -> T:
+    """Convert a parsed value to a type.
+
+    Parameters
+    ----------
+    kind
+        A dataclass (a table with exactly its fields; those with a default may be absent), a union
+        of dataclasses that differ in their field `kind`, dict[str, ...], a tuple of one type (a
+        list), a Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. A union with
+        None is for an optional field.
     found
         The parsed value.
     file, field
-        Where it stands, for the message.
+        The place of the value, for error messages.
     error
-        What to raise when a field is missing, unknown, mistyped or refused by its dataclass.
+        Raised if a field is missing, unknown, of the wrong type, or refused by its dataclass.
+
+    Returns
+    -------
+    The value as the given type.
     """
 
     def inner(inner_kind: Any, value: Any, inner_field: str) -> Any:
         return read_typed(inner_kind, value, file, error, inner_field)
 
     def refuse(what: str) -> ValueError:
-        return error(f"{file}: {field or 'top level'}: {what}")
+        return error(f"{file}: {field + ': ' if field else ''}{what}")
 
+    if kind is Any:
+        return typing.cast(T, found)
     result: Any
+    prefix = f"{field}." if field else ""
     if isinstance(kind, types.UnionType):
         kind = _member(kind, found, refuse)
     if dataclasses.is_dataclass(kind) and isinstance(found, dict):
-        kinds = typing.get_type_hints(kind)
-        prefix = f"{field}." if field else ""
-        may_be_absent = {
-            f.name
-            for f in dataclasses.fields(kind)
-            if (f.default, f.default_factory) != (dataclasses.MISSING, dataclasses.MISSING)
-        }
-        for name in (name for name in kinds if name not in found and name not in may_be_absent):
-            raise error(f"{file}: {prefix}{name}: missing, expected {_name(kinds[name])}")
-        for name in (name for name in found if name not in kinds):
-            raise error(f"{file}: {prefix}{name}: unknown, expected one of {', '.join(kinds)}")
-        values = {name: inner(kinds[name], value, prefix + name) for name, value in found.items()}
+        values = _fields(kind, found, file, error, prefix)
         try:
             return kind(**values)
         except ValueError as reason:
             raise refuse(str(reason)) from reason
     arguments = typing.get_args(kind)
     if typing.get_origin(kind) is dict and isinstance(found, dict):
-        result = {k: inner(arguments[1], v, f"{field}.{k}") for k, v in found.items()}
+        result = {k: inner(arguments[1], v, prefix + k) for k, v in found.items()}
     elif typing.get_origin(kind) is tuple and isinstance(found, list):
         if arguments[-1] is not Ellipsis and len(found) != len(arguments):
             raise refuse(f"found {found!r}, expected {_name(kind)}")
@@ -77,6 +135,8 @@ def read_typed(
         result = found
     elif kind is float and type(found) in (int, float) and math.isfinite(found):
         result = float(found)
+    elif kind == FloatOrInf and (number := _number(found)) is not None:
+        result = number
     elif kind in (str, int, bool) and type(found) is kind:
         result = found
     else:
@@ -84,8 +144,29 @@ def read_typed(
     return typing.cast(T, result)
 
 
+def _fields(
+    kind: type, found: dict[str, Any], file: Path, error: type[ValueError], prefix: str
+) -> dict[str, Any]:
+    """Return the values of a dataclass's fields from a table."""
+    fields, kinds = dataclasses.fields(kind), typing.get_type_hints(kind, include_extras=True)
+    named = {word: f for f in fields for word in (f.name, *f.metadata.get(_OLD_NAMES, ()))}
+    values: dict[str, Any] = {}
+    for word, value in found.items():
+        if word not in named:
+            raise error(f"{file}: {prefix}{word}: unknown, expected one of {', '.join(kinds)}")
+        name = named[word].name
+        if name in values:
+            raise error(f"{file}: {prefix}{name}: found twice, once under an old name")
+        values[name] = read_typed(kinds[name], value, file, error, prefix + word)
+    for f in fields:
+        may_be_absent = (f.default, f.default_factory) != (dataclasses.MISSING, dataclasses.MISSING)
+        if f.name not in values and not may_be_absent:
+            raise error(f"{file}: {prefix}{f.name}: missing, expected {_name(kinds[f.name])}")
+    return values
+
+
 def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueError]) -> Any:
-    """Return which member of a union a value is meant to be."""
+    """Return the member of a union that a value belongs to."""
     members = [member for member in typing.get_args(union) if member is not types.NoneType]
     if len(members) == 1 or not isinstance(found, dict):
         return members[0]
@@ -93,6 +174,15 @@ def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueErr
     if found.get("kind") not in by_word:
         raise refuse(f"kind: found {found.get('kind')!r}, expected one of {', '.join(by_word)}")
     return by_word[found["kind"]]
+
+
+def _number(found: Any) -> float | None:
+    """Return the number, which may be inf, or None if the value is not a number."""
+    try:
+        number = float(found) if type(found) in (int, float, str) else math.nan
+    except ValueError:
+        return None
+    return None if math.isnan(number) else number
 
 
 def _name(kind: Any) -> str:

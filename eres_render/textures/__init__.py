@@ -1,6 +1,5 @@
 """Seeded procedural textures: what a surface reflects, at every scale down to a texel.
 
-Detail at all scales is not decoration. How much a low-resolution sensor misses is decided by the
-share of contrast that lives below its pixel pitch, so a texture that ends at a centimetre would
-hide the very effect that is under study.
+The share of contrast below a sensor's pixel pitch decides how much a low-resolution sensor misses.
+A texture without detail finer than a centimeter would hide the effect that we study.
 """

@@ -17,7 +17,7 @@ Bool = NDArray[np.bool_]
 # images 50 ms apart at 0.9 m/s score about 13.5 dB against each other.
 _CONTRAST = 0.6
 
-_KNOT_TEXELS = 4  # a knot, the carpet's own pixel, is so many texels wide
+_KNOT_TEXELS = 4  # width of a knot, the smallest element of the design
 
 # Reflectance of the dyed yarns, new.
 _IVORY, _GOLD, _ROSE, _RED, _INDIGO, _UMBER = 0.52, 0.41, 0.31, 0.25, 0.16, 0.09
@@ -28,7 +28,7 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
 
     A field of octagonal guls within star and zigzag borders is knotted in six yarns, knot by knot,
     so every outline is stepped. On top come, from large to small: fading, the bands of the dye
-    lots, uneven knots, the shadow between knots, and the fibres of the pile.
+    lots, uneven knots, the shadow between knots, and the fibers of the pile.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     texel_m
         Size of a texel.
     seed
-        Of everything that is uneven; the design itself is always the same.
+        Seed of all irregularity; the design is always the same.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
 
 
 def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float, float]) -> Float32:
-    """Return the yarn's reflectance at points in metres from the carpet's centre."""
+    """Return the yarn's reflectance at points in meters from the carpet's center."""
     yarn = np.full(x.shape, _RED, dtype=np.float32)
 
     def paint(where: Bool, reflectance: float) -> None:
@@ -104,7 +104,7 @@ def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float,
     paint((abs(t) < 0.012) & (abs(s) < 0.095), _UMBER)
     paint(star(s, t) < 0.016, _IVORY)
 
-    # The large guls: an octagon in quarters of two colours, a frame of hooks, a star in the middle.
+    # The large guls: an octagon in quarters of two colors, a frame of hooks, a star in the middle.
     gul = octagon(u, v)
     quarter = (u * v) > 0
     paint(gul < 0.172, _UMBER)
@@ -197,7 +197,7 @@ def _knots_to_texels(
 
 
 def _pile(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
-    """Return the log shading of the pile: tufts with shadow between them, made of single fibres."""
+    """Return the log shading of the pile: tufts with shadow between them, made of single fibers."""
     rows, columns = (np.arange(side) for side in shape)
     tuft_y, tuft_x = (
         np.sin(np.pi * ((along % _KNOT_TEXELS + np.float32(0.5)) / _KNOT_TEXELS))
@@ -205,7 +205,7 @@ def _pile(shape: tuple[int, int], rng: np.random.Generator) -> Float32:
     )
     shading = np.log(0.35 + 0.65 * np.sqrt(np.outer(tuft_y, tuft_x)), dtype=np.float32)
 
-    # Fibres are short strokes; in every other tuft they lean the other way.
+    # Fibers are short strokes; in every other tuft they lean the other way.
     grain = rng.standard_normal(shape, dtype=np.float32)
     stroke = np.eye(3, dtype=np.float32)
     lean_left = cv2.filter2D(grain, -1, stroke / np.linalg.norm(stroke))

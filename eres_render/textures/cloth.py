@@ -10,16 +10,33 @@ from eres_render.textures.fractal_noise import Float32, fractal_noise
 def tweed(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.25
 ) -> Float32:
-    """Return herringbone tweed: twill that turns every few centimetres, of uneven yarn."""
+    """Return herringbone tweed: twill that turns every 2.4 cm, of uneven yarn.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+    tone
+        Mean reflectance, about.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     stripe = max(8, round(0.024 / texel_m))
     lean = np.where((column // stripe) % 2 == 0, 1, -1)
     twill = np.where((column * lean + row) % 6 < 3, 0.28, -0.28).astype(np.float32)
     yarn = 0.16 * rng.standard_normal((1, shape[1]), dtype=np.float32)
     weft = 0.16 * rng.standard_normal((shape[0], 1), dtype=np.float32)
-    fibre = 0.16 * rng.standard_normal(shape, dtype=np.float32)
+    fiber = 0.16 * rng.standard_normal(shape, dtype=np.float32)
     wear = 0.05 * fractal_noise(shape, 0.4 / texel_m, 0.02 / texel_m, rng)
-    return np.exp(np.log(tone) + twill + yarn + weft + fibre + wear, dtype=np.float32)
+    return np.exp(np.log(tone) + twill + yarn + weft + fiber + wear, dtype=np.float32)
 
 
 def striped(
@@ -29,20 +46,54 @@ def striped(
     tones: tuple[float, ...] = (0.6, 0.25, 0.6, 0.12),
     period_m: float = 0.14,
 ) -> Float32:
-    """Return cloth with stripes along v, in a plain weave."""
+    """Return cloth with stripes along v, in a plain weave.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+    tones
+        Reflectances of the stripes, in order.
+    period_m
+        Width of one repeat of all stripes, m.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     x = np.arange(shape[1], dtype=np.float32) * np.float32(texel_m / period_m)
     stripe = np.log(np.array(tones, dtype=np.float32))[
         (x * len(tones)).astype(np.intp) % len(tones)
     ]
     row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     weave = np.where((row // 2 + column // 2) % 2 == 0, 0.07, -0.07).astype(np.float32)
-    fibre = 0.11 * rng.standard_normal(shape, dtype=np.float32)
+    fiber = 0.11 * rng.standard_normal(shape, dtype=np.float32)
     wear = 0.05 * fractal_noise(shape, 0.3 / texel_m, 0.02 / texel_m, rng)
-    return np.exp(stripe + weave + fibre + wear, dtype=np.float32)
+    return np.exp(stripe + weave + fiber + wear, dtype=np.float32)
 
 
 def kilim(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a flat-woven rug: bands of stepped diamonds in a plain border with a toothed line."""
+    """Return a flat-woven rug: bands of stepped diamonds in a plain border with a toothed line.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     yarn_m = 0.005
     rows, columns = (int(np.ceil(n * texel_m / yarn_m)) for n in shape)
     y, x = np.arange(rows)[:, None], np.arange(columns)[None, :]

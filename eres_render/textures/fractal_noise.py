@@ -26,10 +26,17 @@ def fractal_noise(
         (height, width) in texels.
     coarsest_px, finest_px
         Size of the largest and about that of the smallest blobs, in texels.
+    rng
+        Source of all randomness.
     stretch
         How many times longer than wide the blobs are, along the columns.
     fall
         Amplitude of an octave relative to the next coarser one; 1 is 1/f noise.
+
+    Returns
+    -------
+    noise
+        (height, width) float32.
     """
     height, width = shape
     total = np.zeros(shape, dtype=np.float32)
@@ -40,7 +47,7 @@ def fractal_noise(
         octave = rng.standard_normal((min(rows, height), min(columns, width)), dtype=np.float32)
         blobs = cv2.resize(octave, (width, height), interpolation=cv2.INTER_CUBIC)
         total += np.float32(amplitude) * blobs
-        variance += amplitude**2 * 0.55  # a cubic blend of independent values keeps so much
+        variance += amplitude**2 * 0.55  # a cubic blend keeps 0.55 of the variance
         size_px, amplitude = size_px / 2, amplitude * fall
     total /= np.float32(np.sqrt(variance))
     return total

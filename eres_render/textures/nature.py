@@ -10,7 +10,24 @@ from eres_render.textures.fractal_noise import Float32, fractal_noise
 def leaf(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.16
 ) -> Float32:
-    """Return a leaf along v: midrib, side veins, blotches."""
+    """Return a leaf along v: midrib, side veins, blotches.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+    tone
+        Mean reflectance, about.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     height, width = shape
     u = np.abs(np.linspace(-1, 1, width, dtype=np.float32))[None, :]
@@ -23,7 +40,22 @@ def leaf(
 
 
 def earth(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return potting soil."""
+    """Return potting soil.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     crumbs = fractal_noise(shape, 16, 1, rng, fall=1.2)
     return np.exp(np.log(0.07) + 0.5 * crumbs, dtype=np.float32)
@@ -32,7 +64,24 @@ def earth(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> F
 def glaze(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.4
 ) -> Float32:
-    """Return glazed clay with painted bands and crackle."""
+    """Return glazed clay with painted bands and crackle.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+    tone
+        Mean reflectance, about.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     log_tone = np.log(tone) + 0.10 * fractal_noise(shape, 0.05 / texel_m, 1, rng)
     y = np.linspace(0, 1, shape[0], dtype=np.float32)[:, None]
     x = np.linspace(0, 1, shape[1], dtype=np.float32)[None, :]
@@ -46,17 +95,48 @@ def glaze(
 def peel(
     shape: tuple[int, int], texel_m: float, rng: np.random.Generator, tone: float = 0.4
 ) -> Float32:
-    """Return the skin of a fruit: pores and blush."""
+    """Return the skin of a fruit: pores and blush.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+    tone
+        Mean reflectance, about.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     blush = fractal_noise(shape, 0.1 / texel_m, 0.02 / texel_m, rng)
     pores = np.maximum(fractal_noise(shape, 3, 1, rng) - 0.8, 0)
     return np.exp(np.log(tone) + 0.15 * blush - 0.5 * pores, dtype=np.float32)
 
 
 def garden_view(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
-    """Return the radiance, W m^-2 sr^-1, of a hazy garden: sky, tree line, hedge, leaves.
+    """Return the radiance of a hazy garden: sky, tree line, hedge, leaves.
 
-    It is the hour at which lamps are lit, an overcast day about sunset: the sky, 0.4, is little
-    brighter than a wall by lamplight (some 75 against 30 cd/m^2 in a real room).
+    The hour is about sunset on an overcast day, when lamps are lit: the sky, 0.4, is little
+    brighter than a wall in lamplight (about 75 against 30 cd/m^2 in a real room).
+
+    Parameters
+    ----------
+    width_px, height_px
+        Size of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    seed
+        Seed of all randomness.
+
+    Returns
+    -------
+    radiance
+        (height_px, width_px) float32, W m^-2 sr^-1.
     """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)

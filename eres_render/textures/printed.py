@@ -1,4 +1,4 @@
-"""Ink on paper: pictures, posters, pages, the spines of books."""
+"""Ink on paper: pictures, posters, pages, book spines."""
 
 from __future__ import annotations
 
@@ -25,7 +25,20 @@ _TITLES = (
 
 
 def lettering(text: str, height_px: int) -> Float32:
-    """Return text in capitals as coverage in [0, 1], (height_px, width)."""
+    """Return text in capitals as the ink's coverage.
+
+    Parameters
+    ----------
+    text
+        Letters A to Z and spaces.
+    height_px
+        Height of the letters, texels.
+
+    Returns
+    -------
+    coverage
+        (height_px, width) float32 in [0, 1].
+    """
     columns: list[int] = []
     for letter in text:
         columns += [*_LETTERS.get(letter, b"\0\0"), 0]
@@ -54,7 +67,22 @@ def _on_paper(image: Float32, rng: np.random.Generator) -> Float32:
 
 
 def book_spine(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a bound spine: cloth or leather, bands, a title that runs along it."""
+    """Return a bound spine: cloth or leather, bands, a title that runs along it.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     height, width = shape
     tone = float(rng.choice([0.06, 0.09, 0.14, 0.2, 0.3, 0.42, 0.6]))
@@ -79,7 +107,22 @@ def book_spine(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
 
 
 def book_cover(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a cover: cloth with a title and a frame."""
+    """Return a cover: cloth with a title and a frame.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     tone = float(rng.choice([0.08, 0.14, 0.25, 0.5]))
     ink = 0.7 if tone < 0.2 else 0.06
@@ -99,7 +142,22 @@ def book_cover(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
 
 
 def book_pages(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return the cut edges of pages."""
+    """Return the cut edges of pages.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     sheets = 0.22 * rng.standard_normal((1, shape[1]), dtype=np.float32)
     grain = 0.06 * rng.standard_normal(shape, dtype=np.float32)
@@ -107,7 +165,22 @@ def book_pages(shape: tuple[int, int], texel_m: float, rng: np.random.Generator)
 
 
 def text_page(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a printed page: a heading, columns of lines of words, a woodcut."""
+    """Return a printed page: a heading, columns of lines of words, a woodcut.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     height, width = shape
     page = np.full(shape, 0.72, dtype=np.float32)
     line, margin = max(6, round(0.009 / texel_m)), round(0.05 / texel_m)
@@ -131,7 +204,22 @@ def text_page(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) 
 
 
 def landscape(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a painting of hills behind hills under clouds, in visible brush strokes."""
+    """Return a painting of hills behind hills under clouds, in visible brush strokes.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     height, width = shape
     clouds = fractal_noise(shape, 0.5 * width, 4, rng)
@@ -150,7 +238,22 @@ def landscape(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) 
 
 
 def abstract(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a painting of rectangles and discs, outlined, on canvas."""
+    """Return a painting of rectangles and discs, outlined, on canvas.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     image = np.full(shape, 0.6, dtype=np.float32)
     height, width = shape
@@ -173,7 +276,22 @@ def abstract(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -
 
 
 def poster(shape: tuple[int, int], texel_m: float, rng: np.random.Generator) -> Float32:
-    """Return a poster: large words over fine print, a sun of rays."""
+    """Return a poster: large words over fine print, a sun of rays.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Unused: the pattern scales with the shape.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     del texel_m
     height, width = shape
     y, x = np.mgrid[:height, :width].astype(np.float32)

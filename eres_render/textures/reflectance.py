@@ -1,4 +1,4 @@
-"""From log reflectance to what a matt surface can reflect."""
+"""From log reflectance to what a matte surface can reflect."""
 
 from __future__ import annotations
 

@@ -16,16 +16,27 @@ def wood(
     along_u: bool = True,
     ring_m: float = 0.018,
 ) -> Float32:
-    """Return the reflectance of a board: year rings, fibres, pores.
+    """Return the reflectance of a board: year rings, fibers, pores.
 
     Parameters
     ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
     tone
         Reflectance in the middle.
     along_u
         The grain runs along the columns' axis, else along the rows'.
     ring_m
         Distance between year rings at the board's surface.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
     """
     if along_u:
         return wood(shape[::-1], texel_m, rng, tone, along_u=False, ring_m=ring_m).T
@@ -33,10 +44,10 @@ def wood(
     wander = fractal_noise(shape, 0.25 / texel_m, 0.03 / texel_m, rng, stretch=6)
     phase = (across + rng.uniform(0, 10) + 1.6 * wander) % 1
     ring = phase**3 - 0.25  # slowly darker towards late summer, then light again at once
-    fibre = fractal_noise(shape, 8, 1, rng, stretch=20)
+    fiber = fractal_noise(shape, 8, 1, rng, stretch=20)
     pore = np.maximum(fractal_noise(shape, 2, 1, rng, stretch=12) - 1.3, 0)
     stain = fractal_noise(shape, 0.4 / texel_m, 0.05 / texel_m, rng, stretch=3)
-    log_tone = np.log(tone) - 0.45 * ring + 0.10 * fibre - 0.45 * pore + 0.07 * stain
+    log_tone = np.log(tone) - 0.45 * ring + 0.10 * fiber - 0.45 * pore + 0.07 * stain
     return np.exp(log_tone, dtype=np.float32)
 
 
@@ -49,7 +60,26 @@ def planks(
     width_m: float = 0.13,
     length_m: float = 1.3,
 ) -> Float32:
-    """Return a floor of boards that run along u, each of its own shade, dark joints between."""
+    """Return a floor of boards that run along u, each with its own shade, with dark joints between.
+
+    Parameters
+    ----------
+    shape
+        (rows, columns) of the texture, texels.
+    texel_m
+        Size of a texel, m.
+    rng
+        Source of all randomness.
+    tone
+        Mean reflectance, about.
+    width_m, length_m
+        Size of a board, m.
+
+    Returns
+    -------
+    reflectance
+        (rows, columns) float32.
+    """
     height, width = shape
     board, length = round(width_m / texel_m), round(length_m / texel_m)
     joint = max(1, round(0.002 / texel_m))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
-import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
+import docstring_parser
 import tyro
 from tyro.conf import Positional, arg
 from tyro.extras import SubcommandApp
@@ -25,8 +24,10 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
     """
     app = tyro.extras.SubcommandApp()
     for function in functions:
-        # tyro keeps the line breaks within what is said of an argument; a terminal has its own.
-        text = re.sub(r"\n {8}(?=\S)", " ", inspect.cleandoc(function.__doc__ or ""))
-        function.__doc__ = text
-        app.command(help=text.partition("\n")[0] if overview else None)(function)
+        described = docstring_parser.parse(function.__doc__ or "")
+        for argument in described.params:  # tyro would keep the line breaks of the source
+            argument.description = " ".join((argument.description or "").split())
+            argument.default = None  # found in "by default ...", and composed into the name
+        function.__doc__ = docstring_parser.compose(described)
+        app.command(help=described.short_description if overview else None)(function)
     return app

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import platform
 import shutil
 import sys
@@ -11,8 +10,9 @@ import sys
 from rich.console import Console
 from rich.markup import escape
 
+from eres_render.cores import cores
 from eres_render.rendering.backend import probe_variants
-from eres_render.scene.scene import scene_root
+from eres_render.scene.load import scene_root
 from eres_render.storage.cache import cache_dir
 from tasks.cli.table import Table
 from tasks.study.run.provenance import versions
@@ -33,7 +33,7 @@ def diagnose(console: Console) -> int:
     console.print(f"renders use: {best or 'nothing works'}\n")
 
     facts = Table(box=None, show_header=False)
-    facts.add_row("cores", str(len(os.sched_getaffinity(0))))
+    facts.add_row("cores", str(cores()))
     facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
     for name, found in versions().items():
         facts.add_row(name, found)

@@ -31,21 +31,30 @@ def simulate(
     shape sees the middle of them. Events of the warm-up are in the file too; it says, where its
     format can, when the window starts and ends, and which sensor and seed made it.
 
-    Args:
-        out: File of events: .h5 (DSEC), .raw (Prophesee EVT3), .npz or .txt.
-        sensor: A camera by name; `eres sensors` lists them. This or a resolution.
-        resolution: Width of the sensor, px.
-        threshold: Contrast threshold in log units; 0.2 by default.
-        speed: How much faster the scene moves than it was rendered.
-        seed: Seed of everything random in the sensor.
-        format: dsec, evt3, evt2, npz or text, in place of what the file's extension says.
-        truth: Add true depth, flow and poses to a DSEC file, this many seconds apart.
-        overwrite: Replace the file if it exists; without it such a file is refused.
+    Parameters
+    ----------
+    out
+        File of events: .h5 (DSEC), .raw (Prophesee EVT3), .npz or .txt.
+    sensor
+        A camera by name; `eres sensors` lists them. This or a resolution.
+    resolution
+        Width of the sensor, px.
+    threshold
+        Contrast threshold in log units; 0.2 by default.
+    speed
+        How much faster the scene moves than it was rendered.
+    seed
+        Seed of everything random in the sensor.
+    format
+        dsec, evt3, evt2, npz or text, in place of what the file's extension says.
+    truth
+        Add true depth, flow and poses to a DSEC file, this many seconds apart.
+    overwrite
+        Replace the file if it exists; without it such a file is refused.
     """
-    from rich.progress import track
-
     from eres_render import open_sequence
-    from tasks.events.files import sensor_for, simulate_sequence
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.events.simulation import sensor_for, simulate_sequence
 
     sequence = open_sequence(path)
     model = sensor_for(
@@ -55,25 +64,19 @@ def simulate(
         contrast_threshold=threshold,
         pixel=pixel,
     )
-    count, report = simulate_sequence(
-        sequence,
-        model,
-        out,
-        speed=speed,
-        seed=seed,
-        readout=bus.readout(),
-        truth_step_s=truth,
-        format=format,
-        overwrite=overwrite,
-        watch=lambda frames: track(
-            frames,
-            "frames",
-            total=len(sequence),
-            console=terminal.err,
-            disable=not terminal.err.is_terminal,
-            transient=True,
-        ),
-    )
+    with progress_bar(terminal.err) as on_progress:
+        count, report = simulate_sequence(
+            sequence,
+            model,
+            out,
+            speed=speed,
+            seed=seed,
+            readout=bus.readout(),
+            truth_step_s=truth,
+            format=format,
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
     terminal.out.print(f"{out}: {count} events of {model.width}x{model.height} px", soft_wrap=True)
     if report is not None:
         terminal.out.print(f"bus: {report}", soft_wrap=True)
@@ -92,13 +95,18 @@ def convert(
     Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt). A warning names what
     OUT cannot hold of IN; truth is kept from DSEC to DSEC.
 
-    Args:
-        format: The format of OUT, in place of what its extension says; a .raw is EVT3 by default.
-        input_format: The format of IN, in place of what its extension or header says.
-        size: Width and height of the sensor, for files that do not store it.
-        overwrite: Replace OUT if it exists; without it such a file is refused.
+    Parameters
+    ----------
+    format
+        The format of OUT, in place of what its extension says; a .raw is EVT3 by default.
+    input_format
+        The format of IN, in place of what its extension or header says.
+    size
+        Width and height of the sensor, for files that do not store it.
+    overwrite
+        Replace OUT if it exists; without it such a file is refused.
     """
-    from tasks.events.files import convert as convert_file
+    from tasks.events.conversion import convert as convert_file
 
     count = convert_file(
         source,

@@ -21,16 +21,18 @@ def info(
 ) -> None:
     """Say what is in a radiance sequence or in a file of events.
 
-    Args:
-        format: dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
+    Parameters
+    ----------
+    format
+        dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
     """
     if path.is_file():
-        from tasks.events.files import describe
+        from tasks.events.description import describe
 
         _print_pairs(describe(path, format=format))
         return
     from eres_render import open_sequence
-    from tasks.events.files import seconds
+    from tasks.events.description import seconds
 
     sequence = open_sequence(path)
     manifest = sequence.manifest

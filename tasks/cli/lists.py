@@ -20,7 +20,7 @@ def scenes() -> None:
     """List the packaged scenes."""
     from eres_render import list_scenes, load_scene
 
-    table = Table("scene", "what it is", "camera speed", "length", "licence", box=None)
+    table = Table("scene", "what it is", "camera speed", "length", "license", box=None)
     for name in list_scenes():
         scene = load_scene(name)
         table.add_row(
@@ -28,7 +28,7 @@ def scenes() -> None:
             scene.settings.title,
             f"{scene.trajectory().mean_speed_mps(scene.duration_s):.3g} m/s",
             f"{scene.duration_s:g} s",
-            scene.settings.licence,
+            scene.settings.license,
         )
     terminal.out.print(table, crop=False)
 
@@ -56,10 +56,10 @@ def sensors() -> None:
 
 def methods() -> None:
     """List the methods of each task."""
-    from tasks.methods import METHODS
+    from tasks.registry import TASKS
 
     table = Table("task", "method", "where", box=None)
-    for task, listed in METHODS.items():
-        for name, where in listed.items():
+    for task, spec in TASKS.items():
+        for name, where in spec.methods.items():
             table.add_row(task, name, where)
     terminal.out.print(table, crop=False)

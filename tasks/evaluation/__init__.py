@@ -1,1 +1,1 @@
-"""Sensors' events through methods to scores, for studies and for single sequences."""
+"""From sensors to scores: simulate events, run methods on them, and score the answers."""

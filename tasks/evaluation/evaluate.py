@@ -1,35 +1,36 @@
-"""Frames through every sensor, their events through every method, and the scores of that."""
+"""Simulate sensors on frames, run methods on their events, and score the answers."""
 
 from __future__ import annotations
 
-import os
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
-from importlib import import_module
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
+from eres_render.cores import cores
 from eres_render.progress import Progress
 from sensor import Events, stream_bank
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.registry import TASKS
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import Evaluate
-from tasks.evaluation.timings import MethodCost, PartCosts
+from tasks.evaluation.settings import TaskSettings
+from tasks.evaluation.stopwatch import Stopwatch
+from tasks.evaluation.timings import JobTimings, MethodTimings
+from tasks.registry import TASKS, load
 from tasks.row import Row
+
+Watch = Callable[[Setting, Events], None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Evaluation:
-    """Scores of all sensors and methods on a sequence, their costs, and the reference."""
+    """Rows and timings of all sensors and methods on a sequence, and the reference."""
 
     rows: list[Row]
-    costs: PartCosts
+    timings: JobTimings
     reference: ReferenceFrames
 
 
@@ -37,9 +38,9 @@ def evaluate(
     sequence: RadianceSequence,
     truth: GroundTruth,
     settings: Sequence[Setting],
-    tasks: Evaluate,
+    tasks: Mapping[str, TaskSettings],
     on_progress: Progress,
-    watch: Callable[[Setting, Events], None] | None = None,
+    watch: Watch | None = None,
 ) -> Evaluation:
     """Simulate sensors on a sequence, and score every method of the tasks on their events.
 
@@ -48,92 +49,109 @@ def evaluate(
     sequence
         Frames: warm-up, then the window.
     truth
-        Of the sequence's scene.
+        Ground truth of the sequence's scene.
     settings
-        The sensors, at least one, all of one dark level.
+        The sensors, at least one, all with the same dark level.
     tasks
-        What is asked of the methods.
+        Settings of each task, by its name; a task without methods is skipped.
     on_progress
-        Called as frames and then sensors are done.
+        Called after each frame, then after each sensor.
     watch
-        Called with each sensor's events as they come, warm-up included; from several threads, but
-        from one at a time for each sensor.
+        Called with each sensor's next events, warm-up included; from several threads, but for one
+        sensor from one thread at a time.
+
+    Returns
+    -------
+    Rows, in the order of the sensors and tasks, with timings and the reference.
     """
     dark_level = settings[0].model.dark_level
     assert dark_level is not None, "settings have the sequence's dark level"
     widths = [setting.model.width for setting in settings]
-    reference = ReferenceFrames(sequence, truth, tasks, dark_level, widths)
-    scorers = [_scorers(reference, setting) for setting in settings]
-    counts = [0 for _ in settings]
-    cores = len(os.sched_getaffinity(0))
-    fired, reading_s, collecting_s = 0, 0.0, 0.0
+    reference = ReferenceFrames(sequence, truth, dark_level, widths)
+    sensors = [_Sensor(reference, setting, tasks, watch) for setting in settings]
+    stopwatch = Stopwatch()
+    with ThreadPoolExecutor(cores()) as workers:
+        with stopwatch("sensing"):
+            _collect(sequence, sensors, workers, stopwatch, on_progress)
+        with stopwatch("scoring"):
+            scores = _score(sensors, workers, on_progress)
+    rows = [
+        _row(sequence, sensor, score)
+        for sensor, found in zip(sensors, scores, strict=True)
+        for score in found
+    ]
+    return Evaluation(rows, _timings(sequence, sensors, scores, stopwatch.seconds), reference)
+
+
+class _Sensor:
+    """One sensor with its scorers and its number of events."""
+
+    def __init__(
+        self,
+        reference: ReferenceFrames,
+        setting: Setting,
+        tasks: Mapping[str, TaskSettings],
+        watch: Watch | None,
+    ) -> None:
+        self.setting = setting
+        self.fired = 0
+        self._in_window = 0
+        self._watch = watch
+        self._scorers: list[Scorer] = [
+            load(TASKS[name].scorer)(reference, setting, task)
+            for name, task in tasks.items()
+            if task.methods
+        ]
+
+    @property
+    def event_rate_hz(self) -> float:
+        """Events per second in the window."""
+        return self._in_window / self.setting.seconds
+
+    def push(self, events: Events) -> None:
+        """Add the next events, those of the warm-up included."""
+        self.fired += len(events)
+        self._in_window += len(events.between(self.setting.start_us, self.setting.end_us))
+        for scorer in self._scorers:
+            scorer.push(events)
+        if self._watch:
+            self._watch(self.setting, events)
+
+    def scores(self) -> list[Score]:
+        """Return the scores of all tasks, after the last event."""
+        return [score for scorer in self._scorers for score in scorer.scores()]
+
+
+def _collect(
+    sequence: RadianceSequence,
+    sensors: Sequence[_Sensor],
+    workers: Executor,
+    stopwatch: Stopwatch,
+    on_progress: Progress,
+) -> None:
+    """Simulate all sensors, and push the events to them."""
 
     def frames() -> Iterator[NDArray[np.float32]]:
-        nonlocal reading_s
         decoded = iter(sequence)
         for k in range(len(sequence)):
-            started_s = time.perf_counter()
-            frame = next(decoded)
-            reading_s += time.perf_counter() - started_s
+            with stopwatch("reading"):
+                frame = next(decoded)
             yield frame
             on_progress("simulating", k + 1, len(sequence))
 
-    started_s = time.perf_counter()
-
     events_of_all = stream_bank(
-        frames(), sequence.t_s, [s.model for s in settings], speeds=[s.speed for s in settings]
+        frames(),
+        sequence.t_s,
+        [sensor.setting.model for sensor in sensors],
+        speeds=[sensor.setting.speed for sensor in sensors],
     )
-
-    def collect(i: int, events: Events) -> None:
-        counts[i] += len(events.between(settings[i].start_us, settings[i].end_us))
-        for scorer in scorers[i]:
-            scorer.push(events)
-        if watch:
-            watch(settings[i], events)
-
-    with ThreadPoolExecutor(cores) as workers:
-        for batch in _batches(events_of_all):
-            came_s = time.perf_counter()
-            fired += sum(len(events) for events in batch.values())
-            list(workers.map(collect, batch, batch.values()))
-            collecting_s += time.perf_counter() - came_s
-        simulated_s = time.perf_counter()
-        # Large sensors take longest. They come first, so that no core is left with one at the end.
-        order = sorted(range(len(settings)), key=lambda i: -settings[i].model.width)
-        scored = workers.map(_scores, [scorers[i] for i in order])
-        scores_of: dict[int, list[Score]] = {}
-        for i, scores in zip(order, scored, strict=True):
-            scores_of[i] = scores
-            on_progress("scoring", len(scores_of), len(settings))
-    rows, scored_of_all = [], []
-    for i, (setting, count) in enumerate(zip(settings, counts, strict=True)):
-        rows += [_row(sequence, setting, count / setting.seconds, s) for s in scores_of[i]]
-        scored_of_all += [(setting.model.width, s) for s in scores_of[i]]
-    costs = PartCosts(
-        scene=sequence.manifest.scene,
-        sample=sequence.manifest.clip,
-        cores=cores,
-        frames=len(sequence),
-        resolution=sequence.manifest.width,
-        spp=sequence.manifest.spp,
-        reading_s=reading_s,
-        sensors=len(settings),
-        pixel_frames=len(sequence) * sum(s.model.width * s.model.height for s in settings),
-        events=fired,
-        simulating_s=simulated_s - started_s - reading_s - collecting_s,
-        collecting_s=collecting_s,
-        scoring_s=time.perf_counter() - simulated_s,
-        methods=_method_costs(scored_of_all),
-    )
-    return Evaluation(rows, costs, reference)
-
-
-def _scores(scorers: Iterable[Scorer]) -> list[Score]:
-    return [score for scorer in scorers for score in scorer.scores()]
+    for batch in _batches(events_of_all):
+        with stopwatch("collecting"):
+            list(workers.map(lambda i, events: sensors[i].push(events), batch, batch.values()))
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:
-    """Next events of as many sensors as come before one has more of them, by the sensor's index."""
+    """Group events by sensor index, into batches with one stretch of events per sensor."""
     batch: dict[int, Events] = {}
     for i, events in events_of_all:
         if i in batch:
@@ -143,51 +161,82 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
     yield batch
 
 
-def _method_costs(scored: Iterable[tuple[int, Score]]) -> tuple[MethodCost, ...]:
-    """What each method took on each width, from scores with the width of their sensor."""
+def _score(
+    sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress
+) -> list[list[Score]]:
+    """Return the scores of each sensor."""
+    # Large sensors take longest. They come first, so that no core ends with one alone.
+    order = sorted(range(len(sensors)), key=lambda i: -sensors[i].setting.model.width)
+    scores: dict[int, list[Score]] = {}
+    for i, found in zip(order, workers.map(lambda i: sensors[i].scores(), order), strict=True):
+        scores[i] = found
+        on_progress("scoring", len(scores), len(sensors))
+    return [scores[i] for i in range(len(sensors))]
+
+
+def _row(sequence: RadianceSequence, sensor: _Sensor, score: Score) -> Row:
+    model = sensor.setting.model
+    return Row(
+        scene=sequence.manifest.scene,
+        task=score.task,
+        method=score.method,
+        width=model.width,
+        cutoff_hz=model.cutoff_hz,
+        contrast_threshold=model.contrast_threshold,
+        speed=sensor.setting.speed,
+        sample=sequence.manifest.clip if score.sample is None else score.sample,
+        metric=score.metric,
+        value=score.value,
+        event_rate_hz=sensor.event_rate_hz,
+        variant=score.variant,
+        item=score.item,
+        failure=score.failure,
+    )
+
+
+def _timings(
+    sequence: RadianceSequence,
+    sensors: Sequence[_Sensor],
+    scores: Sequence[Sequence[Score]],
+    seconds: Mapping[str, float],
+) -> JobTimings:
+    manifest, models = sequence.manifest, [sensor.setting.model for sensor in sensors]
+    return JobTimings(
+        scene=manifest.scene,
+        sample=manifest.clip,
+        cores=cores(),
+        frames=len(sequence),
+        resolution=manifest.width,
+        spp=manifest.spp,
+        reading_s=seconds["reading"],
+        sensors=len(sensors),
+        pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
+        events=sum(sensor.fired for sensor in sensors),
+        simulating_s=seconds["sensing"] - seconds["reading"] - seconds["collecting"],
+        collecting_s=seconds["collecting"],
+        scoring_s=seconds["scoring"],
+        methods=_method_timings(
+            (model.width, score)
+            for model, found in zip(models, scores, strict=True)
+            for score in found
+        ),
+    )
+
+
+def _method_timings(scored: Iterable[tuple[int, Score]]) -> tuple[MethodTimings, ...]:
+    """Return the timings of each method on each width, from scores and their sensors' widths."""
     groups: dict[tuple[str, str, str, int], list[Score]] = {}
     for width, score in scored:
-        if score.copied:
-            continue
-        groups.setdefault((score.task, score.method, score.variant, width), []).append(score)
+        if not score.copied:
+            key = score.task, score.method, score.variant, width
+            groups.setdefault(key, []).append(score)
     return tuple(
-        MethodCost(
-            *name,
+        MethodTimings(
+            *key,
             estimates=len(scores),
             events=sum(score.events for score in scores),
             cpu_s=sum(score.cpu_s for score in scores),
             median_cpu_s=float(np.median([score.cpu_s for score in scores])),
         )
-        for name, scores in groups.items()
-    )
-
-
-def _scorers(reference: ReferenceFrames, setting: Setting) -> list[Scorer]:
-    tasks = reference.evaluate
-    wanted = [task.name for task in fields(tasks) if getattr(tasks, task.name).methods]
-    return [_scorer(task)(reference, setting) for task in wanted]
-
-
-def _scorer(task: str) -> Callable[[ReferenceFrames, Setting], Scorer]:
-    module, _, name = TASKS[task].scorer.partition(":")
-    found: Callable[[ReferenceFrames, Setting], Scorer] = getattr(import_module(module), name)
-    return found
-
-
-def _row(sequence: RadianceSequence, setting: Setting, event_rate_hz: float, score: Score) -> Row:
-    return Row(
-        scene=sequence.manifest.scene,
-        task=score.task,
-        method=score.method,
-        width=setting.model.width,
-        cutoff_hz=setting.model.cutoff_hz,
-        contrast_threshold=setting.model.contrast_threshold,
-        speed=setting.speed,
-        sample=sequence.manifest.clip if score.sample is None else score.sample,
-        metric=score.metric,
-        value=score.value,
-        event_rate_hz=event_rate_hz,
-        variant=score.variant,
-        item=score.item,
-        failure=score.failure,
+        for key, scores in groups.items()
     )

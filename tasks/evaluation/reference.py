@@ -1,4 +1,4 @@
-"""What the frames themselves say, shared by all the sensors before them."""
+"""Reference data from the frames and ground truth, shared by all sensors."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from eres_render import GroundTruth, RadianceSequence
 from sensor.optics import integrate
-from tasks.evaluation.settings import Evaluate
 from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
 from tasks.video import log_light, picture
 
 
 class ReferenceFrames:
-    """Frames, ground truth and log images of one sequence: what methods' answers are held against.
+    """Frames, ground truth and log images of one sequence, with which answers are compared.
 
     Parameters
     ----------
@@ -25,28 +24,25 @@ class ReferenceFrames:
         The frames.
     truth
         Poses, depth and flow of their scene.
-    evaluate
-        What the tasks are asked to do.
     dark_level
-        Of the sensors, in the frames' unit of radiance.
+        Dark level of the sensors, in the frames' unit of radiance.
     widths
-        Of the sensors, px.
+        Widths of the sensors, px.
     """
 
     def __init__(
         self,
         sequence: RadianceSequence,
         truth: GroundTruth,
-        evaluate: Evaluate,
         dark_level: float,
         widths: Iterable[int],
     ) -> None:
         self.sequence = sequence
         self.truth = truth
-        self.evaluate = evaluate
         self.dark_level = dark_level
         self.widths = tuple(dict.fromkeys(widths))
-        self._pictures: dict[float, NDArray[np.float64]] = {}
+        self._features: dict[tuple[int, int], Features] = {}
+        self._pictures: dict[tuple[float, str], NDArray[np.float64]] = {}
 
     @cached_property
     def start(self) -> NDArray[np.float32]:
@@ -75,42 +71,53 @@ class ReferenceFrames:
 
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
-        """Log intensity at the window's start as each sensor's pixels see it, by its width."""
+        """(h, w) log intensity at the window's start at each sensor's resolution, by its width."""
         sizes = {width: (self.truth.camera(width).height, width) for width in self.widths}
         seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
         return {width: self.log(image) for width, image in seen.items() if image is not None}
 
-    @cached_property
-    def features(self) -> Features:
-        """Features at the window's start, in pixels of the frames."""
-        config, manifest = self.evaluate.flow, self.sequence.manifest
-        return find_features(
-            self.start,
-            self.truth,
-            self.sequence.window_s,
-            (manifest.scene, manifest.clip),
-            count=config.features,
-            seed=config.seed,
-        )
+    def features(self, count: int, seed: int) -> Features:
+        """Return features at the window's start, in pixels of the frames.
 
-    @cached_property
-    def video_times_s(self) -> tuple[float, ...]:
-        """When images of a video are compared: every `every_s` of the window, and at its end."""
-        start_s, end_s = self.sequence.window_s
-        every_s = self.evaluate.video.every_s
-        count = round((end_s - start_s) / every_s)
-        return tuple(np.linspace(start_s, end_s, count + 1)[1:].tolist())
+        Parameters
+        ----------
+        count, seed
+            As for `find_features`.
 
-    def video_picture(self, t_s: float) -> NDArray[np.float64]:
-        """What the image of a video at a time is compared with."""
-        if t_s not in self._pictures:
+        Returns
+        -------
+        Features, the same for every sensor.
+        """
+        if (count, seed) not in self._features:
+            manifest = self.sequence.manifest
+            key = manifest.scene, manifest.clip
+            self._features[count, seed] = find_features(
+                self.start, self.truth, self.sequence.window_s, key, count=count, seed=seed
+            )
+        return self._features[count, seed]
+
+    def picture(self, t_s: float, equalization: str) -> NDArray[np.float64]:
+        """Return the true image with which an image of a video is compared.
+
+        Parameters
+        ----------
+        t_s
+            Time of the image, seconds of the sequence.
+        equalization
+            As for `tasks.video.picture`.
+
+        Returns
+        -------
+        (H, W) in [0, 1], at the frames' resolution.
+        """
+        key = t_s, equalization
+        if key not in self._pictures:
             log_image = log_light(self.sequence, t_s, self.dark_level)
-            equalisation = self.evaluate.video.equalisation
-            self._pictures[t_s] = picture(log_image, log_image.shape, equalisation)
-        return self._pictures[t_s]
+            self._pictures[key] = picture(log_image, log_image.shape, equalization)
+        return self._pictures[key]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Log intensity as the sensors define it, with their dark level."""
+        """Return log intensity with the sensors' dark level."""
         return np.log(radiance.astype(np.float64) + self.dark_level)
 
     def _frame_at(self, t_s: float) -> NDArray[np.float32]:

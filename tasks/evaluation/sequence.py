@@ -1,10 +1,9 @@
-"""One sensor on one sequence: all methods of one task, without a study around it."""
+"""Score methods of one task on one sensor and one sequence, without a study."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 from eres_render import RadianceSequence, ground_truth, load_scene
 from eres_render.progress import Progress, silent
@@ -12,11 +11,10 @@ from sensor import SensorModel
 from sensor.engine.bank import DARK_FRACTION
 from tasks.errors import TaskError
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.registry import TASKS
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import NO_TASKS, Evaluate, check_methods
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
-from tasks.methods import METHODS
+from tasks.methods import check_method
+from tasks.registry import TASKS, load
 from tasks.row import Row
 
 
@@ -38,35 +36,43 @@ def evaluate_sequence(
     sequence
         A clip, or a continuous stretch.
     task
-        Which task.
+        Name of the task.
     methods
-        Names, or "package.module:function"; all listed ones by default.
+        Names, or "package.module:function"; all listed methods by default.
     width
         Of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz
         Photoreceptor cutoff; inf is ideal.
+    contrast_threshold
+        C, log units.
     speed
-        How much faster the scene moves than it was rendered.
+        Factor by which the scene moves faster than it was rendered.
     on_progress
-        Called with the stage, how much of it is done, and how much there is of it.
+        Called as frames are simulated and sensors scored.
+
+    Returns
+    -------
+    rows
+        One score each.
 
     Raises
     ------
     TaskError
-        A method does not exist, or the scene does not suit the task.
+        A method does not exist, the sensor is finer than the frames, or the scene does not suit
+        the task.
     """
-    wanted = replace(getattr(Evaluate(), task), methods=tuple(methods) or tuple(METHODS[task]))
-    tasks = replace(NO_TASKS, **{task: wanted})
-    check_methods(tasks)
+    spec = TASKS[task]
+    names = tuple(methods) or tuple(spec.methods)
+    for name in names:
+        check_method(task, name)
     if width > sequence.manifest.width:
         raise TaskError(
             f"resolution: found {width} px, finer than the frames of {sequence.manifest.width} px"
         )
     scene = load_scene(sequence.manifest.scene_source)
-    if TASKS[task].planar_only and scene.plane is None:
+    if spec.planar_only and scene.plane is None:
         raise TaskError(
-            f"{scene.name}: {TASKS[task].title} needs a planar scene, one whose scene.toml has a "
-            "[plane]"
+            f"{scene.name}: {spec.title} needs a planar scene, one whose scene.toml has a [plane]"
         )
     warn_if_short(sequence, cutoff_hz, speed)
     warn_if_coarse(sequence)
@@ -79,4 +85,5 @@ def evaluate_sequence(
         dark_level=DARK_FRACTION * sequence.white_level,
     )
     setting = Setting(model, speed, *(round(t_s / speed * 1e6) for t_s in sequence.window_s))
+    tasks = {task: load(spec.settings)(methods=names)}
     return evaluate(sequence, truth, [setting], tasks, on_progress).rows

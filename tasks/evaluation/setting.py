@@ -1,4 +1,4 @@
-"""A sensor before a sequence: what scorers watch."""
+"""A sensor, the speed of the scene, and the scored window."""
 
 from __future__ import annotations
 
@@ -9,9 +9,16 @@ from sensor import SensorModel
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """A sensor, how much faster than rendered things move before it, and its window.
+    """A sensor, the speed of the scene, and the scored window.
 
-    The window is half-open, in the time of the sensor's events.
+    Parameters
+    ----------
+    model
+        The sensor.
+    speed
+        Factor by which the scene moves faster than it was rendered.
+    start_us, end_us
+        The window [start_us, end_us), in the time of the sensor's events.
     """
 
     model: SensorModel

@@ -3,13 +3,52 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Literal
+from typing import Literal, Self
 
+from eres_render.storage.settings_reader import formerly
 from tasks.methods import check_method
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reconstruction:
+class TaskSettings:
+    """What a task is asked to do.
+
+    Parameters
+    ----------
+    methods
+        By name, or "package.module:function"; none where there is nothing to do.
+    """
+
+    methods: tuple[str, ...] = ()
+
+    def score_s(self, width: int) -> float:
+        """Estimate how long it takes to score one sensor at base speed, in seconds of one core."""
+        return 0.0
+
+    def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
+        """Return the least work that shows whether methods work.
+
+        Parameters
+        ----------
+        methods
+            Their names.
+        window_s
+            Length of the scored window.
+
+        Returns
+        -------
+        The same settings with these methods and one sample.
+        """
+        return replace(self, methods=methods)
+
+
+def _share(width: int) -> float:
+    """Pixels of a sensor as a share of those at 1280 px: most scores take about as much time."""
+    return width**2 / 1280**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reconstruction(TaskSettings):
     """Image reconstruction, at the end of each clip's window.
 
     Parameters
@@ -24,9 +63,12 @@ class Reconstruction:
     methods: tuple[str, ...] = ("event_integration", "no_events")
     upsampling: Literal["nearest", "bilinear", "bicubic"] = "bicubic"
 
+    def score_s(self, width: int) -> float:
+        return 0.01 * _share(width) * len(self.methods)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Flow:
+class Flow(TaskSettings):
     """Optical flow of patches, over each clip's window.
 
     Parameters
@@ -38,12 +80,11 @@ class Flow:
     native_patch
         Also try patches of 61 px of the sensor, whatever its width.
     initial_sigma_px
-        How far the initial flow is off the truth: a standard deviation per component, px of a
-        1280 px sensor.
+        Error of the initial flow: standard deviation of each component, px of a 1280 px sensor.
     fast_methods, fast_speed, fast_scenes
-        Methods that are also tried at one much higher speed, on these scenes; on all by default.
+        Methods to evaluate also at one much higher speed, and on which scenes; all by default.
     seed
-        Of the initial flows.
+        Seed of the initial flows.
     """
 
     methods: tuple[str, ...] = ("photometric_flow", "contrast_maximization", "initial_flow")
@@ -55,9 +96,16 @@ class Flow:
     fast_scenes: tuple[str, ...] = ()
     seed: int = 0
 
+    def score_s(self, width: int) -> float:
+        patches = self.features * (1 + self.native_patch)
+        return 0.04 * _share(width) * len(self.methods) * patches
+
+    def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
+        return replace(self, methods=methods, features=1, native_patch=False, fast_methods=())
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tracking:
+class Tracking(TaskSettings):
     """Camera pose tracking over the first milliseconds of each clip's window, on planar scenes.
 
     Parameters
@@ -65,15 +113,15 @@ class Tracking:
     methods
         By name, or "package.module:function".
     sigmas_mm
-        How far the initial path is off the truth: standard deviations per component of each
-        control point. Each is a variant of the task.
+        Errors of the initial path: standard deviation of each component of the control points.
+        Each is a variant of the task.
     max_events
-        A method gets the events of pixels drawn at random, at most so many from the path's 14 ms.
+        Most events that a method gets, from the 14 ms of the path; they are those of random pixels.
     max_delay_us
-        By how much events may be late, for methods that look for that: they get events after the
-        path's end too.
+        Largest delay of events, for methods that estimate it: they also get events after the end of
+        the path.
     seed
-        Of the initial paths and of the pixels.
+        Seed of the initial paths and of the choice of pixels.
     """
 
     methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
@@ -82,23 +130,31 @@ class Tracking:
     max_delay_us: int = 10_000
     seed: int = 0
 
+    def score_s(self, width: int) -> float:
+        us_per_event = 8  # of the most that a method gets, at any width
+        return 1e-6 * us_per_event * self.max_events * len(self.methods) * len(self.sigmas_mm)
+
+    def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
+        return replace(self, methods=methods, sigmas_mm=self.sigmas_mm[:1])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Video:
-    """Image reconstruction that goes on from window to window, on one continuous stretch.
+class Video(TaskSettings):
+    """Image reconstruction with a state that lasts, on one continuous stretch.
 
     Parameters
     ----------
     methods
         By name, or "package.module:class".
     scenes
-        On which scenes; on all by default.
+        Names of the scenes; all by default.
     duration_s, run_in_s
-        Length of the stretch from the path's start, and how much of it is not scored, seconds.
+        Length of the stretch from the start of the path, and of its first part that is not scored,
+        seconds.
     every_s
-        From one scored image to the next, seconds of the path.
-    equalisation
-        Of the histograms of prediction and truth before they are compared: "none", "global",
+        Time between scored images, seconds of the path.
+    equalization
+        Equalization of the histograms of prediction and truth: "none", "global",
         "local" or "clahe" (local, with limited contrast).
     """
 
@@ -107,7 +163,16 @@ class Video:
     duration_s: float = 2.0
     run_in_s: float = 0.5
     every_s: float = 0.05
-    equalisation: Literal["none", "global", "local", "clahe"] = "local"
+    equalization: Literal["none", "global", "local", "clahe"] = field(
+        default="local", metadata=formerly("equalisation")
+    )
+
+    def score_s(self, width: int) -> float:
+        images = round((self.duration_s - self.run_in_s) / self.every_s)
+        return 0.4 * _share(width) * len(self.methods) * images
+
+    def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
+        return replace(self, methods=methods, every_s=window_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,13 +184,17 @@ class Evaluate:
     tracking: Tracking = field(default_factory=Tracking)
     video: Video = field(default_factory=Video)
 
+    @property
+    def tasks(self) -> dict[str, TaskSettings]:
+        """Settings of each task, by its name."""
+        return {task.name: getattr(self, task.name) for task in fields(self)}
+
 
 def methods_of(evaluate: Evaluate) -> dict[str, tuple[str, ...]]:
     """Names of the methods of each task, those that are tried at another speed included."""
-    sections = {task.name: getattr(evaluate, task.name) for task in fields(evaluate)}
     return {
-        task: (*section.methods, *getattr(section, "fast_methods", ()))
-        for task, section in sections.items()
+        task: (*settings.methods, *getattr(settings, "fast_methods", ()))
+        for task, settings in evaluate.tasks.items()
     }
 
 

@@ -1,33 +1,34 @@
-"""What a run's parts took: measured stage by stage and method by method, a JSON file a part."""
+"""Measured work and time of a run's jobs, by stage and by method, in one JSON file for each job."""
 
 from __future__ import annotations
 
 import json
 import time
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from eres_render.progress import Progress
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 
 
 @dataclass(frozen=True, slots=True)
-class MethodCost:
-    """What one method took on the sensors of one width.
+class MethodTimings:
+    """Work and time of one method on the sensors of one width.
 
     Parameters
     ----------
     task, method, variant
         As in a `Row`.
     width
-        Of the sensors, px.
+        Width of the sensors, px.
     estimates
-        How often it was asked: images, patches or paths.
+        Number of answers: images, patches or paths.
     events
-        That it was given, over all estimates.
+        Number of events that the method got, over all answers.
     cpu_s, median_cpu_s
-        Of the method alone on its one core: over all estimates, and of the middle one, on which the
-        first one's compilation does not tell.
+        CPU time of the method on its one core: the sum over all answers, and their median, which
+        the compilation in the first one does not affect.
     """
 
     task: str
@@ -41,33 +42,33 @@ class MethodCost:
 
 
 @dataclass(frozen=True, slots=True)
-class PartCosts:
-    """What one part took. Times are of the clock on the wall, with all cores at work.
+class JobTimings:
+    """Work and time of one job. Times are wall-clock times with all cores at work.
 
     Parameters
     ----------
     scene, sample
-        Which part: a scene may have several of one sample, for different tasks.
+        Of the job; several jobs may have the same, for different tasks.
     cores
-        At work.
+        Number of cores.
     frames, resolution, spp
-        That were read, their side, px, and the samples of a pixel.
+        Number of frames that were read, their side in px, and samples per pixel.
     reading_s
-        Spent waiting until they were read and decoded.
+        Time spent waiting for frames to be read and decoded.
     sensors
-        How many looked at them.
+        Number of sensors.
     pixel_frames, events
-        That the sensors went through, and that they fired, warm-up included.
+        Number of pixels times frames, and of events, over all sensors, warm-up included.
     simulating_s
-        Of the sensors alone.
+        Time of the sensors alone.
     collecting_s
-        Until tasks had kept what they need of the events; video is reconstructed here.
+        Time in which scorers take in events; video methods run here.
     scoring_s
-        From samples to scores: methods, and all that is around them.
+        Time from samples to scores, methods included.
     methods
-        What each method took of that.
+        Work and time of each method.
     rendered_frames, rendering_s
-        Frames that were not in the cache yet, and how long those took.
+        Number of frames that were not in the cache, and their rendering time.
     """
 
     scene: str
@@ -83,13 +84,13 @@ class PartCosts:
     simulating_s: float
     collecting_s: float
     scoring_s: float
-    methods: tuple[MethodCost, ...]
+    methods: tuple[MethodTimings, ...]
     rendered_frames: int = 0
     rendering_s: float = 0.0
 
 
 class FrameTimer:
-    """Passes progress on, and times the frames that are rendered from its making on."""
+    """Passes progress on, and times rendered frames from its construction on."""
 
     def __init__(self, on_progress: Progress) -> None:
         self.frames = 0
@@ -98,46 +99,33 @@ class FrameTimer:
         self._started = time.perf_counter()
 
     def __call__(self, stage: str, done: float, of: float, /) -> None:
-        """Note a frame if that is what was done."""
+        """Pass progress on, and count a rendered frame.
+
+        Parameters
+        ----------
+        stage, done, of
+            As in `Progress`.
+        """
         if stage == "rendering":
             self.frames += 1
             self.seconds = time.perf_counter() - self._started
         self._on_progress(stage, done, of)
 
 
-def costs_file(costs: PartCosts) -> bytes:
-    """Content of the file of a part."""
-    return json.dumps(asdict(costs), indent=1).encode()
+def timings_file(timings: JobTimings) -> bytes:
+    """Return the content of a job's file."""
+    return json.dumps(asdict(timings), indent=1).encode()
 
 
-def read_costs(folder: Path) -> list[PartCosts]:
-    """Read the costs of all parts in `folder`, by scene and sample; none if it does not exist.
+def read_timings(folder: Path) -> list[JobTimings]:
+    """Read the timings of all jobs in a folder, by scene, sample and number of methods.
+
+    An empty list stands for a folder that does not exist.
 
     Raises
     ------
     ResultError
-        A file is not JSON, or its fields are others.
+        A file is not JSON, or a field is missing, unknown or of the wrong type.
     """
-    found = [_read(file) for file in sorted(folder.glob("*.json"))]
-    return sorted(found, key=lambda one: (one.scene, one.sample))
-
-
-def _read(file: Path) -> PartCosts:
-    try:
-        content = json.loads(file.read_text())
-    except ValueError as error:
-        raise ResultError(f"{file}: not JSON, {error}") from None
-    content = _checked(file, content, PartCosts)
-    methods = tuple(MethodCost(**_checked(file, one, MethodCost)) for one in content["methods"])
-    return PartCosts(**{**content, "methods": methods})
-
-
-def _checked(file: Path, content: object, kind: type[PartCosts | MethodCost]) -> dict:
-    expected = {field.name for field in fields(kind)}
-    found = set(content) if isinstance(content, dict) else set()
-    if not isinstance(content, dict) or found != expected:
-        raise ResultError(
-            f"{file}: fields of {kind.__name__}: found {', '.join(sorted(found)) or 'none'}, "
-            f"expected {', '.join(sorted(expected))}"
-        )
-    return content
+    found = [read_json(JobTimings, file, ResultError) for file in sorted(folder.glob("*.json"))]
+    return sorted(found, key=lambda one: (one.scene, one.sample, len(one.methods)))

@@ -1,4 +1,4 @@
-"""Whether a sequence shows a sensor enough: before its window starts, and between its frames."""
+"""Warnings about sequences: a warm-up that is too short, frames that are too far apart."""
 
 from __future__ import annotations
 
@@ -10,18 +10,20 @@ from eres_render.trajectory.frame_times import warn_if_far_apart
 
 _log = logging.getLogger(__name__)
 
-_ENOUGH = 6.0  # time constants: what is left of the start is then 1.7 % (two poles)
+_ENOUGH = 6.0  # time constants: the start then still counts 1.7 % (two poles)
 
 
 def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) -> None:
-    """Warn where a filter has not forgotten its start when the window of a clip begins.
+    """Warn if a sensor's filter still depends on the sequence's start when the window begins.
 
     Parameters
     ----------
+    sequence
+        The sequence.
     cutoff_hz
         Corner frequency of each of the photoreceptor's poles; inf needs no warm-up.
     speed
-        How much faster things move than they were rendered, which shortens the warm-up.
+        Factor by which the scene moves faster than it was rendered; it shortens the warm-up.
     """
     seconds = (sequence.window_s[0] - float(sequence.t_s[0])) / speed
     time_constants = 2 * math.pi * cutoff_hz * seconds if seconds > 0 else math.inf
@@ -34,5 +36,5 @@ def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) ->
 
 
 def warn_if_coarse(sequence: RadianceSequence) -> None:
-    """Warn where the image moves so far from frame to frame that events are missed."""
+    """Warn if the image moves so far from frame to frame that events are missed."""
     warn_if_far_apart(str(sequence.folder), sequence.manifest.max_displacement_px)

@@ -1,8 +1,7 @@
-"""Methods: one file each, listed in `METHODS` by where to find their function."""
+"""Methods: one file each, listed by task in `tasks.registry`."""
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib
 import inspect
@@ -13,35 +12,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, get_type_hints
 
+from eres_render.errors import nearest
 from tasks.errors import TaskError
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS, load
 
-# By task, then by the method's name: "module:function". Strings, so that listing imports nothing.
-METHODS = {
-    "reconstruction": {
-        "event_integration": "tasks.methods.event_integration:reconstruct",
-        "no_events": "tasks.methods.no_events:reconstruct",
-    },
-    "flow": {
-        "photometric_flow": "tasks.methods.photometric_flow:estimate",
-        "photometric_flow_unknown_contrast": (
-            "tasks.methods.photometric_flow:estimate_unknown_contrast"
-        ),
-        "photometric_flow_with_delay": "tasks.methods.photometric_flow:estimate_with_delay",
-        "contrast_maximization": "tasks.methods.contrast_maximization:estimate",
-        "initial_flow": "tasks.methods.initial_flow:estimate",
-    },
-    "tracking": {
-        "photometric_tracking": "tasks.methods.photometric_tracking:estimate",
-        "photometric_tracking_with_delay": "tasks.methods.photometric_tracking:estimate_with_delay",
-        "initial_path": "tasks.methods.initial_path:estimate",
-    },
-    "video": {
-        "high_pass_filter": "tasks.methods.high_pass_filter:HighPassFilter",
-        "high_pass_filter_no_event_decay": "tasks.methods.high_pass_filter:without_event_decay",
-        "blank": "tasks.methods.blank_video:BlankVideo",
-    },
-}
+METHODS = {task: spec.methods for task, spec in TASKS.items()}
+"""Where each method is, "module:function", by task and by the method's name."""
 
 # Raise a method's number, 1 where it is not listed, when its results change: studies compute the
 # parts that use it again.
@@ -61,12 +37,11 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
         The task has no method of that name (the text gives the nearest one), or there is no such
         function to import.
     """
-    listed = METHODS[task]
+    listed = TASKS[task].methods
     if ":" not in name and name not in listed:
-        near = difflib.get_close_matches(name, listed, n=1) or sorted(listed)
         raise TaskError(
-            f"{task}: no method {name!r}; did you mean {near[0]!r}? One of your own is named "
-            "package.module:function"
+            f"{task}: no method {name!r}, {nearest(name, listed)} "
+            "(name a method of your own package.module:function)"
         )
     module, _, function = listed.get(name, name).partition(":")
     import_module = importlib.import_module if name in listed else _imported
@@ -91,7 +66,7 @@ def task_of(name: str) -> str:
     TaskError
         It cannot be told.
     """
-    function = load_method("reconstruction", name)
+    function = load_method(next(iter(TASKS)), name)
     told = _told_task(function)
     if told is None:
         expected = ", ".join(sample.__name__ for sample in _samples().values())
@@ -108,7 +83,7 @@ def check_method(task: str, name: str) -> None:
     told = _told_task(function) if ":" in name else None
     if told not in (task, None):
         found, expected = (
-            "a class" if one == "video" else f"a function of a {_samples()[one].__name__}"
+            f"a function of a {_samples()[one].__name__}" if TASKS[one].sample else "a class"
             for one in (told, task)
         )
         raise TaskError(
@@ -118,14 +93,13 @@ def check_method(task: str, name: str) -> None:
 
 def _samples() -> dict[str, type]:
     """What a method of each task takes first, where it takes something."""
-    named = {task: spec.sample.split(":") for task, spec in TASKS.items() if spec.sample}
-    return {task: getattr(importlib.import_module(m), name) for task, (m, name) in named.items()}
+    return {task: load(spec.sample) for task, spec in TASKS.items() if spec.sample}
 
 
 def _told_task(function: Callable[..., Any]) -> str | None:
     """The task that a method says it is for, or None where it does not."""
     if inspect.isclass(function):
-        return "video"
+        return next(task for task, spec in TASKS.items() if spec.sample is None)
     kind = _first_type(function)
     return next((task for task, sample in _samples().items() if kind is sample), None)
 
@@ -141,7 +115,7 @@ def _first_type(function: Callable[..., Any]) -> Any:
 
 def source_file(task: str, name: str) -> str | None:
     """The file that a method's function was named to be in, if its module is loaded from one."""
-    module = sys.modules.get(METHODS[task].get(name, name).partition(":")[0])
+    module = sys.modules.get(TASKS[task].methods.get(name, name).partition(":")[0])
     return getattr(module, "__file__", None)
 
 

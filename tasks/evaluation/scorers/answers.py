@@ -7,9 +7,9 @@ is and where.
 
 from __future__ import annotations
 
+import time
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -25,23 +25,37 @@ _INFINITE = 1e150  # px, m: the square of more has no room in a float
 _SAME_S = 1e-9  # as near as a path's end must be to that of the initial one
 
 
-@contextmanager
-def blamed(task: str, name: str) -> Iterator[None]:
-    """Name the method whose code runs in this context, if it raises, and the line where it does.
+def ask(
+    task: str, name: str, function: Callable[..., Any], *arguments: Any, **options: Any
+) -> tuple[Any, float]:
+    """Run a function of a method.
+
+    Parameters
+    ----------
+    task, name
+        Whose method it is, and its name.
+    function, arguments, options
+        What to run.
+
+    Returns
+    -------
+    The answer, and the seconds of this thread's CPU time that it took.
 
     Raises
     ------
     MethodError
-        From whatever error the method raised.
+        From whatever error the method raised; the text names the method and the line.
     """
+    started_s = time.thread_time()
     try:
-        yield
+        answer = function(*arguments, **options)
     except Exception as error:
         text = " ".join(str(error).split())
         raise MethodError(
             f"{task}, method {name!r}: raised {type(error).__name__}"
             f"{_place(error, task, name)}{': ' if text else ''}{text}"
         ) from error
+    return answer, time.thread_time() - started_s
 
 
 def _place(error: Exception, task: str, name: str) -> str:

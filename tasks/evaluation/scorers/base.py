@@ -1,6 +1,6 @@
 """From events to scores, one file for each task.
 
-A scorer watches one sensor. It is pushed all its events, part by part as they are simulated, keeps
+A scorer watches one sensor. It receives all its events, batch by batch as they are simulated, keeps
 what its task needs of them, and turns that into scores at the end.
 """
 
@@ -24,7 +24,7 @@ class Score:
     variant: str = ""
     item: int = 0
     failure: str = ""
-    sample: int | None = None  # where it is not the part's
+    sample: int | None = None  # where it is not the job's
     events: int = 0  # that the method was given for it
     cpu_s: float = 0.0  # of its thread, for it
     copied: bool = False  # from another variant, that is the same here

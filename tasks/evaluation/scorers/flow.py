@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 from sensor import Events
 from sensor.events import concatenate
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import blamed, flow_answer
+from tasks.evaluation.scorers.answers import ask, flow_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import Flow
 from tasks.flow import flow_sample, initial_sigma_px, patch_mask, patch_px, rnepe_px
 from tasks.methods import load_method
 
@@ -20,14 +20,14 @@ NATIVE_PATCH = "61 px patch"
 class FlowScorer:
     """End-point errors of all features, for each kind of patch."""
 
-    def __init__(self, light: ReferenceFrames, setting: Setting) -> None:
-        self._light, self._setting = light, setting
+    def __init__(self, reference: ReferenceFrames, setting: Setting, task: Flow) -> None:
+        self._reference, self._setting, self._task = reference, setting, task
         width = setting.model.width
-        self._features = light.features.at(width)
+        self._features = reference.features(task.features, task.seed).at(width)
         size = width, self._features.height
         # The same patches at 1280 px: they are looked at once.
         self._variants = {patch_px(width): [""]}
-        if light.evaluate.flow.native_patch:
+        if task.native_patch:
             self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
         self._kept = patch_mask(self._features.centres_px, max(self._variants), *size)
         self._parts: list[Events] = []
@@ -40,9 +40,9 @@ class FlowScorer:
 
     def scores(self) -> Iterator[Score]:
         """One score a kind of patch, feature and method."""
-        config, setting, features = self._light.evaluate.flow, self._setting, self._features
-        methods = {name: load_method("flow", name) for name in config.methods}
-        initial_px = features.initial_flow_px(config.initial_sigma_px)
+        task, setting, features = self._task, self._setting, self._features
+        methods = {name: load_method("flow", name) for name in task.methods}
+        initial_px = features.initial_flow_px(task.initial_sigma_px)
         events = concatenate(self._parts)
         self._parts = []
         for side_px, variants in self._variants.items():
@@ -51,18 +51,15 @@ class FlowScorer:
                     events,
                     setting.start_us,
                     setting.end_us,
-                    self._light.log_images[features.width],
+                    self._reference.log_images[features.width],
                     setting.model.contrast_threshold,
                     features.centres_px[item],
                     side_px,
                     initial_px[item],
-                    initial_sigma_px(features.width, config.initial_sigma_px),
+                    initial_sigma_px(features.width, task.initial_sigma_px),
                 )
                 for name, method in methods.items():
-                    started_s = time.thread_time()
-                    with blamed("flow", name):
-                        answer = method(sample)
-                    cpu_s = time.thread_time() - started_s
+                    answer, cpu_s = ask("flow", name, method, sample)
                     estimate = flow_answer(name, sample, answer)
                     error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
                     for variant in variants:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import numpy as np
 
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import blamed, image_answer
+from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import Reconstruction
 from tasks.methods import load_method
 from tasks.reconstruction import ReconstructionSample, psnr_db
 
@@ -19,8 +19,8 @@ from tasks.reconstruction import ReconstructionSample, psnr_db
 class ReconstructionScorer:
     """PSNR of the image at the window's end."""
 
-    def __init__(self, light: ReferenceFrames, setting: Setting) -> None:
-        self._light, self._setting = light, setting
+    def __init__(self, reference: ReferenceFrames, setting: Setting, task: Reconstruction) -> None:
+        self._reference, self._setting, self._task = reference, setting, task
         self._sum = np.zeros((setting.model.height, setting.model.width), np.int64)
         self._events = 0
 
@@ -33,19 +33,18 @@ class ReconstructionScorer:
 
     def scores(self) -> Iterator[Score]:
         """One score a method."""
-        light, config = self._light, self._light.evaluate.reconstruction
+        reference = self._reference
         sample = ReconstructionSample(
-            light.log_start, self._sum.astype(np.float64), self._setting.model.contrast_threshold
+            reference.log_start,
+            self._sum.astype(np.float64),
+            self._setting.model.contrast_threshold,
         )
-        for name in config.methods:
-            options = {"upsampling": config.upsampling} if name == "event_integration" else {}
+        for name in self._task.methods:
+            options = {"upsampling": self._task.upsampling} if name == "event_integration" else {}
             method = load_method("reconstruction", name)
-            started_s = time.thread_time()
-            with blamed("reconstruction", name):
-                answer = method(sample, **options)
-            cpu_s = time.thread_time() - started_s
-            prediction, failure = image_answer("reconstruction", name, answer, light.log_start)
-            value = psnr_db(prediction, light.log_end, light.log_white)
+            answer, cpu_s = ask("reconstruction", name, method, sample, **options)
+            prediction, failure = image_answer("reconstruction", name, answer, reference.log_start)
+            value = psnr_db(prediction, reference.log_end, reference.log_white)
             yield Score(
                 "reconstruction",
                 name,

@@ -2,84 +2,100 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
+from dataclasses import dataclass
 
-from tasks.study.claims.verdict import Verdict, status_of
+from tasks.study.claims.claim import Claim, Evidence, too_few_text
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
+from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Condition, Scores, beats
 from tasks.study.results.words import cutoff_label, join_words
 
 
-def every_method_beats_doing_nothing(scores: Scores) -> Verdict:
-    """Claim 24 (ours): in every cell the median is better than without using the events."""
-    counts = [_Count(scores, series) for series in shown_series(scores)]
-    return Verdict(
-        number=24,
-        title="Every method beats doing nothing",
-        statement="Under every condition the median score is better than that of the image, flow "
-        "or path that the method starts from.",
-        status=status_of(o for count in counts for o in count.outcomes.values()),
-        ours="\n".join(str(count) for count in counts) or "no rows of any method",
-        paper="not reported",
-        note="Our own check: a score that does not beat its starting point says nothing about the "
-        "resolution. " + _certainty(min((count.samples for count in counts), default=0)),
-    )
+@dataclass(frozen=True, kw_only=True)
+class BaselineClaim(Claim):
+    """Every method has a better median than its starting point in every cell."""
+
+    def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
+        """Count the cells in which each method is better.
+
+        Parameters
+        ----------
+        scores, scaling
+            As `Claim.evidence` takes them.
+
+        Returns
+        -------
+        Evidence
+            One outcome for each cell.
+        """
+        found = {series: _beaten(scores, series) for series in shown_series(scores)}
+        samples = min(
+            (scores.samples(one, scene) for one in found for scene in scores.scenes(one)), default=0
+        )
+        return Evidence(
+            outcomes=[outcome for beaten in found.values() for outcome in beaten.values()],
+            ours="\n".join(_text(scores, *one) for one in found.items()) or "no rows of any method",
+            paper="not reported",
+            scope=f"{too_few_text(samples)}."
+            if samples < MIN_SAMPLES_FOR_INTERVAL
+            else "Not settled: the paired interval of the difference includes zero.",
+        )
 
 
-def _certainty(samples: int) -> str:
-    if samples < MIN_SAMPLES_FOR_INTERVAL:
-        few = f"{samples} sample{'s' * (samples != 1)}"
-        return f"{few}, too few for an interval ({MIN_SAMPLES_FOR_INTERVAL} needed)."
-    return "Not settled: the paired interval of the difference reaches zero."
+BEATS_DOING_NOTHING = BaselineClaim(
+    number=24,
+    title="Every method beats doing nothing",
+    statement="Under every condition the median score is better than that of the image, flow or "
+    "path that the method starts from.",
+    note="Our own check: a score that does not beat its starting point says nothing about the "
+    "resolution.",
+)
 
 
-class _Count:
-    """How often one series beats doing nothing, and where it does not."""
+_Beaten = dict[Condition, bool | None]  # None where a score is missing
 
-    def __init__(self, scores: Scores, series: Series) -> None:
-        self.series = series
-        self.outcomes: dict[Condition, bool | None] = {}
-        self.unsettled = 0
-        self.samples = min(scores.samples(series, scene) for scene in scores.scenes(series))
-        sign = METRICS[series.metric].sign
-        for where in scores.conditions(series):
-            cells = {"ours": scores.cell(series, where), "nothing": scores.baseline(series, where)}
-            self.outcomes[where] = beats(cells["ours"], cells["nothing"], series)
-            if self.outcomes[where] is None or cells["ours"].samples < MIN_SAMPLES_FOR_INTERVAL:
-                continue
-            gain = estimate(cells, lambda m: np.asarray(sign * (m["ours"] - m["nothing"])))
-            self.unsettled += (
-                gain.low is not None and gain.high is not None and (gain.low <= 0 <= gain.high)
-            )
 
-    def __str__(self) -> str:
-        measured = [where for where, outcome in self.outcomes.items() if outcome is not None]
-        lost = [where for where in measured if not self.outcomes[where]]
-        text = f"{self.series.title}: {len(measured) - len(lost)} of {len(measured)}"
-        if self.unsettled:
-            text += f" ({self.unsettled} not settled)"
-        if unknown := len(self.outcomes) - len(measured):
-            text += f", {unknown} not measured"
-        return f"{text}; not {'; '.join(self._groups(lost))}" if lost else text
+def _beaten(scores: Scores, series: Series) -> _Beaten:
+    return {
+        where: beats(scores.cell(series, where), scores.baseline(series, where), series)
+        for where in scores.conditions(series)
+    }
 
-    def _groups(self, lost: list[Condition]) -> list[str]:
-        """A text for each scene and cutoff, with widths and speeds unless it is all of them."""
-        parts = []
-        for scene, cutoff_hz in dict.fromkeys((c.scene, c.cutoff_hz) for c in lost):
-            here = {c for c in self.outcomes if (c.scene, c.cutoff_hz) == (scene, cutoff_hz)}
-            widths = sorted({c.width for c in here})
-            at_speeds: dict[str, list[str]] = {}
-            for speed in sorted({c.speed for c in here}):
-                found = [w for w in widths if Condition(scene, w, cutoff_hz, speed) in lost]
-                if found:
-                    some = f"{join_words([str(width) for width in found])} px"
-                    name = "all widths" if found == widths else some
-                    at_speeds.setdefault(name, []).append(f"{speed:.2g}")
-            which = "; ".join(
-                f"{name} at speed {join_words(speeds)}" for name, speeds in at_speeds.items()
-            )
-            light = f"{scene} {cutoff_label(cutoff_hz)}"
-            parts.append(light if here <= set(lost) else f"{light} ({which})")
-        return parts
+
+def _text(scores: Scores, series: Series, beaten: _Beaten) -> str:
+    """Say how often a method beats doing nothing, and where it does not."""
+    measured = [where for where, outcome in beaten.items() if outcome is not None]
+    lost = [where for where in measured if not beaten[where]]
+    text = f"{series.title}: {len(measured) - len(lost)} of {len(measured)}"
+    if unsettled := sum(_unsettled(scores, series, where) for where in measured):
+        text += f" ({unsettled} not settled)"
+    if unknown := len(beaten) - len(measured):
+        text += f", {unknown} not measured"
+    return f"{text}; not {_lost_text(lost, list(beaten))}" if lost else text
+
+
+def _unsettled(scores: Scores, series: Series, where: Condition) -> bool:
+    cells = {"ours": scores.cell(series, where), "nothing": scores.baseline(series, where)}
+    return estimate(cells, lambda medians: medians["ours"] - medians["nothing"]).includes(0.0)
+
+
+def _lost_text(lost: list[Condition], every: list[Condition]) -> str:
+    """Name each scene and cutoff, with widths and speeds unless all of them are meant."""
+    parts = []
+    for light in dict.fromkeys((c.scene, c.cutoff_hz) for c in lost):
+        gone, here = (
+            [c for c in some if (c.scene, c.cutoff_hz) == light] for some in (lost, every)
+        )
+        speeds_of: dict[str, list[str]] = {}
+        for speed in sorted({c.speed for c in gone}):
+            widths = sorted(c.width for c in gone if c.speed == speed)
+            of_all = len(widths) == len({c.width for c in here})
+            named = "all widths" if of_all else f"{join_words([str(w) for w in widths])} px"
+            speeds_of.setdefault(named, []).append(f"{speed:.2g}")
+        which = [f"{named} at speed {join_words(speeds)}" for named, speeds in speeds_of.items()]
+        some = "" if len(gone) == len(here) else f" ({'; '.join(which)})"
+        parts.append(f"{light[0]} {cutoff_label(light[1])}{some}")
+    return "; ".join(parts)

@@ -2,121 +2,94 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from itertools import pairwise
 
-import numpy as np
+from tasks.study.claims.claim import Claim, SceneClaim
+from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores, estimated
+from tasks.study.claims.reconstruction import EVENT_INTEGRATION
+from tasks.study.claims.statistics import IDEAL, log2, pixel_rate, slope, smallest_fall
+from tasks.study.results.intervals import Estimate
+from tasks.study.results.paper import WIDTHS
+from tasks.study.results.scaling import FIT_PX, Scaling, Slopes
+from tasks.study.results.words import cutoff_label
 
-from tasks.study.claims.verdict import EVENT_INTEGRATION, Medians, Verdict, judge_scenes
-from tasks.study.results.intervals import estimate
-from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.results.scaling import FIT_PX, Scaling
-from tasks.study.results.scores import Cell, Condition, Scores
-from tasks.study.results.words import cutoff_label, number_text
-
-_IDEAL = CUTOFFS_HZ[0]
-_NO_SCALING = "not measured, the run has no scaling statistics of this scene"
+_PIXEL_RATES = [pixel_rate(width, IDEAL) for width in WIDTHS]
 
 
-def pixels_of_finer_sensors_fire_more(scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
-    """Claim 1: the event rate of a pixel rises with resolution (Fig. 2 b, Eq. 5)."""
-    log_width = np.log(WIDTHS)
-    line = (log_width - log_width.mean()) / np.sum((log_width - log_width.mean()) ** 2)
+def _scaling(on: SceneScores) -> Scaling:
+    if on.scaling is None:
+        raise NotMeasured("not measured, the run has no scaling statistics of this scene")
+    return on.scaling
 
-    def check(scene: str, cells: Mapping[Condition, Cell]) -> tuple[bool | None, str]:
-        if scene not in scaling:
-            return None, _NO_SCALING
-        if not all(np.all(cell.event_rates_hz > 0) for cell in cells.values()):
-            return None, "not measured, a sample has no events"
 
-        def per_pixel(rates: Medians) -> np.ndarray:
-            return np.array([r / where.width**2 for where, r in rates.items()])
+def _exponent(slopes: Slopes) -> Reading:
+    """The exponent γ of |L_t| ~ 1/p^γ; all of its interval is positive."""
+    law = slopes.law
+    return Reading(Estimate(law.exponent, law.low, law.high).text(sign=""), law.low > 0)
 
-        grows = estimate(
-            cells,
-            lambda rates: np.tensordot(line, np.log(per_pixel(rates)), axes=1),
-            of_rates=True,
-        )
-        medians = {where: np.array(cell.event_rate_hz) for where, cell in cells.items()}
-        each = per_pixel(medians)
-        laws = scaling[scene].everywhere.law, scaling[scene].edges.law
-        gammas = [
-            f"{number_text(law.exponent, 2)} [{number_text(law.low, 2)}, "
-            f"{number_text(law.high, 2)}]"
-            for law in laws
-        ]
-        text = (
-            f"{' → '.join(f'{rate:,.{int(rate < 100)}f}' for rate in each)} events/s a pixel, γ = "
-            f"{grows.text(sign='')}; |L_t|: γ = {gammas[0]} everywhere, {gammas[1]} at edges"
-        )
-        return bool(np.all(np.diff(each) > 0)) and all(law.low > 0 for law in laws), text
 
-    return judge_scenes(
-        scores,
-        EVENT_INTEGRATION,
-        [(width, _IDEAL, 1.0) for width in WIDTHS],
-        check,
+def _pixel_rates(on: SceneScores) -> Reading:
+    """The event rate of a pixel at each width in ideal light, 1/s."""
+    rates = [estimated(rate, on).value for rate in _PIXEL_RATES]
+    return Reading(" → ".join(f"{rate:,.{int(rate < 100)}f}" for rate in rates))
+
+
+def _modes(on: SceneScores) -> Reading:
+    """The most common interval at each width, a line for each light and speed; none may rise."""
+    scaling = _scaling(on)
+    settings = scaling.settings()
+    cutoffs, speeds = ({of[k] for of in settings} for k in (0, 1))
+    if (IDEAL, 1.0) not in settings or len(cutoffs) < 2 or len(speeds) < 2:
+        raise NotMeasured("not measured at ideal light, a lower cutoff and a higher speed")
+    lines, holds = [], True
+    for cutoff_hz, speed in settings:
+        name = f"{cutoff_label(cutoff_hz)}, speed {speed:.2g}"
+        modes = {width: scaling.mode_us(width, cutoff_hz, speed) for width in WIDTHS}
+        if missing := [str(width) for width, mode in modes.items() if mode is None]:
+            raise NotMeasured(f"not measured at {', '.join(missing)} px, {name}")
+        known = [mode for mode in modes.values() if mode is not None]
+        shortens = known[-1] < known[0] and all(b <= a for a, b in pairwise(known))
+        holds &= shortens
+        line = " → ".join(f"{mode * 1e-3:.2g}" for mode in known)
+        lines.append(f"{name}: {line} ms{'' if shortens else ' (not monotone)'}")
+    return Reading("\n".join(lines), holds=holds)
+
+
+SCALING_CLAIMS: tuple[Claim, ...] = (
+    SceneClaim(
         number=1,
         title="The pixels of finer sensors fire more",
-        statement="In ideal light the event rate of a single pixel rises from each width to the "
-        "next, as |L_t|, the slope of log brightness, does by a power law of the pixel size, "
-        "|L_t| ~ 1/p^γ with γ > 0.",
-        paper="a power law for small p, no exponent printed",
-        note=f"|L_t| between the last two frames of one clip, for p up to {FIT_PX:g} px of the "
-        "render; its interval is a bootstrap over blocks of the image. Edges are the 5 % of pixels "
-        "that are steepest at the finest size, so chosen that they fall more steeply than the "
-        "mean. The paper's equations have γ positive, its caption negative.",
-    )
-
-
-def intervals_shorten_with_resolution(scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
-    """Claim 2: times between events shift to shorter with resolution (Fig. 2 c, Eq. 7)."""
-
-    def check(scene: str, cells: Mapping[Condition, Cell]) -> tuple[bool | None, str]:
-        if scene not in scaling:
-            return None, _NO_SCALING
-        one = scaling[scene]
-        modes = {
-            setting: [one.mode_us(width, *setting) for width in WIDTHS]
-            for setting in one.settings()
-        }
-        cutoffs, speeds = {cutoff for cutoff, _ in modes}, {speed for _, speed in modes}
-        if (_IDEAL, 1.0) not in modes or len(cutoffs) < 2 or len(speeds) < 2:
-            return None, "not measured at ideal light, a lower cutoff and a higher speed"
-        texts, holds = [], True
-        for (cutoff_hz, speed), found in modes.items():
-            known = [mode for mode in found if mode is not None]
-            name = f"{cutoff_label(cutoff_hz)}, speed {speed:.2g}"
-            if len(known) < len(found):
-                missing = ", ".join(
-                    str(w) for w, mode in zip(WIDTHS, found, strict=True) if mode is None
-                )
-                return None, f"not measured at {missing} px, {name}"
-            shortens = known[-1] < known[0] and all(b <= a for a, b in pairwise(known))
-            holds &= shortens
-            line = " → ".join(f"{mode * 1e-3:.2g}" for mode in known)
-            texts.append(f"{name}: {line} ms{'' if shortens else ' (not monotone)'}")
-        return holds, "\n".join(["", *texts])
-
-    return judge_scenes(
-        scores,
-        EVENT_INTEGRATION,
-        [],
-        check,
+        statement="In ideal light the event rate of a pixel rises from each width to the next. The "
+        "slope of log brightness in time follows a power law of the pixel size p: |L_t| ~ 1/p^γ "
+        "with γ > 0.",
+        series=EVENT_INTEGRATION,
+        numbers={
+            "everywhere": lambda on: _exponent(_scaling(on).everywhere),
+            "edges": lambda on: _exponent(_scaling(on).edges),
+            "exponent": Number(slope([log2(rate) for rate in _PIXEL_RATES]), unit="", sign=""),
+            "rise": Number(smallest_fall(*reversed(_PIXEL_RATES)), above=0),
+            "rates": _pixel_rates,
+        },
+        text="{rates} events/s a pixel, γ = {exponent}; |L_t|: γ = {everywhere} everywhere, "
+        "{edges} at edges",
+        paper="a power law for small p, no exponent",
+        note=f"|L_t| is that between the last two frames of one clip, for p up to {FIT_PX:g} px of "
+        "the render; its interval is a bootstrap over blocks of the image. Edges are the 5 % of "
+        "pixels that are steepest at the finest size, so their γ is larger than that of the mean. "
+        "γ is positive in the paper's equations and negative in its caption.",
+    ),
+    SceneClaim(
         number=2,
         title="Events follow each other faster on finer sensors",
-        statement="The commonest time between consecutive events of a pixel falls with resolution, "
-        "and never rises from one width to the next: in ideal light, at lower cutoffs and at "
-        "higher speed.",
-        paper="the mode shifts to shorter times, no number printed",
-        note="The mode is the fullest of 10 bins a decade, so steps below 26 % do not show; where "
-        "two humps are about as high it jumps from one to the other. One clip a scene, so without "
-        "an interval.",
-        of_samples=False,
-    )
-
-
-SCALING_CLAIMS: tuple[Callable[[Scores, Mapping[str, Scaling]], Verdict], ...] = (
-    pixels_of_finer_sensors_fire_more,
-    intervals_shorten_with_resolution,
+        statement="The most common time between consecutive events of a pixel falls with "
+        "resolution and never rises from one width to the next, in ideal light, at lower cutoffs "
+        "and at higher speed.",
+        series=EVENT_INTEGRATION,
+        numbers={"modes": _modes},
+        text="at 128 → 240 → 346 → 640 → 1280 px\n{modes}",
+        paper="the mode shifts to shorter times, no numbers",
+        note="The mode is the fullest of 10 bins a decade, so changes below 26 % do not show. "
+        "Where two peaks are about equally high, the mode may jump between them. There is one clip "
+        "a scene, so there is no interval.",
+    ),
 )

@@ -31,6 +31,10 @@ class Estimate:
     low: float | None
     high: float | None
 
+    def includes(self, bound: float) -> bool:
+        """Whether the interval, if there is one, reaches to both sides of a bound."""
+        return self.low is not None and self.high is not None and self.low <= bound <= self.high
+
     def text(self, decimals: int = 2, sign: str = "+", unit: str = "") -> str:
         """Format as ``+3.18 [+2.90, +3.40] dB``."""
 

@@ -243,18 +243,18 @@ def _key(
     return scene, task, method, width, cutoff_hz, round(speed, 3), metric
 
 
-def _cells(table: _Table) -> Iterator[tuple[_Key, float]]:
-    for scene, block in table.scenes.items():
-        for width, line in zip(WIDTHS, block.strip().splitlines(), strict=True):
-            for cutoff_hz, group in zip(CUTOFFS_HZ, line.split("|"), strict=True):
-                for speed, number in zip(table.speeds, group.split(), strict=True):
-                    key = _key(
-                        scene, table.task, table.method, width, cutoff_hz, speed, table.metric
-                    )
-                    yield key, float(number)
+def every_published() -> Iterator[tuple[_Key, float]]:
+    """Yield the arguments of `published`, speeds in full, and the score of every cell."""
+    for table in _TABLES:
+        of = table.task, table.method
+        for scene, block in table.scenes.items():
+            for width, line in zip(WIDTHS, block.strip().splitlines(), strict=True):
+                for cutoff_hz, group in zip(CUTOFFS_HZ, line.split("|"), strict=True):
+                    for speed, number in zip(table.speeds, group.split(), strict=True):
+                        yield (scene, *of, width, cutoff_hz, speed, table.metric), float(number)
 
 
-_PUBLISHED = {key: value for table in _TABLES for key, value in _cells(table)}
+_PUBLISHED = {_key(*where): score for where, score in every_published()}
 
 
 def published(

@@ -12,7 +12,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.evaluation.registry import TASKS
+from tasks.registry import TASKS
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 

@@ -1,14 +1,14 @@
 """Why finer sensors fire faster: the numbers behind the paper's Fig. 2, of one clip a scene.
 
-`tasks.study.run.scaling` measures them; a run keeps them in `scaling/<scene>.json`.
+`tasks.study.run.scaling` measures them; a run keeps them in `scaling/SCENE.json`.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from eres_render.storage.settings_reader import FloatOrInf, read_json
 from sensor.statistics import PowerLaw, mode_us
 from tasks.errors import ResultError
 
@@ -22,7 +22,7 @@ class Intervals:
     """Histogram of the times between consecutive events of a pixel, at one setting."""
 
     width: int
-    cutoff_hz: float
+    cutoff_hz: FloatOrInf
     speed: float
     counts: tuple[int, ...]
     shorter: int  # intervals below the first edge
@@ -83,31 +83,5 @@ def read_scaling(folder: Path) -> dict[str, Scaling]:
     ResultError
         A file is damaged; the text names it.
     """
-    found = {}
-    for file in sorted(folder.glob("*.json")):
-        try:
-            scaling = _parsed(json.loads(file.read_text()))
-        except (ValueError, KeyError, TypeError) as error:
-            raise ResultError(f"{file}: not the scaling statistics of a run, {error!r}") from None
-        found[scaling.scene] = scaling
-    return found
-
-
-def _parsed(numbers: dict) -> Scaling:
-    def slopes(part: dict) -> Slopes:
-        return Slopes(tuple(part["mean_hz"]), PowerLaw(**part["law"]))
-
-    def intervals(part: dict) -> Intervals:
-        return Intervals(
-            **{**part, "cutoff_hz": float(part["cutoff_hz"]), "counts": tuple(part["counts"])}
-        )
-
-    return Scaling(
-        scene=numbers["scene"],
-        clip=numbers["clip"],
-        sizes_px=tuple(numbers["sizes_px"]),
-        everywhere=slopes(numbers["everywhere"]),
-        edges=slopes(numbers["edges"]),
-        edges_us=tuple(numbers["edges_us"]),
-        intervals=tuple(intervals(part) for part in numbers["intervals"]),
-    )
+    found = (read_json(Scaling, file, ResultError) for file in sorted(folder.glob("*.json")))
+    return {scaling.scene: scaling for scaling in found}

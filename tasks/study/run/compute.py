@@ -1,4 +1,4 @@
-"""A part from light to scores, as this process or a worker of a cluster does it."""
+"""Compute a job: render, simulate and score, in this process or on a worker."""
 
 from __future__ import annotations
 
@@ -10,32 +10,29 @@ from eres_render.progress import Progress
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.timings import FrameTimer, costs_file
+from tasks.evaluation.timings import FrameTimer, timings_file
 from tasks.row import Row
 from tasks.study.config import digest
 from tasks.study.run.frame_cache import frames_folder
-from tasks.study.run.highlights import ExhibitCollector
-from tasks.study.run.jobs import Part
-from tasks.study.run.previews import preview_files
+from tasks.study.run.highlights import Highlights
+from tasks.study.run.jobs import Job
 from tasks.study.run.provenance import environment
-from tasks.study.run.scaling import scaling_files
 
-_BYTES_PER_PX_S = 4500  # of 2250 half-float frames a second of path: the room made for a clip
+_BYTES_PER_PX_S = 4500  # space for 2250 half-float frames per second of path
 
 
 @dataclass(frozen=True, slots=True)
-class ComputedPart:
-    """All that a run keeps of a part.
+class ComputedJob:
+    """What a run keeps of a job.
 
     Parameters
     ----------
     rows
-        Its scores.
+        The scores.
     files
-        What the report shows of it: contents by path in the run's folder. What it took, and
-        pictures and scaling statistics if they were asked for.
+        Contents of files by path in the run's folder: timings and, on request, highlights.
     environment
-        Where it was computed.
+        Versions and machine that computed the job.
     """
 
     rows: list[Row]
@@ -43,66 +40,67 @@ class ComputedPart:
     environment: dict[str, str]
 
 
-def compute_part(part: Part, on_progress: Progress, *, shown: bool) -> ComputedPart:
-    """Render, simulate and score a part; frames come from this machine's cache or go there.
+def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> ComputedJob:
+    """Render, simulate and score a job; the frames stay in this machine's cache.
 
     Parameters
     ----------
+    job
+        The job.
     on_progress
-        Called as frames and then sensors are done.
-    shown
-        Whether to make the files that the report shows, too.
+        Called after each frame and each sensor.
+    with_highlights
+        Whether to make the highlights of the scene for the report.
+
+    Returns
+    -------
+    Scores, files for the run's folder, and the environment.
     """
-    light = _light_of(part, on_progress)
-    seconds = part.clip.t_window_end_s - part.clip.t_start_s
-    needed_bytes = round(seconds * _BYTES_PER_PX_S * part.render.resolution**2)
-    with frames_folder(light.key(part), needed_bytes) as folder:
+    light = _light_of(job, on_progress)
+    seconds = job.clip.t_window_end_s - job.clip.t_start_s
+    needed_bytes = round(seconds * _BYTES_PER_PX_S * job.render.resolution**2)
+    with frames_folder(light.key(job), needed_bytes) as folder:
         timer = FrameTimer(on_progress)
         sequence = render_clip(
             light.renderer,
-            part.clip,
+            job.clip,
             folder,
-            part.render.max_displacement_px,
+            job.render.max_displacement_px,
             timer,
         )
-        settings = part.settings(part.simulate.dark_fraction * sequence.white_level)
-        collector = ExhibitCollector(part, settings) if shown else None
+        settings = job.settings(job.simulate.dark_fraction * sequence.white_level)
+        highlights = Highlights(job, settings) if with_highlights else None
         result = evaluate(
             sequence,
             light.truth(sequence),
             settings,
-            part.evaluate,
+            job.evaluate.tasks,
             on_progress,
-            collector.push if collector else None,
+            highlights.push if highlights else None,
         )
-        exhibit = collector.exhibit(result.reference) if collector else None
-    costs = replace(result.costs, rendered_frames=timer.frames, rendering_s=timer.seconds)
-    files = {f"costs/{part.key}.json": costs_file(costs)}
-    if exhibit:
-        for name, data in preview_files(part, exhibit).items():
-            files[f"previews/{name}"] = data
-        for name, data in scaling_files(exhibit.scaling, exhibit.slope).items():
-            files[f"scaling/{name}"] = data
-    return ComputedPart(result.rows, files, environment(light.renderer.variant))
+        shown = highlights.result(result.reference) if highlights else {}
+    timings = replace(result.timings, rendered_frames=timer.frames, rendering_s=timer.seconds)
+    files = {f"costs/{job.key}.json": timings_file(timings), **shown}
+    return ComputedJob(result.rows, files, environment(light.renderer.variant))
 
 
 class _SceneLight:
-    """A scene's renderer and ground truth, which take long to load."""
+    """A scene's renderer and ground truth, which load slowly."""
 
-    def __init__(self, part: Part, on_progress: Progress) -> None:
-        render = part.render
+    def __init__(self, job: Job, on_progress: Progress) -> None:
+        render = job.render
         self.renderer = Renderer(
-            part.scene, render.resolution, render.spp, render.seed, on_progress=on_progress
+            job.scene, render.resolution, render.spp, render.seed, on_progress=on_progress
         )
         self._truth: GroundTruth | None = None
 
-    def key(self, part: Part) -> str:
-        """Name of the part's frames: a digest of everything that decides them."""
+    def key(self, job: Job) -> str:
+        """Return the name of the job's frames: a digest of everything that determines them."""
         t_offset_us = self.renderer.trajectory.t_offset_us
         return digest(
             {
-                **part.frames_decided_by,
-                **({"t_offset_us": t_offset_us} if t_offset_us else {}),
+                **job.frames_decided_by,
+                "t_offset_us": t_offset_us or None,
                 "white_level": self.renderer.white_level,
                 "integrator": self.renderer.integrator,
                 "variant": self.renderer.variant,
@@ -111,21 +109,21 @@ class _SceneLight:
         )
 
     def truth(self, sequence: RadianceSequence) -> GroundTruth:
-        """What is behind the frames; the same for every sequence of the scene."""
+        """Return the ground truth, the same for every sequence of the scene."""
         if self._truth is None:
             self._truth = ground_truth(sequence)
         return self._truth
 
 
-_loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one: parts come scene by scene
+_loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one, as jobs come scene by scene
 
 
-def _light_of(part: Part, on_progress: Progress) -> _SceneLight:
-    render = part.render
-    key = part.scene.digest, render.resolution, render.spp, render.seed
+def _light_of(job: Job, on_progress: Progress) -> _SceneLight:
+    render = job.render
+    key = job.scene.digest, render.resolution, render.spp, render.seed
     if key not in _loaded:
         _loaded.clear()
-        _loaded[key] = _SceneLight(part, on_progress)
-        warn_if_far_apart(part.scene.name, render.max_displacement_px)
-        warn_of_noise(_loaded[key].renderer, [part.clip], render.max_displacement_px)
+        _loaded[key] = _SceneLight(job, on_progress)
+        warn_if_far_apart(job.scene.name, render.max_displacement_px)
+        warn_of_noise(_loaded[key].renderer, [job.clip], render.max_displacement_px)
     return _loaded[key]

@@ -1,108 +1,90 @@
-"""What a study will cost, said before it starts: frames, disk and time.
+"""Estimate frames, disk and time of jobs before they start.
 
-A rough estimate: how fast a scene moves and how many events it makes is known only afterwards. The
-constants are of the paper preset, on two cores of a virtual AMD EPYC server and LLVM; a part's
-progress bar corrects them as it goes.
+The estimate is rough, as image motion and event rates are known only afterwards. The constants were
+measured with the paper preset on two cores of a virtual AMD EPYC server, with LLVM.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tasks.study.config import Evaluate
-from tasks.study.run.jobs import Part
+from tasks.study.run.jobs import Job
 
-_IMAGE_MOTION_PX_S = 700  # of the fastest part of a 1280 px image, at base speed, on average
+_IMAGE_MOTION_PX_S = 700  # average at base speed, of the fastest part of a 1280 px image
 _DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
 _RENDER_SAMPLES_PER_S = 61e6  # both cores together
-_SIMULATE_NS_PER_PX = 11  # pixel-frame of one sensor at one speed, one core; keeping events too
-_SCORE_S = {  # of one item at 1280 px and at base speed, one core
-    "reconstruction": 0.01,
-    "flow": 0.04,
-    "video": 0.4,
-}
-_TRACKING_US_PER_EVENT = 8  # of the most that a method gets, at any width, baselines counted too
+_SIMULATE_NS_PER_PX = 11  # one core, per pixel, frame, sensor and speed; with collecting
 _CORES_MEASURED_ON = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Cost:
-    """Of parts that are still to be done.
+class WorkEstimate:
+    """Estimated work of jobs.
 
     Parameters
     ----------
-    parts, frames
-        How many.
+    jobs, frames
+        Their numbers.
     disk_bytes
-        Of their frames, of which the cache keeps what it has room for.
+        Size of the frames; the cache may keep fewer.
     seconds
-        Of work on this machine's cores.
+        Wall-clock time with all cores at work.
     """
 
-    parts: int
+    jobs: int
     frames: int
     disk_bytes: float
     seconds: float
 
     def text(self) -> str:
-        """One line for people."""
+        """Return the estimate as one line of text."""
         hours, minutes = divmod(round(self.seconds / 60), 60)
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
         return (
-            f"{self.parts} part{'s' * (self.parts != 1)} to do: about {self.frames} frames, "
+            f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
             f"{self.disk_bytes / 1e9:.2g} GB of them on disk, {time}"
         )
 
 
-def cost(parts: Sequence[Part], cores: int | None = None) -> Cost:
-    """Estimate what parts cost; frames that are in the cache are counted as if they were not."""
-    cores = cores or len(os.sched_getaffinity(0))
-    frames = [_frames(part) for part in parts]
-    pixels = [part.render.resolution**2 for part in parts]
+def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
+    """Estimate the work of jobs; frames in the cache count as if they were missing.
+
+    Parameters
+    ----------
+    jobs
+        The jobs.
+    cores
+        Number of cores that share the work.
+
+    Returns
+    -------
+    The estimate.
+    """
+    frames = [_frames(job) for job in jobs]
+    pixels = [job.render.resolution**2 for job in jobs]
     seconds = 0.0
-    for part, n, px in zip(parts, frames, pixels, strict=True):
-        seconds += n * px * part.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        seconds += n * _sensor_pixels(part) * 1e-9 * _SIMULATE_NS_PER_PX
-        seconds += _score_s(part)
+    for job, n, px in zip(jobs, frames, pixels, strict=True):
+        seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
+        sensors, tasks = job.simulate, job.evaluate.tasks.values()
+        for width in sensors.widths:
+            one_s = n * width**2 * 1e-9 * _SIMULATE_NS_PER_PX
+            one_s += sum(task.score_s(width) for task in tasks)
+            seconds += _settings(job) * one_s
     disk = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
-    return Cost(len(parts), sum(frames), disk, seconds / cores)
+    return WorkEstimate(len(jobs), sum(frames), disk, seconds / cores)
 
 
-def _frames(part: Part) -> int:
-    seconds = part.clip.t_window_end_s - part.clip.t_start_s
-    motion_px_s = _IMAGE_MOTION_PX_S * part.render.resolution / 1280
-    return 2 + round(seconds * motion_px_s / part.render.max_displacement_px)
+def _frames(job: Job) -> int:
+    seconds = job.clip.t_window_end_s - job.clip.t_start_s
+    motion_px_s = _IMAGE_MOTION_PX_S * job.render.resolution / 1280
+    return 2 + round(seconds * motion_px_s / job.render.max_displacement_px)
 
 
-def _settings(part: Part) -> int:
-    """How many sensors of each width."""
-    sensors = part.simulate
+def _settings(job: Job) -> int:
+    """Return the number of sensors of each width."""
+    sensors = job.simulate
     return math.prod(
         len(axis) for axis in (sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
     )
-
-
-def _sensor_pixels(part: Part) -> int:
-    return _settings(part) * sum(width**2 for width in part.simulate.widths)
-
-
-def _score_s(part: Part) -> float:
-    share = _sensor_pixels(part) / 1280**2  # most scores cost about as much as there are pixels
-    others_s = share * sum(_SCORE_S[task] * items for task, items in _items(part.evaluate).items())
-    tracking = part.evaluate.tracking
-    searches = len(tracking.methods) * len(tracking.sigmas_mm)
-    searches *= _settings(part) * len(part.simulate.widths)
-    return others_s + 1e-6 * _TRACKING_US_PER_EVENT * tracking.max_events * searches
-
-
-def _items(evaluate: Evaluate) -> dict[str, int]:
-    flow, video = evaluate.flow, evaluate.video
-    images = round((video.duration_s - video.run_in_s) / video.every_s)
-    return {
-        "reconstruction": len(evaluate.reconstruction.methods),
-        "flow": len(flow.methods) * flow.features * (1 + flow.native_patch),
-        "video": len(video.methods) * images,
-    }

@@ -1,6 +1,6 @@
-"""Rendered clips between runs: bounded, oldest out first, made again when missing.
+"""A bounded cache of rendered clips; the oldest clips are deleted first.
 
-Any number of processes may use the cache at once: a clip that one of them uses stays.
+Several processes may use the cache at once: a clip in use is not deleted.
 """
 
 from __future__ import annotations
@@ -20,26 +20,32 @@ _FREE_SHARE = 1 / 3
 
 @contextmanager
 def frames_folder(key: str, needed_bytes: int) -> Iterator[Path]:
-    """Folder of the frames named by `key`, which stay as long as the context does.
+    """Open the folder of a clip; nothing deletes its frames within the context.
 
     Parameters
     ----------
+    key
+        Name of the clip.
     needed_bytes
-        How much room to make for them, if they are not there.
+        Space to free for the clip if it is not in the cache.
+
+    Yields
+    ------
+    The folder, which may not exist yet.
     """
     folder = _root() / key
     with locked(_lock_file(folder), shared=True):
         if folder.is_dir():
-            os.utime(folder)  # used just now
+            os.utime(folder)  # now the clip used last
         else:
             make_room(needed_bytes)
         yield folder
 
 
 def make_room(needed_bytes: int) -> None:
-    """Remove the clips used longest ago, but for those in use, until `needed_bytes` more fit.
+    """Delete the clips used longest ago until `needed_bytes` fit; keep those in use.
 
-    The limit is the smaller of 20 GB and a third of what is free with the cache empty.
+    The limit is 20 GB, or a third of the disk space that an empty cache would leave, if less.
     """
     root = _root()
     if not root.is_dir():
@@ -66,7 +72,7 @@ def _lock_file(folder: Path) -> Path:
 def _oldest_first(root: Path) -> list[Path]:
     used_s = {}
     for folder in root.iterdir():
-        with suppress(FileNotFoundError):  # another process has just removed it
+        with suppress(FileNotFoundError):  # another process has just deleted it
             if folder.is_dir():
                 used_s[folder] = folder.stat().st_mtime
     return sorted(used_s, key=used_s.__getitem__)

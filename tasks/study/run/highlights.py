@@ -1,54 +1,34 @@
-"""What a report shows of one part: pictures, and the statistics behind the scaling law."""
+"""Highlights of a scene for the report: pictures and scaling statistics."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
-from tasks.study.results.scaling import Scaling
-from tasks.study.run.jobs import Part
-from tasks.study.run.scaling import interval_histogram, measure_scaling
-
-PREVIEW_S = 0.01  # events of the window's last 10 ms are kept as a picture
+from tasks.study.run.jobs import Job
+from tasks.study.run.previews import PREVIEW_S, preview_files
+from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling_files
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Exhibit:
-    """Pictures and statistics of a part.
+class Highlights:
+    """Collects the highlights of a job's scene from the events of its sensors.
+
+    Only sensors of the first contrast threshold are used: pictures at the first speed, intervals
+    between events at the lowest and the highest speed.
 
     Parameters
     ----------
-    keyframe
-        (H, W) radiance in units of white, at the window's end.
-    previews
-        (h, w) polarity sums of the window's last 10 ms, by width and cutoff.
-    scaling
-        Slopes, and histograms of the times between events.
-    slope
-        (H, W) L_t at the window's end, 1/s.
+    job
+        The job.
+    settings
+        All its sensors.
     """
 
-    keyframe: NDArray[np.float32]
-    previews: dict[tuple[int, float], NDArray[np.int64]]
-    scaling: Scaling
-    slope: NDArray[np.float64]
-
-
-class ExhibitCollector:
-    """Watches a part's sensors of the first contrast threshold, as they stand for the others.
-
-    Pictures are taken at the first speed, intervals between events at the lowest and the highest.
-    """
-
-    def __init__(self, part: Part, settings: list[Setting]) -> None:
-        speeds = part.simulate.speeds
-        self._contrast_threshold = part.simulate.contrast_thresholds[0]
-        self._picture_speed = speeds[0]
+    def __init__(self, job: Job, settings: list[Setting]) -> None:
+        speeds = job.simulate.speeds
+        self._job = job
         self._previews = {
             (s.model.width, s.model.cutoff_hz): np.zeros((s.model.height, s.model.width), np.int64)
             for s in settings
@@ -62,19 +42,31 @@ class ExhibitCollector:
         }
 
     def push(self, setting: Setting, events: Events) -> None:
-        """Take in the next events of one sensor, warm-up included."""
-        if setting.model.contrast_threshold != self._contrast_threshold:
+        """Add the next events of one sensor.
+
+        Parameters
+        ----------
+        setting
+            The sensor.
+        events
+            Its events, those of the warm-up included.
+        """
+        sensors = self._job.simulate
+        if setting.model.contrast_threshold != sensors.contrast_thresholds[0]:
             return
         key = setting.model.width, setting.model.cutoff_hz
         if histogram := self._histograms.get((*key, setting.speed)):
             histogram.add(events)
-        if setting.speed == self._picture_speed:
+        if setting.speed == sensors.speeds[0]:
             last = events.between(setting.end_us - round(PREVIEW_S * 1e6), setting.end_us)
             self._previews[key] += last.polarity_sum()
 
-    def exhibit(self, reference: ReferenceFrames) -> Exhibit:
-        """What there is to show, after the last event."""
+    def result(self, reference: ReferenceFrames) -> dict[str, bytes]:
+        """Return the files by path in the run's folder, after the last event."""
         keyframe = reference.end / np.float32(np.exp(reference.log_white))
-        dark_level = reference.dark_level
-        scaling, slope = measure_scaling(reference.sequence, dark_level, self._histograms)
-        return Exhibit(keyframe, self._previews, scaling, slope)
+        previews = preview_files(self._job, keyframe, self._previews)
+        scaling, slope = measure_scaling(reference.sequence, reference.dark_level, self._histograms)
+        return {
+            **{f"previews/{name}": data for name, data in previews.items()},
+            **{f"scaling/{name}": data for name, data in scaling_files(scaling, slope).items()},
+        }

@@ -1,32 +1,33 @@
-"""What a study consists of: stretches that are rendered once, and what is looked at there."""
+"""The jobs of a study: stretches of a path, each with its sensors and tasks."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor import SensorModel
 from tasks.errors import StudyError
-from tasks.evaluation.registry import TASKS
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NO_TASKS, Evaluate, methods_of
-from tasks.methods import METHODS, code_of
+from tasks.methods import code_of
+from tasks.registry import TASKS
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """A stretch of a scene's path, the sensors that see it, and the tasks that use what they say.
+class Job:
+    """A stretch of a scene's path, the sensors that see it, and the tasks that use their events.
 
-    A part is the unit of work: it is rendered, simulated and scored at one go, and its rows are
-    kept under its `key`.
+    A job is the unit of work: one process renders, simulates and scores it, and a run keeps its
+    rows under its `key`.
     """
 
     scene: Scene
@@ -37,20 +38,23 @@ class Part:
 
     @property
     def key(self) -> str:
-        """Name of the part's rows: a digest of everything that decides them."""
+        """Name of the job's rows: a digest of everything that determines them."""
+        methods = {task: names for task, names in methods_of(self.evaluate).items() if names}
         return digest(
             {
                 **self._stretch,
-                "simulate": asdict(self.simulate),
-                "evaluate": asdict(self.evaluate),
-                "methods": code_of(chain.from_iterable(methods_of(self.evaluate).values())),
+                "simulate": self.simulate,
+                "evaluate": {
+                    task: getattr(self.evaluate, task) for task in methods if methods[task]
+                },
+                "methods": code_of(chain.from_iterable(methods.values())),
                 "versions": STAGE_VERSIONS,
             }
         )
 
     @property
     def frames_decided_by(self) -> dict[str, object]:
-        """What decides the part's frames, apart from the renderer."""
+        """Everything that determines the job's frames, except for the renderer."""
         light = self.scene.light_digest
         return {**self._stretch, "light": light, "version": STAGE_VERSIONS["render"]}
 
@@ -58,12 +62,12 @@ class Part:
     def _stretch(self) -> dict[str, object]:
         return {
             "scene": self.scene.digest,
-            "clip": asdict(self.clip),
-            "render": {**asdict(self.render), "samples": None},  # others change nothing here
+            "clip": self.clip,
+            "render": replace(self.render, samples=None),  # others change nothing here
         }
 
     def settings(self, dark_level: float) -> list[Setting]:
-        """Every sensor at every speed."""
+        """Return every sensor at every speed."""
         sensors = self.simulate
         return [
             Setting(
@@ -85,14 +89,42 @@ class Part:
         ]
 
 
-def parts(study: Study, scene: Scene) -> list[Part]:
-    """The parts of a study on one scene; its samples first.
+@dataclass(frozen=True, slots=True)
+class QueuedJob:
+    """A job to compute.
+
+    Parameters
+    ----------
+    job, key
+        The job, and its key when the study began: a method may be edited meanwhile.
+    with_highlights
+        Whether to make the highlights of its scene for the report.
+    """
+
+    job: Job
+    key: str
+    with_highlights: bool
+
+
+def jobs_of(study: Study, scene: Scene) -> list[Job]:
+    """Return the jobs of a study on one scene.
+
+    Parameters
+    ----------
+    study
+        The study.
+    scene
+        One of its scenes.
+
+    Returns
+    -------
+    Jobs, those of the usual samples first.
 
     Raises
     ------
     StudyError
-        More samples are asked for than the path has, a stretch is longer than the path, or there is
-        nothing to do on this scene.
+        The study asks for more samples than the path has, a stretch is longer than the path, or no
+        method suits the scene.
     """
     found = [*_samples(study, scene), *_fast_samples(study, scene), *_video(study, scene)]
     if not found:
@@ -100,44 +132,45 @@ def parts(study: Study, scene: Scene) -> list[Part]:
     return found
 
 
-def _samples(study: Study, scene: Scene) -> Iterator[Part]:
-    """The usual parts: a clip around each sample."""
+def _samples(study: Study, scene: Scene) -> Iterator[Job]:
+    """Yield the usual jobs: a clip around each sample."""
     evaluate = replace(
         study.evaluate,
         flow=replace(study.evaluate.flow, fast_methods=()),
         video=NO_TASKS.video,
     )
-    if evaluate.tracking.methods and scene.plane is None:
-        _log.info("%s is not planar: no pose tracking on it", scene.name)
-        evaluate = replace(evaluate, tracking=NO_TASKS.tracking)
+    for task, settings in evaluate.tasks.items():
+        if settings.methods and TASKS[task].planar_only and scene.plane is None:
+            _log.info("%s is not planar: no %s on it", scene.name, TASKS[task].title)
+            evaluate = replace(evaluate, **{task: getattr(NO_TASKS, task)})
     if not any(methods_of(evaluate).values()):
         return
     for clip in _spread_clips(study, scene, study.simulate):
-        yield Part(scene, clip, study.render, study.simulate, evaluate)
+        yield Job(scene, clip, study.render, study.simulate, evaluate)
 
 
-def _fast_samples(study: Study, scene: Scene) -> Iterator[Part]:
-    """The same samples, with a warm-up that is long enough for a camera that is much faster."""
+def _fast_samples(study: Study, scene: Scene) -> Iterator[Job]:
+    """Yield the same samples at the much higher speed, with a longer warm-up."""
     flow = study.evaluate.flow
     if not flow.fast_methods or scene.name not in (flow.fast_scenes or [scene.name]):
         return
     simulate = replace(study.simulate, speeds=(flow.fast_speed,))
     evaluate = replace(NO_TASKS, flow=replace(flow, methods=flow.fast_methods, fast_methods=()))
     for clip in _spread_clips(study, scene, simulate):
-        yield Part(scene, clip, study.render, simulate, evaluate)
+        yield Job(scene, clip, study.render, simulate, evaluate)
 
 
-def _video(study: Study, scene: Scene) -> Iterator[Part]:
-    """One continuous stretch from the path's start."""
+def _video(study: Study, scene: Scene) -> Iterator[Job]:
+    """Yield one continuous stretch from the start of the path."""
     video = study.evaluate.video
     if not video.methods or scene.name not in (video.scenes or [scene.name]):
         return
     clip = replace(continuous_stretch(scene, video.duration_s), t_window_start_s=video.run_in_s)
-    yield Part(scene, clip, study.render, study.simulate, replace(NO_TASKS, video=video))
+    yield Job(scene, clip, study.render, study.simulate, replace(NO_TASKS, video=video))
 
 
 def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
-    """The study's samples, spread evenly over the path; all that fit where it says None."""
+    """Return the study's samples, spread evenly over the path; all that fit if it says None."""
     render = study.render
     fitting = clips(
         scene,
@@ -154,45 +187,54 @@ def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
     return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
 
 
-def trials(study: Study, to_do: Collection[Part], done: Iterable[Part]) -> list[Part]:
-    """Parts, small ones, in which every method of the user's own that is new to a run works once.
+def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Job]:
+    """Return small jobs that try every method of the user's own that is new to a run once.
 
-    They are on the first clip where the method can work: with the sensor of fewest pixels, and one
-    sample of each task. Their frames are those of the parts to do, but for a video that would be
-    all there is: of that, only the first image's.
+    A method is tried on the first clip that suits it, with the smallest sensor and one sample. The
+    frames are those of a job to do, except for video: only the stretch up to its first image is
+    rendered.
 
     Parameters
     ----------
+    study
+        The study.
     to_do, done
-        The parts of the study that have no scores yet, and those that have.
+        Its jobs without and with scores.
+
+    Returns
+    -------
+    The trial jobs, none where no method is new.
     """
-    known = set(_ownmethods_of(done))
-    new = [method for method in _ownmethods_of(to_do) if method not in known]
+    known = set(_own_methods_of(done))
+    new = [method for method in _own_methods_of(to_do) if method not in known]
     found = []
-    for part in to_do:
-        planar = part.scene.plane is not None
+    for job in to_do:
+        planar = job.scene.plane is not None
         fitting = [method for method in new if planar or not TASKS[method[0]].planar_only]
         if fitting:
-            found.append(_trial(study, part, fitting))
+            found.append(_trial(study, job, fitting))
             new = [method for method in new if method not in fitting]
     return found
 
 
-def _ownmethods_of(parts: Iterable[Part]) -> list[tuple[str, str]]:
-    """Task and name of each of the user's own methods, once."""
-    named = (item for part in parts for item in methods_of(part.evaluate).items())
+def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
+    """Return task and name of each of the user's own methods, once."""
+    named = (item for job in jobs for item in methods_of(job.evaluate).items())
     return list(dict.fromkeys((task, one) for task, names in named for one in names if ":" in one))
 
 
-def _trial(study: Study, part: Part, methods: list[tuple[str, str]]) -> Part:
-    sensors, wanted = study.simulate, study.evaluate
-    names = {task: tuple(n for t, n in methods if t == task) for task in METHODS}
-    clip = part.clip
-    if part.evaluate.video.methods:
-        end_s = min(clip.t_start_s + wanted.video.every_s, clip.t_window_end_s)
+def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
+    sensors, clip = study.simulate, job.clip
+    if job.evaluate.video.methods:
+        end_s = min(clip.t_start_s + study.evaluate.video.every_s, clip.t_window_end_s)
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
+    window_s = clip.t_window_end_s - clip.t_window_start_s
+    trials: dict[str, Any] = {
+        task: settings.trial(tuple(name for at, name in methods if at == task), window_s)
+        for task, settings in study.evaluate.tasks.items()
+    }
     return replace(
-        part,
+        job,
         clip=clip,
         simulate=replace(
             sensors,
@@ -201,22 +243,5 @@ def _trial(study: Study, part: Part, methods: list[tuple[str, str]]) -> Part:
             contrast_thresholds=sensors.contrast_thresholds[:1],
             speeds=sensors.speeds[:1],
         ),
-        evaluate=Evaluate(
-            reconstruction=replace(wanted.reconstruction, methods=names["reconstruction"]),
-            flow=replace(
-                wanted.flow,
-                methods=names["flow"],
-                features=1,
-                native_patch=False,
-                fast_methods=(),
-            ),
-            tracking=replace(
-                wanted.tracking, methods=names["tracking"], sigmas_mm=wanted.tracking.sigmas_mm[:1]
-            ),
-            video=replace(
-                wanted.video,
-                methods=names["video"],
-                every_s=clip.t_window_end_s - clip.t_window_start_s,
-            ),
-        ),
+        evaluate=Evaluate(**trials),
     )

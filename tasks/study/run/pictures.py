@@ -1,4 +1,4 @@
-"""What all of a run's pictures share: the part of the scene that they show, colours, the format."""
+"""The area, colors and file format that all pictures of a run share."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
 _SIDE_PX = 320
-_VIEW = 0.25  # of the image's side, around its middle
+_VIEW = 0.25  # of the image's side, around its center
 
 
-def middle(image: NDArray) -> NDArray:
-    """The middle part of an image, at the size of a preview, each pixel a square."""
+def central_crop(image: NDArray) -> NDArray:
+    """Return the center of an image at the size of a preview; each pixel becomes a square."""
     height, width = image.shape
     side = max(2, round(width * _VIEW))
     y, x = (height - side) // 2, (width - side) // 2
@@ -21,6 +21,6 @@ def middle(image: NDArray) -> NDArray:
 
 
 def png(rgb: NDArray[np.uint8]) -> bytes:
-    """The bytes of a picture's file."""
+    """Return the bytes of a PNG file."""
     _, data = cv2.imencode(".png", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
     return data.tobytes()

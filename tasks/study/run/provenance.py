@@ -1,8 +1,7 @@
-"""Where a study ran: what a reader needs to make the same numbers again."""
+"""Versions, machine and command of a run: what a reader needs to reproduce its numbers."""
 
 from __future__ import annotations
 
-import os
 import platform
 import subprocess
 import sys
@@ -11,20 +10,21 @@ from importlib.metadata import version
 from itertools import chain
 from pathlib import Path
 
+from eres_render.cores import cores
 from tasks import DISTRIBUTION
 
-_BETWEEN = "; "  # values of one name
+_BETWEEN = "; "  # separates the values of one name
 _CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
 _PACKAGES = ("numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
 
 
 def command() -> str:
-    """The command that this process is."""
+    """Return the command line of this process."""
     return " ".join(["eres", *sys.argv[1:]])
 
 
 def environment(variant: str) -> dict[str, str]:
-    """Versions, machine and code of this process, by name."""
+    """Return versions, machine and code of this process, by name."""
     return {
         "code": _git_commit() or f"eres {version(DISTRIBUTION)} as installed",
         "Mitsuba variant": variant,
@@ -32,19 +32,19 @@ def environment(variant: str) -> dict[str, str]:
         **versions(),
         "system": platform.platform(),
         "processor": _processor(),
-        "cores": str(len(os.sched_getaffinity(0))),
+        "cores": str(cores()),
     }
 
 
 def versions() -> dict[str, str]:
-    """Versions of eres and of the packages that decide numbers, by name."""
+    """Return the versions of eres and of the packages that affect numbers, by name."""
     return {"eres": version(DISTRIBUTION), **{name: version(name) for name in _PACKAGES}}
 
 
 def _git_commit() -> str | None:
-    """Commit of the checkout that this file lies in; None in an installed wheel.
+    """Return the commit of this file's checkout, None for an installed wheel.
 
-    It is "dirty" where the code has been changed since: a run's own folder may lie in the checkout.
+    Only changed code makes it "dirty", as the run's folder may be in the checkout.
     """
     root = Path(__file__).parents[3]
     if not (root / ".git").exists():
@@ -57,7 +57,7 @@ def _git_commit() -> str | None:
 
 
 def _git(root: Path, *arguments: str) -> str | None:
-    """What git says of a checkout; None where it cannot be asked."""
+    """Return what git prints about a checkout, None if git fails."""
     try:
         run = subprocess.run(
             ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=60
@@ -78,9 +78,9 @@ def _processor() -> str:
 
 
 def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """What several processes found, by name; where they differ, each value once.
+    """Join the environments of several processes: where values differ, all are listed.
 
-    What comes out can be put together with more.
+    The result can be joined with further environments.
     """
     values: dict[str, dict[str, None]] = {}
     for name, found in chain.from_iterable(one.items() for one in environments):

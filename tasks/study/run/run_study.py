@@ -1,4 +1,4 @@
-"""Run a study: part by part, each once, into a folder that a report can be made of."""
+"""Run a study job by job, into a folder that a report can be made from."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from typing import Any
 
 from eres_render import load_scene
 from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import write_bytes
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError, StudyError
 from tasks.evaluation.settings import check_methods
-from tasks.files import write_bytes
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
-from tasks.study.run.estimate import cost
-from tasks.study.run.jobs import Part, parts, trials
+from tasks.study.run.estimate import estimate_work
+from tasks.study.run.jobs import Job, QueuedJob, jobs_of, trials
 from tasks.study.run.provenance import command, together
-from tasks.study.run.scheduler import OnTasks, Schedule, Task, schedule
+from tasks.study.run.scheduler import Scheduler, open_scheduler
 
 _log = logging.getLogger(__name__)
 
@@ -27,90 +28,100 @@ _log = logging.getLogger(__name__)
 def run_study(
     study: Study, out: Path, scheduler: str | None = None, on_progress: Progress = silent
 ) -> list[Row]:
-    """Render, simulate and score every part of a study; what `out` holds already is kept.
+    """Render, simulate and score every job of a study, except for those that `out` already has.
 
     Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
-    `environment.json` (where the parts were computed, and the command of the last start),
-    `previews/` and `scaling/` (pictures and scaling statistics of each scene's first clip),
-    `costs/` (what each part took), and `parts/` with the rows of each part, by which a run that was
-    stopped goes on where it was.
+    `environment.json` (versions and machines, and the command of the last start), `previews/` and
+    `scaling/` (pictures and scaling statistics of each scene's first clip), `costs/` (timings of
+    each job), and `parts/` (rows of each job, with which a stopped run continues).
 
     Parameters
     ----------
+    study
+        The study.
+    out
+        Folder of the run.
     scheduler
-        Address of a Dask scheduler, whose workers compute the parts; by default this process does.
+        Address of a Dask scheduler with workers that compute the jobs; None for this process.
     on_progress
-        Called as parts are done, those of earlier starts included; a part counts by the share of it
-        that is done.
+        Called as jobs proceed; jobs of earlier starts count as done.
+
+    Returns
+    -------
+    All rows, in the order of the jobs.
 
     Raises
     ------
     StudyError
-        The study asks for what cannot be, `out` is not a folder, or the cluster is not there or not
-        of the same code and scenes.
+        The study asks for something impossible, `out` is a file, or the cluster cannot be reached
+        or has other code or scenes.
     TaskError
-        A method does not exist or is another task's; a `MethodError` if it raises, or answers with
-        what is no answer, which the first sample shows before anything else is computed.
+        A method does not exist or is for another task.
+    MethodError
+        A method raises, or returns no valid answer. Methods of the user's own are tried on one
+        sample before all jobs.
     RenderError, SensorError, OSError
-        As the stages raise them. Nothing is left under a final name that is not whole.
+        As the stages raise them. Files under their final names are complete even then.
     """
-    with schedule(scheduler) as computing:
+    with open_scheduler(scheduler) as computing:
         check_methods(study.evaluate)
         scenes = [load_scene(name) for name in study.scenes]
-        work = {part.key: part for scene in scenes for part in parts(study, scene)}
-        shown = {part.scene.name: part for part in reversed(work.values())}  # each scene's first
+        work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
+        highlighted = {
+            job.scene.name: job for job in reversed(work.values())
+        }  # the first of each scene
         if out.exists() and not out.is_dir():
             raise StudyError(f"{out}: found a file, expected a folder for the run")
         rows_of = _rows_so_far(out / "parts", work)
         to_do = []
-        for key, part in work.items():
-            is_shown = part is shown[part.scene.name]
-            if key not in rows_of or (is_shown and not _is_shown_in(out, part.scene.name)):
-                to_do.append(Task(part, key, is_shown))
+        for key, job in work.items():
+            is_first = job is highlighted[job.scene.name]
+            if key not in rows_of or (is_first and not _has_highlights(out, job.scene.name)):
+                to_do.append(QueuedJob(job, key, is_first))
         if to_do:
-            _log.info("%s", cost([task.part for task in to_do], computing.cores).text())
-            new = trials(study, [t.part for t in to_do], [work[key] for key in rows_of])
+            _log.info("%s", estimate_work([queued.job for queued in to_do], computing.cores).text())
+            new = trials(study, [queued.job for queued in to_do], [work[key] for key in rows_of])
             _try_own_methods(new, computing, on_progress)
         write_bytes(out / "study.json", _json(to_json(study)))
         environments = [_environment_so_far(out / "environment.json")] if rows_of else []
-        on_tasks = _counted(on_progress, len(work) - len(to_do), len(work))
-        for task, computed in computing.compute(to_do, on_tasks):
+        counted = _counted(on_progress, len(work) - len(to_do), len(work))
+        for queued, computed in computing.compute(to_do, counted):
             for name, data in computed.files.items():
                 write_bytes(out / name, data)
             environments.append(computed.environment)
             found = {"command": command(), **together(environments)}
             write_bytes(out / "environment.json", _json(found))
-            write_rows(_rows_file(out / "parts", task.key), computed.rows)
-            rows_of[task.key] = computed.rows
-    _write_preview_index(out / "previews", list(shown))
+            write_rows(_rows_file(out / "parts", queued.key), computed.rows)
+            rows_of[queued.key] = computed.rows
+    _write_preview_index(out / "previews", list(highlighted))
     rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)
     return rows
 
 
-def _try_own_methods(parts: list[Part], computing: Schedule, on_progress: Progress) -> None:
-    """Have the user's own methods work once, so that a mistake in them does not show hours later.
+def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progress) -> None:
+    """Run the user's own methods once, so that a mistake in them shows at once, not hours later.
 
     Raises
     ------
     MethodError
         As their scorers raise it.
     """
-    if not parts:
+    if not jobs:
         return
     _log.info("first, methods of your own are tried on one sample")
-    tasks = [Task(part, part.key, False) for part in parts]
-    for _ in computing.compute(tasks, _counted(on_progress, 0, len(parts))):
-        pass  # their scores are no part of the study
+    queued = [QueuedJob(job, job.key, False) for job in jobs]
+    for _ in computing.compute(queued, _counted(on_progress, 0, len(jobs))):
+        pass  # the study does not keep these scores
 
 
-def _counted(on_progress: Progress, found: int, total: int) -> OnTasks:
-    """Count tasks among all parts, of which `found` were there before."""
+def _counted(on_progress: Progress, found: int, total: int) -> Progress:
+    """Report progress among all jobs, of which `found` were done before."""
 
-    def on_tasks(done: float, doing: str) -> None:
-        on_progress(f"{found + int(done)}/{total} parts: {doing}", found + done, total)
+    def counted(stage: str, done: float, of: float, /) -> None:
+        on_progress(f"{found + int(done)}/{total} jobs: {stage}", found + done, total)
 
-    return on_tasks
+    return counted
 
 
 def _rows_file(folder: Path, key: str) -> Path:
@@ -118,7 +129,7 @@ def _rows_file(folder: Path, key: str) -> Path:
 
 
 def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
-    """Rows by key of the parts that are done; says which files are damaged or of no use."""
+    """Return the rows of finished jobs by key; warn of damaged and of unused files."""
     rows_of = {}
     for key in work:
         file = _rows_file(folder, key)
@@ -126,44 +137,42 @@ def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
             try:
                 rows_of[key] = read_rows(file)
             except ResultError as error:
-                _log.warning("%s; the part is computed again", error)
+                _log.warning("%s; the job is computed again", error)
     strangers = {file.stem for file in folder.glob("*.parquet")} - set(work)
     if strangers:
         one = len(strangers) == 1
         _log.warning(
             "%s: %d %s of another study or version %s not used",
-            *(folder, len(strangers), "part" if one else "parts", "is" if one else "are"),
+            *(folder, len(strangers), "job" if one else "jobs", "is" if one else "are"),
         )
     return rows_of
 
 
 def _environment_so_far(file: Path) -> dict[str, str]:
-    """Where the parts of earlier starts were computed, by whatever command."""
+    """Return the environment of earlier starts, without their command."""
     if not file.exists():
         return {}
     try:
-        found = json.loads(file.read_text())
-        if isinstance(found, dict) and all(isinstance(value, str) for value in found.values()):
-            return {name: value for name, value in found.items() if name != "command"}
-        reason = "expected a text for each name"
-    except ValueError as error:
-        reason = f"not JSON, {error}"
-    _log.warning("%s: %s; where the finished parts were computed is lost", file, reason)
-    return {}
+        found = read_json(dict[str, str], file, ResultError)
+    except ResultError as error:
+        _log.warning("%s; where the finished jobs were computed is lost", error)
+        return {}
+    return {name: value for name, value in found.items() if name != "command"}
 
 
-def _is_shown_in(out: Path, scene: str) -> bool:
-    """Whether the run has what the report shows of a scene."""
+def _has_highlights(out: Path, scene: str) -> bool:
+    """Return whether the run has the highlights of a scene."""
     try:
         for folder in ("previews", "scaling"):
-            json.loads((out / folder / f"{scene}.json").read_text())
-    except (OSError, ValueError):
+            read_json(Any, out / folder / f"{scene}.json", ResultError)
+    except ResultError:
         return False
     return True
 
 
 def _write_preview_index(folder: Path, scene_names: list[str]) -> None:
-    index = chain.from_iterable(json.loads((folder / f"{s}.json").read_text()) for s in scene_names)
+    files = (folder / f"{name}.json" for name in scene_names)
+    index = chain.from_iterable(read_json(tuple[Any, ...], file, ResultError) for file in files)
     write_bytes(folder / "index.json", _json(list(index)))
 
 

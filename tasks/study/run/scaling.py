@@ -1,6 +1,7 @@
-"""Measure why finer sensors fire faster, on one clip, and draw L_t.
+"""Measure the scaling statistics of one clip, and draw L_t.
 
-A run keeps the numbers in `scaling/<scene>.json`, and the picture of L_t in `scaling/<scene>.png`.
+They show why finer sensors fire faster. A run keeps the numbers in `scaling/SCENE.json`, and the
+picture of L_t in `scaling/SCENE.png`.
 """
 
 from __future__ import annotations
@@ -22,16 +23,28 @@ from sensor.statistics import (
     slopes_by_pixel_size,
 )
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
-from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, middle, png
+from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, central_crop, png
 
-_ROWS_LOOKED_AT = 320  # about so many of each sensor, evenly spread
+_ROWS_USED = 320  # about, of each sensor, evenly spread
 _BIN_EDGES_US = log_bin_edges_us()
-_SATURATED = 0.99  # quantile of |L_t| that gets the picture's full colour
+_SATURATED = 0.99  # quantile of |L_t| that is drawn in full color
 
 
 def interval_histogram(side_px: int, window_us: tuple[int, int]) -> IntervalHistogram:
-    """An empty histogram for a square sensor, over a fair share of its pixels."""
-    every_row = max(1, side_px // _ROWS_LOOKED_AT)
+    """Return an empty histogram of the times between events of a square sensor.
+
+    Parameters
+    ----------
+    side_px
+        Side of the sensor.
+    window_us
+        Start and end of the window.
+
+    Returns
+    -------
+    A histogram over evenly spread rows of the sensor.
+    """
+    every_row = max(1, side_px // _ROWS_USED)
     return IntervalHistogram(side_px, side_px, _BIN_EDGES_US, window_us, every_row)
 
 
@@ -40,16 +53,20 @@ def measure_scaling(
     dark_level: float,
     histograms: Mapping[tuple[int, float, float], IntervalHistogram],
 ) -> tuple[Scaling, NDArray[np.float64]]:
-    """Measure the slopes at the end of a clip, and put them beside its histograms.
+    """Measure the slopes at the end of a clip, and add its histograms.
 
     Parameters
     ----------
+    sequence
+        Frames of the clip.
+    dark_level
+        Of the sensors, in the frames' unit of radiance.
     histograms
-        Complete, by width, cutoff and speed.
+        Complete histograms of times between events, by width, cutoff and speed.
 
     Returns
     -------
-    The numbers, and L_t between the last two frames, (H, W), 1/s.
+    The numbers, and L_t between the last two frames: (H, W) float64, 1/s.
     """
     before, after = (sequence.frame(len(sequence) - k).astype(np.float64) for k in (2, 1))
     dt_s = float(sequence.t_s[-1] - sequence.t_s[-2])
@@ -78,11 +95,23 @@ def _slopes(
 
 
 def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, bytes]:
-    """The picture and, last, the numbers of a scene, by file name."""
+    """Return the files of a scene.
+
+    Parameters
+    ----------
+    scaling
+        The numbers.
+    slope
+        (H, W) L_t, 1/s.
+
+    Returns
+    -------
+    The picture of L_t and, last, the numbers, by file name.
+    """
     strength = np.clip(slope / max(np.quantile(np.abs(slope), _SATURATED), 1e-9), -1, 1)
-    share = middle(strength)[..., None]
-    colour = np.where(share > 0, BRIGHTER, DARKER)
-    picture = np.array(NONE) + np.abs(share) * (colour - np.array(NONE))
+    share = central_crop(strength)[..., None]
+    color = np.where(share > 0, BRIGHTER, DARKER)
+    picture = np.array(NONE) + np.abs(share) * (color - np.array(NONE))
     numbers = asdict(scaling)
     for one in numbers["intervals"]:
         one["cutoff_hz"] = f"{one['cutoff_hz']:g}"  # JSON has no inf

@@ -1,8 +1,8 @@
-"""Event files on the command line: simulated from a sequence, converted, described."""
+"""A file of the events that a sensor fires before a sequence."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -10,21 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
+from eres_render.progress import Progress, silent
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.engine.bank import DARK_FRACTION
-from sensor.formats import find_format, read_events, read_header, write_events
-from sensor.formats.header import Header, Value, model_to_json
-from sensor.formats.registry import warn_of_loss
-from sensor.model import MAX_SIDE_PX
+from sensor.formats import find_format, write_events
+from sensor.formats.header import Value
 from sensor.optics import middle
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
+from tasks.events.overwriting import check_new
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
-from tasks.events.truth import truth_to_add, truth_to_copy
-from tasks.files import check_new
-
-Frames = Iterable[NDArray[np.float32]]
+from tasks.events.truth import truth_to_add
 
 
 def sensor_for(
@@ -82,7 +79,7 @@ def simulate_sequence(
     truth_step_s: float | None = None,
     format: str | None = None,
     overwrite: bool = False,
-    watch: Callable[[Frames], Frames] = lambda frames: frames,
+    on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires before a sequence; returns their number.
 
@@ -107,8 +104,8 @@ def simulate_sequence(
         Add ground truth of the window to the file, this far apart; see `truth_to_add`.
     overwrite
         Replace the file if it exists.
-    watch
-        Passes the frames on, and may show how far they are.
+    on_progress
+        Called as frames are done.
 
     Raises
     ------
@@ -135,8 +132,13 @@ def simulate_sequence(
         "window_end_us": window_us[1],
     }
     rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
-    frames = (frame[rows, columns] for frame in watch(sequence))
-    parts: Iterable[Events] = stream(frames, sequence.t_s / speed, model, seed=seed)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for k, frame in enumerate(sequence, start=1):
+            yield frame[rows, columns]
+            on_progress("simulating", k, len(sequence))
+
+    parts: Iterable[Events] = stream(frames(), sequence.t_s / speed, model, seed=seed)
     leaving = None
     if readout is not None:
         origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
@@ -155,94 +157,3 @@ def simulate_sequence(
 def _later(parts: Iterable[Events], offset_us: int) -> Iterator[Events]:
     for part in parts:
         yield Events.trusted(part.t_us + offset_us, part.x, part.y, part.p, like=part)
-
-
-def convert(
-    source: Path,
-    out: Path,
-    *,
-    format: str | None = None,
-    input_format: str | None = None,
-    size: tuple[int, int] | None = None,
-    overwrite: bool = False,
-) -> int:
-    """Write a file's events in another format, with all it says of them; returns their number.
-
-    Truth is kept from DSEC to DSEC. A warning names what is not kept.
-
-    Raises
-    ------
-    TaskError
-        Both are one file, or the one to write exists and is not to be overwritten.
-    """
-    header = read_header(source, format=input_format)
-    if out.exists() and out.samefile(source):
-        raise TaskError(f"{out}: is {source} itself, which cannot be replaced while it is read")
-    check_new(out, overwrite)
-    to = find_format(out, format, new=True)
-    left_out, add = list(header.others), None
-    if "truth" in left_out and to.name == find_format(source, input_format).name == "dsec":
-        left_out.remove("truth")
-        add = truth_to_copy(source)
-    parts = read_events(source, format=input_format, size=size)
-    count = write_events(
-        out,
-        parts,
-        format=format,
-        origin=header.origin,
-        t_offset_us=header.t_offset_us,
-        add=add,
-    )
-    warn_of_loss(out, to, left_out)
-    return count
-
-
-def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
-    """What is in an event file, as names and values to print; reads it from end to end."""
-    header = read_header(path, format=format)
-    stored = header.width is not None
-    size = None if stored else (MAX_SIDE_PX, MAX_SIDE_PX)
-    parts = read_events(path, format=format, size=size)
-    count, brighter = 0, 0
-    first_us, last_us = None, 0
-    for part in parts:
-        if len(part):
-            first_us = int(part.t_us[0]) if first_us is None else first_us
-            last_us = int(part.t_us[-1])
-        count += len(part)
-        brighter += int(np.count_nonzero(part.p > 0))
-    size_bytes = path.stat().st_size
-    each = f", {size_bytes / count:.2f} an event" if count else ""
-    lines = {
-        "format": find_format(path, format).title,
-        "sensor": f"{header.width}x{header.height} px" if stored else "size not stored",
-        "file": f"{size_bytes} bytes{each}",
-        "events": str(count),
-    }
-    if header.t_offset_us:
-        lines["clock starts at"] = f"{seconds(header.t_offset_us)} s"
-    if first_us is not None:
-        span_s = (last_us - first_us) * 1e-6
-        lines["time"] = f"{seconds(first_us)} to {seconds(last_us)} s"
-        lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
-        lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
-    return lines | dict(_made(header))
-
-
-def seconds(t_us: int) -> str:
-    """Write microseconds as seconds, all digits of them.
-
-    >>> seconds(1600000000123456)
-    '1600000000.123456'
-    """
-    sign, whole = "-" if t_us < 0 else "", abs(t_us)
-    return f"{sign}{whole // 10**6}.{whole % 10**6:06}"
-
-
-def _made(header: Header) -> Iterator[tuple[str, str]]:
-    if header.model is not None:
-        yield "sensor model", model_to_json(header.model)
-    for name, value in header.origin.items():
-        yield name.replace("_", " "), str(value)
-    if header.others:
-        yield "also holds", ", ".join(header.others)

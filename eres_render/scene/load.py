@@ -1,0 +1,131 @@
+"""Find, read and check a scene: a folder of scene.xml and scene.toml, or any Mitsuba file."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from pathlib import Path
+
+from eres_render.errors import SceneError, nearest
+from eres_render.scene.scene import Scene
+from eres_render.scene.settings import (
+    CameraSettings,
+    FacingPlanePath,
+    SceneToml,
+    TumPath,
+    WaypointsPath,
+)
+from eres_render.scene.xml import read_scene_xml
+from eres_render.storage.settings_reader import read_toml
+
+_TUM_CLEARANCE_M = 0.01  # for a path of given poses; ten times the near clip of the camera
+
+
+def scene_root() -> Path:
+    """Return the folder of the packaged scenes, in a checkout or an installed wheel."""
+    package = Path(__file__).parents[1]
+    installed = package / "_scenes"
+    return installed if installed.is_dir() else package.parent / "scenes"
+
+
+def list_scenes() -> list[str]:
+    """Return the names of the packaged scenes."""
+    return sorted(path.parent.name for path in scene_root().glob("*/scene.toml"))
+
+
+def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = None) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    name_or_path
+        Name of a packaged scene, path of a folder with a scene.xml and a scene.toml, or path of any
+        Mitsuba file (.xml) with exactly one camera, which gives the field of view.
+    trajectory_file
+        Poses T_world_cam in TUM format, in place of the path in scene.toml. The camera passes
+        through each pose at its time. Times count from the first pose; the time of that pose is
+        kept as `t_offset_us`; see `path_through`.
+
+    Returns
+    -------
+    scene
+        Not yet loaded by Mitsuba.
+
+    Raises
+    ------
+    SceneError
+        If the scene does not exist, a file that it names is missing, or a field is missing, of the
+        wrong type or out of range.
+    """
+    path = Path(name_or_path)
+    if str(name_or_path) in list_scenes():
+        scene = _load_folder(scene_root() / name_or_path, str(name_or_path))
+    elif path.suffix == ".xml" and path.is_file():
+        scene = _load_xml(path.resolve())
+    elif path.is_dir():
+        scene = _load_folder(path.resolve(), str(path.resolve()))
+    else:
+        raise SceneError(
+            f"no scene, folder or .xml file named {str(name_or_path)!r}: "
+            f"{nearest(str(name_or_path), list_scenes())}"
+        )
+    if trajectory_file is None:
+        return scene
+    tum = TumPath("tum", str(Path(trajectory_file).resolve()), _TUM_CLEARANCE_M)
+    return dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, path=tum))
+
+
+def _load_folder(folder: Path, source: str) -> Scene:
+    toml_file, xml_file = folder / "scene.toml", folder / "scene.xml"
+    for needed in (toml_file, xml_file):
+        if not needed.is_file():
+            raise SceneError(f"{needed}: missing, expected in a scene folder")
+    settings = read_toml(SceneToml, toml_file, SceneError)
+    _check(settings, toml_file)
+    files = read_scene_xml(xml_file, settings.textures).files
+    return Scene(folder.name, xml_file, settings, source, files)
+
+
+def _load_xml(file: Path) -> Scene:
+    xml = read_scene_xml(file)
+    settings = SceneToml(
+        title=file.name,
+        license="",
+        length_unit="m",
+        radiance_unit="W m^-2 sr^-1",
+        camera=CameraSettings(math.degrees(xml.fov_rad())),
+        path=None,
+    )
+    return Scene(file.stem, file, settings, str(file), xml.files)
+
+
+def _check(settings: SceneToml, file: Path) -> None:
+    """Refuse impossible values."""
+
+    def refuse(field: str, found: object, expected: str) -> typing.NoReturn:
+        raise SceneError(f"{file}: {field}: found {found}, expected {expected}")
+
+    path, plane, bake = settings.path, settings.plane, settings.bake
+    positive: dict[str, float] = {"bake.cell_m": bake.cell_m, "bake.spp": bake.spp}
+    if path is not None:
+        positive["path.min_clearance_m"] = path.min_clearance_m
+    if isinstance(path, FacingPlanePath | WaypointsPath):
+        positive["path.duration_s"] = path.duration_s
+        positive["path.mean_speed_mps"] = path.mean_speed_mps
+    if isinstance(path, FacingPlanePath):
+        positive["path.distance_m"] = path.distance_m
+        positive["path.knot_interval_s"] = path.knot_interval_s
+        if plane is None:
+            refuse("path.kind", repr(path.kind), "another, or a [plane] for the camera to face")
+    if isinstance(path, WaypointsPath) and len(path.waypoints) < 2:
+        refuse("path.waypoints", len(path.waypoints), "two or more")
+    if plane is not None:
+        positive["plane.half_width_m"] = plane.half_width_m
+        if not math.isclose(math.hypot(*plane.normal), 1.0, abs_tol=1e-9):
+            refuse("plane.normal", plane.normal, "a vector of length 1")
+    for field, value in positive.items():
+        if not value > 0:
+            refuse(field, value, "a positive number")
+    if not 0 < settings.camera.fov_deg < 180:
+        refuse("camera.fov_deg", settings.camera.fov_deg, "(0, 180) degrees")

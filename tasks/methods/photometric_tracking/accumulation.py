@@ -1,0 +1,196 @@
+"""The robust sum of squares of a path, Eq. (15), with its derivatives in the control poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from eres_render import Trajectory
+from tasks.methods.photometric_tracking.reference_views import Level
+from tasks.methods.photometric_tracking.residuals import Float64, Problem
+from tasks.numerics import bicubic, cumulative_spline
+
+HUBER_IN_C = 0.5
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RobustSum:
+    """Robust cost at a path, its gradient and its Gauss-Newton Hessian, and events outside."""
+
+    cost: float
+    gradient: Float64
+    hessian: Float64
+    outside: int
+
+
+def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
+    """Return the sum over a problem's events at a path.
+
+    Parameters
+    ----------
+    problem, level
+        The events, and the reference view that they are held against.
+    path
+        The path.
+
+    Returns
+    -------
+    The cost with its derivatives.
+    """
+    C = problem.contrast_threshold
+    R = np.ascontiguousarray(path.controls[:, :3, :3])
+    p = np.ascontiguousarray(path.controls[:, :3, 3])
+    turns = Rotation.from_matrix(R)
+    omega = (turns[:-1].inv() * turns[1:]).as_rotvec()
+    segment, table = cumulative_spline.tabulate(R, p, omega, problem.interval_us, problem.seen_us)
+    return RobustSum(
+        *normal_equations(
+            problem.x,
+            problem.y,
+            problem.t_us,
+            problem.t_before_us,
+            problem.p,
+            segment,
+            table,
+            len(R),
+            problem.rays,
+            level.image,
+            level.intrinsics,
+            *problem.reference,
+            problem.plane,
+            C,
+            HUBER_IN_C * C,
+        )
+    )
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def normal_equations(
+    x,  # (N,)
+    y,  # (N,)
+    t_us,  # (N,)
+    t_before_us,  # (N,)
+    p,  # (N,), or sums of several
+    segment,  # (T,) and
+    table,  # (T, 52), the spline at every event's microsecond, of `cumulative_spline.tabulate`
+    controls,  # M
+    rays,  # focal lengths and principal point of the sensor
+    L,  # (h, w), L_l of Eq. (13)
+    view,  # focal lengths and principal point of L, in its pixels
+    R_0,  # (3, 3), T_0
+    p_0,  # (3,)
+    plane,  # (4,): n . X = offset
+    C,
+    huber,
+):
+    """Robust cost of Eq. (15), its gradient and its Gauss-Newton Hessian in the control poses.
+
+    The cost is sum rho(r_k) with Huber's rho, r^2 / 2 up to `huber` and linear beyond. An event one
+    of whose points is not in the reference view has no derivatives, and costs what a flat reference
+    view would, rho(C), so that it does not pay to look away.
+
+    Returns
+    -------
+    cost, gradient (6 M,), Hessian (6 M, 6 M), events outside
+        Unknowns are each control pose's position, then its rotation, on the left.
+    """
+    fx, fy, cx, cy = rays
+    view_fx, view_fy, view_cx, view_cy = view
+    height, width = L.shape
+    n_x, n_y, n_z, offset = plane
+    gradient = np.zeros(6 * controls)
+    H = np.zeros((6 * controls, 6 * controls))
+    J = np.zeros(6 * controls)
+    J_1, J_0 = np.zeros(24), np.zeros(24)
+    cost, outside = 0.0, 0
+    flat = 0.5 * C * C if huber >= C else huber * (C - 0.5 * huber)
+    inside_1, L_1, s_1 = False, 0.0, 0
+    for k in range(x.size):
+        # The event before at this pixel is the one that was just done.
+        inside_0, L_0, s_0 = inside_1, L_1, s_1
+        J_0, J_1 = J_1, J_0
+
+        # X = pi^-1(x, Z, K, T(t)): the ray m from p_t through the pixel meets the plane.
+        T = table[t_us[k]]
+        s_1 = segment[t_us[k]]
+        ray_x, ray_y = (x[k] + 0.5 - cx) / fx, (y[k] + 0.5 - cy) / fy
+        m_x = T[0] * ray_x + T[1] * ray_y + T[2]
+        m_y = T[3] * ray_x + T[4] * ray_y + T[5]
+        m_z = T[6] * ray_x + T[7] * ray_y + T[8]
+        towards = n_x * m_x + n_y * m_y + n_z * m_z
+        Z = (offset - n_x * T[9] - n_y * T[10] - n_z * T[11]) / towards
+        X_x = T[9] + Z * m_x - p_0[0]
+        X_y = T[10] + Z * m_y - p_0[1]
+        X_z = T[11] + Z * m_z - p_0[2]
+
+        # x' = pi(X, K, T_0)
+        Y_x = R_0[0, 0] * X_x + R_0[1, 0] * X_y + R_0[2, 0] * X_z
+        Y_y = R_0[0, 1] * X_x + R_0[1, 1] * X_y + R_0[2, 1] * X_z
+        Y_z = R_0[0, 2] * X_x + R_0[1, 2] * X_y + R_0[2, 2] * X_z
+        u, v = view_fx * Y_x / Y_z + view_cx, view_fy * Y_y / Y_z + view_cy
+        inside_1 = (
+            Z > 0.0
+            and Y_z > 0.0
+            and u >= 0.5
+            and u <= width - 0.5
+            and v >= 0.5
+            and v <= height - 0.5
+        )
+        if inside_1:
+            L_1, L_u, L_v = bicubic.sample(L, u, v)
+            # dL/dX in the reference camera, g in the world
+            d_x, d_y = L_u * view_fx / Y_z, L_v * view_fy / Y_z
+            d_z = -(d_x * Y_x + d_y * Y_y) / Y_z
+            g_x = R_0[0, 0] * d_x + R_0[0, 1] * d_y + R_0[0, 2] * d_z
+            g_y = R_0[1, 0] * d_x + R_0[1, 1] * d_y + R_0[1, 2] * d_z
+            g_z = R_0[2, 0] * d_x + R_0[2, 1] * d_y + R_0[2, 2] * d_z
+            # X moves with p_t along the plane, by I - m n^T / (n . m): q = dL/dp_t
+            along = (g_x * m_x + g_y * m_y + g_z * m_z) / towards
+            q_x, q_y, q_z = g_x - along * n_x, g_y - along * n_y, g_z - along * n_z
+            # and by Z times that for a change delta x m of the ray: dL/ddelta = Z m x q
+            w_x = Z * (m_y * q_z - m_z * q_y)
+            w_y = Z * (m_z * q_x - m_x * q_z)
+            w_z = Z * (m_x * q_y - m_y * q_x)
+            for c in range(4):
+                B, D = T[12 + c], T[16 + 9 * c : 25 + 9 * c]
+                J_1[6 * c] = B * q_x
+                J_1[6 * c + 1] = B * q_y
+                J_1[6 * c + 2] = B * q_z
+                J_1[6 * c + 3] = w_x * D[0] + w_y * D[3] + w_z * D[6]
+                J_1[6 * c + 4] = w_x * D[1] + w_y * D[4] + w_z * D[7]
+                J_1[6 * c + 5] = w_x * D[2] + w_y * D[5] + w_z * D[8]
+
+        if t_before_us[k] < 0:
+            continue
+        if not (inside_0 and inside_1):
+            outside += 1
+            cost += flat
+            continue
+        r = L_1 - L_0 - p[k] * C  # Eq. (14) times p_k
+        size = abs(r)
+        if size <= huber:
+            weight = 1.0
+            cost += 0.5 * r * r
+        else:
+            weight = huber / size
+            cost += huber * (size - 0.5 * huber)
+        # Only control poses from the first of the earlier event's to the last of this one's count.
+        first, count = 6 * s_0, 6 * (s_1 - s_0) + 24
+        J[:count] = 0.0
+        for i in range(24):
+            J[count - 24 + i] = J_1[i]
+        for i in range(24):
+            J[i] -= J_0[i]
+        for i in range(count):
+            J_i = weight * J[i]
+            gradient[first + i] += J_i * r
+            row = H[first + i, first : first + count]
+            for j in range(count):  # whole rows: twice the sums of a half, in half its time
+                row[j] += J_i * J[j]
+    for i in range(6 * controls):
+        for j in range(i):
+            H[i, j] = H[j, i]
+    return cost, gradient, H, outside

@@ -1,0 +1,90 @@
+"""The reference view at several sizes, the coarsest first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numba
+import numpy as np
+
+from tasks.methods.photometric_tracking.residuals import Float64, Intrinsics, intrinsics
+
+_COARSEST_PX = 16  # of the reference view at its coarsest
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Level:
+    """A reference view, coarser or not.
+
+    Parameters
+    ----------
+    image
+        (h, w) float64, log intensity.
+    intrinsics
+        Focal lengths and principal point of this view, in its pixels.
+    events
+        How many at a pixel are taken as one.
+    """
+
+    image: Float64
+    intrinsics: Intrinsics
+    events: int
+
+
+def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Level]:
+    """Reference views from a blur of about coarsest_px pixels down to the view itself.
+
+    Each level is the one below it, blurred by a Gaussian of 1 px, at half the size by area.
+    """
+    images: list[Float64] = [log_image]
+    while 2 ** len(images) <= 2 * coarsest_px and min(images[-1].shape) >= 2 * _COARSEST_PX:
+        blurred = cv2.GaussianBlur(images[-1], (0, 0), 1.0, borderType=cv2.BORDER_REFLECT)
+        half = (round(blurred.shape[1] / 2), round(blurred.shape[0] / 2))
+        images.append(np.asarray(cv2.resize(blurred, half, interpolation=cv2.INTER_AREA)))
+    for level in reversed(range(len(images))):
+        image = images[level]
+        scale = np.array([image.shape[1] / log_image.shape[1], image.shape[0] / log_image.shape[0]])
+        if level > 0:
+            image = image * gain(log_image, image)
+        yield Level(image, intrinsics(np.diag([*scale, 1.0]) @ K), 2**level)
+
+
+def gain(log_image: Float64, coarse: Float64) -> float:
+    """Factor on a blurred view with which its gradient best predicts that of the view itself.
+
+    It is the regression of the fine on the coarse gradient, at least 1. The other one, of the
+    coarse on the fine, tells how much contrast the blur takes away. To take that off C instead
+    looks the same, but what the blur hides then makes every path look too long, and the search ends
+    millimetres beside the path.
+    """
+    size = (log_image.shape[1], log_image.shape[0])
+    blurred = np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
+    both, total = _gradient_products(blurred, log_image)
+    return both / total if total > 0 else 1.0
+
+
+@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _gradient_products(a, b):
+    """Sums of grad a . grad b and of |grad a|^2 over two (h, w) images, by their differences.
+
+    Added up row by row in one order: BLAS adds in another with every number of threads, and so the
+    same events would end at another path on another machine.
+    """
+    height, width = a.shape
+    both = total = 0.0
+    for y in range(height):
+        row_both = row_total = 0.0
+        for x in range(width):
+            if x + 1 < width:
+                change = a[y, x + 1] - a[y, x]
+                row_both += change * (b[y, x + 1] - b[y, x])
+                row_total += change * change
+            if y + 1 < height:
+                change = a[y + 1, x] - a[y, x]
+                row_both += change * (b[y + 1, x] - b[y, x])
+                row_total += change * change
+        both += row_both
+        total += row_total
+    return both, total

@@ -1,0 +1,150 @@
+"""Which events give a residual, and what of a sample does not change with the path."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Trajectory
+from tasks.errors import TaskError
+from tasks.tracking import TrackingSample
+
+Float64 = NDArray[np.float64]
+Intrinsics = tuple[float, float, float, float]  # focal lengths and principal point, px
+
+RESIDUALS_PER_UNKNOWN = 10  # at least, else there are too few events
+_COARSE_RESIDUALS = 8000  # are enough where the reference view is blurred
+
+
+def knots_us(path: Trajectory) -> tuple[int, int]:
+    """Return the interval between a path's knots, and its duration, in microseconds.
+
+    Raises
+    ------
+    TaskError
+        The knots are not even, or not a whole number of microseconds apart.
+    """
+    intervals_us = 1e6 * np.diff(path.knots_s)
+    interval_us = round(intervals_us[0])
+    if interval_us < 1 or np.abs(intervals_us - interval_us).max() > 1e-3:
+        raise TaskError(
+            f"path: found knots {intervals_us.min():g} to {intervals_us.max():g} us apart, "
+            "expected even intervals of whole microseconds"
+        )
+    return interval_us, interval_us * (len(path.knots_s) - 3)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Problem:
+    """The events of a sample that lie in the path's duration, and what does not change with it."""
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    t_us: NDArray[np.int32]
+    t_before_us: NDArray[np.int32]
+    p: NDArray[np.integer]
+    rays: Intrinsics  # of the sensor
+    reference: tuple[Float64, Float64]  # rotation and position of T_0
+    plane: Float64  # (4,) n_x, n_y, n_z, offset
+    seen_us: NDArray[np.bool_]  # (T,) whether there is an event at each microsecond of the path
+    residuals: int
+    contrast_threshold: float
+    interval_us: int  # from knot to knot
+    distance_m: float  # from the plane, of the reference view
+
+
+def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
+    """Select the events of a sample that have another one before or after them at their pixel.
+
+    Parameters
+    ----------
+    sample
+        The sample.
+    duration_us
+        Only events before this time are used.
+
+    Returns
+    -------
+    The problem, and why it cannot be solved, or "".
+    """
+    inside = sample.t_us < duration_us  # not all, where there are events after the path's end
+    follows = inside & (sample.t_before_us >= 0)
+    residuals = int(np.count_nonzero(follows))
+    inside &= follows | np.append(follows[1:], False)  # a pixel's only event says nothing
+    t_us, t_before_us = sample.t_us[inside], sample.t_before_us[inside]
+    wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
+    problem = Problem(
+        sample.x[inside],
+        sample.y[inside],
+        t_us,
+        t_before_us,
+        sample.p[inside],
+        intrinsics(sample.camera.K),
+        (np.ascontiguousarray(sample.T_0[:3, :3]), sample.T_0[:3, 3].copy()),
+        np.array([*sample.plane.normal, sample.plane.offset_m]),
+        _seen_us(t_us, duration_us),
+        residuals,
+        sample.contrast_threshold,
+        knots_us(sample.initial)[0],
+        distance_m(sample),
+    )
+    if residuals < wanted:
+        return problem, f"{residuals} events with one before them, expected {wanted}"
+    return problem, ""
+
+
+def _seen_us(t_us: NDArray[np.int32], duration_us: int) -> NDArray[np.bool_]:
+    seen = np.zeros(duration_us, bool)
+    seen[t_us] = True
+    return seen
+
+
+def intrinsics(K: Float64) -> Intrinsics:
+    """Return the focal lengths and the principal point of a camera matrix, px."""
+    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+
+
+def distance_m(sample: TrackingSample) -> float:
+    """Return how far the reference view's camera is from the plane along its axis, m."""
+    return float(sample.plane.distance(sample.T_0[:3, 3], sample.T_0[:3, 2]))
+
+
+def join_events(problem: Problem, events: int) -> Problem:
+    """Join consecutive events at a pixel into one, with the sum of their polarities.
+
+    Parameters
+    ----------
+    problem
+        The events.
+    events
+        How many become one. The last ones of a pixel, where they are fewer, become one too.
+
+    Returns
+    -------
+    The problem with the joined events. Where more than `_COARSE_RESIDUALS` are left, only every
+    n-th pixel is used.
+    """
+    if events == 1:
+        return problem
+    number = np.arange(len(problem.t_us))
+    first = problem.t_before_us < 0
+    since_first = number - np.maximum.accumulate(np.where(first, number, 0))
+    last = np.append(first[1:], True)
+    ends = (since_first % events == 0) | last
+    every = math.ceil(np.count_nonzero(ends & ~first) / _COARSE_RESIDUALS)
+    kept = np.flatnonzero(ends & (np.cumsum(first) % every == 0))
+    first, t_us = first[kept], problem.t_us[kept]
+    total = np.cumsum(problem.p, dtype=np.int64)[kept]  # a pixel's first one does not matter
+    return replace(
+        problem,
+        x=problem.x[kept],
+        y=problem.y[kept],
+        t_us=t_us,
+        t_before_us=np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
+        p=np.diff(total, prepend=0).astype(np.int16),
+        seen_us=_seen_us(t_us, len(problem.seen_us)),
+        residuals=int(np.count_nonzero(~first)),
+    )

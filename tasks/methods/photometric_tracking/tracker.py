@@ -1,0 +1,147 @@
+"""From a sample to an estimate, without and with a delay of the events."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from eres_render import Trajectory, path_through
+from eres_render.camera import map_pixels, plane_homography
+from tasks.errors import TaskError
+from tasks.methods.photometric_tracking.accumulation import HUBER_IN_C
+from tasks.methods.photometric_tracking.reference_views import pyramid
+from tasks.methods.photometric_tracking.residuals import Problem, distance_m, knots_us, problem_of
+from tasks.methods.photometric_tracking.search import search
+from tasks.tracking import TrackingDiagnostics, TrackingEstimate, TrackingSample
+
+_LEAST_INSIDE = 0.5
+_EXTRAPOLATION_PX = 1.0  # how well a path is known where it goes on beyond its events
+
+
+def estimate(sample: TrackingSample) -> TrackingEstimate:
+    """Path that best explains the brightness steps between consecutive events of each pixel.
+
+    Coarse to fine: the reference view is blurred and halved until the perturbation of the initial
+    path moves it by less than a pixel, then the search runs from the coarsest view to the view
+    itself. Events know nothing of the blur. So on level k, Eq. (14) is added up over 2^k events at
+    a time, whose sum carries less of the fine detail, and the blurred view is scaled by its `gain`.
+
+    Raises
+    ------
+    TaskError
+        The initial path's knots are not even, or not a whole number of microseconds apart.
+    """
+    problem, failure = problem_of(sample, knots_us(sample.initial)[1])
+    if failure:
+        return TrackingEstimate(sample.initial, failure)
+    path, diagnostics, failure = _solve(problem, sample, sample.initial, _blur_px(sample))
+    return TrackingEstimate(sample.initial if failure else path, failure, diagnostics)
+
+
+def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
+    """As `estimate`, with a constant delay of all events as one more unknown.
+
+    Events that are late by d are those of the path T(t - d), so events alone cannot tell a delay
+    from another path: any d is as good, with the path moved in time. What tells is that the camera
+    was at T_0 at time 0, when the reference view was taken. So the path of the late events is
+    estimated first, over the path's duration and `sample.max_delay_us`: its beginning as by
+    `estimate`, but for the finest level, and from there all of it, hardly blurred. The delay is the
+    time at which it sees what the reference view shows, by the least mean squared distance in the
+    image.
+
+    Raises
+    ------
+    TaskError
+        As `estimate`, or `sample.max_delay_us` is 0.
+    """
+    if sample.max_delay_us <= 0:
+        raise TaskError(
+            f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
+            "largest delay to look for"
+        )
+    begun, blur_px = _begun(sample)
+    late = _extended(begun, sample.max_delay_us)
+    events_end_us = round(1e6 * sample.initial.duration_s) + sample.max_delay_us
+    problem, failure = problem_of(sample, min(knots_us(late)[1], events_end_us))
+    if failure:
+        return TrackingEstimate(sample.initial, failure)
+    path, diagnostics, failure = _solve(problem, sample, late, blur_px)
+    delay_s = _delay_s(sample, path)
+    diagnostics = replace(diagnostics, delay_us=1e6 * delay_s)
+    if not failure and 1e6 * delay_s >= sample.max_delay_us:  # none at all is an answer
+        failure = "the delay ended at its bound"
+    if failure:
+        return TrackingEstimate(sample.initial, failure, diagnostics)
+    t_s = np.linspace(0.0, sample.initial.duration_s, 4 * len(sample.initial.knots_s))
+    return TrackingEstimate(path_through(t_s, path.pose(t_s + delay_s)), "", diagnostics)
+
+
+def _blur_px(sample: TrackingSample) -> float:
+    """By how much the perturbation of the initial path moves the image."""
+    return sample.camera.focal_px * sample.initial_sigma_m / distance_m(sample)
+
+
+def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
+    """A path without delay, without the finest detail; by how many pixels of the image it is off.
+
+    It is the initial one where the search does not converge.
+    """
+    problem, failure = problem_of(sample, knots_us(sample.initial)[1])
+    if not failure:
+        levels = list(pyramid(sample.log_image, sample.camera.K, _blur_px(sample)))
+        coarse = levels[:-1] or levels
+        path, _, _, converged = search(problem, sample.initial, coarse)
+        if converged:
+            return path, _EXTRAPOLATION_PX
+    return sample.initial, _blur_px(sample)
+
+
+def _solve(
+    problem: Problem, sample: TrackingSample, path: Trajectory, blur_px: float
+) -> tuple[Trajectory, TrackingDiagnostics, str]:
+    """Search from coarse to fine; the path, how it went, and why it failed or ""."""
+    levels = pyramid(sample.log_image, sample.camera.K, blur_px)
+    path, state, passes, converged = search(problem, path, levels)
+    diagnostics = TrackingDiagnostics(
+        state.cost / problem.residuals, passes, problem.residuals, state.outside
+    )
+    if not math.isfinite(state.cost):
+        return path, diagnostics, "the cost is not finite"
+    if state.outside > (1 - _LEAST_INSIDE) * problem.residuals:
+        left = f"{state.outside} of {problem.residuals} events left the reference view"
+        return path, diagnostics, left
+    huber = HUBER_IN_C * sample.contrast_threshold
+    if diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
+        return path, diagnostics, "explains the events no better than standing still"
+    return path, diagnostics, "" if converged else f"no convergence in {passes} passes"
+
+
+def _extended(path: Trajectory, by_us: int) -> Trajectory:
+    """The path with more control poses, going on as it went on average.
+
+    The last control pose is replaced too: the path hardly depends on it, so a search leaves it
+    anywhere.
+    """
+    interval_us, _ = knots_us(path)
+    end_s, interval_s = path.duration_s, 1e-6 * interval_us
+    more = math.ceil(by_us / interval_us)
+    knots_s = interval_s * np.arange(-1.0, len(path.controls) + more - 1)
+    share = (knots_s[len(path.controls) - 1 :, None] - end_s) / end_s
+    first, last = path.pose(np.array([0.0, end_s]))
+    turn = Rotation.from_matrix(last[:3, :3] @ first[:3, :3].T).as_rotvec()
+    controls = np.tile(last, (len(share), 1, 1))
+    controls[:, :3, 3] += share * (last[:3, 3] - first[:3, 3])
+    controls[:, :3, :3] = Rotation.from_rotvec(share * turn).as_matrix() @ last[:3, :3]
+    return Trajectory(knots_s, np.concatenate([path.controls[:-1], controls]))
+
+
+def _delay_s(sample: TrackingSample, path: Trajectory) -> float:
+    """When the path sees what the reference view shows, to 10 us."""
+    t_s = np.arange(0, sample.max_delay_us + 1, 10) * 1e-6
+    points_px = sample.camera.grid(9)
+    H = plane_homography(sample.camera.K, sample.T_0, path.pose(t_s), sample.plane)
+    off_px = map_pixels(H, points_px) - points_px
+    return float(t_s[np.argmin(np.sum(off_px**2, axis=(1, 2)))])

@@ -1,0 +1,128 @@
+"""The tasks, each described once, with its methods: what is asked of a task elsewhere is read here.
+
+A new task is its problem, a scorer, its settings, and an entry in `TASKS`. A new method is a
+function, and a line in its task's `methods`. Places are named in strings, so that listing tasks and
+methods imports none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class ShareColumn:
+    """The column of a table that says how often a method failed, or how often it did not."""
+
+    head: str
+    meaning: str
+    of_successes: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskSpec:
+    """One task. A place is "module:name".
+
+    Attributes
+    ----------
+    title
+        Name in words.
+    methods
+        Places of the methods, by name.
+    baseline
+        Name of the method that does nothing with the events.
+    scorer
+        Place of the class that turns a sensor's events into scores: a `Scorer`, made from the
+        `ReferenceFrames`, the sensor's `Setting` and the settings.
+    settings
+        Place of the class that says what the task is asked to do: `TaskSettings`, or derived from
+        it.
+    sample
+        Place of the class of a method's first argument, which tells a method's task. None where a
+        method is a class that events are pushed to.
+    planar_only
+        Whether the scene must be a plane.
+    share_column
+        How tables show failures. None where a method cannot fail.
+    """
+
+    title: str
+    methods: Mapping[str, str]
+    baseline: str
+    scorer: str
+    settings: str = "tasks.evaluation.settings:TaskSettings"
+    sample: str | None = None
+    planar_only: bool = False
+    share_column: ShareColumn | None = None
+
+
+_METHODS = "tasks.methods"
+_SCORERS = "tasks.evaluation.scorers"
+_SETTINGS = "tasks.evaluation.settings"
+
+TASKS = {
+    "reconstruction": TaskSpec(
+        title="reconstruction",
+        methods={
+            "event_integration": f"{_METHODS}.event_integration:reconstruct",
+            "no_events": f"{_METHODS}.no_events:reconstruct",
+        },
+        baseline="no_events",
+        scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
+        settings=f"{_SETTINGS}:Reconstruction",
+        sample="tasks.reconstruction:ReconstructionSample",
+    ),
+    "video": TaskSpec(
+        title="video reconstruction",
+        methods={
+            "high_pass_filter": f"{_METHODS}.high_pass_filter:HighPassFilter",
+            "high_pass_filter_no_event_decay": f"{_METHODS}.high_pass_filter:without_event_decay",
+            "blank": f"{_METHODS}.blank_video:BlankVideo",
+        },
+        baseline="blank",
+        scorer=f"{_SCORERS}.video:VideoScorer",
+        settings=f"{_SETTINGS}:Video",
+    ),
+    "flow": TaskSpec(
+        title="optical flow",
+        methods={
+            "photometric_flow": f"{_METHODS}.photometric_flow:estimate",
+            "photometric_flow_unknown_contrast": (
+                f"{_METHODS}.photometric_flow:estimate_unknown_contrast"
+            ),
+            "photometric_flow_with_delay": f"{_METHODS}.photometric_flow:estimate_with_delay",
+            "contrast_maximization": f"{_METHODS}.contrast_maximization:estimate",
+            "initial_flow": f"{_METHODS}.initial_flow:estimate",
+        },
+        baseline="initial_flow",
+        scorer=f"{_SCORERS}.flow:FlowScorer",
+        settings=f"{_SETTINGS}:Flow",
+        sample="tasks.flow:FlowSample",
+        share_column=ShareColumn("fail", "share of features that failed"),
+    ),
+    "tracking": TaskSpec(
+        title="pose tracking",
+        methods={
+            "photometric_tracking": f"{_METHODS}.photometric_tracking:estimate",
+            "photometric_tracking_with_delay": (
+                f"{_METHODS}.photometric_tracking:estimate_with_delay"
+            ),
+            "initial_path": f"{_METHODS}.initial_path:estimate",
+        },
+        baseline="initial_path",
+        scorer=f"{_SCORERS}.tracking:TrackingScorer",
+        settings=f"{_SETTINGS}:Tracking",
+        sample="tasks.tracking:TrackingSample",
+        planar_only=True,
+        share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
+    ),
+}
+
+
+def load(place: str) -> Any:
+    """Import what a place, "module:name", names."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)

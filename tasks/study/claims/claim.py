@@ -1,0 +1,207 @@
+"""Claims: what the paper says, and the numbers that confirm or contradict it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+from tasks.study.claims.numbers import (
+    NotMeasured,
+    Number,
+    Quantity,
+    SceneScores,
+    estimated,
+)
+from tasks.study.claims.statistics import SceneCell
+from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
+from tasks.study.results.metrics import Series
+from tasks.study.results.scaling import Scaling
+from tasks.study.results.scores import Scores, paper_scores
+from tasks.study.results.words import join_words
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What the scores of a run say about a claim.
+
+    Attributes
+    ----------
+    outcomes
+        Whether the claim holds, for each scene or cell; None if it is not measured there.
+    ours, paper
+        Our numbers and the paper's, a line for each scene; or what is missing.
+    scope
+        Scenes and samples that the verdict is based on, in words; "" if there is nothing to say.
+    """
+
+    outcomes: Sequence[bool | None]
+    ours: str
+    paper: str
+    scope: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim(ABC):
+    """A claim in words. Subclasses find the evidence.
+
+    Attributes
+    ----------
+    number
+        Number of the claim; verdicts are sorted by it.
+    title, statement
+        The claim in a few words, and in full.
+    note
+        How the paper is read where it contradicts itself, and what else a reader should know.
+    """
+
+    number: int
+    title: str
+    statement: str
+    note: str = ""
+
+    @abstractmethod
+    def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
+        """Return what a run says about the claim.
+
+        Parameters
+        ----------
+        scores
+            The run's scores.
+        scaling
+            The run's scaling statistics by scene.
+
+        Returns
+        -------
+        Evidence
+            Outcomes, and numbers in words.
+        """
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneClaim(Claim):
+    """A claim about one method, judged scene by scene.
+
+    Attributes
+    ----------
+    series
+        The method, as `Scores` names it.
+    numbers
+        The numbers by name. Each `Number` with a bound decides.
+    text
+        Text of one scene, with the names of numbers in braces, for our numbers and the paper's.
+    paper
+        Text in place of the paper's numbers, if the paper prints none.
+    scenes
+        Scenes that the claim is about; () for all scenes of the run.
+    beside
+        Other methods of the task. Their numbers are printed too, but do not decide.
+    mean
+        Name of a number; its mean over the scenes is printed too.
+    """
+
+    series: Series
+    numbers: Mapping[str, Quantity]
+    text: str
+    paper: str = ""
+    scenes: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+    mean: str = ""
+
+    def chosen(self, scores: Scores) -> tuple[Series | None, str]:
+        """Return the series to judge and a sentence about it, or None and the reason."""
+        return self.series, ""
+
+    def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
+        """Read the numbers of each scene.
+
+        Parameters
+        ----------
+        scores, scaling
+            As `Claim.evidence` takes them.
+
+        Returns
+        -------
+        Evidence
+            One outcome for each scene that the claim is about.
+        """
+        holds, lines = self._read(paper_scores(), self.series, {})
+        measured = any(outcome is not None for outcome in holds.values())
+        paper = self.paper or ("\n".join(lines) if measured else "not reported")
+        series, about = self.chosen(scores)
+        if series is None:
+            return Evidence((), about, paper, "")
+        holds, lines = self._read(scores, series, scaling)
+        judged = [scene for scene, outcome in holds.items() if outcome is not None]
+        scope = f"{about} {self._scope(scores, series, judged)}".strip()
+        where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
+        ours = "\n".join(lines) or f"no rows of {series.name}{where}"
+        return Evidence(list(holds.values()), ours, paper, scope)
+
+    def _read(
+        self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]
+    ) -> tuple[dict[str, bool | None], list[str]]:
+        """Return whether the claim holds on each scene, and lines of text."""
+        holds: dict[str, bool | None] = {}
+        lines = []
+        for scene in scores.scenes(series):
+            if self.scenes and scene not in self.scenes:
+                continue
+            on = SceneScores(scores, series, scene, scaling.get(scene))
+            try:
+                holds[scene], text = self._readings(on)
+            except NotMeasured as reason:
+                holds[scene] = None
+                lines.append(f"{scene}: {reason}")
+                continue
+            lines.append(f"{scene}: {text}{'' if holds[scene] else ' (does not hold)'}")
+            for method in self.beside:
+                other = series._replace(method=method)
+                with suppress(NotMeasured):
+                    text = self._readings(replace(on, series=other))[1]
+                    lines.append(f"{other.name}: {text}")
+        return holds, lines + self._mean(scores, series)
+
+    @property
+    def _cells(self) -> list[SceneCell]:
+        """The cells that the numbers come from."""
+        numbers = [one for one in self.numbers.values() if isinstance(one, Number)]
+        cells = {cell for number in numbers for cell in number.statistic.cells}
+        return sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed))
+
+    def _readings(self, on: SceneScores) -> tuple[bool, str]:
+        """Return whether the claim holds on a scene, and its text."""
+        on.require(self._cells)
+        readings = {name: read(on) for name, read in self.numbers.items()}
+        text = self.text.format_map({name: one.text for name, one in readings.items()})
+        return all(one.holds for one in readings.values()), text
+
+    def _mean(self, scores: Scores, series: Series) -> list[str]:
+        """Return a line with the mean over the scenes, if several have the number."""
+        number = self.numbers.get(self.mean)
+        if not isinstance(number, Number):
+            return []
+        every = [SceneScores(scores, series, scene) for scene in scores.scenes(series)]
+        found = [on for on in every if all(on.cell(c).complete for c in number.statistic.cells)]
+        if len(found) < 2:
+            return []
+        mean = estimated(number.statistic, *found).text(unit=found[0].metric.unit)
+        return [f"mean of {len(found)} scenes: {mean}"]
+
+    def _scope(self, scores: Scores, series: Series, judged: Sequence[str]) -> str:
+        """Name the scenes if some are missing, and the samples if they are few."""
+        if not judged:
+            return ""
+        claimed = self.scenes or paper_scores().scenes(self.series)
+        parts = [f"Judged on {join_words(judged)} only"] if set(claimed) - set(judged) else []
+        few = min(scores.samples(series, scene) for scene in judged)
+        if self._cells and few < MIN_SAMPLES_FOR_INTERVAL:
+            parts.append(too_few_text(few))
+        return f"{'; '.join(parts)}." if parts else ""
+
+
+def too_few_text(samples: int) -> str:
+    """Return a text that says that the samples are too few for an interval."""
+    plural = "sample" if samples == 1 else "samples"
+    return f"{samples} {plural}, too few for an interval ({MIN_SAMPLES_FOR_INTERVAL} needed)"

@@ -1,0 +1,212 @@
+"""The numbers of a claim: each is read from the scores on one scene, printed and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import KW_ONLY, dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tasks.study.claims.statistics import SceneCell, Statistic
+from tasks.study.results.intervals import Estimate, estimate
+from tasks.study.results.metrics import METRICS, Metric, Series
+from tasks.study.results.paper import WIDTHS
+from tasks.study.results.scaling import Scaling
+from tasks.study.results.scores import Cell, Condition, Scores
+from tasks.study.results.words import cutoff_label
+
+
+class NotMeasured(Exception):
+    """These scores do not give a number; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneScores:
+    """Scores of one method on one scene, ours or the paper's."""
+
+    scores: Scores
+    series: Series
+    scene: str
+    scaling: Scaling | None = None
+
+    @property
+    def metric(self) -> Metric:
+        """Metric of the scores."""
+        return METRICS[self.series.metric]
+
+    def cell(self, where: SceneCell) -> Cell:
+        """Return one cell; it has no values if it was not measured."""
+        series = self.series._replace(method=where.method or self.series.method)
+        return self.scores.cell(series, Condition(self.scene, *where[:3]))
+
+    def median(self, where: SceneCell) -> float:
+        """Return the median score of one cell.
+
+        Raises
+        ------
+        NotMeasured
+            The cell is not complete.
+        """
+        self.require([where])
+        return float(np.median(self.cell(where).values))
+
+    def best_width(self, cutoff_hz: float, speed: float) -> int:
+        """Return the width with the best median.
+
+        Parameters
+        ----------
+        cutoff_hz
+            Photoreceptor cutoff, Hz.
+        speed
+            Factor on the base speed.
+
+        Returns
+        -------
+        int
+            Sensor width, px.
+
+        Raises
+        ------
+        NotMeasured
+            The cell of a width is not complete.
+        """
+        sign = self.metric.sign
+        return max(WIDTHS, key=lambda w: sign * self.median(SceneCell(w, cutoff_hz, speed)))
+
+    def require(self, needed: Iterable[SceneCell]) -> None:
+        """Check that cells are complete.
+
+        Raises
+        ------
+        NotMeasured
+            A cell is not complete; the text names one or two.
+        """
+        missing = [where for where in needed if not self.cell(where).complete]
+        if not missing:
+            return
+        method = missing[0].method  # those of the claim's own method come first
+        missing = [where for where in missing if where.method == method]
+        more = f" and {len(missing) - 2} more" if len(missing) > 2 else ""
+        of_method = f" of {self.series._replace(method=method).name}" if method else ""
+        named = "; ".join(self._missing_text(where) for where in missing[:2])
+        raise NotMeasured(f"not measured, missing {named}{more}{of_method}")
+
+    def _missing_text(self, where: SceneCell) -> str:
+        cell = self.cell(where)
+        per_sample = "values" if len(cell.values) > cell.samples else "samples"
+        count = f" has {len(cell.values)} of {cell.expected} {per_sample}"
+        found = count if len(cell.values) else ""
+        return f"{where.width} px, {cutoff_label(where.cutoff_hz)}, speed {where.speed:.2g}{found}"
+
+
+def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
+    """Evaluate a statistic of a scene's medians, with its interval.
+
+    Parameters
+    ----------
+    statistic
+        The statistic.
+    scenes
+        One scene, or several for the mean over them.
+
+    Returns
+    -------
+    Estimate
+        Value and bootstrap interval over the samples.
+
+    Raises
+    ------
+    NotMeasured
+        There are no event rates, as in the paper's tables, or a value is 0 where the statistic
+        divides or takes a logarithm.
+    """
+    rates = statistic.of_rates
+    cells = {(on.scene, at): on.cell(at) for on in scenes for at in statistic.cells}
+    values = np.concatenate([c.event_rates_hz if rates else c.values for c in cells.values()])
+    if np.isnan(values).any():
+        raise NotMeasured("not measured, there are no event rates")
+    if statistic.positive and not np.all(values > 0):
+        zero = "a sample has no events" if rates else "an error is 0"
+        raise NotMeasured(f"not measured, {zero}")
+    sign = 1.0 if rates else scenes[0].metric.sign
+
+    def of_all(medians: Mapping[tuple[str, SceneCell], np.ndarray]) -> np.ndarray:
+        each = [{at: sign * medians[on.scene, at] for at in statistic.cells} for on in scenes]
+        return np.mean([statistic.of(of_one) for of_one in each], axis=0)
+
+    return estimate(cells, of_all, of_rates=rates)
+
+
+class Reading(NamedTuple):
+    """A number in words, and whether it is as the claim says."""
+
+    text: str
+    holds: bool = True
+
+
+Quantity = Callable[[SceneScores], Reading]
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A statistic with its interval, and the bound that the claim sets on it.
+
+    Attributes
+    ----------
+    statistic
+        The statistic of medians.
+    above, below
+        The claim holds if the statistic lies above or below this bound. Give one of them, or none.
+    below_on
+        Scenes where the statistic must lie below the bound `above`.
+    unit
+        Unit to print; None for that of the metric.
+    decimals, sign
+        Format of the number; "+" prints a plus sign.
+    """
+
+    statistic: Statistic
+    _: KW_ONLY
+    above: float | None = None
+    below: float | None = None
+    below_on: tuple[str, ...] = ()
+    unit: str | None = None
+    decimals: int = 2
+    sign: str = "+"
+
+    def __call__(self, on: SceneScores) -> Reading:
+        found = estimated(self.statistic, on)
+        unit = on.metric.unit if self.unit is None else self.unit
+        text = found.text(self.decimals, self.sign, unit)
+        bound = self.below if self.above is None else self.above
+        if bound is None:
+            return Reading(text)
+        below = self.above is None or on.scene in self.below_on
+        doubt = ", not settled by these samples" if found.includes(bound) else ""
+        return Reading(text + doubt, found.value < bound if below else found.value > bound)
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """The median of one width."""
+
+    width: int
+    cutoff_hz: float
+    speed: float = 1.0
+
+    def __call__(self, on: SceneScores) -> Reading:
+        score = on.median(SceneCell(self.width, self.cutoff_hz, self.speed))
+        return Reading(f"{on.metric.text(score)} {on.metric.unit}")
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """The best median, and the width that has it."""
+
+    cutoff_hz: float
+    speed: float = 1.0
+
+    def __call__(self, on: SceneScores) -> Reading:
+        width = on.best_width(self.cutoff_hz, self.speed)
+        return Reading(f"{Score(width, self.cutoff_hz, self.speed)(on).text} at {width} px")

@@ -1,0 +1,200 @@
+"""The workers of a Dask cluster compute the jobs: what they receive, check and send back."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import re
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+from eres_render import load_scene
+from eres_render.errors import RenderError
+from eres_render.progress import Progress, silent
+from sensor.errors import EventError, SensorError
+from tasks import DISTRIBUTION
+from tasks.errors import StudyError, TaskError
+from tasks.evaluation.settings import check_methods
+from tasks.methods import METHOD_VERSIONS
+from tasks.study.config import STAGE_VERSIONS
+from tasks.study.run.compute import ComputedJob, compute_job
+from tasks.study.run.estimate import estimate_work
+from tasks.study.run.jobs import Job, QueuedJob
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_CONNECT_S = 5.0
+_RETRIES = 2  # of a job that failed for a reason that may pass, such as a full disk
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Client]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise StudyError(
+            "--scheduler: Dask is not installed; it comes with the extra `distributed`, in a "
+            "checkout by: pip install '.[distributed]'"
+        ) from None
+    if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
+        raise StudyError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
+    with _quiet("distributed", "distributed.client"):  # our errors say it in one line
+        try:
+            client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            reason = str(error).partition("\n")[0] or f"no answer within {_CONNECT_S:g} s"
+            raise StudyError(
+                f"--scheduler: found no Dask scheduler at {address}: {reason}"
+            ) from None
+        with client:
+            yield client
+
+
+@contextmanager
+def _quiet(*names: str) -> Iterator[None]:
+    levels = {name: logging.getLogger(name).level for name in names}
+    try:
+        for name in names:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
+
+
+class Cluster:
+    """Computes jobs on the workers of a Dask scheduler, one at a time on each."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+
+    def worker_count(self) -> int:
+        """Return the number of workers now; they may come and go."""
+        return len(self._client.scheduler_info(n_workers=-1)["workers"])
+
+    @property
+    def cores(self) -> int:
+        return max(1, self.worker_count())
+
+    def compute(
+        self, jobs: Sequence[QueuedJob], on_progress: Progress
+    ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
+        """As `Scheduler.compute`."""
+        from distributed import as_completed
+
+        queued_of = {self._submit(queued): queued for queued in jobs}
+        on_progress(f"workers: {self.worker_count()}", 0, len(jobs))
+        for done, future in enumerate(as_completed(queued_of, loop=self._client.loop), start=1):
+            queued = queued_of.pop(future)
+            yield queued, _result(future, queued.job)
+            future.release()
+            on_progress(f"workers: {self.worker_count()}", done, len(jobs))
+
+    def _submit(self, queued: QueuedJob) -> Future:
+        return self._client.submit(
+            _entry(),
+            _order(queued),
+            _versions(),
+            key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
+            # The longest first, so that none is last.
+            priority=round(estimate_work([queued.job], cores=1).seconds),
+            retries=_RETRIES,
+        )
+
+
+def _order(queued: QueuedJob) -> bytes:
+    return pickle.dumps(queued)
+
+
+def _versions() -> dict[str, Any]:
+    return {"eres": version(DISTRIBUTION), **STAGE_VERSIONS, **METHOD_VERSIONS}
+
+
+def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
+    """Return the function that a worker runs.
+
+    It is defined here so that Dask sends its code: a worker without eres can run it, and say so.
+    """
+
+    def compute(order: bytes, versions: dict[str, Any]) -> Any:
+        try:
+            from tasks.study.run.cluster import compute_order
+        except ImportError as error:
+            import distributed
+
+            return f"worker {distributed.get_worker().address}: this eres is not there: {error}"
+        return compute_order(order, versions)
+
+    return compute
+
+
+def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
+    """Compute a job on a worker.
+
+    Parameters
+    ----------
+    order
+        The queued job, pickled.
+    versions
+        Versions of the code that pickled it.
+
+    Returns
+    -------
+    The result, or the reason why there is none, where trying again would not help.
+    """
+    from distributed import get_worker
+
+    worker = get_worker()
+    try:
+        if worker.state.nthreads != 1:
+            raise StudyError(
+                f"found {worker.state.nthreads} threads, expected 1: start it with --nthreads 1"
+            )
+        if _versions() != versions:
+            raise StudyError(f"found code of versions {_versions()}, expected {versions}")
+        queued = pickle.loads(order)
+        job = _as_found_here(queued.job, queued.key)
+        return compute_job(job, silent, with_highlights=queued.with_highlights)
+    except (RenderError, SensorError, EventError, TaskError) as error:
+        return f"worker {worker.address} on {socket.gethostname()}: {error}"
+
+
+def _as_found_here(job: Job, key: str) -> Job:
+    """Return the job with this machine's scene; refuse it if the scene or a method differs."""
+    check_methods(job.evaluate)
+    scene = load_scene(job.scene.source)
+    if scene.digest != job.scene.digest:  # the client computed it before it pickled the scene
+        raise StudyError(
+            f"scene {job.scene.source}: found files of digest {scene.digest[:12]}, expected "
+            f"{job.scene.digest[:12]}, as where the study was started"
+        )
+    here = replace(job, scene=scene)
+    if here.key != key:
+        raise StudyError("found other code of a method of your own than at the start of the study")
+    return here
+
+
+def _result(future: Future, job: Job) -> ComputedJob:
+    from distributed import KilledWorker
+    from distributed.client import FutureCancelledError
+
+    named = f"{job.scene.name}, clip {job.clip.index}"
+    try:
+        result = future.result()
+    except KilledWorker as error:
+        raise StudyError(
+            f"{named}: one worker after another died while computing it, perhaps out of memory; "
+            f"the last was {error.last_worker.address}"
+        ) from None
+    except FutureCancelledError:
+        raise StudyError(f"{named}: the Dask scheduler is gone, or gave up the job") from None
+    except OSError as error:
+        raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
+    if isinstance(result, str):
+        raise StudyError(result)
+    return result

@@ -1,0 +1,37 @@
+"""This process computes the jobs, one after another, each on all cores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from eres_render.cores import cores
+from eres_render.progress import Progress
+from tasks.study.run.compute import ComputedJob, compute_job
+from tasks.study.run.jobs import QueuedJob
+
+# Where each stage begins in a job's time, and the stage's share; only the progress bar uses this.
+_STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0.3)}
+
+
+class ThisProcess:
+    """Computes jobs in this process, in the given order."""
+
+    @property
+    def cores(self) -> int:
+        """Number of cores that this process may use."""
+        return cores()
+
+    def compute(
+        self, jobs: Sequence[QueuedJob], on_progress: Progress
+    ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
+        """As `Scheduler.compute`."""
+        for k, queued in enumerate(jobs):
+
+            def on_job(stage: str, done: float, of: float, /, k: int = k) -> None:
+                begin, share = _STAGES.get(stage, (0.0, 0.0))
+                on_progress(f"{stage} {done:g}/{of:g}", k + begin + share * done / of, len(jobs))
+
+            on_progress(f"loading {queued.job.scene.name}", k, len(jobs))
+            computed = compute_job(queued.job, on_job, with_highlights=queued.with_highlights)
+            yield queued, computed
+        on_progress("done", len(jobs), len(jobs))

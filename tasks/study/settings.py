@@ -1,0 +1,176 @@
+"""Settings of a study: nested frozen dataclasses, Render -> Simulate -> Evaluate."""
+
+from __future__ import annotations
+
+import math
+import operator
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
+
+from eres_render.storage.settings_reader import FloatOrInf
+from tasks.errors import StudyError
+from tasks.evaluation.settings import Evaluate
+from tasks.methods import task_of
+
+LEAST_RESOLUTION = 62
+"""Side of frames, px, in which `sensor.statistics.slope_scaling` has room for its blocks."""
+
+_MAY_BE_ZERO = {
+    *("seed", "dark_fraction", "warmup_time_constants"),
+    *("initial_sigma_px", "max_delay_us", "run_in_s"),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Render:
+    """How the scenes are rendered.
+
+    Parameters
+    ----------
+    resolution
+        Side of the rendered frames, px.
+    spp
+        Samples per pixel.
+    max_displacement_px
+        Largest image motion from one frame to the next, px of the rendered frames.
+    window_s, every_s
+        Length of the scored window, and time between samples, seconds of the path.
+    samples
+        Number of samples to score, spread evenly over the path; None for all.
+    seed
+        Seed of the renderer's sampler.
+    """
+
+    resolution: int = 1280
+    spp: int = 16
+    max_displacement_px: float = 0.5
+    window_s: float = 0.05
+    every_s: float = 0.5
+    samples: int | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Simulate:
+    """The sensors: each width with each cutoff and contrast threshold, at each speed.
+
+    Parameters
+    ----------
+    widths
+        Sensor sides, px.
+    cutoffs_hz
+        Photoreceptor cutoffs; inf is an ideal photoreceptor.
+    contrast_thresholds
+        Contrast thresholds C of Eq. (1), log units.
+    speeds
+        Factors on the base speed of the camera.
+    dark_fraction
+        Dark level as a fraction of the scene's white level.
+    warmup_time_constants
+        Warm-up before a window, in time constants of the slowest filter at the highest speed.
+    """
+
+    widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
+    cutoffs_hz: tuple[FloatOrInf, ...] = (math.inf, 200.0, 50.0)
+    contrast_thresholds: tuple[float, ...] = (0.2,)
+    speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
+    dark_fraction: float = 1e-3
+    warmup_time_constants: float = 6.0
+
+    @property
+    def warmup_s(self) -> float:
+        """Warm-up before each window, seconds of the path."""
+        return self.warmup_time_constants * max(self.speeds) / (2 * math.pi * min(self.cutoffs_hz))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """A study: which scenes, under which light, seen by which sensors, for which tasks.
+
+    Raises
+    ------
+    StudyError
+        If a list of sensor settings is empty or holds a value twice, a sensor is finer than the
+        frames, or a number is not in its range.
+    """
+
+    name: str
+    scenes: tuple[str, ...]
+    render: Render = field(default_factory=Render)
+    simulate: Simulate = field(default_factory=Simulate)
+    evaluate: Evaluate = field(default_factory=Evaluate)
+
+    def __post_init__(self) -> None:
+        for section in (
+            "render",
+            "simulate",
+            *(f"evaluate.{task.name}" for task in fields(Evaluate)),
+        ):
+            self._check_numbers(section)
+        sensors = self.simulate
+        for name in ("widths", "cutoffs_hz", "contrast_thresholds", "speeds"):
+            values = getattr(sensors, name)
+            if not values:
+                raise StudyError(f"simulate.{name}: found none, expected one or more")
+            if len(set(values)) < len(values):
+                raise StudyError(f"simulate.{name}: found {values}, expected each of them once")
+        if self.render.resolution < LEAST_RESOLUTION:
+            raise StudyError(
+                f"render.resolution: found {self.render.resolution} px, expected at least "
+                f"{LEAST_RESOLUTION}, which the scaling statistics need"
+            )
+        if max(sensors.widths) > self.render.resolution:
+            raise StudyError(
+                f"simulate.widths: found {max(sensors.widths)} px, finer than render.resolution = "
+                f"{self.render.resolution} px"
+            )
+
+    def _check_numbers(self, section: str) -> None:
+        values = operator.attrgetter(section)(self)
+        for name in (one.name for one in fields(values)):
+            found = getattr(values, name)
+            for value in found if isinstance(found, tuple) else (found,):
+                if type(value) not in (int, float) or value > 0:
+                    continue
+                if name not in _MAY_BE_ZERO:
+                    raise StudyError(f"{section}.{name}: found {value}, expected a positive number")
+                if value != 0:
+                    raise StudyError(f"{section}.{name}: found {value}, expected 0 or more")
+
+
+def with_method(study: Study, name: str) -> Study:
+    """Return a study with one more method.
+
+    Parameters
+    ----------
+    study
+        The study.
+    name
+        The method, "package.module:function". Its annotations tell which task it solves.
+
+    Returns
+    -------
+    The study with the method added to its task.
+
+    Raises
+    ------
+    TaskError
+        If the method cannot be imported, or its task is unclear.
+    """
+    task = task_of(name)
+    section = getattr(study.evaluate, task)
+    section = replace(section, methods=(*section.methods, name))
+    return replace(study, evaluate=replace(study.evaluate, **{task: section}))
+
+
+def to_json(study: Study) -> dict[str, Any]:
+    """Return the study as plain JSON values; inf becomes "inf"."""
+    return _plain(asdict(study))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return "inf" if isinstance(value, float) and math.isinf(value) else value

@@ -1,0 +1,149 @@
+"""Digests: of values alone, so that names of classes, order, comments and spelling are free."""
+
+import dataclasses
+import enum
+import functools
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eres_render import load_scene
+from eres_render.scene.texture_recipes import TEXTURES
+from eres_render.storage.checksums import sha256
+from eres_render.storage.digest import digest
+from light_scenes import edit_scene
+from tasks.study.config import preset
+from tasks.study.run.jobs import jobs_of
+
+
+class Shade(enum.Enum):
+    DARK = "dark"
+
+
+@dataclasses.dataclass(frozen=True)
+class Lamp:
+    power_w: float
+    shades: tuple[str, ...] = ()
+    label: str | None = None
+
+
+def changes(value):
+    """Yield the value with each of its leaves changed, one at a time, and the leaf's place."""
+    if dataclasses.is_dataclass(value):
+        for name in (one.name for one in dataclasses.fields(value)):
+            for changed, place in changes(getattr(value, name)):
+                yield dataclasses.replace(value, **{name: changed}), f".{name}{place}"
+    elif isinstance(value, dict):
+        for name in value:
+            for changed, place in changes(value[name]):
+                yield {**value, name: changed}, f"[{name}]{place}"
+    elif isinstance(value, tuple) and value:
+        yield value[1:], " shortened"
+        for i in range(len(value)):
+            for changed, place in changes(value[i]):
+                yield (*value[:i], changed, *value[i + 1 :]), f"[{i}]{place}"
+    else:
+        yield changed_leaf(value), ""
+
+
+def changed_leaf(value: Any) -> Any:
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, float):
+        return 1.0 if math.isinf(value) else math.nextafter(value, math.inf)
+    if isinstance(value, int):
+        return value + 1
+    if value in ((), None):
+        return ("x",) if value == () else 1
+    if value in TEXTURES:  # whose kind must be known
+        return "stones" if value != "stones" else "carpet"
+    return f"{value}x"
+
+
+def test_names_of_classes_and_order_are_free():
+    """Promise: a renamed class, a mapping and a field that is None and added later are the same."""
+    renamed = dataclasses.make_dataclass("Light", [("shades", tuple), ("power_w", float)])
+    expected = digest(Lamp(2.0, ("a",)))
+    assert digest(renamed(("a",), 2.0)) == expected
+    assert digest({"shades": ["a"], "power_w": 2}) == expected
+    assert digest({"power_w": np.float64(2), "shades": ("a",), "label": None}) == expected
+    assert digest(Shade.DARK) == digest("dark")
+
+
+def test_values_that_look_alike_differ():
+    values = [0, 1, True, False, None, "", "1", "True", (), ("",), ("", ""), ("ab",), ("a", "b")]
+    values += [{}, {"a": 1}, {"a": "1"}, [["a", 1]], ((),), 0.1, "0.1", math.inf, "inf", -1]
+    values += [np.zeros(2), np.zeros((2, 1)), np.zeros(2, np.float32), np.zeros(2, ">f8"), (0.0, 0)]
+    found = [digest(value) for value in values]
+    assert len(set(found)) == len(values)
+    assert digest(2**60) != digest(2**60 + 1)  # also where float64 is too coarse
+
+
+@pytest.mark.parametrize(
+    "value", [len, object(), {1, 2}, Path("x"), b"x", Lamp, {1: 2}, np.array([None]), [1j]]
+)
+def test_anything_else_is_refused(value):
+    """Promise: never by its repr."""
+    with pytest.raises(TypeError, match="expected settings or data"):
+        digest({"a": (value,)})
+
+
+def test_every_value_of_a_part_is_in_its_key():
+    """Promise: each field of light, sensors and tasks, but how many samples there are."""
+    for job in (jobs_of(preset("paper"), load_scene("carpet"))[k] for k in (0, 20, 40)):
+        keys = {job.key}
+        for section in ("clip", "render", "simulate"):
+            for changed, place in changes(getattr(job, section)):
+                found = dataclasses.replace(job, **{section: changed}).key
+                assert (found in keys) == (place == ".samples"), f"{section}{place}"
+                keys.add(found)
+        for task in ("reconstruction", "flow", "tracking", "video"):
+            of_task = getattr(job.evaluate, task)
+            for changed, place in changes(of_task):
+                if "methods" in place:
+                    continue  # a method that does not exist has no code to be hashed
+                evaluate = dataclasses.replace(job.evaluate, **{task: changed})
+                found = dataclasses.replace(job, evaluate=evaluate).key
+                assert (found in keys) == (not of_task.methods), f"{task}{place}"
+                keys.add(found)
+
+
+@pytest.mark.parametrize("name", ["carpet", "room"])
+def test_every_value_of_a_scene_is_in_its_digest(name, monkeypatch):
+    """Promise: each field of scene.toml, but title and license; of the light,
+    only what the light depends on."""
+    monkeypatch.setattr("eres_render.scene.scene.sha256", functools.cache(sha256))
+    scene = load_scene(name)
+    found, light = {scene.digest}, {scene.light_digest}
+    for settings, place in changes(scene.settings):
+        changed = dataclasses.replace(scene, settings=settings)
+        assert (changed.digest in found) == (place in (".title", ".license")), place
+        of_light = place.startswith((".textures", ".bake"))
+        assert (changed.light_digest in light) != of_light, place
+        found.add(changed.digest)
+        light.add(changed.light_digest)
+
+
+def test_comments_order_and_old_words_of_a_scene_are_free(tmp_path):
+    scene = load_scene(edit_scene(tmp_path / "plain"))
+    other = edit_scene(tmp_path / "other", ("license =", "licence ="))
+    toml, xml = (other / "scene.toml").read_text(), (other / "scene.xml").read_text()
+    head, *tables = toml.split("\n[")
+    (other / "scene.toml").write_text("\n[".join([f"# mine\n{head}", *reversed(tables)]))
+    spaced = xml.replace("\n", "\n\n  ").replace("</scene", "<!-- mine --></scene")
+    (other / "scene.xml").write_text(spaced)
+    assert load_scene(other).light_digest == scene.light_digest
+    assert load_scene(other).digest == scene.digest
+
+
+def test_the_poses_of_a_path_count_not_their_file(tmp_path):
+    poses = "0 0 0 2 1 0 0 0\n1 0.5 0 2 1 0 0 0\n2 1 0 2 1 0 0 0\n"
+    digests = []
+    for name, text in (("a", poses), ("b", poses), ("c", poses.replace("0.5", "0.6"))):
+        file = tmp_path / name
+        file.write_text(text)
+        digests.append(load_scene("carpet", file).digest)
+    assert digests[0] == digests[1] != digests[2]
