@@ -21,7 +21,7 @@ from sensor import (
     simulate_bank,
     stream,
 )
-from sensor.engine import arguments, bank
+from sensor.engine import arguments, group
 from sensor.formats.header import model_from_json, model_to_json
 from sensor.optics import middle
 
@@ -373,15 +373,15 @@ def test_sensors_larger_than_memory_are_refused(options, monkeypatch):
     that size is made."""
     model = SensorModel(width=50, height=40, dark_level=1.0, **options)
     light = np.ones((2, 40, 50))
-    group = bank.Bank(light, T_S, [model], None, 0, 1)._start([0])
-    state = [group.memory, group.v1, group.v2, group.hot_hz, *group.ready_us]
+    one = group.SensorGroup.start([0], [model], [1.0], light[0], 0)
+    state = [one.state.memory, one.state.v1, one.state.v2, one.settings.hot_hz, *one.ready_us]
     if model.threshold_mismatch:
-        state += [group.C_on, group.C_off]
+        state += [one.settings.C_on, one.settings.C_off]
     needed = sum(array.nbytes for array in state if array is not None)
     monkeypatch.setattr(arguments, "memory_bytes", lambda: 3 * needed)
     simulate_bank(light, T_S, [model] * 3)
     monkeypatch.setattr(arguments, "memory_bytes", lambda: 3 * needed - 1)
-    monkeypatch.setattr(bank.Bank, "_start", None)
+    monkeypatch.setattr(group.SensorGroup, "start", None)
     with pytest.raises(SensorError) as error:
         simulate_bank(light, T_S, [model] * 3)
     one_line(error, "3 sensors of up to 50x40 px", f"{3 * needed / 1e9:.1f} GB", "this machine has")

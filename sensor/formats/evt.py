@@ -25,7 +25,7 @@ from typing import BinaryIO
 import numpy as np
 
 from sensor.errors import EventFormatError
-from sensor.events import Events
+from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import (
     Header,
@@ -281,7 +281,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     """
     width, height = header.width or 0, header.height or 0
     size = np.dtype(codec.word).itemsize
-    none = batching.no_events(width, height, header.model)
+    none = no_events(width, height, header.model)
     state = _new_state()
     count = 0
     with path.open("rb") as file:

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from sensor.errors import EventFormatError
-from sensor.events import Events
+from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import Header
 
@@ -224,7 +224,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         A line is not an event of this sensor, or earlier than the one before it.
     """
     width, height = header.width or 0, header.height or 0
-    none = batching.no_events(width, height, header.model)
+    none = no_events(width, height, header.model)
     last = np.iinfo(np.int64).min
     rest = b""
     with path.open("rb") as file:
