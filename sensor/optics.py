@@ -61,10 +61,12 @@ def integrate(
     return out if integrate_area(frame, rows, columns, out) else None
 
 
-def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:
+def crop_to_aspect(
+    height: int, width: int, sensor_height: int, sensor_width: int
+) -> tuple[slice, slice]:
     """Rows and columns of the largest middle of a frame that has a sensor's shape, in whole pixels.
 
-    >>> middle(1280, 1280, 720, 1280)
+    >>> crop_to_aspect(1280, 1280, 720, 1280)
     (slice(280, 1000, None), slice(0, 1280, None))
     """
     seen_height = min(height, round(width * sensor_height / sensor_width))

@@ -23,7 +23,7 @@ from sensor import (
 )
 from sensor.engine import arguments, group
 from sensor.formats.header import model_from_json, model_to_json
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 
 T_S = [0.0, 0.01]
 MODEL = SensorModel(width=4, height=4)
@@ -194,7 +194,7 @@ def test_a_sensor_of_another_shape_is_refused(height, width, sensor_height, sens
     if off_px < 1:
         arguments.check_fit(model, height, width)
     else:
-        rows, columns = middle(height, width, sensor_height, sensor_width)
+        rows, columns = crop_to_aspect(height, width, sensor_height, sensor_width)
         with pytest.raises(SensorError) as error:
             arguments.check_fit(model, height, width)
         cut = f"[{rows.start}:{rows.stop}, {columns.start}:{columns.stop}]"

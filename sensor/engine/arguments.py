@@ -11,7 +11,7 @@ from sensor.engine.group import least_bytes
 from sensor.errors import SensorError
 from sensor.model import SensorModel
 from sensor.numbers import real, refusal, whole
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 
 _LARGEST_SEED = (1 << 63) - 1
 _MOST_THREADS = 1024
@@ -74,7 +74,7 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
         )
     # |height - width H / W| < 1 or |width - height W / H| < 1, without a division.
     if abs(model.height * width - model.width * height) >= max(height, width):
-        rows, columns = middle(height, width, model.height, model.width)
+        rows, columns = crop_to_aspect(height, width, model.height, model.width)
         alike = max(1, round(model.width * height / width))
         raise SensorError(
             f"sensor of {model.width}x{model.height} px is of another shape than the frames of "

@@ -16,7 +16,7 @@ from sensor.formats import find_format, read_events, read_header, write_events
 from sensor.formats.header import Header, Value, model_to_json
 from sensor.formats.registry import warn_of_loss
 from sensor.model import MAX_SIDE_PX
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
@@ -134,7 +134,7 @@ def simulate_sequence(
         "window_start_us": window_us[0],
         "window_end_us": window_us[1],
     }
-    rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
+    rows, columns = crop_to_aspect(manifest.height, manifest.width, model.height, model.width)
     frames = (frame[rows, columns] for frame in watch(sequence))
     parts: Iterable[Events] = stream(frames, sequence.t_s / speed, model, seed=seed)
     leaving = None
