@@ -14,7 +14,7 @@ from light_scenes import small_carpet_folder
 from sensor import Readout, SensorModel, presets, read_out, simulate
 from sensor.events import concatenate
 from sensor.formats import FORMATS, load_events, read_header, write_events
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 
 
 @pytest.fixture(scope="module")
@@ -200,10 +200,10 @@ def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, a
 
 def test_middle():
     """Promise: the largest middle of the sensor's shape, to a whole pixel."""
-    assert middle(1280, 1280, 720, 1280) == np.s_[280:1000, 0:1280]
-    assert middle(1280, 1280, 260, 346) == np.s_[159:1121, 0:1280]
-    assert middle(480, 640, 100, 100) == np.s_[0:480, 80:560]
-    assert middle(3, 5, 3, 5) == np.s_[0:3, 0:5]
+    assert crop_to_aspect(1280, 1280, 720, 1280) == np.s_[280:1000, 0:1280]
+    assert crop_to_aspect(1280, 1280, 260, 346) == np.s_[159:1121, 0:1280]
+    assert crop_to_aspect(480, 640, 100, 100) == np.s_[0:480, 80:560]
+    assert crop_to_aspect(3, 5, 3, 5) == np.s_[0:3, 0:5]
 
 
 @pytest.mark.parametrize("name", list(FORMATS))

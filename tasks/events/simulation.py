@@ -15,7 +15,7 @@ from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.engine.bank import DARK_FRACTION
 from sensor.formats import find_format, write_events
 from sensor.formats.header import Value
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
@@ -131,7 +131,7 @@ def simulate_sequence(
         "window_start_us": window_us[0],
         "window_end_us": window_us[1],
     }
-    rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
+    rows, columns = crop_to_aspect(manifest.height, manifest.width, model.height, model.width)
 
     def frames() -> Iterator[NDArray[np.float32]]:
         for k, frame in enumerate(sequence, start=1):

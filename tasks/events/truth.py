@@ -27,7 +27,7 @@ def truth_to_add(
     sequence's window to its end, `step_s` of the sequence's time apart: `T_world_cam` (T, 4, 4),
     `depth` (T, H, W) in metres, `flow` (T - 1, H, W, 2) in px from each time to the next with
     `flow_valid` (T - 1, H, W), and the camera matrix `K` (3, 3). They are of what the sensor sees,
-    which is `sensor.optics.middle` of the frames, to within half a pixel of them.
+    which is `sensor.optics.crop_to_aspect` of the frames, to within half a pixel of them.
     """
     truth = ground_truth(sequence)
     size = model.width, model.height
