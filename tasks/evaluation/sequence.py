@@ -36,17 +36,23 @@ def evaluate_sequence(
     sequence
         A clip, or a continuous stretch.
     task
-        Which task.
+        Name of the task.
     methods
-        Names, or "package.module:function"; all listed ones by default.
+        Names, or "package.module:function"; by default all listed methods.
     width
-        Of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
+        Width of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz
-        Photoreceptor cutoff; inf is ideal.
+        Photoreceptor cutoff, Hz; inf is an ideal pixel.
+    contrast_threshold
+        C, log units.
     speed
-        How much faster the scene moves than it was rendered.
+        Factor by which the scene moves faster than it was rendered.
     on_progress
-        Called with the stage, how much of it is done, and how much there is of it.
+        Called with the stage, the amount done, and the total.
+
+    Returns
+    -------
+    One row for each method, item and variant.
 
     Raises
     ------
