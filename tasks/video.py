@@ -34,7 +34,7 @@ Float64 = NDArray[np.float64]
 PERCENTILES = (1.0, 99.0)  # of an image's intensity: black and white
 # Tiles per side, levels, and the largest share of a level over its uniform share (0: no limit).
 # Those of "clahe" are the defaults of the public benchmark EVREAL, which uses OpenCV.
-EQUALISATIONS = {"global": (1, 4096, 0.0), "local": (8, 4096, 0.0), "clahe": (8, 256, 2.0)}
+EQUALIZATIONS = {"global": (1, 4096, 0.0), "local": (8, 4096, 0.0), "clahe": (8, 256, 2.0)}
 
 
 class VideoMethod(Protocol):
@@ -125,7 +125,7 @@ def log_light(sequence: RadianceSequence, t_s: float, dark_level: float) -> Floa
 def picture(
     log_image: NDArray[np.floating],
     shape: tuple[int, int],
-    equalisation: str = "local",
+    equalization: str = "local",
 ) -> Float64:
     """Return a log intensity as it is compared: enlarged, stretched and equalized.
 
@@ -135,7 +135,7 @@ def picture(
         (h, w), up to a constant.
     shape
         (H, W) of the truth.
-    equalisation
+    equalization
         "none", "global", "local" or "clahe" (local, with limited contrast).
 
     Returns
@@ -147,9 +147,9 @@ def picture(
     TaskError
         There is no such equalization, or the image has values that are not finite.
     """
-    if equalisation != "none" and equalisation not in EQUALISATIONS:
-        expected = ", ".join(("none", *EQUALISATIONS))
-        raise TaskError(f"equalisation: found {equalisation!r}, expected one of {expected}")
+    if equalization != "none" and equalization not in EQUALIZATIONS:
+        expected = ", ".join(("none", *EQUALIZATIONS))
+        raise TaskError(f"equalization: found {equalization!r}, expected one of {expected}")
     enlarged = np.asarray(log_image, np.float64)
     if not np.all(np.isfinite(enlarged)):
         raise TaskError("image: found values that are not finite")
@@ -161,9 +161,9 @@ def picture(
         stretched = np.full(shape, 0.5)
     else:
         stretched = np.clip((intensity - black) / (white - black), 0.0, 1.0)
-    if equalisation == "none":
+    if equalization == "none":
         return stretched
-    return equalise(stretched, *EQUALISATIONS[equalisation])
+    return equalize(stretched, *EQUALIZATIONS[equalization])
 
 
 def psnr_db(prediction: Float64, truth: Float64) -> float:
@@ -190,7 +190,7 @@ def psnr_db(prediction: Float64, truth: Float64) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def equalise(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
+def equalize(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
     """Map each pixel to its rank among its neighbors, 0 to 1.
 
     Ranks are those within a tile, interpolated between the centers of the four tiles around a

@@ -118,7 +118,7 @@ class Tracking(TaskSettings):
         How far the initial path is off the truth: standard deviations per component of each
         control point. Each is a variant of the task.
     max_events
-        A method gets the events of pixels drawn at random, at most so many from the path's 14 ms.
+        Largest number of events that a method gets from the path's 14 ms, of random pixels.
     max_delay_us
         By how much events may be late, for methods that look for that: they get events after the
         path's end too.
