@@ -12,7 +12,7 @@ demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
 
 # Two files at a time: each may hold a scene of a gigabyte.
-test: .venv/.dev .venv/.llvm
+test: .venv/.dev .venv/.llvm .venv/.chromium
 	$(BIN)/pytest -q -n 2 --dist loadfile
 
 test-slow: .venv/.dev .venv/.llvm
@@ -23,7 +23,7 @@ docs: .venv/.docs
 	@echo "eres: build/docs/index.html"
 
 answers: .venv/.ready
-	$(BIN)/python -m tasks.study.results.answer docs/results/paper README.md docs/results.md
+	$(BIN)/python -m tasks.study.report.answer docs/results/paper README.md docs/results.md
 
 lint: .venv/.dev
 	$(BIN)/ruff check .
@@ -60,10 +60,25 @@ clean:
 	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@
 
+AS_ROOT := $(shell test "$$(id -u)" = 0 || echo "sudo -n")
+
+# The report is tested in a browser; where there is none, those tests are skipped.
+HAS_CHROMIUM := command -v chromium || command -v chromium-browser || command -v google-chrome || \
+  command -v google-chrome-stable
+
+.venv/.chromium: .venv/.dev
+	@{ $(HAS_CHROMIUM); } >/dev/null || { \
+	  if command -v apt-get >/dev/null && $(AS_ROOT) true 2>/dev/null; then \
+	    echo "eres: installing Chromium for the tests of the report with apt-get"; \
+	    $(AS_ROOT) apt-get -qq update >/dev/null 2>&1; \
+	    $(AS_ROOT) apt-get -qq install --yes --no-install-recommends chromium >/dev/null 2>&1 || \
+	      echo "eres: no Chromium could be installed; the tests of the report in a browser are skipped"; \
+	  fi; }
+	@touch $@
+
 # Mitsuba's fast variant needs an LLVM that it gets on with; some releases would end the process.
 RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.rendering.backend import probe_variants; \
   sys.exit(not any(v.works for v in probe_variants() if v.name != 'scalar_rgb'))"
-AS_ROOT := $(shell test "$$(id -u)" = 0 || echo "sudo -n")
 
 .venv/.llvm: .venv/.ready
 	@$(RENDERS_FAST) || { \

@@ -5,7 +5,7 @@ Run: python benchmarks/bench_render.py [SCENE ...]
 At 1280 px and 16 samples per pixel, each round renders the same poses of a baked scene twice:
 `render_clip`, which also finds the frame times and writes EXR frames, poses and checksums; and
 `mi.render` with the path tracer at depth 1, which writes nothing. Prints a Markdown table: medians
-over the rounds of M samples/s, and of the ratio within a round. At least 0.85 is wanted.
+over the rounds of M samples/s, and of the ratio within a round, which should be at least 0.85.
 """
 
 from __future__ import annotations

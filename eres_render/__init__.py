@@ -29,40 +29,30 @@ if TYPE_CHECKING:
     from eres_render.trajectory.generators import random_path, waypoint_loop
     from eres_render.trajectory.spline import Trajectory, path_through
 
-# Names are loaded when they are asked for (PEP 562): the command line answers before SciPy, Numba
-# and what else they need has been imported.
-_HOMES = {
-    "BackendError": "eres_render.errors",
-    "Camera": "eres_render.camera",
-    "Clip": "eres_render.sequence.clips",
-    "Flow": "eres_render.sequence.ground_truth",
-    "GroundTruth": "eres_render.sequence.ground_truth",
-    "Noise": "eres_render.sequence.monte_carlo_noise",
-    "Plane": "eres_render.camera",
-    "RadianceSequence": "eres_render.sequence.sequence",
-    "RenderError": "eres_render.errors",
-    "Renderer": "eres_render.rendering.renderer",
-    "Scene": "eres_render.scene.scene",
-    "SceneError": "eres_render.errors",
-    "SequenceError": "eres_render.errors",
-    "Trajectory": "eres_render.trajectory.spline",
-    "TrajectoryError": "eres_render.errors",
-    "clips": "eres_render.sequence.clips",
-    "continuous_stretch": "eres_render.sequence.clips",
-    "ground_truth": "eres_render.sequence.ground_truth",
-    "list_scenes": "eres_render.scene.load",
-    "load_scene": "eres_render.scene.load",
-    "measure_noise": "eres_render.sequence.monte_carlo_noise",
-    "open_sequence": "eres_render.sequence.sequence",
-    "path_through": "eres_render.trajectory.spline",
-    "plane_homography": "eres_render.camera",
-    "random_path": "eres_render.trajectory.generators",
-    "render_clip": "eres_render.sequence.render_clips",
-    "render_scene": "eres_render.sequence.render_clips",
-    "waypoint_loop": "eres_render.trajectory.generators",
-    "window_times": "eres_render.sequence.ground_truth_files",
-    "write_truth": "eres_render.sequence.ground_truth_files",
+# Names are imported on first use (PEP 562), so that the command line starts without SciPy and
+# Numba.
+_NAMES = {
+    "eres_render.camera": ("Camera", "Plane", "plane_homography"),
+    "eres_render.errors": (
+        "BackendError",
+        "RenderError",
+        "SceneError",
+        "SequenceError",
+        "TrajectoryError",
+    ),
+    "eres_render.rendering.renderer": ("Renderer",),
+    "eres_render.scene.load": ("list_scenes", "load_scene"),
+    "eres_render.scene.scene": ("Scene",),
+    "eres_render.sequence.clips": ("Clip", "clips", "continuous_stretch"),
+    "eres_render.sequence.ground_truth": ("Flow", "GroundTruth", "ground_truth"),
+    "eres_render.sequence.ground_truth_files": ("window_times", "write_truth"),
+    "eres_render.sequence.monte_carlo_noise": ("Noise", "measure_noise"),
+    "eres_render.sequence.render_clips": ("render_clip", "render_scene"),
+    "eres_render.sequence.sequence": ("RadianceSequence", "open_sequence"),
+    "eres_render.trajectory.generators": ("random_path", "waypoint_loop"),
+    "eres_render.trajectory.spline": ("Trajectory", "path_through"),
 }
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "BackendError",

@@ -63,12 +63,10 @@ class Camera:
     ) -> None:
         if width < 1 or height < 1:
             raise RenderError(f"Camera: the image must have pixels, got {width}x{height}")
-        for name, given in (("fx", fx), ("fy", fy)):
-            if given is not None and not 0 < given < math.inf:
-                raise RenderError(f"Camera.{name} must be a positive number of pixels, got {given}")
-        for name, given in (("cx", cx), ("cy", cy)):
-            if given is not None and not math.isfinite(given):
-                raise RenderError(f"Camera.{name} must be finite, got {given}")
+        above = {"fx": 0.0, "fy": 0.0, "cx": -math.inf, "cy": -math.inf}
+        for (name, low), given in zip(above.items(), (fx, fy, cx, cy), strict=True):
+            if given is not None and not low < given < math.inf:
+                raise RenderError(f"Camera.{name} must lie in ({low:g}, inf), got {given}")
         if fov_rad is None:
             if fx is None:
                 raise RenderError("Camera: found neither fov_rad nor fx, expected one of them")
@@ -105,14 +103,41 @@ class Camera:
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def project(self, points_cam: Float64) -> Float64:
-        """Project (..., 3) points in camera coordinates, z > 0, to (..., 2) pixels."""
+        """Project points to the image.
+
+        Parameters
+        ----------
+        points_cam
+            (..., 3) points in camera coordinates, z > 0, m.
+
+        Returns
+        -------
+        points_px
+            (..., 2) pixels.
+
+        Raises
+        ------
+        RenderError
+            If a point is not in front of the camera.
+        """
         points_cam = np.asarray(points_cam, dtype=np.float64)
         if not np.all(points_cam[..., 2] > 0):
             raise RenderError("Camera.project: every point must lie in front of the camera, z > 0")
         return (self.fx, self.fy) * points_cam[..., :2] / points_cam[..., 2:] + (self.cx, self.cy)
 
     def rays(self, points_px: Float64) -> Float64:
-        """Return (..., 3) directions, z = 1, in camera coordinates through (..., 2) pixels."""
+        """Return the directions in which pixels look.
+
+        Parameters
+        ----------
+        points_px
+            (..., 2) pixels.
+
+        Returns
+        -------
+        rays
+            (..., 3) directions in camera coordinates, z = 1.
+        """
         points_px = np.asarray(points_px, dtype=np.float64)
         xy = (points_px - (self.cx, self.cy)) / (self.fx, self.fy)
         return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
@@ -123,7 +148,7 @@ class Camera:
         return np.stack([x.ravel(), y.ravel()], axis=-1)
 
     def centres(self) -> Float64:
-        """Return the (height * width, 2) centres of all pixels, row by row."""
+        """Return the (height * width, 2) centers of all pixels, row by row."""
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         return np.stack([x.ravel(), y.ravel()], axis=-1)
 
@@ -140,9 +165,20 @@ class Plane:
             raise RenderError(f"Plane.normal must have length 1, got {self.normal}")
 
     def distance(self, origin: Float64, direction: Float64) -> Float64:
-        """Return how far rays run to the plane, (...) in units of (..., 3) `direction`.
+        """Return how far rays run to the plane.
 
-        inf for a ray that does not run towards it.
+        Parameters
+        ----------
+        origin
+            (..., 3) starts of the rays, m.
+        direction
+            (..., 3), of any length.
+
+        Returns
+        -------
+        distance
+            (...) in units of the directions' lengths; inf for rays that do not run
+            toward it.
         """
         n = np.asarray(self.normal)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -150,12 +186,24 @@ class Plane:
         return np.where(distance > 0, distance, np.inf)
 
     def intersect(self, origin: Float64, direction: Float64) -> Float64:
-        """Return where the rays from (..., 3) `origin` along (..., 3) `direction` meet the plane.
+        """Return where rays meet the plane.
+
+        Parameters
+        ----------
+        origin
+            (..., 3) starts of the rays, m.
+        direction
+            (..., 3), of any length.
+
+        Returns
+        -------
+        points
+            (..., 3) m.
 
         Raises
         ------
         RenderError
-            If a ray does not run towards the plane.
+            If a ray does not run toward the plane.
         """
         distance = self.distance(origin, direction)
         if not np.all(np.isfinite(distance)):
@@ -200,6 +248,19 @@ def plane_homography(
 
 
 def map_pixels(H: Float64, points_px: Float64) -> Float64:
-    """Map (N, 2) pixels by a (..., 3, 3) homography to (..., N, 2) pixels."""
+    """Map pixels by a homography.
+
+    Parameters
+    ----------
+    H
+        (..., 3, 3).
+    points_px
+        (N, 2) pixels.
+
+    Returns
+    -------
+    mapped_px
+        (..., N, 2) pixels.
+    """
     mapped = points_px @ np.swapaxes(H[..., :2], -1, -2) + H[..., None, :, 2]
     return mapped[..., :2] / mapped[..., 2:]

@@ -1,4 +1,4 @@
-"""How long work says how far it is. Libraries only say it; the command line draws it."""
+"""Progress of long work: libraries report it, the command line draws it."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Called with what is being done, in words, how much of it is done, and how much there is."""
+    """Called with the work in words, how much of it is done, and how much there is."""
 
     def __call__(self, stage: str, done: float, total: float, /) -> None: ...
 
 
 def silent(stage: str, done: float, total: float, /) -> None:
-    """Tell nobody."""
+    """Ignore progress."""

@@ -12,6 +12,15 @@ from importlib import import_module
 from typing import Any
 
 
+@dataclass(frozen=True, slots=True)
+class ShareColumn:
+    """The column of a table that says how often a method failed, or how often it did not."""
+
+    head: str
+    meaning: str
+    of_successes: bool = False
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskSpec:
     """One task. A place is "module:name".
@@ -34,6 +43,8 @@ class TaskSpec:
         methods are classes that events are pushed to.
     planar_only
         Whether the scene must be a plane.
+    share_column
+        How tables show failures. None where a method cannot fail.
     """
 
     title: str
@@ -43,6 +54,7 @@ class TaskSpec:
     settings: str = "tasks.evaluation.settings:TaskSettings"
     sample: str | None = None
     planar_only: bool = False
+    share_column: ShareColumn | None = None
 
 
 _METHODS = "tasks.methods"
@@ -87,6 +99,7 @@ TASKS = {
         scorer=f"{_SCORERS}.flow:FlowScorer",
         settings=f"{_SETTINGS}:Flow",
         sample="tasks.flow:FlowSample",
+        share_column=ShareColumn("fail", "share of features that failed"),
     ),
     "tracking": TaskSpec(
         title="pose tracking",
@@ -102,6 +115,7 @@ TASKS = {
         settings=f"{_SETTINGS}:Tracking",
         sample="tasks.tracking:TrackingSample",
         planar_only=True,
+        share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
     ),
 }
 

@@ -1,4 +1,4 @@
-"""Made-up rows: the paper's medians, each sample and item shifted the same way everywhere."""
+"""Made-up rows with the paper's medians; samples and items have the same shifts everywhere."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Change = Callable[[int, float, float, float], float]  # width, cutoff_hz, speed,
 
 
 def rate_hz(width: int, cutoff_hz: float) -> float:
-    """8x from 640 to 1280 px in ideal light, 6x otherwise."""
+    """Return an event rate that grows 8 times from 640 to 1280 px in ideal light, else 6 times."""
     return 1e3 * width ** (3.0 if math.isinf(cutoff_hz) else math.log2(6.0))
 
 
@@ -35,10 +35,10 @@ def paper_rows(
     scenes: Iterable[str] = tuple(BASE_SPEED_M_PER_S),
     method: str | None = None,
 ) -> list[Row]:
-    """Rows whose medians are the paper's, `change`d, wherever it has any.
+    """Return rows with the paper's medians after `change`, for every cell of the paper.
 
-    Samples and items are spread evenly around the median, by dB or by a factor for errors; both
-    counts are odd. `method` is another name to give them.
+    Samples and items lie evenly around the median, in steps of dB or by factors for errors; both
+    counts must be odd. `method` is another name for the method.
     """
     rows = []
     for scene in scenes:
@@ -72,7 +72,7 @@ def paper_rows(
 
 
 def nothing_rows(rows: Iterable[Row], value: float) -> list[Row]:
-    """The do-nothing rows beside these, all with one value."""
+    """Return the baseline's rows for the same cells, all with one value."""
     return [
         Row(
             *(r.scene, r.task, TASKS[r.task].baseline, r.width, r.cutoff_hz),

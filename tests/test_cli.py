@@ -1,6 +1,7 @@
 """The command line: help, exit codes, one clear line for every mistake, nothing half-written."""
 
 import errno
+import re
 from pathlib import Path
 
 import pytest
@@ -40,13 +41,20 @@ def test_every_command_explains_itself(eres, command):
     assert len(out.splitlines()) > 3
 
 
+def test_every_option_has_help(eres):
+    for command in COMMANDS:
+        shown = " ".join(eres(command, "--help")[1].replace("│", " ").split())
+        bare = re.findall(r"--[\w-]+ (?:[A-Z{]\S* )?\((?:default|required)", shown)
+        assert not bare, f"{command}: {bare}"
+
+
 def test_help_lists_the_commands_in_short(eres):
     """Promise: what there is fits a screen; each command's own help has the rest."""
     code, out, _ = eres("--help")
     assert (code, len(out.splitlines()) < 45) == (0, True)
     assert all(f"• {command} " in out for command in COMMANDS)
-    assert "Stopped at any point" not in out
-    assert "Stopped at any point" in eres("render", "--help")[1]
+    assert "After an interruption" not in out
+    assert "After an interruption" in eres("render", "--help")[1]
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
-"""What a rebuilt house must not change: names of results, and results to the last bit.
+"""What refactoring must not change: names of results, and results to the last bit.
 
-`tests/data/guards.json` keeps them. A change that is meant comes with a raised stage version and an
+`tests/data/guards.json` holds them. An intended change comes with a raised stage version and an
 entry under "Numbers change" in CHANGELOG.md, and is stored by
 
     python tests/test_guards.py --rewrite
 
-Bits are of one processor and of one version of each library: elsewhere those tests are skipped.
+Bits depend on the processor and the versions of libraries: elsewhere those tests are skipped.
 `test_study_numbers.py` holds the same scores within tolerances on any machine.
 """
 
@@ -94,7 +94,7 @@ def score_digest(rows: list[Row]) -> str:
 
 
 def machine() -> dict[str, str]:
-    """What bits depend on: the processor that code is compiled for, and who computes."""
+    """Return what bits depend on: processor, Python and libraries."""
     found = {"processor": llvmlite.binding.get_host_cpu_name(), "python": sys.version.split()[0]}
     return found | {name: version(name) for name in LIBRARIES}
 
@@ -149,7 +149,7 @@ def plain(text: str) -> str:
 
 
 def rewrite() -> None:
-    """Store what is so now."""
+    """Store the current state."""
     from test_study_numbers import STUDY
 
     with tempfile.TemporaryDirectory() as folder:

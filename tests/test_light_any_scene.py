@@ -121,7 +121,7 @@ def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path
 
 def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
     xml = write_xml(tmp_path, CAMERA, BALL, SKY)
-    with pytest.raises(SceneError, match=r"mine\.xml: has no camera path; give poses in TUM's"):
+    with pytest.raises(SceneError, match=r"mine\.xml: has no camera path; give poses in TUM"):
         load_scene(xml).trajectory()
     file, *_ = write_poses(tmp_path, [(3, 0, 0)] * 3)
     with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):

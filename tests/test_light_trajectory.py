@@ -162,5 +162,5 @@ def test_nearly_unit_quaternions_are_normalized(tmp_path):
 def test_rotations_must_be_rotations():
     controls = np.tile(np.eye(4), (4, 1, 1))
     controls[2, 0, 0] = math.sqrt(2)
-    with pytest.raises(TrajectoryError, match="no rotation"):
+    with pytest.raises(TrajectoryError, match="not orthonormal"):
         Trajectory(0.5 * np.arange(-1, len(controls) - 1), controls)

@@ -1,10 +1,11 @@
 """A report in a real browser: nothing fails, all is readable on a phone and usable by keyboard."""
 
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from browser import Browser, find_chromium
 from study_rows import EI, EPF, EPPT, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.evaluation.timings import timings_file
@@ -13,6 +14,13 @@ from tasks.study.report import write_report
 from test_study_costs import JOB
 from test_study_report import add_previews, make_run
 
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
+)
 PHONE, DESK = (390, 844), (1280, 2000)
 OPEN_ALL = "document.querySelectorAll('details').forEach((one) => (one.open = true))"
 
@@ -81,46 +89,70 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     add_previews(folder)
     (folder / "costs").mkdir()
     (folder / "costs" / "part.json").write_bytes(timings_file(JOB))
-    return write_report(folder)
+    with pytest.MonkeyPatch.context() as patch:  # static figures take longer than all the rest
+        patch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
+        return write_report(folder)
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory):
-    binary = find_chromium()
-    if binary is None:
-        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
-    browser = Browser(binary, tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
+def chromium() -> Iterator[sync_api.Browser]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.fixture
+def page(chromium: sync_api.Browser, report: Path) -> Iterator[sync_api.Page]:
+    """The report on a desk; whatever it complains of fails the test."""
+    page = chromium.new_page(viewport=dict(zip(("width", "height"), DESK, strict=True)))
+    complaints = watched(page)
+    page.goto(report.as_uri())
+    yield page
+    page.close()
+    assert complaints == []
+
+
+def watched(page: sync_api.Page) -> list[str]:
+    """What a page complains of from now on."""
+    complaints: list[str] = []
+    page.on(
+        "console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None
+    )
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    return complaints
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", [PHONE, DESK])
 def test_it_opens_without_complaint_and_network(
-    browser: Browser, report: Path, size: tuple[int, int], dark: bool
+    chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str
 ) -> None:
     """Promise: no error or warning, no address but its own, nothing wider than the window, and
     every text has the contrast of WCAG AA, with all that can be unfolded open."""
-    browser.open(report, *size, dark=dark)
-    browser.evaluate(OPEN_ALL)
-    addresses = {url for url in browser.requests if not url.startswith("data:")}
-    assert addresses == {report.as_uri()}
-    assert browser.evaluate("document.documentElement.scrollWidth") == size[0]
-    assert browser.evaluate(LOW_CONTRAST) == []
-    assert browser.evaluate("document.querySelectorAll('.mark').length") == 9 * 5
-    assert browser.complaints == []
+    viewport = dict(zip(("width", "height"), size, strict=True))
+    page = chromium.new_page(viewport=viewport, color_scheme=scheme, is_mobile=size == PHONE)
+    complaints, addresses = watched(page), set()
+    page.on("request", lambda request: addresses.add(request.url))
+    page.goto(report.as_uri())
+    page.evaluate(OPEN_ALL)
+    page.wait_for_function("document.querySelectorAll('.plots:not([hidden]) .mark').length === 45")
+    assert {url for url in addresses if not url.startswith("data:")} == {report.as_uri()}
+    assert page.evaluate("document.documentElement.scrollWidth") == size[0]
+    assert page.evaluate(LOW_CONTRAST) == []
+    page.close()
+    assert complaints == []
 
 
-def test_tab_reaches_everything(browser: Browser, report: Path) -> None:
+def test_tab_reaches_everything(page: sync_api.Page) -> None:
     """Promise: without a mouse each link, button, choice, folded part, wide table and panel is
     reached, has a name, and shows that it has the focus."""
-    browser.open(report, *DESK)
-    count = browser.evaluate(STOPS)
+    count = page.evaluate(STOPS)
     assert count > 30
     reached = []
     for _ in range(count + 5):
-        browser.press("Tab")
-        if (focused := browser.evaluate(FOCUSED)) is None:
+        page.keyboard.press("Tab")
+        if (focused := page.evaluate(FOCUSED)) is None:
             break
         reached.append(focused)
     assert [one for one in reached if not (one["seen"] and one["name"])] == []
@@ -130,50 +162,64 @@ def test_tab_reaches_everything(browser: Browser, report: Path) -> None:
     assert len(reached) == count
 
 
-def test_arrow_keys_read_the_points(browser: Browser, report: Path) -> None:
+def test_arrow_keys_read_the_points(page: sync_api.Page) -> None:
     """Promise: the points of a panel are read one after the other, as their tooltips are shown."""
-    browser.open(report, *PHONE)
-    browser.evaluate("document.querySelector('.mark').focus()")
+    page.locator(".mark").first.focus()
     lines = []
     for _ in range(15):
-        name = browser.evaluate("document.activeElement.ariaLabel")
-        tip = "[...document.querySelectorAll('.tip:not([hidden]) > *')].map((one) => one.innerText)"
-        assert browser.evaluate(f"{tip}.join(', ')") == name
+        name = page.evaluate("document.activeElement.ariaLabel")
+        assert ", ".join(page.locator(".tip:visible > *").all_inner_texts()) == name
         lines.append(name)
-        browser.press("ArrowRight")
-    assert browser.evaluate("document.activeElement.ariaLabel") == lines[0]
+        page.keyboard.press("ArrowRight")
+    assert page.evaluate("document.activeElement.ariaLabel") == lines[0]
     assert len(set(lines)) == 15
     assert lines[0].startswith("128 px, ideal, speed 1 (0.9 m/s), PSNR 15.39 dB")
-    browser.press("Escape")
-    assert browser.evaluate("document.querySelectorAll('.tip:not([hidden])').length") == 0
+    page.keyboard.press("Escape")
+    assert page.locator(".tip:visible").count() == 0
 
 
-def test_the_picker_and_a_preview_by_keyboard(browser: Browser, report: Path) -> None:
+def test_a_series_is_hidden_and_a_panel_zoomed(page: sync_api.Page) -> None:
+    """Promise: without 1280 px the axis of the others is drawn larger, and each panel can have an
+    axis of its own; ticks are those of the data in the page."""
+    plot = page.locator(".plot").first
+
+    def ticks() -> list[list[str]]:
+        texts = "all => all.map(one => [...one.querySelectorAll('text[text-anchor=end]')]"
+        return plot.locator(".panel svg").evaluate_all(f"{texts}.map(text => text.textContent))")
+
+    first = ticks()
+    assert first[0] == first[1] == first[2]
+    plot.get_by_role("button", name="1280 px").click()
+    assert plot.locator(".mark").count() == 3 * 12
+    assert ticks()[0] != first[0]
+    plot.get_by_role("button", name="Zoom each panel").click()
+    ideal, _, night = ticks()
+    assert ideal != night
+
+
+def test_the_picker_and_a_preview_by_keyboard(page: sync_api.Page) -> None:
     """Promise: typing chooses another method's plots; Enter enlarges a preview, Escape closes it
     and the focus is where it was."""
-    browser.open(report, *DESK)
-    shown = "document.querySelector('.plots:not([hidden]) h3').textContent"
-    assert browser.evaluate(shown) == "carpet, reconstruction by event integration"
-    browser.evaluate("document.getElementById('pick').focus()")
-    browser.press("ArrowDown")
-    assert browser.evaluate(shown) == "carpet, optical flow by photometric flow"
-    assert browser.evaluate("document.querySelectorAll('.plots:not([hidden]) .mark').length") > 40
+    shown = page.locator(".plots:not([hidden])")
+    assert shown.locator("h3").inner_text() == "carpet, reconstruction by event integration"
+    page.focus("#pick")
+    page.keyboard.press("ArrowDown")
+    assert shown.locator("h3").inner_text() == "carpet, optical flow by photometric flow"
+    assert shown.locator(".mark").count() > 40
 
-    browser.evaluate("document.querySelector('.shot').focus()")
-    browser.press("Enter")
-    assert browser.evaluate("document.getElementById('zoom').open")
-    browser.press("Escape")
-    assert not browser.evaluate("document.getElementById('zoom').open")
-    assert browser.evaluate("document.activeElement.matches('.shot')")
-    assert browser.complaints == []
+    page.locator(".shot").first.focus()
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.getElementById('zoom').open")
+    page.keyboard.press("Escape")
+    assert not page.evaluate("document.getElementById('zoom').open")
+    assert page.evaluate("document.activeElement.matches('.shot')")
 
 
-def test_a_screen_reader_finds_names(browser: Browser, report: Path) -> None:
+def test_a_screen_reader_finds_names(page: sync_api.Page) -> None:
     """Promise: nothing that is announced as a picture, control or region is without a name."""
-    browser.open(report, *DESK)
-    browser.evaluate(OPEN_ALL)
+    page.evaluate(OPEN_ALL)
     roles = {"image", "img", "button", "link", "combobox", "region", "DisclosureTriangle"}
-    nodes = browser.call("Accessibility.getFullAXTree")["nodes"]
+    nodes = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")["nodes"]
     told = [n for n in nodes if not n["ignored"] and n["role"]["value"] in roles]
     assert {"button", "link", "combobox", "region"} <= {n["role"]["value"] for n in told}
     assert sum(n["role"]["value"] in ("image", "img") for n in told) > 40

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import pytest
 
+from drawn import section
 from sensor.presets import SENSORS
 from study_rows import paper_rows
 from tasks.study.claims.reconstruction import EVENT_INTEGRATION
-from tasks.study.report.sections.bandwidth import buses_html
+from tasks.study.report.sections.bandwidth import buses
 from tasks.study.results.bandwidth import bus_loads, capacities_hz
 from tasks.study.results.scores import Scores
+
+
+def buses_html(scores: Scores) -> str:
+    return section("bandwidth.html", buses=buses(scores, EVENT_INTEGRATION))
 
 
 def test_a_bus_saturates_above_its_capacity() -> None:
@@ -44,11 +49,11 @@ def test_capacities_are_those_of_real_buses() -> None:
 def test_the_table_marks_what_saturates() -> None:
     """Rates of 1e3 width^3: 2.1 Mev/s at 128 px is too much for a DVS128, at any speed."""
     rows = paper_rows(scenes=("carpet",))
-    page = buses_html(Scores(rows), EVENT_INTEGRATION)
+    page = buses_html(Scores(rows))
     assert "survives its own bus" in page
-    assert '<b class="over">2097 <small>209715&#8239;%</small></b>' in page
+    assert '<b class="over">2097 <small>209715\u202f%</small></b>' in page
     assert page.count("<tr>") == 1 + 10  # the head, and ten cameras
     lost = [r for r in rows if (r.width, r.sample) != (128, 3)]
-    assert "DVS128" not in buses_html(Scores(lost), EVENT_INTEGRATION)
+    assert "DVS128" not in buses_html(Scores(lost))
     other = [r for r in rows if r.width == 128]
-    assert buses_html(Scores([r for r in other if r.sample]), EVENT_INTEGRATION).count("<tr>") == 2
+    assert buses_html(Scores([r for r in other if r.sample])).count("<tr>") == 2

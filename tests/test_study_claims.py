@@ -1,4 +1,4 @@
-"""Claims on events and event integration hold, fail or are not measured as the rows say."""
+"""Promise: claims about events and event integration follow the rows."""
 
 import math
 from dataclasses import replace
@@ -10,7 +10,7 @@ from tasks.row import Row
 from tasks.study.claims.claim import SceneClaim
 from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.numbers import Number
-from tasks.study.claims.statistics import DAY, margin
+from tasks.study.claims.statistics import DAY, event_rate, margin
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.scores import Condition, Scores
@@ -52,14 +52,14 @@ FAILURES: dict[int, Change] = {
 
 @pytest.mark.parametrize("number", FAILURES)
 def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
-    """Each claim's own condition is broken, and it says so."""
+    """Rows break the condition of one claim, and its verdict says so."""
     found = verdict(number, paper_rows(EI, FAILURES[number]))
     assert found.status is Status.DOES_NOT_HOLD
     assert "(does not hold)" in found.ours
 
 
 def test_event_rate_that_only_follows_the_pixels_fails_claim_8() -> None:
-    """Exactly 4x the events on 4x the pixels is no rise of the per-pixel rate."""
+    """With 4 times the events on 4 times the pixels, the rate of a pixel does not rise."""
     found = verdict(8, paper_rows(rate=lambda width, cutoff_hz: float(width) ** 2))
     assert found.status is Status.DOES_NOT_HOLD
     silent = verdict(8, paper_rows(rate=lambda width, cutoff_hz: 0.0))
@@ -87,7 +87,7 @@ NEEDED: dict[int, tuple[int, float, float]] = {
 @pytest.mark.parametrize("number", NUMBERS)
 @pytest.mark.parametrize("lost_samples", [1, 9])
 def test_not_measured_is_never_holds(number: int, lost_samples: int) -> None:
-    """A needed cell is gone, or one of its samples: not measured, and the missing is named."""
+    """A needed cell or one of its samples is missing: not measured, and the text names it."""
     width = NEEDED[number][0]
     rows = [
         r
@@ -136,7 +136,7 @@ def test_few_samples_say_so_instead_of_an_interval() -> None:
 
 
 def test_the_contradiction_in_the_papers_caption_is_told() -> None:
-    """The caption's 0.1 dB and the table's 2.5 to 3.7 dB both stand in the note of claim 3."""
+    """The note of claim 3 has the caption's 0.1 dB and the table's 2.5 to 3.7 dB."""
     note = verdict(3, paper_rows()).note
     assert "0.1 dB" in note
     assert "2.5 to 3.7 dB" in note
@@ -149,7 +149,7 @@ def test_a_mean_over_scenes_is_the_papers() -> None:
 
 
 def test_the_bootstrap_is_paired_and_seeded() -> None:
-    """A difference between conditions with a common shift has no spread; a median alone has."""
+    """The difference of conditions with a common shift has no spread; a single median has."""
     scores = Scores(paper_rows())
     fine, coarse = (Condition("carpet", width, math.inf, 1.0) for width in (1280, 640))
     cells = {where: scores.cell(EI, where) for where in (fine, coarse)}
@@ -211,10 +211,13 @@ def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
 
 
 def test_what_the_paper_does_not_have_is_not_reported() -> None:
-    """A claim about a width of your own, or a method of your own, has no number of the paper."""
+    """Claims about your own width, event rates or your own method have no number of the paper."""
     number = {"margin": Number(margin(512, 128, DAY), above=0)}
     (found,) = judge_all(paper_rows(), {}, [replace(COARSEST_IS_WORST, numbers=number)])
     assert (found.status, found.paper) == (Status.NOT_MEASURED, "not reported")
+    rate = {"margin": Number(event_rate(640, DAY) - event_rate(128, DAY), above=0, unit="1/s")}
+    (found,) = judge_all(paper_rows(), {}, [replace(COARSEST_IS_WORST, numbers=rate)])
+    assert (found.status, found.paper) == (Status.HOLDS, "not reported")
     (found,) = judge_all(
         paper_rows(), {}, [replace(COARSEST_IS_WORST, series=EI._replace(method="own:method"))]
     )

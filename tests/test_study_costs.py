@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from drawn import section
 from tasks.errors import ResultError
 from tasks.evaluation.timings import (
     FrameTimer,
@@ -15,7 +16,7 @@ from tasks.evaluation.timings import (
     read_timings,
     timings_file,
 )
-from tasks.study.report.sections.timings import costs_html
+from tasks.study.report.sections.timings import summarize
 
 FLOW = MethodTimings("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
 NOTHING = MethodTimings("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)
@@ -59,13 +60,17 @@ def test_damaged_costs_are_named(tmp_path: Path) -> None:
         read_timings(tmp_path)
 
 
+def costs_html(parts: list[JobTimings]) -> str:
+    return section("timings.html", data=summarize(parts))
+
+
 def cells(page: str) -> dict[str, list[str]]:
     """Texts of the cells of each line of the tables, by the line's head."""
-    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page)
+    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page, re.DOTALL)
     return {
         head: [
-            unescape(re.sub("<[^>]*>", "", cell.replace("<br>", "; ")))
-            for cell in re.findall(r"<td.*?</td>", line)
+            unescape(re.sub("<[^>]*>", "", cell.replace(" <small>", "; "))).replace("\n", "; ")
+            for cell in re.findall(r"<td.*?</td>", line, re.DOTALL)
         ]
         for head, line in lines
     }

@@ -7,7 +7,8 @@ import numpy as np
 
 from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
-from tasks.study.report.figures import figure_files, tradeoff_figure
+from tasks.study.report.figures import figure, figure_files
+from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.results.scores import Scores
 
 
@@ -28,24 +29,24 @@ def scores(nothing_db: float) -> Scores:
 
 def test_the_files_are_whole_and_the_same_each_time() -> None:
     """A PNG that decodes, a complete SVG, and no date or random name in them."""
-    files = figure_files(scores(12.0), EI)
+    files = figure_files(tradeoff_plots(scores(12.0), EI))
     assert set(files) == {"png", "svg"}
     assert cv2.imdecode(np.frombuffer(files["png"], np.uint8), cv2.IMREAD_COLOR) is not None
     assert files["svg"].rstrip().endswith(b"</svg>")
-    assert figure_files(scores(12.0), EI) == files
+    assert figure_files(tradeoff_plots(scores(12.0), EI)) == files
 
 
 def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
     """Below, amid and above the scores: no mark within 4 points of the label's box."""
     for nothing_db in (8.0, 9.0, 12.0, 16.0):
-        figure = tradeoff_figure(scores(nothing_db), EI)
-        figure.draw_without_rendering()
-        for axes in figure.axes:
+        drawn = figure(tradeoff_plots(scores(nothing_db), EI))
+        drawn.draw_without_rendering()
+        for axes in drawn.axes:
             legend = axes.get_legend()
             assert legend is not None
             (label,) = legend.get_texts()
             assert label.get_text() == f"no events {nothing_db:.2f}"
-            box = legend.get_window_extent().padded(4 * figure.dpi / 72)
+            box = legend.get_window_extent().padded(4 * drawn.dpi / 72)
             lines = [line for line in axes.get_lines() if line.get_marker() != "None"]
             assert len(lines) == 2
             for line in lines:
@@ -56,9 +57,9 @@ def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
 def test_errors_have_a_logarithmic_axis_and_say_which_way_is_better() -> None:
     """Errors span decades and less is better; PSNR is in dB already and more is better."""
     rows = paper_rows(CM, samples=1)
-    flow = tradeoff_figure(Scores(rows + nothing_rows(rows, 3.5)), CM).axes[0]
+    flow = figure(tradeoff_plots(Scores(rows + nothing_rows(rows, 3.5)), CM)).axes[0]
     assert flow.get_yscale() == "log"
     assert flow.get_ylabel() == "RNEPE [px], less is better"
-    psnr = tradeoff_figure(scores(12.0), EI).axes[0]
+    psnr = figure(tradeoff_plots(scores(12.0), EI)).axes[0]
     assert psnr.get_yscale() == "linear"
     assert psnr.get_ylabel() == "PSNR [dB]"

@@ -1,4 +1,4 @@
-"""What the paper published is looked up here, so it must be what the paper printed."""
+"""Promise: `published` returns what the paper printed."""
 
 import math
 
@@ -91,7 +91,7 @@ def test_base_speed_columns_agree_with_the_main_table(scene: str) -> None:
 
 
 def test_event_integration_is_complete() -> None:
-    """All 3 scenes x 5 widths x 3 cutoffs x 3 speeds are there."""
+    """Event integration has all 3 scenes x 5 widths x 3 cutoffs x 3 speeds."""
     cells = [
         published(scene, *EI, width, cutoff, speed, "psnr_db")
         for scene in BASE_SPEED_M_PER_S
@@ -103,7 +103,7 @@ def test_event_integration_is_complete() -> None:
     assert None not in cells
 
 
-def test_what_the_paper_does_not_have_is_none() -> None:
+def test_a_cell_that_the_paper_lacks_is_none() -> None:
     """A cell outside the paper is None, not an error and not a neighbour's number."""
     assert published("carpet", *EI, 1280, INF, 10.0, "psnr_db") is None
     assert published("carpet", *EI, 512, INF, 1.0, "psnr_db") is None
@@ -129,6 +129,6 @@ def test_the_printed_margins_of_the_text_follow_from_the_table() -> None:
 
 
 def test_the_source_of_a_method_is_its_table() -> None:
-    """Each method names the table that its numbers stand in."""
+    """Each method has the table of its numbers."""
     assert source(*EI) == "Table 6"
     assert source("tracking", "photometric_tracking") == "Table 10"

@@ -10,14 +10,18 @@ import cv2
 import numpy as np
 import pytest
 
+from drawn import without_space
 from study_rows import CM, EI, EPF, EPPT, HF, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
 from tasks.study.report import write_report
-from tasks.study.report.page import MAX_BYTES
+from tasks.study.report.page import MAX_BYTES, SECTIONS, Section
+from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
 from tasks.study.run.previews import PREVIEW_S
+
+ROOT = Path(__file__).parent.parent
 
 
 def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
@@ -57,7 +61,13 @@ def add_previews(folder: Path) -> None:
 
 
 def html_of(folder: Path, rows: list[Row]) -> str:
-    return write_report(make_run(folder, rows)).read_text()
+    return without_space(write_report(make_run(folder, rows)).read_text())
+
+
+def plots_of(page: str) -> list[dict]:
+    """The plots as the page's script reads them."""
+    found = re.findall(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)
+    return [json.loads(plot) for plot in found]
 
 
 def answer_of(page: str) -> str:
@@ -99,12 +109,11 @@ def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
     for text in ("ideal", "day", "night", "24.09", "no events", "claim 9", "--preset quick"):
         assert text in page
     assert "llvm &lt;mono&gt;" in page
-    data = re.search(r'id="plot-data">(.*?)</script>', page, re.DOTALL)
-    assert data
-    (plot,) = json.loads(data[1])
-    assert plot["widths"] == list(WIDTHS)
-    assert [len(panel["points"]) for panel in plot["panels"]] == [15, 15, 15]
-    assert plot["panels"][2]["baselines"] == [12.0]
+    (plot,) = plots_of(page)
+    assert [key["label"] for key in plot["keys"]] == [str(width) for width in WIDTHS]
+    for panel in plot["panels"]:
+        assert [len(line["points"]) for line in panel["lines"]] == [3] * 5
+        assert panel["references"] == [12.0]
 
 
 def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
@@ -172,7 +181,7 @@ def test_the_pictures_are_explained(tmp_path: Path) -> None:
     """What the colours mean, over which time, and that the radiance is tone-mapped."""
     run = make_run(tmp_path, paper_rows(samples=1))
     add_previews(run)
-    page = write_report(run).read_text()
+    page = without_space(write_report(run).read_text())
     assert "Blue: brighter, red: darker" in page
     assert f"over the last {PREVIEW_S * 1e3:g} ms" in page
     assert "<figcaption>the radiance, tone-mapped</figcaption>" in page
@@ -253,9 +262,7 @@ def test_every_task_has_its_place(tmp_path: Path) -> None:
     ]
     assert [int(value) for value, _ in options] == list(range(len(options)))
     assert page.count('<div class="plots" hidden>') == len(options) - 1
-    data = re.search(r'id="plot-data">(.*?)</script>', page, re.DOTALL)
-    assert data
-    assert page.count('<div class="plot">') == len(json.loads(data[1])) == len(options)
+    assert page.count('<div class="plot">') == len(plots_of(page)) == len(options) + 1  # the sweep
     assert page.count('<p class="answer several">') == 4
     for _, name in options:
         assert len(re.findall(rf"<summary>[^<]* by {re.escape(name)}</summary>", page)) == 2
@@ -281,3 +288,23 @@ def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:
     (tmp_path / "previews" / "128.png").write_bytes(bytes(MAX_BYTES))
     with pytest.raises(ResultError, match="list fewer previews"):
         write_report(tmp_path)
+
+
+def test_a_section_of_your_own(tmp_path: Path) -> None:
+    """Promise: an entry with its data and its template adds a section and its link, from outside
+    of the package."""
+    template = TEMPLATES.from_string("<p>{{ data|join(', ') }}</p>{{ MISSING }}")
+    mine = Section("mine", "Mine", "What I see", template, lambda run: ["<a>", *run.scenes])
+    none = Section("none", "None", "Nothing to see", template, lambda run: None)
+    make_run(tmp_path, paper_rows(samples=1))
+    page = without_space(write_report(tmp_path, sections=[*SECTIONS, mine, none]).read_text())
+    assert '<a href="#mine">Mine</a>' in page
+    assert '<section id="mine" aria-labelledby="h-mine"><h2 id="h-mine">What I see</h2>' in page
+    assert "<p>&lt;a&gt;, carpet</p>–" in page
+    assert "Nothing to see" not in page
+
+
+def test_python_holds_no_tags() -> None:
+    """Promise: HTML is written in templates alone."""
+    for path in (ROOT / "tasks").rglob("*.py"):
+        assert not re.search(r"</?[a-z]+[ >]", path.read_text()), path

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drawn import section
 from sensor.statistics import PowerLaw, log_bin_edges_us
 from tasks.errors import ResultError
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Status, Verdict
-from tasks.study.report.sections.scaling import scaling_html
+from tasks.study.report.finished_run import FinishedRun
+from tasks.study.report.sections.scaling import scaling
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.scaling import Intervals, Scaling, Slopes, read_scaling
+from tasks.study.results.scores import Scores
 from tasks.study.run.scaling import scaling_files
 from test_study_claims import paper_rows
 
@@ -126,17 +130,32 @@ def test_numbers_survive_the_disk(tmp_path: Path) -> None:
         read_scaling(tmp_path)
 
 
+def section_of(folder: Path) -> str:
+    """The section of a run on the carpet, whose numbers lie in `folder` / scaling."""
+    run = FinishedRun(folder, [Scores(paper_rows(scenes=("carpet",)))], {}, {})
+    return section("scaling.html", data=scaling(run))
+
+
 def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:
     """The picture, the law, and a histogram in the best light and at night at both speeds."""
-    write_made(tmp_path)
-    page = scaling_html(tmp_path, {"carpet": made()}, ["carpet", "room"])
-    assert page.count("<figure") == 5
-    assert page.count("<svg") == 4
-    assert "γ = 0.90 [0.80, 1.00]" in page
-    for width in WIDTHS:
-        assert f"{width} px" in page
+    assert "no scaling statistics" in section_of(tmp_path)
+    folder = tmp_path / "scaling"
+    folder.mkdir()
+    write_made(folder)
+    for file in list(folder.iterdir()):  # another scene, of which there are no scores
+        (folder / file.name.replace("carpet", "room")).write_bytes(
+            file.read_bytes().replace(b"carpet", b"room")
+        )
+    page = section_of(tmp_path)
+    slopes, intervals = map(json.loads, re.findall(r'json">(.*?)</script>', page))
+    assert page.count("<img") == 1
+    assert len(slopes["panels"]) == 1
+    assert [panel["label"] for panel in intervals["panels"]] == ["(c) ideal", *["(c) night"] * 2]
+    assert slopes["keys"][1]["name"] == "everywhere: γ = 0.90 [0.80, 1.00]"
+    assert [key["name"] for key in intervals["keys"]] == [f"{width} px" for width in WIDTHS]
+    (mode,) = intervals["panels"][0]["lines"][0]["points"]
+    assert mode["lines"][:2] == ["128 px", "mode: 11 ms"]
     assert "room" not in page
-    assert "no scaling statistics" in scaling_html(tmp_path, {}, ["carpet"])
-    (tmp_path / "carpet.png").unlink()
+    (folder / "carpet.png").unlink()
     with pytest.raises(ResultError, match=r"carpet\.png: no such file"):
-        scaling_html(tmp_path, {"carpet": made()}, ["carpet"])
+        section_of(tmp_path)

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from drawn import comparison_html
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks.cli.comparison import to_rich
 from tasks.errors import ResultError
 from tasks.row import Row
-from tasks.study.report.sections.comparison import to_html
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.metrics import Series
@@ -76,7 +76,7 @@ def test_a_cell_without_all_samples_has_no_median(broken: str) -> None:
     assert entry.difference is None
     assert not any(line.entries[0].best for line in table.blocks[0].lines)
     assert "– (2 of 3)" in terminal_text(rows)
-    assert "– (2 of 3)" in to_html(table)
+    assert "– (2 of 3)" in comparison_html(table)
 
 
 def test_a_condition_that_was_not_run_prints_as_missing() -> None:
@@ -95,14 +95,14 @@ def test_speeds_select_the_layout() -> None:
     scores = Scores(grid() + [replace(r, speed=4 / 3) for r in grid()])
     assert [b.speed for b in comparison_table(scores, EI, [1.0]).blocks] == [1.0]
     assert [b.speed for b in comparison_table(scores, EI).blocks] == [1.0, 4 / 3]
-    assert "speed 1.3 (1.2 m/s)" in to_html(comparison_table(scores, EI))
+    assert "speed 1.3 (1.2 m/s)" in comparison_html(comparison_table(scores, EI))
 
 
 def test_a_scene_outside_the_paper_has_no_paper_numbers() -> None:
     """An own scene gets the same table, with dashes for the paper and no m/s."""
     table = comparison_table(Scores([replace(r, scene="<mine>") for r in grid()]), EI)
     assert table.blocks[0].lines[0].entries[0].paper is None
-    assert "&lt;mine&gt; <small>speed 1</small>" in to_html(table)
+    assert "&lt;mine&gt; <small>speed 1</small>" in comparison_html(table)
 
 
 def test_every_rendering_has_the_same_numbers() -> None:
@@ -112,7 +112,7 @@ def test_every_rendering_has_the_same_numbers() -> None:
     assert "[dB]" in text
     for number in ("16.00", "15.39", "+0.61", "12.00"):
         assert number in text
-        assert number in to_html(table)
+        assert number in comparison_html(table)
     assert "16,15.389,0.611,2,0" in to_csv([table])
 
 
@@ -141,8 +141,8 @@ def test_a_score_that_does_not_beat_doing_nothing_is_struck_out() -> None:
     """128 px scores 16 dB, nothing 17 dB: struck out in HTML and 0 in the CSV; 1280 px is not."""
     rows = [replace(r, value=17.0) if r.method == "no_events" else r for r in grid()]
     table = comparison_table(Scores(rows), EI)
-    assert "<s>16.00</s>" in to_html(table)
-    assert "<s>25.00</s>" not in to_html(table)
+    assert "<s>16.00</s>" in comparison_html(table)
+    assert "<s>25.00</s>" not in comparison_html(table)
     records = list(csv.DictReader(io.StringIO(to_csv([table]))))
     assert [r["beats_nothing"] for r in records] == ["0", "1", ""]
 
@@ -160,7 +160,7 @@ def test_failed_items_count_and_are_shown() -> None:
     series = Series("flow", "photometric_flow", "rnepe_px")
     table = comparison_table(Scores(flow_rows()), series)
     assert table.blocks[0].lines[0].entries[0].cell.median == 2.0
-    page = to_html(table)
+    page = comparison_html(table)
     for cell in ('<td class="ours"><strong>2.00', '<td class="rate">1.00</td>', ">33%</td>"):
         assert cell in page
     (record, nothing) = csv.DictReader(io.StringIO(to_csv([table])))
@@ -187,7 +187,7 @@ def test_a_lost_item_leaves_a_gap() -> None:
     rows = flow_rows() + [r for r in finer if r.item != 1]
     table = comparison_table(Scores(rows), Series("flow", "photometric_flow", "rnepe_px"))
     assert table.blocks[0].lines[1].entries[0].cell.median is None
-    assert "– (2 of 3)" in to_html(table)
+    assert "– (2 of 3)" in comparison_html(table)
 
 
 def test_tables_fit_a_terminal() -> None:

@@ -1,4 +1,4 @@
-"""Claims on video, flow and tracking hold, fail or are not measured as the rows say."""
+"""Promise: claims about video, flow and tracking follow the rows."""
 
 import math
 import re
@@ -23,7 +23,7 @@ INF = math.inf
 
 
 def rows_for(number: int, change: Change = lambda w, c, s, v: v, **options: object) -> list[Row]:
-    """The rows that a claim needs, with the paper's medians."""
+    """Return the rows that a claim needs, with the paper's medians."""
     if number == 21:
         return paper_rows(EPF, **options) + paper_rows(CM, change, **options)  # type: ignore[arg-type]
     return paper_rows(SERIES[number], change, **options)  # type: ignore[arg-type]
@@ -59,7 +59,7 @@ FAILURES: dict[int, Change] = {
 
 @pytest.mark.parametrize("number", FAILURES)
 def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
-    """Each claim's own condition is broken, and it says so."""
+    """Rows break the condition of one claim, and its verdict says so."""
     found = verdict(number, rows_for(number, FAILURES[number]))
     assert found.status is Status.DOES_NOT_HOLD
     assert "(does not hold)" in found.ours
@@ -69,7 +69,7 @@ def test_tracking_that_never_suffers_at_night_fails_claim_19() -> None:
     """346 px is still best on rocks at night, but 1280 px is no worse there than in ideal light."""
     found = verdict(19, rows_for(19, lambda w, c, s, v: 20 if w == 1280 else v))
     assert found.status is Status.DOES_NOT_HOLD
-    assert "grows 1.0 " in found.ours
+    assert "growth 1.0 " in found.ours
 
 
 def test_room_where_coarse_wins_fails_claim_14() -> None:
@@ -99,7 +99,7 @@ NEEDED: dict[int, tuple[str, int, float, float]] = {
 @pytest.mark.parametrize("number", NEEDED)
 @pytest.mark.parametrize("lost", ["cell", "item"])
 def test_not_measured_is_never_holds(number: int, lost: str) -> None:
-    """A needed cell is gone, or one item of one of its samples: not measured, and it is named."""
+    """A needed cell or one item of a sample is missing: not measured, and the text names it."""
     method = CM.method if number == 21 else SERIES[number].method
     rows = [
         r
@@ -116,7 +116,7 @@ def test_not_measured_is_never_holds(number: int, lost: str) -> None:
 
 @pytest.mark.parametrize("number", [*SERIES, 21])
 def test_rows_of_another_task_measure_nothing(number: int) -> None:
-    """A run of event integration alone says so for every other method."""
+    """With rows of event integration only, the claims about other methods are not measured."""
     found = verdict(number, paper_rows(EI, samples=1))
     assert found.status is Status.NOT_MEASURED
     assert found.ours.startswith("no rows of ")
@@ -154,8 +154,8 @@ def test_the_papers_contradictions_are_told() -> None:
 
 
 @pytest.mark.parametrize("number", [13, 19])
-def test_a_delay_is_reported_beside_and_does_not_decide(number: int) -> None:
-    """With the delay as an unknown nothing depends on the light: told, but the verdict stays."""
+def test_a_delay_is_reported_and_does_not_decide(number: int) -> None:
+    """With the delay as an unknown the light does not matter: printed, but the verdict stays."""
     method = f"{SERIES[number].method}_with_delay"
     delayed = paper_rows(SERIES[number], lambda w, c, s, v: w / 1280, method=method)
     found = verdict(number, rows_for(number) + delayed)
@@ -164,7 +164,7 @@ def test_a_delay_is_reported_beside_and_does_not_decide(number: int) -> None:
 
 
 def test_what_beats_the_initial_flow_is_told() -> None:
-    """Claim 14's best at night is set beside the initial flow."""
+    """Claim 14 compares the best score at night with the initial flow."""
     rows = rows_for(14)
     better = verdict(14, rows + nothing_rows(rows, 20.0)).ours
     worse = verdict(14, rows + nothing_rows(rows, 0.1)).ours
@@ -176,7 +176,7 @@ def test_what_beats_the_initial_flow_is_told() -> None:
 
 
 def swept(failures: dict[str, Callable[[Row], bool]]) -> list[Row]:
-    """Tracking rows for each perturbation, failed where the predicate says so."""
+    """Return tracking rows for each perturbation, with the failures of its predicate."""
     return [
         replace(r, failure="no convergence" if fails(r) else "")
         for variant, fails in failures.items()
@@ -202,7 +202,7 @@ def test_tracking_is_judged_at_the_largest_perturbation_that_converges() -> None
 
 
 def test_no_perturbation_that_converges_measures_nothing() -> None:
-    """Where tracking hardly converges no claim about it is judged, and the rates are told."""
+    """If tracking rarely converges, no claim about it is judged, and the rates are printed."""
     rows = swept({"sigma 2 mm": lambda r: r.sample < 2, "sigma 5 mm": lambda r: True})
     for number in (18, 19, 20):
         found = verdict(number, rows)
@@ -225,7 +225,7 @@ def test_every_method_that_beats_doing_nothing_upholds_claim_24() -> None:
 
 
 def test_cells_that_do_not_beat_doing_nothing_are_listed() -> None:
-    """One cell as good as nothing is enough to fail, and it is named."""
+    """One cell that does not beat the baseline is enough to fail, and the text names it."""
     rows = paper_rows(EI, lambda w, c, s, v: 5.0 if (w, c, s) == (240, 50, 2) else 20.0)
     found = verdict(24, rows + nothing_rows(rows, 10.0))
     assert found.status is Status.DOES_NOT_HOLD
@@ -235,7 +235,7 @@ def test_cells_that_do_not_beat_doing_nothing_are_listed() -> None:
 
 
 def test_a_lead_over_nothing_that_the_samples_do_not_settle_is_counted() -> None:
-    """Nothing scores within the samples' spread; the median is better all the same."""
+    """The baseline lies within the spread of the samples, but the median is better."""
     rows = paper_rows(EI, lambda w, c, s, v: 20.0, scenes=["carpet"])
     found = verdict(24, rows + nothing_rows(rows, 19.9))
     assert found.status is Status.HOLDS

@@ -174,10 +174,10 @@ def _row_of_books(
         low = (book.left, back - book.deep, z)
         high = (book.left + book.thick, back, z + book.high)
         # Covers show only next to a gap or a smaller book.
-        beside = {"west": row[k - 1 : k], "east": row[k + 1 : k + 2]}
+        next_to = {"west": row[k - 1 : k], "east": row[k + 1 : k + 2]}
         paints = {"south": book_spine, "top": book_pages, "west": book_cover, "east": book_cover}
         for name, paint in paints.items():
-            if any(b.high >= book.high and b.deep >= book.deep for b in beside.get(name, ())):
+            if any(b.high >= book.high and b.deep >= book.deep for b in next_to.get(name, ())):
                 continue
             if name == "west" and k == 0:
                 continue  # leans on the bookcase

@@ -1,1 +1,1 @@
-"""All that touches Mitsuba: variants, loading, baked light, the renderer."""
+"""All code that uses Mitsuba: variants, loading, baked light, the renderer."""

@@ -1,8 +1,8 @@
 """Choose a Mitsuba variant that works on this machine.
 
 With some LLVM releases Mitsuba's `llvm_*` variants end the whole process ("Cannot select:
-fminimum"), which no `except` can catch. So each candidate first renders a few pixels in a process
-of its own, and the verdict is remembered for as long as Mitsuba and the libraries stay the same.
+fminimum"), which no `except` can catch. So each candidate first renders a few pixels in its own
+process, and the verdict is cached until Mitsuba or the libraries change.
 """
 
 from __future__ import annotations
@@ -72,9 +72,20 @@ _PROBE_LIMIT_S = 180.0
 
 @dataclass(frozen=True, slots=True)
 class VariantVerdict:
-    """Whether a Mitsuba variant works here, how long its first tiny render took, and why not.
+    """Whether a Mitsuba variant works on this machine.
 
-    A verdict is lasting unless the machine was too busy or had too little memory to tell.
+    Parameters
+    ----------
+    name
+        The variant.
+    works
+        Whether it rendered the right image.
+    seconds
+        How long that took.
+    reason
+        Why it does not work, or "".
+    lasting
+        False if the machine was too busy or had too little memory to tell.
     """
 
     name: str
@@ -112,29 +123,29 @@ def select_variant() -> str:
     import mitsuba as mi
 
     mi.set_variant(name)
-    if dr.thread_count() < 2:  # with one, Mitsuba 3.9 waits for itself for ever on an EXR image
+    if dr.thread_count() < 2:  # with one, Mitsuba 3.9 deadlocks on an EXR image
         dr.set_thread_count(2)
     return name
 
 
 def release_memory() -> None:
-    """Give memory that Dr.Jit has freed back to the system: 0.4 GB after loading the room.
+    """Return memory that Dr.Jit has freed to the system: 0.4 GB after loading the room.
 
-    It would keep it for later, also that of scenes that are gone.
+    Dr.Jit keeps freed memory for reuse, also that of scenes that no longer exist.
     """
     import drjit as dr
 
     dr.flush_malloc_cache()
 
 
-@functools.cache  # what is passed over is said once a process
+@functools.cache  # variants passed over are logged once a process
 def _best_variant() -> str:
     passed_over: list[VariantVerdict] = []
     for name in VARIANTS:
         verdict = _verdict(name)
         if verdict.works:
             if passed_over:
-                # A machine without a GPU is nothing to warn about; one without LLVM is.
+                # A missing GPU is no reason for a warning; missing LLVM is.
                 level = logging.WARNING if name.startswith("scalar") else logging.DEBUG
                 slow = ", about 20x slower than with LLVM" if name.startswith("scalar") else ""
                 _log.log(level, "rendering with %s%s; %s", name, slow, _explain(passed_over[-1:]))
@@ -167,7 +178,7 @@ def _verdict(name: str) -> VariantVerdict:
 
 
 def _libraries() -> list[tuple[str, int]]:
-    """Return what the JIT libraries and drivers here are: settings, paths, times of change."""
+    """Return the JIT libraries and drivers: settings, paths, times of change."""
     found = [(f"{name}={os.environ.get(name, '')}", 0) for name in _LIBRARY_VARIABLES]
     patterns = [os.path.join(f, library) for f in _LIBRARY_FOLDERS for library in _LIBRARIES]
     paths = sorted({path for pattern in patterns for path in glob.glob(pattern)})
@@ -180,7 +191,7 @@ def _libraries() -> list[tuple[str, int]]:
 
 
 def _probe(name: str) -> VariantVerdict:
-    """Render a few pixels with a variant, in a process of its own."""
+    """Render a few pixels with a variant, in its own process."""
     start = time.perf_counter()
     try:
         run = subprocess.run(

@@ -1,4 +1,4 @@
-"""Does a camera path keep clear of what stands in the scene?"""
+"""Check that a camera path keeps clear of the surfaces of a scene."""
 
 from __future__ import annotations
 
@@ -23,21 +23,29 @@ def check_clearance(
     min_clearance_m: float,
     where: str,
 ) -> None:
-    """Refuse a path that passes through a surface, into a solid, or too near to a surface.
+    """Refuse a path that crosses a surface, enters a solid, or comes too near to a surface.
 
-    Rays go out from places along the path, no farther apart than half the clearance (2000 places at
-    most), in 512 directions, and from each place to the next. What is thinner than the gaps between
-    the rays, and not crossed, is not seen.
+    Rays start from places along the path, at most half the clearance apart (2000 places at most),
+    in 512 directions and to the next place. Objects thinner than the gaps between the rays are
+    missed unless the path crosses them.
 
     Parameters
     ----------
+    trajectory
+        The path.
+    duration_s
+        How much of it to check, s.
+    caster
+        Casts rays at the scene.
+    min_clearance_m
+        Least distance from all surfaces, m.
     where
-        What to call the path in an error.
+        Name of the path in errors.
 
     Raises
     ------
     TrajectoryError
-        Naming the first time at which it happens, and the shape.
+        The text names the first bad time and the shape.
     """
     length_m = trajectory.mean_speed_mps(duration_s) * duration_s
     count = int(np.clip(2 * length_m / min_clearance_m, _FEWEST_PLACES, _MOST_PLACES)) + 1

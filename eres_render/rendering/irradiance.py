@@ -1,7 +1,7 @@
-"""How much light falls on every part of every surface of a scene.
+"""The light that falls on every part of every surface of a scene.
 
-All surfaces are Lambertian: what arrives at a point, from anywhere, decides all that leaves it. So
-light can be carried from surface to surface by the cells of their lightmaps.
+All surfaces are Lambertian: the light that arrives at a point, from all directions, decides the
+light that leaves it. So the cells of lightmaps can carry light from surface to surface.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ _log = logging.getLogger(__name__)
 
 Float32 = NDArray[np.float32]
 
-# Called with points on a surface, a sampler and which points are valid; returns the irradiance at
+# Called with points on a surface, a sampler and a mask of valid points; returns the irradiance at
 # each and whether it counts.
 Light = Callable[[Any, Any, Any], tuple[Any, Any]]
 
 Size = tuple[float, float]  # along u and along v, m
 
-_SAMPLES_AT_ONCE = 1 << 22  # bounds the memory of one wavefront
-_BOUNCES = 8  # of light between surfaces; what half of it survives has lost 99.6 % by then
+_SAMPLES_AT_ONCE = 1 << 22  # limits the memory of one wavefront
+_BOUNCES = 8  # between surfaces; light that halves at each has lost 99.6 % by then
 _FEWEST_SAMPLES = 4
 _PROBES = 1 << 14  # points at which a UV square is measured
 _PROBES_PER_POINT = 4  # rays that tell whether a point is covered
@@ -49,19 +49,21 @@ def irradiance_maps(
 ) -> dict[str, Float32]:
     """Return the mean irradiance, W m^-2, in each cell of each surface's UV square.
 
-    First comes what every cell gets from the lamps, by rays to each of them. Then every surface
-    glows by what it reflects of that, and all cells gather the light of the glowing surfaces;
-    this is repeated, once for each bounce, with few samples, and the last time with all.
-    Points that something covers, such as those of a floor under a table's leg, count for nothing.
-    Cells without any point that counts take over the nearest cell that has some.
+    First, rays to each lamp find the direct light of every cell. Then every surface emits the light
+    that it reflects, and all cells gather the light of the emitting surfaces. This is repeated for
+    each bounce, with few samples, and the last time with all.
+    Covered points, such as those of a floor under a table's leg, do not count. Cells without any
+    point that counts copy the nearest cell that has one.
 
     Parameters
     ----------
+    scene
+        Scene to light.
     cell_m
-        Side of a cell on the surface, about: a UV square has a whole number of them each way.
+        Approximate side of a cell on the surface, m: a UV square has whole cells each way.
     spp
         Samples in each cell, rounded up to a square: positions, each with a ray to every lamp, a
-        ray to gather, and rays that find out whether it is covered.
+        ray that gathers light, and rays that tell whether the position is covered.
     on_progress
         Called as samples are done.
 
@@ -69,6 +71,13 @@ def irradiance_maps(
     -------
     maps
         From shape id to (rows, columns) float32; rows run along v, columns along u.
+
+    Raises
+    ------
+    BackendError
+        If the selected variant is scalar.
+    SceneError
+        If the scene has no light, or a surface cannot be baked.
     """
     import mitsuba as mi
 
@@ -119,15 +128,15 @@ def irradiance_maps(
 
 
 def _square(spp: int) -> int:
-    """Return the least square that is no smaller: what the multijittered sampler lays out best."""
+    """Return the next square number, which the multijittered sampler lays out best."""
     return (math.isqrt(spp - 1) + 1) ** 2
 
 
 def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[int, int]:
     """Return how many cells a shape's lightmap has along u and along v.
 
-    The size of the UV square is that of the texture on it, if `sizes_m` knows it, which lets cells
-    line up with the parts of an atlas; else the mean stretch of the parametrization over the shape.
+    The size of the UV square is that of the texture on it, if `sizes_m` has it, so that cells line
+    up with the parts of an atlas; else the mean stretch of the parametrization over the shape.
     """
     import drjit as dr
     import mitsuba as mi
@@ -187,9 +196,9 @@ def _per_cell(
     sides
         Cells along u and along v.
     smooth
-        Take the mean over each cell and its neighbors, which surfaces that glow all over allow.
+        Take the mean over each cell and its neighbors, as is right for light from large surfaces.
     on_samples
-        Told, now and then, how many more samples are done.
+        Called with the number of further samples that are done.
     """
     import drjit as dr
     import mitsuba as mi
@@ -201,8 +210,8 @@ def _per_cell(
     total, count = np.zeros(n_u * n_v), np.zeros(n_u * n_v)
     for first in range(0, n_u * n_v, cells_at_once):
         cells = min(cells_at_once, n_u * n_v - first)
-        # Numbers that change from call to call are opaque: they would otherwise be compiled into
-        # the kernel, and each kernel takes longer to compile than to run.
+        # Numbers that change from call to call are opaque, or Dr.Jit would compile each into a new
+        # kernel, which takes longer to compile than to run.
         sampler.seed(dr.opaque(mi.UInt32, first), cells * spp)
         cell = dr.arange(mi.UInt32, cells * spp) // spp + dr.opaque(mi.UInt32, first)
         columns, rows = dr.opaque(mi.UInt32, n_u), dr.opaque(mi.UInt32, n_v)
@@ -213,7 +222,7 @@ def _per_cell(
         point.p, point.n, point.sh_frame = found.p, found.n, mi.Frame3f(found.sh_frame.n)
         valid = found.is_valid()
         sampler.schedule_state()
-        # Up to here the kernel is this shape's own; the long one that follows serves all shapes.
+        # The kernel up to here is for this shape; the long one that follows serves all shapes.
         dr.eval(point, valid)
         irradiance, counts = light(point, sampler, valid)
         irradiance = dr.block_sum(dr.select(counts, irradiance, 0.0), spp)
@@ -231,10 +240,10 @@ def _per_cell(
 
 
 def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
-    """Return which points lie on no covered part of a surface, such as a floor under a table's leg.
+    """Return which points are not covered, as a floor is under a table's leg.
 
-    Rays from a covered point all meet the back of something. A few backs alone may be seen through
-    the open side of a hollow thing, and are as black as they look.
+    All rays from a covered point meet the back of a surface. Single backs may also be seen through
+    the open side of a hollow object.
     """
     import drjit as dr
     import mitsuba as mi
@@ -248,7 +257,7 @@ def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
 
 
 def _light_of_lamps(mi_scene: mi.Scene) -> Light:
-    """Return the irradiance that comes straight from the emitters, by one ray to each."""
+    """Return the direct irradiance from the emitters, by one ray to each."""
     import drjit as dr
     import mitsuba as mi
 
@@ -267,7 +276,7 @@ def _light_of_lamps(mi_scene: mi.Scene) -> Light:
 
 
 def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> Light:
-    """Return the irradiance that comes from the glowing surfaces of these names."""
+    """Return the irradiance from the glowing surfaces of these names."""
     import drjit as dr
     import mitsuba as mi
 
@@ -277,7 +286,7 @@ def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> Light:
         counts = _outside(glowing, point, sampler, valid)
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
         seen = glowing.ray_intersect(point.spawn_ray(towards), active=counts)
-        surface = counts & seen.is_valid()  # whose emitter is black from behind
+        surface = counts & seen.is_valid()  # an emitter is black from behind
         for lamp in lamps:
             surface &= seen.shape != lamp
         radiance = seen.emitter(glowing).eval(seen, surface)
@@ -287,7 +296,7 @@ def _light_of_surfaces(glowing: mi.Scene, names: set[str]) -> Light:
 
 
 def _glowing(scene: Scene, radiance: dict[str, Float32]) -> mi.Scene:
-    """Load the scene with its surfaces glowing, radiances as (rows, columns) over the UV square."""
+    """Load the scene with glowing surfaces, radiances as (rows, columns) over the UV square."""
     import mitsuba as mi
 
     emitters = {}
@@ -313,13 +322,13 @@ def _set_glow(glowing: mi.Scene, radiance: dict[str, Float32]) -> None:
 
 
 def _shrunk(image: Float32, sides: tuple[int, int]) -> Float32:
-    """Return the image at (columns, rows), the mean of what each covers."""
+    """Return the image at (columns, rows) pixels, each the mean of its area."""
     small = cv2.resize(image, sides, interpolation=cv2.INTER_AREA)
     return small.astype(np.float32, copy=False)
 
 
 def _with_neighbors(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the sum over each pixel and the eight around it; beyond the edge lies nothing."""
+    """Return the sum over each pixel and the eight around it; 0 beyond the edge."""
     outside = cv2.BORDER_CONSTANT
     return cv2.boxFilter(image, -1, (3, 3), normalize=False, borderType=outside).astype(np.float64)
 
@@ -333,7 +342,25 @@ def _fill(image: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.fl
 
 
 def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
-    """Return the shapes that reflect light, all of which can be baked."""
+    """Return the shapes that reflect light.
+
+    Parameters
+    ----------
+    mi_scene
+        Mitsuba's scene.
+    scene
+        The scene that it was loaded from, named in errors.
+
+    Returns
+    -------
+    shapes
+        All shapes that are not lamps.
+
+    Raises
+    ------
+    SceneError
+        If a shape cannot be baked; the text says why.
+    """
     for shape in surfaces(mi_scene):
         if reason := reason_not_to_bake(shape):
             raise SceneError(
@@ -344,11 +371,29 @@ def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
 
 
 def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:
-    """Return the texels of a diffuse material, (H, W); one texel if it is uniform."""
+    """Return the reflectance of a diffuse material.
+
+    Parameters
+    ----------
+    bsdf
+        A diffuse material.
+    scene
+        Its scene, named in errors.
+
+    Returns
+    -------
+    texels
+        (H, W) float32; (1, 1) if the reflectance is uniform.
+
+    Raises
+    ------
+    RenderError
+        If the material has no reflectance.
+    """
     import mitsuba as mi
 
     parameters = mi.traverse(bsdf)
-    for key in parameters.keys():  # noqa: SIM118 - it is no mapping
+    for key in parameters.keys():  # noqa: SIM118 - not a mapping
         if key.endswith("reflectance.data"):
             return np.asarray(parameters[key], dtype=np.float32).mean(axis=2)
         if key.endswith("reflectance.value"):

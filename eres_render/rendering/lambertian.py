@@ -1,4 +1,4 @@
-"""Can the light of a surface be baked into a texture?"""
+"""Tell whether the light of a surface can be baked into a texture."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ _UV_TOLERANCE = 1e-3  # of the surface's size
 
 
 def surfaces(mi_scene: mi.Scene) -> list[mi.Shape]:
-    """Return the shapes that reflect light; lamps, which Mitsuba makes black, are left out."""
+    """Return the shapes that reflect light: all but lamps, which are black in Mitsuba."""
     return [shape for shape in mi_scene.shapes() if not shape.is_emitter()]
 
 
 def reason_not_to_bake(shape: mi.Shape) -> str:
     """Return why a surface's light cannot be baked, as in "shape 'ball' is ..."; "" if it can.
 
-    Its radiance must be the same in all directions, it must have no second side, and each of its
-    points a UV coordinate of its own.
+    The surface must be Lambertian, have one side, and have a different UV coordinate at each point.
     """
     import mitsuba as mi
 
@@ -37,7 +36,7 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
     if bsdf.class_name() != "SmoothDiffuse":
         return f"has a material of class {bsdf.class_name()}, not a plain diffuse one"
     parameters = mi.traverse(bsdf)
-    keys = [k for k in parameters.keys() if "reflectance" in k]  # noqa: SIM118 - it is no mapping
+    keys = [k for k in parameters.keys() if "reflectance" in k]  # noqa: SIM118 - not a mapping
     if not any(key.endswith(("reflectance.data", "reflectance.value")) for key in keys):
         return "has a reflectance that is neither uniform nor an image"
     turned = (np.array(parameters[key].matrix) for key in keys if key.endswith(".to_uv"))
@@ -53,13 +52,13 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
 
 
 def _has_own_uv(shape: mi.Shape) -> bool:
-    """Whether points of the surface are found again by their UV coordinates."""
+    """Return whether UV coordinates identify points of the surface."""
     import drjit as dr
     import mitsuba as mi
 
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, _PROBES)
-    sample_position: Any = shape.sample_position  # whose type stub has another Float
+    sample_position: Any = shape.sample_position  # its type stub has another Float
     sample = sample_position(0.0, sampler.next_2d())
     found: Any = shape.eval_parameterization(mi.Point2f(sample.uv))
     size = float(np.max(np.asarray(dr.norm(shape.bbox().extents()))))

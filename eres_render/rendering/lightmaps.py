@@ -1,9 +1,9 @@
-"""Light transport once, into textures, so that a frame costs one ray per sample.
+"""Bake the light of a scene into textures, so that a frame costs one ray per sample.
 
-Surfaces are Lambertian and the light stands still, so a surface point sends the same radiance
-`reflectance * irradiance / pi` in every direction, at any time. The irradiance is smooth: a coarse
-lightmap, made once, holds it. Multiplied by the fine reflectance it becomes the emission of
-the surface, and the scene with these emitting surfaces looks the same to every camera.
+Surfaces are Lambertian and lamps do not move, so a surface point sends the same radiance
+`reflectance * irradiance / pi` in every direction at all times. The irradiance is smooth: a coarse
+lightmap holds it. Its product with the fine reflectance becomes the emission of the surface, and
+the scene with these emitting surfaces looks the same to every camera.
 """
 
 from __future__ import annotations
@@ -39,23 +39,21 @@ _DIGEST_ATTRIBUTE = "eresLightDigest"
 def bake_scene(
     scene: Scene, folder: Path | None = None, on_progress: Progress = silent
 ) -> list[Path]:
-    """Find the irradiance of every surface and write one lightmap each.
-
-    Needs a selected variant that is not scalar.
+    """Write one lightmap for each surface.
 
     Parameters
     ----------
     scene
         Its `bake` settings give the size of the lightmaps' cells and the samples in each.
     folder
-        Where to; the scene's own folder by default.
+        Where to write; the scene's own folder by default.
     on_progress
         Called as samples are done.
 
     Returns
     -------
     files
-        The lightmaps, half-float EXR, irradiance in W m^-2, rounded to 0.2 % rms.
+        The lightmaps: half-float EXR, irradiance in W m^-2, rounded to 0.2 % rms.
 
     Raises
     ------
@@ -83,10 +81,22 @@ def _rounded(irradiance: Float32) -> Float32:
 
 
 def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32]:
-    """Return the lightmaps of a scene by shape id: packaged, cached, or baked and cached now.
+    """Return the lightmaps of a scene: packaged, cached, or baked and cached now.
 
-    Lightmaps that belong to another state of the scene are passed over. While another process bakes
-    the scene, this one waits.
+    Lightmaps of another state of the scene are ignored. While another process bakes the scene, this
+    one waits.
+
+    Parameters
+    ----------
+    scene
+        Scene to light.
+    on_progress
+        Called as samples are done, if the scene must be baked.
+
+    Returns
+    -------
+    maps
+        From shape id to (rows, columns) float32 irradiance, W m^-2.
 
     Raises
     ------
@@ -102,7 +112,7 @@ def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32
 
 
 def _bake_into_cache(scene: Scene, on_progress: Progress) -> list[Path]:
-    """Bake into a folder that gets its name when all lightmaps are there."""
+    """Bake into a folder that gets its name when it is complete."""
     cached = _cached_lightmaps(scene)
     _log.info("no lightmaps for this state of %s; baking them into %s", scene.name, cached)
     unfinished = cached.with_name(f"{cached.name}.unfinished")
@@ -113,12 +123,12 @@ def _bake_into_cache(scene: Scene, on_progress: Progress) -> list[Path]:
 
 
 def has_lightmaps(scene: Scene) -> bool:
-    """Whether lightmaps of the scene as it is are packaged or cached."""
+    """Return whether lightmaps of this state of the scene are packaged or cached."""
     return bool(_lightmap_files(scene))
 
 
 def _lightmap_files(scene: Scene) -> list[Path]:
-    """Return the files of a folder all of whose lightmaps belong to the scene as it is."""
+    """Return the files of the first folder with lightmaps of this state of the scene."""
     for folder in (scene.folder, _cached_lightmaps(scene)):
         files = sorted(folder.glob(_lightmap_name("*")))
         digests = {read_attributes(path).get(_DIGEST_ATTRIBUTE) for path in files}
@@ -137,12 +147,30 @@ def _lightmap_name(shape_id: str) -> str:
 
 
 def baked_scene(scene: Scene, on_progress: Progress = silent) -> mi.Scene:
-    """Load scene.xml with every surface black and glowing as its light would make it look."""
+    """Load scene.xml with the light of every surface baked into its emission.
+
+    Parameters
+    ----------
+    scene
+        Scene to load.
+    on_progress
+        Called as samples are done, if the scene must be baked.
+
+    Returns
+    -------
+    mi_scene
+        Mitsuba's scene; its surfaces reflect nothing and emit what they would reflect.
+
+    Raises
+    ------
+    SceneError
+        If a shape has no lightmap.
+    """
     import mitsuba as mi
 
     maps = lightmaps(scene, on_progress)
     emitters = {}
-    mi_scene = load_mi_scene(scene)  # held on to: its shapes must not outlive it
+    mi_scene = load_mi_scene(scene)  # kept: its shapes must not outlive it
     for shape in bakeable_surfaces(mi_scene, scene):
         if shape.id() not in maps:
             raise SceneError(
@@ -150,7 +178,7 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> mi.Scene:
             )
         reflected = reflectance(shape.bsdf(), scene)
         height, width = reflected.shape
-        # Cell means lie at cell centres, as texels do for Mitsuba's bilinear look-up.
+        # Cell means are at cell centers, as texels are for Mitsuba's bilinear look-up.
         irradiance = cv2.resize(maps[shape.id()], (width, height), interpolation=cv2.INTER_LINEAR)
         radiance = (irradiance * np.float32(1 / np.pi) * reflected).astype(np.float32, copy=False)
         texture = {

@@ -22,19 +22,31 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-# How a warning of Mitsuba's begins, and how one of a PLY file's attribute goes on.
+# The start of a Mitsuba warning, and the rest of one about an attribute of a PLY file.
 _WARNING = re.compile(r"^\d{4}-\d\d-\d\d [\d:]+ WARN +", re.MULTILINE)
 _ATTRIBUTE = re.compile(r'^\[ply\.h:\d+\] .*attribute "(\w+)"')
 
-# Of linear sRGB primaries, Rec. 709: what Mitsuba's monochrome variants weigh colors with.
+# Of linear sRGB primaries (Rec. 709), as in Mitsuba's monochrome variants.
 _LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
-    """Load scene.xml for the selected variant; shapes named in `emitters` glow with these.
+    """Load scene.xml for the selected variant.
 
-    Every color becomes its luminance before light travels, in all variants: the monochrome ones do
-    that by themselves when they read a file, for the others it is done here.
+    Every color becomes its luminance before light travels, in all variants: the monochrome variants
+    convert colors when they read a file; for the others this function does it.
+
+    Parameters
+    ----------
+    scene
+        Scene to load.
+    emitters
+        Mitsuba emitters by shape id; these shapes emit light.
+
+    Returns
+    -------
+    mi_scene
+        Mitsuba's scene.
 
     Raises
     ------
@@ -51,18 +63,18 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
             check_readable(image)
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_meshes = False  # merging would lose the shapes' ids
-    mitsuba: Any = mi  # whose type stubs lack the file resolver
+    mitsuba: Any = mi  # its type stubs lack the file resolver
     everywhere = mitsuba.file_resolver()
-    beside_the_scene = mitsuba.FileResolver(everywhere)
-    beside_the_scene.prepend(str(scene.folder))
-    mitsuba.set_file_resolver(beside_the_scene)
+    with_folder = mitsuba.FileResolver(everywhere)
+    with_folder.prepend(str(scene.folder))
+    mitsuba.set_file_resolver(with_folder)
     try:
         state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
         top = state.nodes[0].props
         for key in list(top.keys()):
             reference = isinstance(top[key], mi.Properties.ResolvedReference)
             if reference and state.nodes[top[key].index()].type == mi.ObjectType.Sensor:
-                del top[key]  # its cameras are not used, and Mitsuba would warn of their films
+                del top[key]  # its cameras are unused, and Mitsuba would warn of their films
         shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
         for number, node in enumerate(shapes):
             if not node.props.id():  # lightmaps and errors go by it
@@ -83,13 +95,13 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
 
 @contextmanager
 def _warnings_of(scene: Scene) -> Iterator[None]:
-    """Take what Mitsuba warns of into our log, but for attributes of meshes that nothing uses.
+    """Log Mitsuba's warnings, except those about mesh attributes that the scene does not use.
 
-    It warns of every one in a PLY file that it could not use as it is, such as colors of 0 to 255.
+    Mitsuba warns of each attribute of a PLY file that it cannot use, such as colors of 0 to 255.
     """
     import mitsuba
 
-    mi: Any = mitsuba  # whose type stubs know little of its logger
+    mi: Any = mitsuba  # its type stubs lack the logger
     logger = mi.logger()
     appenders = [logger.appender(i) for i in range(logger.appender_count())]
     with tempfile.NamedTemporaryFile("r", encoding="utf-8", errors="replace") as file:
@@ -108,7 +120,7 @@ def _warnings_of(scene: Scene) -> Iterator[None]:
                     _warn(scene.xml_file, " ".join(text.split()))
 
 
-@functools.cache  # once a process: a scene is loaded more than once
+@functools.cache  # once a process, as a scene is loaded several times
 def _warn(file: Path, text: str) -> None:
     _log.warning("%s: Mitsuba warns: %s", file, text)
 
@@ -121,7 +133,7 @@ def _drop_color(mi_scene: mi.Scene) -> None:
     import mitsuba as mi
 
     parameters = mi.traverse(mi_scene)
-    for key in parameters.keys():  # noqa: SIM118 - it is no mapping
+    for key in parameters.keys():  # noqa: SIM118 - not a mapping
         value = parameters[key]
         if isinstance(value, mi.Color3f):
             parameters[key] = mi.Color3f(float(np.asarray(value) @ _LUMINANCE))

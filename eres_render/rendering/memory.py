@@ -1,4 +1,4 @@
-"""Images that this machine cannot render are refused before anything is loaded for them."""
+"""Refuse images that need more memory than this machine has, before anything is loaded."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from eres_render.camera import Camera
 from eres_render.errors import RenderError
 
-# Five float32 frames for the white level, their stack, and the copy in which they are sorted.
+# Five float32 frames for the white level, their stack, and its sorted copy.
 _BYTES_A_PIXEL = 60
 # Radiance; and where the light is baked, the position in the image, kept from frame to frame.
 _BYTES_A_SAMPLE = {"path": 4, "baked": 12}
@@ -16,9 +16,21 @@ _MOST_SAMPLES = (1 << 32) - 1  # Dr.Jit counts them in 32 bits
 
 
 def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> None:
-    """Refuse an image that needs more memory than there is, by the least that it needs.
+    """Refuse an image that needs more memory than this machine has.
 
-    Measured at 1280 and 2560 px, a render takes 1.1 to 1.8 times that beside its scene.
+    The estimate is a lower bound. Measured at 1280 and 2560 px, a render takes 1.1 to 1.8 times as
+    much, plus its scene.
+
+    Parameters
+    ----------
+    camera
+        Size of the image.
+    spp
+        Samples per pixel.
+    integrator
+        "baked" or "path".
+    variant
+        The Mitsuba variant.
 
     Raises
     ------
@@ -28,7 +40,7 @@ def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> Non
     pixels = camera.width * camera.height
     size = f"resolution: found {camera.width}x{camera.height} px at {spp} samples a pixel"
     needed = _BYTES_A_PIXEL * pixels
-    if variant.startswith("llvm"):  # a GPU has memory of its own; the scalar variant renders tiles
+    if variant.startswith("llvm"):  # a GPU has its own memory; the scalar variant renders tiles
         needed += _BYTES_A_SAMPLE[integrator] * pixels * spp
     if needed > (there := memory_bytes()):
         raise RenderError(
@@ -43,7 +55,7 @@ def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> Non
 
 
 def memory_bytes() -> int:
-    """Memory of this machine, or of the container where that has less."""
+    """Return the memory of this machine, or of the container if that has less."""
     physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
         return min(physical, int(Path("/sys/fs/cgroup/memory.max").read_text()))

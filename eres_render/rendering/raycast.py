@@ -1,4 +1,4 @@
-"""Where rays meet a loaded scene."""
+"""Cast rays at a loaded scene."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Hits:
-    """What N rays met first.
+    """The first surfaces that N rays met.
 
     Parameters
     ----------
     distance
-        (N,) in units of the rays' directions; inf where there was nothing.
+        (N,) in units of the lengths of the rays' directions; inf where a ray met nothing.
     shape
-        (N,) index into `RayCaster.shape_ids`, -1 where there was nothing.
+        (N,) index into `RayCaster.shape_ids`, -1 where a ray met nothing.
     blind_side
-        (N,) bool: the back of a surface that has no back side, such as the inside of a solid.
+        (N,) bool: the back of a one-sided surface, such as the inside of a solid.
     """
 
     distance: Float64
@@ -31,20 +31,33 @@ class Hits:
 
 
 class RayCaster:
-    """Shoots rays at a Mitsuba scene, in the selected variant, in single precision."""
+    """Casts rays at a Mitsuba scene, in the selected variant and in single precision."""
 
     def __init__(self, mi_scene: Any) -> None:
         import mitsuba as mi
 
         self._mi_scene = mi_scene
         shapes = mi_scene.shapes()
-        # What rays meet in an instance is a shape of its group, which is none of these.
+        # In an instance rays meet a shape of its group, which is not among these.
         self.shape_ids: list[str] = [*(str(shape.id()) for shape in shapes), "of an instance"]
         has_back = (mi.has_flag(s.bsdf().flags(), mi.BSDFFlags.BackSide) for s in shapes)
         self._has_back = np.array([*has_back, True, True])  # also of an instance's, and of nothing
 
     def cast(self, origins: Float64, directions: Float64) -> Hits:
-        """Return the first thing on each ray, from (N, 3) or (3,) origins along (N, 3) ways."""
+        """Cast rays at the scene.
+
+        Parameters
+        ----------
+        origins
+            (N, 3) or (3,) starts of the rays, m.
+        directions
+            (N, 3), of any length.
+
+        Returns
+        -------
+        hits
+            What each ray meets first.
+        """
         import mitsuba as mi
 
         origins = np.broadcast_to(origins, directions.shape)

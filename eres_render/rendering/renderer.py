@@ -1,4 +1,4 @@
-"""Frames: a scene through a moving pinhole."""
+"""Render frames of a scene through a moving pinhole camera."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Integrator = Literal["baked", "path"]
 
 _log = logging.getLogger(__name__)
 
-_WHITE_SPP = 4  # averaging more would move the 99.9th percentile by far less than white matters
+_WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
 
 # Mitsuba's camera looks along z with x to the left and y up; ours has x right and y down.
 _CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -39,35 +39,35 @@ _CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
 class Renderer:
     """Renders linear radiance of one scene from any pose.
 
-    Every frame uses the same random numbers, so radiance is a continuous function of the pose and
-    what Monte Carlo error remains moves with the camera instead of flickering.
+    Every frame uses the same random numbers, so radiance is a continuous function of the pose, and
+    the remaining Monte Carlo error moves with the camera instead of flickering.
 
     Parameters
     ----------
     scene
-        What to look at.
+        Scene to render.
     width
         Side of the square image in pixels, where no camera is given.
     spp
-        Samples per pixel, stratified and spread evenly over the pixel's area (a box filter: any
-        other would blur resolution in). Best a square: 1, 4, 9, 16, ...; else it must be a multiple
-        of its square root, rounded down, for the multijittered sampler to lay it out.
+        Samples per pixel, stratified over the pixel's area (a box filter: any other would blur the
+        image). Best a square: 1, 4, 9, 16, ...; otherwise a multiple of its square root, rounded
+        down, as the multijittered sampler needs.
     seed
-        Of the sampler, 0 to 2^32 - 1.
+        Seed of the sampler, 0 to 2^32 - 1.
     integrator
         "baked" (one ray per sample, Lambertian surfaces) or "path" (path tracing in every frame,
-        which is noisy: see `measure_noise`). By default baked where that is possible, else path.
+        which is noisy: see `measure_noise`). By default baked if possible, else path.
     on_progress
-        Called while light is baked, where it has to be.
+        Called while light is baked, if it must be.
     camera
         In place of the scene's square one: any image size, focal lengths and principal point.
 
     Raises
     ------
     RenderError
-        If the sampler cannot lay out `spp` samples, or the image or the seed cannot be, or the
-        image needs more memory than this machine has, or its pixels are not square and the Mitsuba
-        variant is scalar.
+        If the sampler cannot lay out `spp` samples, the seed or the size of the image is out of
+        range, the image needs more memory than this machine has, or its pixels are not square and
+        the Mitsuba variant is scalar.
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
@@ -91,7 +91,7 @@ class Renderer:
         self.seed = seed
         self.variant = select_variant()
         camera = camera or scene.camera(width)
-        # Before anything that takes long; a baked scene needs more, which is checked below.
+        # Before all slow work; a baked scene needs more memory, which is checked below.
         check_memory(camera, spp, integrator or "path", self.variant)
         self._use_camera(camera, spp)
 
@@ -101,14 +101,14 @@ class Renderer:
         check_memory(camera, spp, self.integrator, self.variant)
         baked = self.integrator == "baked"
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
-            # Baking takes minutes: a path that hits something is refused before.
+            # Baking takes minutes, so the path is checked first.
             _check_path(scene, camera, RayCaster(load_mi_scene(scene)))
         self._mi_scene: Any = baked_scene(scene, on_progress) if baked else load_mi_scene(scene)
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
 
     def at(self, *, spp: int) -> Renderer:
-        """Return a renderer with other samples per pixel, without loading the scene again."""
+        """Return a renderer with another number of samples per pixel and the same loaded scene."""
         check_memory(self.camera, spp, self.integrator, self.variant)
         other = copy.copy(self)
         other.white_level = self.white_level
@@ -118,7 +118,7 @@ class Renderer:
     def _use_camera(self, camera: Camera, spp: int) -> None:
         import mitsuba as mi
 
-        rows = math.isqrt(max(spp, 0))  # the multijittered sampler's, so many columns in each
+        rows = math.isqrt(max(spp, 0))  # of the multijittered sampler's layout
         if rows == 0 or spp % rows:
             raise RenderError(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")
         if camera.fx != camera.fy and self.variant.startswith("scalar"):
@@ -132,28 +132,39 @@ class Renderer:
         self._camera_parameters = mi.traverse(self._sensor)
 
     def frame(self, T_world_cam: Float64, seed: int | None = None) -> NDArray[np.float32]:
-        """Return the radiance seen from a (4, 4) pose: (H, W) float32, W m^-2 sr^-1.
+        """Render the radiance seen from a pose.
 
         Parameters
         ----------
+        T_world_cam
+            (4, 4) pose.
         seed
-            Of the sampler, in place of the renderer's own. Frames of different seeds have noise of
-            their own, which an event camera takes for light that flickers.
+            Seed of the sampler, in place of the renderer's own. Noise differs from seed
+            to seed; an event camera would see it as flicker.
+
+        Returns
+        -------
+        radiance
+            (H, W) float32, W m^-2 sr^-1.
         """
         return self._render(T_world_cam, self.spp, self.seed if seed is None else seed)
 
     def repeats(
         self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int
     ) -> NDArray[np.float32]:
-        """Return the radiance of a few pixels, each rendered several times over.
+        """Render a few pixels several times.
 
-        Each time has random numbers of its own, which stay the same from pose to pose, as those of
-        a frame's pixels do.
+        Each render has its own random numbers, which stay the same from pose to pose, as those of a
+        frame's pixels do.
 
         Parameters
         ----------
+        T_world_cam
+            (4, 4) pose.
         pixels
             (N,) `row * width + column`.
+        count
+            Number of renders of each pixel.
 
         Returns
         -------
@@ -170,13 +181,14 @@ class Renderer:
     def white_level(self) -> float:
         """The scene's white: 99.9th percentile of the radiance along its whole path.
 
-        Over five frames of the whole image, evenly spaced in time, at 4 samples per pixel whatever
-        `spp` is. It does not depend on which clips are rendered, nor on how many threads render.
+        It is taken over five frames of the whole image, evenly spaced in time, at 4 samples per
+        pixel whatever `spp` is. It depends neither on the clips that are rendered nor on the number
+        of threads.
 
         Raises
         ------
         SceneError
-            If nearly all of what the camera sees is black.
+            If nearly everything that the camera sees is black.
         """
         t_s = np.linspace(0.0, self.scene.duration_s, 5)
         frames = [self._render(T, _WHITE_SPP, self.seed) for T in self.trajectory.pose(t_s)]
@@ -191,24 +203,37 @@ class Renderer:
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The scene's camera path, after a check that it keeps clear of all surfaces.
+        """The scene's camera path, checked to keep clear of all surfaces.
 
         Raises
         ------
         TrajectoryError, SceneError
-            If there is no such path, or it does not; the text names when, and what is in the way.
+            If there is no path, or it does not; the text names the time and the obstacle.
         """
         return _check_path(self.scene, self.camera, self._caster)
 
     @cached_property
     def image_motion(self) -> ImageMotion:
-        """How far the image moves between two times on the path, px."""
+        """Largest motion of the image between two times on the path, px."""
         if self.scene.plane is not None:
             return plane_image_motion(self.trajectory, self.camera, self.scene.plane)
         return depth_image_motion(self.trajectory, self.camera, self.inverse_depth)
 
     def inverse_depth(self, T_world_cam: Float64, points_px: Float64) -> Float64:
-        """Return 1 / z-depth, 1/m, seen from a (4, 4) pose at (N, 2) pixels; 0 for nothing."""
+        """Return the inverse of the z-depth at some pixels.
+
+        Parameters
+        ----------
+        T_world_cam
+            (4, 4) pose.
+        points_px
+            (N, 2) pixels.
+
+        Returns
+        -------
+        inverse_depth
+            (N,) 1/m; 0 where nothing is seen.
+        """
         rays = self.camera.rays(points_px) @ T_world_cam[:3, :3].T
         return 1 / self._caster.cast(T_world_cam[:3, 3], rays).distance
 
@@ -231,20 +256,19 @@ class Renderer:
     def _render_vectorized(
         self, spp: int, seed: int, pixels: NDArray[np.integer] | None = None
     ) -> NDArray[np.float32]:
-        """Render by hand what `mi.render` would, each pixel's samples summed in a fixed order.
+        """Render all pixels, or the (N,) listed ones, which may repeat.
 
-        All pixels, or those listed, which may come more than once: (N,).
-
-        Mitsuba's vectorized films add samples to pixels atomically, in an order that changes from
-        run to run unless `spp` is a power of two, so the same pose would not give the same frame.
+        The samples of each pixel are summed in a fixed order. Mitsuba's vectorized films add them
+        atomically, in an order that changes from run to run unless `spp` is a power of two, so the
+        same pose would not give the same frame.
         """
         import drjit as dr
         import mitsuba as mi
 
         if self.integrator == "baked":
             ray, weight = self._rays(self._positions(spp, seed, pixels))
-            # As `path` with max_depth 1, without its loop, and with Embree told that neighboring
-            # camera rays run side by side: together nearly twice as fast.
+            # The same as `path` with max_depth 1, but without its loop, and with coherent rays for
+            # Embree: together nearly twice as fast.
             si = self._mi_scene.ray_intersect(ray, mi.RayFlags.All, coherent=True, active=True)
             radiance = si.emitter(self._mi_scene).eval(si)
         else:
@@ -255,19 +279,19 @@ class Renderer:
         return np.asarray(means, dtype=np.float32)
 
     def _positions(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> Any:
-        """Where the samples lie in the image, 0 to 1; kept for the next frame if of all pixels."""
+        """Return the samples' positions in the image, 0 to 1; those of all pixels are kept."""
         import drjit as dr
 
         if pixels is not None:
             return self._sampled(spp, seed, pixels)[1]
         if self._kept_positions is None or self._kept_positions[0] != (spp, seed):
             position = self._sampled(spp, seed, None)[1]
-            dr.eval(position)  # else every frame would draw its random numbers again
+            dr.eval(position)  # or every frame would draw its random numbers again
             self._kept_positions = (spp, seed), position
         return self._kept_positions[1]
 
     def _sampled(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> tuple[Any, Any]:
-        """A new sampler, and the positions in the image that it gave first."""
+        """Return a new sampler, and the first positions in the image that it gave."""
         import drjit as dr
         import mitsuba as mi
 
@@ -284,7 +308,7 @@ class Renderer:
             pixel = dr.gather(mi.UInt32, mi.UInt32(pixels.astype(np.uint32)), pixel)
         corner = mi.Point2f(mi.Float(pixel % width), mi.Float(pixel // width))
         position = corner + sampler.next_2d()
-        if camera.fx != camera.fy:  # where Mitsuba, whose pixels are square, has the same ray
+        if camera.fx != camera.fy:  # where Mitsuba's camera, with square pixels, has the same ray
             position.y = camera.cy + (position.y - camera.cy) * (camera.fx / camera.fy)
         return sampler, position / mi.Point2f(width, height)
 
@@ -296,7 +320,7 @@ class Renderer:
     def _repeats_scalar(
         self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int
     ) -> NDArray[np.float32]:
-        """`repeats`, each on a film of one pixel, which costs no more a sample than a frame."""
+        """Do `repeats` on films of one pixel, at the same cost per sample as a frame."""
         import mitsuba as mi
 
         radiance = np.empty((count, len(pixels)), np.float32)
@@ -312,17 +336,17 @@ class Renderer:
 
 
 def _check_path(scene: Scene, camera: Camera, caster: RayCaster) -> Trajectory:
-    """Return a scene's camera path; refuse one that does not keep clear of surfaces."""
+    """Return a scene's camera path, checked to keep clear of all surfaces."""
     trajectory = scene.trajectory(camera)
     check_clearance(trajectory, scene.duration_s, caster, scene.min_clearance_m, scene.path_name)
     return trajectory
 
 
 def _best_integrator(scene: Scene, variant: str) -> Integrator:
-    """Return "baked" if the light of every surface is baked or can be, else "path", and say why."""
+    """Return "baked" if the light of all surfaces is baked or can be, else "path", and log why."""
     if has_lightmaps(scene):
         return "baked"
-    mi_scene = load_mi_scene(scene)  # held on to: a mesh cannot be asked once its scene is gone
+    mi_scene = load_mi_scene(scene)  # kept: its meshes must not outlive it
     reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(mi_scene))
     reason = next((f"shape {name!r} {reason}" for name, reason in reasons if reason), "")
     if not reason and variant.startswith("scalar"):
@@ -343,7 +367,7 @@ def _to_world(T_world_cam: Float64) -> Any:
 def _mitsuba_camera(
     camera: Camera, spp: int, only_pixel: tuple[int, int] | None = None
 ) -> dict[str, object]:
-    """Return the camera as Mitsuba takes it; its film is the image, or one (column, row) of it."""
+    """Return Mitsuba's description of a camera, for the image or one (column, row) of it."""
     crop = {}
     if only_pixel is not None:
         column, row = only_pixel

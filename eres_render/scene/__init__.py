@@ -1,1 +1,1 @@
-"""A scene: its folder, its settings, its Mitsuba XML, and the recipes of its textures."""
+"""Scenes: settings, Mitsuba XML, and recipes for textures."""

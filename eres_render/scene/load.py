@@ -19,11 +19,11 @@ from eres_render.scene.settings import (
 from eres_render.scene.xml import read_scene_xml
 from eres_render.storage.settings_reader import read_toml
 
-_TUM_CLEARANCE_M = 0.01  # of a path that was given as poses, ten times what the camera can see
+_TUM_CLEARANCE_M = 0.01  # for a path of given poses; ten times the near clip of the camera
 
 
 def scene_root() -> Path:
-    """Return the folder of the packaged scenes, in a checkout or in an installed wheel."""
+    """Return the folder of the packaged scenes, in a checkout or an installed wheel."""
     package = Path(__file__).parents[1]
     installed = package / "_scenes"
     return installed if installed.is_dir() else package.parent / "scenes"
@@ -43,15 +43,20 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
         Name of a packaged scene, path of a folder with a scene.xml and a scene.toml, or path of any
         Mitsuba file (.xml) with exactly one camera, which gives the field of view.
     trajectory_file
-        Poses T_world_cam in TUM's format, in place of the scene's own path. The camera passes
-        through each at its time, counted from the first, whose own time the path keeps as
-        `t_offset_us`; see `path_through`.
+        Poses T_world_cam in TUM format, in place of the path in scene.toml. The camera passes
+        through each pose at its time. Times count from the first pose; the time of that pose is
+        kept as `t_offset_us`; see `path_through`.
+
+    Returns
+    -------
+    scene
+        Not yet loaded by Mitsuba.
 
     Raises
     ------
     SceneError
-        If there is no such scene, a file that it names is missing, or a field of it is missing,
-        mistyped or out of range.
+        If the scene does not exist, a file that it names is missing, or a field is missing, of the
+        wrong type or out of range.
     """
     path = Path(name_or_path)
     if str(name_or_path) in list_scenes():
@@ -75,7 +80,7 @@ def _load_folder(folder: Path, source: str) -> Scene:
     toml_file, xml_file = folder / "scene.toml", folder / "scene.xml"
     for needed in (toml_file, xml_file):
         if not needed.is_file():
-            raise SceneError(f"{needed}: missing, expected a scene folder with it")
+            raise SceneError(f"{needed}: missing, expected in a scene folder")
     settings = read_toml(SceneToml, toml_file, SceneError)
     _check(settings, toml_file)
     files = read_scene_xml(xml_file, settings.textures).files
@@ -96,7 +101,7 @@ def _load_xml(file: Path) -> Scene:
 
 
 def _check(settings: SceneToml, file: Path) -> None:
-    """Refuse values that no scene can have."""
+    """Refuse impossible values."""
 
     def refuse(field: str, found: object, expected: str) -> typing.NoReturn:
         raise SceneError(f"{file}: {field}: found {found}, expected {expected}")

@@ -1,4 +1,4 @@
-"""A scene: its files, its camera path, and digests of what decides its frames and its light."""
+"""A scene: files, camera path, and the digests that name its frames and its lightmaps."""
 
 from __future__ import annotations
 
@@ -21,21 +21,24 @@ from eres_render.trajectory.generators import facing_plane, look_at, random_path
 from eres_render.trajectory.spline import Trajectory, path_through
 from eres_render.trajectory.tum import read_tum_from_start
 
-BAKE_VERSION = 3  # counts every change of the baking code that alters a lightmap
+BAKE_VERSION = 3  # raise it with every change of the baking code that alters a lightmap
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene that was read and checked.
+    """A scene, read and checked.
 
     Parameters
     ----------
     xml_file
         The scene in Mitsuba's own format.
+    settings
+        The content of scene.toml.
     source
-        What `load_scene` finds it by: the name of a packaged scene, else an absolute path.
+        The argument with which `load_scene` finds the scene: the name of a packaged scene, or an
+        absolute path.
     files
-        All that scene.xml names: meshes, images, included files.
+        All files that scene.xml names: meshes, images, included scene files.
     """
 
     name: str
@@ -46,12 +49,12 @@ class Scene:
 
     @property
     def folder(self) -> Path:
-        """Where scene.xml lies; files that it names are found from there."""
+        """The folder of scene.xml, to which the files that it names are relative."""
         return self.xml_file.parent
 
     @cached_property
     def digest(self) -> str:
-        """Digest of all that decides what a frame shows, except the code that renders it."""
+        """Digest of everything that determines a frame, except the code that renders it."""
         path = self.settings.path
         if isinstance(path, TumPath):
             path = dataclasses.replace(path, file=sha256(self._tum_file))
@@ -66,7 +69,7 @@ class Scene:
 
     @cached_property
     def light_digest(self) -> str:
-        """Digest of what a lightmap depends on: scene.xml and its files, textures, settings."""
+        """Digest of everything that determines a lightmap: scene.xml, its files, textures, bake."""
         files = (self.xml_file, *dict.fromkeys(self.files))
         return digest(
             {
@@ -78,34 +81,44 @@ class Scene:
 
     @property
     def plane(self) -> Plane | None:
-        """The plane that is all the camera ever sees, or None if the scene has depth."""
+        """The plane that fills the view of the camera, or None if the scene has depth."""
         settings = self.settings.plane
         if settings is None:
             return None
         return Plane(settings.normal, float(np.dot(settings.normal, settings.point_m)))
 
     def camera(self, width: int, height: int | None = None) -> Camera:
-        """Return the scene's camera at a resolution; square by default.
+        """Return the scene's camera at a resolution.
 
         The horizontal field of view is the same at every width and height.
+
+        Parameters
+        ----------
+        width, height
+            Size of the image, px; square by default.
+
+        Returns
+        -------
+        camera
+            With a centered principal point.
         """
         fov_rad = math.radians(self.settings.camera.fov_deg)
         return Camera(width, width if height is None else height, fov_rad)
 
     def texture_files(self) -> dict[str, str]:
-        """Return the scene.xml parameters that name texture files; makes those not cached."""
+        """Return the texture files by parameter of scene.xml; make those that are not cached."""
         return {name: str(recipe.file()) for name, recipe in self.settings.textures.items()}
 
     @property
     def path_name(self) -> str:
-        """What to call the camera path in an error."""
+        """The name of the camera path in error messages."""
         if isinstance(self.settings.path, TumPath):
             return str(self._tum_file)
         return f"{self.folder / 'scene.toml'}: path"
 
     @property
     def duration_s(self) -> float:
-        """How long the camera path lasts."""
+        """Duration of the camera path, seconds."""
         path = self.settings.path
         if path is None or isinstance(path, TumPath):
             return self.trajectory().duration_s
@@ -113,26 +126,26 @@ class Scene:
 
     @property
     def min_clearance_m(self) -> float:
-        """How near the camera path may come to a surface."""
+        """Least distance of the camera path from any surface, meters."""
         path = self.settings.path
         return 0.0 if path is None else path.min_clearance_m
 
     def trajectory(self, camera: Camera | None = None) -> Trajectory:
-        """Return the camera path; in a planar scene, the view stays on its square at all times.
+        """Return the camera path; in a planar scene, the view stays on the square at all times.
 
-        Whether the path keeps clear of what stands in the scene, `Renderer.trajectory` checks.
+        `Renderer.trajectory` checks the distance from the surfaces of the scene.
 
         Parameters
         ----------
         camera
-            Whose view to check as well as that of the scene's square camera.
+            Its view is checked too, in addition to that of the scene's square camera.
 
         Raises
         ------
         TrajectoryError
-            If there is no such path, or a camera that never moves.
+            If the path cannot be made, or the camera never moves.
         SceneError
-            If the scene has no path, or a view would leave the square.
+            If the scene has no path, or a view leaves the square.
         """
         if camera is not None:
             self._check_view(self._trajectory, camera)
@@ -179,8 +192,7 @@ class Scene:
             )
         if path is None or square is None or plane is None:
             raise SceneError(
-                f"{self.xml_file}: has no camera path; give poses in TUM's format with it "
-                "(--trajectory)"
+                f"{self.xml_file}: has no camera path; give poses in TUM format with --trajectory"
             )
         return random_path(
             facing_plane(plane, square.point_m, path.distance_m),
@@ -194,7 +206,7 @@ class Scene:
 
     @property
     def _tum_file(self) -> Path:
-        """The poses of a `TumPath`; in scene.toml its name is relative to the folder."""
+        """File of the poses of a `TumPath`; its name in scene.toml is relative to the folder."""
         assert isinstance(self.settings.path, TumPath)
         return self.folder / self.settings.path.file
 
@@ -204,13 +216,13 @@ def _radians(degrees: Vector3) -> Vector3:
     return x, y, z
 
 
-def _reach_m(trajectory: Trajectory, camera: Camera, plane: Plane, middle_m: Vector3) -> float:
-    """Return how far from a square's middle, along its sides, a view's corner ever lands."""
+def _reach_m(trajectory: Trajectory, camera: Camera, plane: Plane, center_m: Vector3) -> float:
+    """Return the largest distance of any view corner from the center of a square, along a side."""
     poses = trajectory.pose(np.linspace(0.0, trajectory.duration_s, 2001))
     corner_rays = camera.rays(camera.grid(2)) @ np.swapaxes(poses[:, :3, :3], 1, 2)
     try:
         seen = plane.intersect(poses[:, None, :3, 3], corner_rays)
     except RenderError:
         return math.inf
-    sides = facing_plane(plane, middle_m, 0.0)[:3, :2]
-    return float(abs((seen - middle_m) @ sides).max())
+    sides = facing_plane(plane, center_m, 0.0)[:3, :2]
+    return float(abs((seen - center_m) @ sides).max())

@@ -1,4 +1,4 @@
-"""What scene.toml says, table by table."""
+"""The content of scene.toml, table by table."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from eres_render.storage.settings_reader import Vector3, formerly
 
 @dataclass(frozen=True, slots=True)
 class PlaneSettings:
-    """The square that is all the camera sees: its middle, unit normal and half its width.
+    """The square that fills the view of the camera: center, unit normal and half its width.
 
-    A scene with depth has no such table.
+    A scene with depth does not have this table.
     """
 
     point_m: Vector3
@@ -30,7 +30,7 @@ class CameraSettings:
 
 @dataclass(frozen=True, slots=True)
 class FacingPlanePath:
-    """A random path in front of the scene's plane; see `trajectory.generators.random_path`."""
+    """A random path in front of the plane; see `trajectory.generators.random_path`."""
 
     kind: Literal["facing_plane"]
     seed: int
@@ -45,7 +45,7 @@ class FacingPlanePath:
 
 @dataclass(frozen=True, slots=True)
 class Waypoint:
-    """Where the camera passes, and the point that it looks at then."""
+    """A position of the camera, and the point that it looks at from there."""
 
     position_m: Vector3
     target_m: Vector3
@@ -68,7 +68,7 @@ class WaypointsPath:
 
 @dataclass(frozen=True, slots=True)
 class TumPath:
-    """A path through given poses, from a file in TUM's format; see `path_through`."""
+    """A path through poses from a file in TUM format; see `path_through`."""
 
     kind: Literal["tum"]
     file: str
@@ -77,7 +77,7 @@ class TumPath:
 
 @dataclass(frozen=True, slots=True)
 class BakeSettings:
-    """Size of the cells of every lightmap, and the samples in each of them."""
+    """Size of the lightmap cells, and the number of samples in each cell."""
 
     cell_m: float = 0.1
     spp: int = 1024
@@ -85,9 +85,9 @@ class BakeSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneToml:
-    """What scene.toml says, field by field.
+    """The content of scene.toml.
 
-    A Mitsuba file without a scene.toml has no path of its own.
+    `path` is None for a Mitsuba file without a scene.toml.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""What scene.toml says of a texture, and the cached file that comes of it."""
+"""Recipes for textures in scene.toml, and the cached files made from them."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Texture:
     Parameters
     ----------
     version
-        Counts every change that alters a texel.
+        Raised with every change that alters a texel.
     make
-        Called with width_px, height_px, texel_m and seed; returns (height_px, width_px) float32.
+        Takes width_px, height_px, texel_m and seed; returns (height_px, width_px) float32.
     """
 
     version: int
@@ -44,7 +44,7 @@ TEXTURES: dict[str, Texture] = {
 
 @dataclass(frozen=True, slots=True)
 class TextureRecipe:
-    """How to make a texture: which one, how large, how fine, from which seed.
+    """How to make a texture.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class TextureRecipe:
     texel_m
         Size of a texel, meters.
     seed
-        Of everything that is random.
+        Seed of the random generator.
     height_px
         Texels along v; `size_px` by default.
     """
@@ -82,16 +82,16 @@ class TextureRecipe:
 
     @property
     def digest(self) -> str:
-        """Name of the texture that this recipe makes with this version of the code."""
+        """Digest of the recipe and of the version of the code that makes the texture."""
         return digest([TEXTURES[self.kind].version, self])
 
     def make(self) -> Float32:
-        """Return the texels, `shape` float32: reflectance, or radiance for what glows."""
+        """Return the texels, `shape` float32: reflectance, or radiance of an emitter."""
         height_px, width_px = self.shape
         return TEXTURES[self.kind].make(width_px, height_px, self.texel_m, self.seed)
 
     def file(self) -> Path:
-        """Return an EXR file (half, channel Y) of the texels, made now if it is not cached."""
+        """Return an EXR file (half float, channel Y) of the texels; make it if it is not cached."""
         path = cache_dir() / "textures" / f"{self.kind}-{self.digest[:16]}.exr"
         if not path.exists():
             write_luminance(path, self.make())

@@ -1,4 +1,4 @@
-"""What a Mitsuba scene file says of its camera and of the files it needs, without Mitsuba."""
+"""Read the camera and the names of other files from a Mitsuba scene file, without Mitsuba."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ _FULL_FRAME_MM = math.hypot(36.0, 24.0)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneXml:
-    """A scene file with all that it includes.
+    """A scene file with its included files.
 
     Parameters
     ----------
     file
         The scene file.
     files
-        Meshes, images, included scene files: all that it names and that exists.
+        All files that it names: meshes, images, included scene files.
     cameras
-        Its `<sensor>` elements, with parameters filled in.
+        Its `<sensor>` elements, with values in place of parameters.
     """
 
     file: Path
@@ -35,12 +35,12 @@ class SceneXml:
     cameras: tuple[Element, ...]
 
     def fov_rad(self) -> float:
-        """Return the horizontal field of view of the one camera.
+        """Return the horizontal field of view of the camera, radians.
 
         Raises
         ------
         SceneError
-            If there is no camera, more than one, or one that is not a pinhole.
+            If there is not exactly one camera, or it is not a pinhole camera.
         """
         if len(self.cameras) != 1:
             raise SceneError(
@@ -56,12 +56,19 @@ class SceneXml:
 
 
 def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
-    """Read a scene file and all that it includes.
+    """Read a scene file and its included files.
 
     Parameters
     ----------
+    file
+        The scene file.
     given
-        Names of parameters that will be set from outside; files named by them are not looked for.
+        Names of parameters that will be set from outside; files named by them are not required.
+
+    Returns
+    -------
+    xml
+        Its cameras and the files that it names.
 
     Raises
     ------
@@ -75,13 +82,13 @@ def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
 
 
 def canonical_xml(file: Path) -> str:
-    """Return the content of an XML file without comments, layout and order of attributes."""
+    """Return the content of an XML file without comments and layout, attributes sorted."""
     return ElementTree.canonicalize(from_file=file, strip_text=True)
 
 
 @dataclass(slots=True)
 class _Reader:
-    """Walks through scene files as Mitsuba does: in order, parameters and folders kept in mind."""
+    """Walk through scene files in the order of Mitsuba, and collect parameters and folders."""
 
     top: Path
     given: Collection[str]
@@ -113,7 +120,7 @@ class _Reader:
             yield element
 
     def _filled_in(self, value: str) -> str:
-        """Replace `$parameter` by its value; one that is given from outside stays."""
+        """Replace `$parameter` by its value, except for those given from outside."""
         return re.sub(r"\$(\w+)", lambda m: self._value(m[1], m[0]), value)
 
     def _value(self, name: str, unchanged: str) -> str:
@@ -130,7 +137,7 @@ class _Reader:
 
 
 def _fov_rad(camera: Element) -> float:
-    """Return a camera's horizontal field of view, as Mitsuba's `perspective` works it out."""
+    """Return the horizontal field of view of a camera, as Mitsuba's `perspective` computes it."""
     values = {e.get("name", ""): e.get("value", "") for e in camera}
     sides = {e.get("name", ""): e.get("value", "") for e in camera.iterfind("film/integer")}
     width, height = (

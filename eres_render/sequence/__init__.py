@@ -1,1 +1,1 @@
-"""Rendered frames with their times, poses and ground truth, on disk."""
+"""Rendered frames on disk, with times, poses and ground truth."""

@@ -1,4 +1,4 @@
-"""Which stretches of a camera path to render."""
+"""The stretches of a camera path to render."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from eres_render.scene.scene import Scene
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A stretch of a path: the sensor warms up, then comes the window that is looked at.
+    """A stretch of a path: a warm-up of the sensor, then the window that is evaluated.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class Clip:
 
     @property
     def marks_s(self) -> tuple[float, ...]:
-        """The times at which there must be a frame exactly."""
+        """The times that must be frame times exactly."""
         return tuple(sorted({self.t_start_s, self.t_window_start_s, self.t_window_end_s}))
 
 
@@ -52,12 +52,24 @@ def clips(
 
     Parameters
     ----------
+    scene
+        The scene of the path.
     duration_s
         How much of the path to use, the whole by default.
+    every_s
+        Time from one window to the next, s.
+    window_s
+        Length of a window, s.
     warmup_s
-        By default six time constants of a 50 Hz filter at twice the speed, `6 * 2 / (2 pi 50 Hz)`.
+        Length of a warm-up; by default six time constants of a 50 Hz filter at twice the speed,
+        `6 * 2 / (2 pi 50 Hz)`.
     samples
-        At most so many, the first ones; all that fit by default.
+        Number of clips, the first ones; all that fit by default.
+
+    Returns
+    -------
+    clips
+        In the order of time.
 
     Raises
     ------
@@ -86,12 +98,19 @@ def clips(
 
 
 def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
-    """Return the stretch from the path's start as one clip without a warm-up, all of it window.
+    """Return the stretch from the path's start as one clip.
 
     Parameters
     ----------
+    scene
+        The scene of the path.
     duration_s
         How much of the path, the whole by default.
+
+    Returns
+    -------
+    clip
+        Without a warm-up.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Ground truth at any resolution and time: depth, optical flow and what is visible, poses."""
+"""Ground truth at any resolution and time: depth, optical flow, visibility, poses."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from eres_render.trajectory.spline import Trajectory
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 
-# How far rays from a (3,) origin along (N, 3) ways run to the first surface: (N,) in units of each
-# way's length, inf where there is none.
+# Distance from a (3,) origin along (N, 3) rays to the first surface: (N,) in units of each ray's
+# length, inf where there is none.
 Distance = Callable[[Float64, Float64], Float64]
 
-_OCCLUDER_SHARE = 1e-3  # what is nearer by less than this share of the distance hides nothing
+_OCCLUDER_SHARE = 1e-3  # a surface nearer by less than this share of the distance hides nothing
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Flow:
-    """Where each pixel's surface point goes.
+    """Motion of each pixel's surface point.
 
     Parameters
     ----------
     flow_px
-        (H, W, 2) float32, x and y displacement of what is seen at the pixel's center. Zero where
-        the point gets behind the camera.
+        (H, W, 2) float32, x and y displacement of the point seen at the pixel's center. Zero where
+        the point moves behind the camera.
     valid
-        (H, W) bool: the point is within the image at the second time, and nothing hides it.
+        (H, W) bool: the point is inside the image at the second time, and visible.
     """
 
     flow_px: Float32
@@ -47,21 +47,21 @@ class Flow:
 
 
 class GroundTruth:
-    """What a camera on its path sees, beyond radiance, at any time and resolution.
+    """Depth, optical flow and poses of a camera on its path, at any time and resolution.
 
-    In a planar scene everything is in closed form; else rays are cast, in single precision, which
-    costs about 1e-6 of the distance.
+    In a planar scene everything is in closed form. Otherwise rays are cast in single precision,
+    with errors of about 1e-6 of the distance.
 
     Parameters
     ----------
     trajectory
-        Of the camera.
+        Path of the camera.
     camera
-        Its field of view and aspect; resolutions are given by call.
+        The camera of the frames.
     distance
-        How far rays run to the first surface.
+        Gives the distance along rays to the first surface.
     plane
-        The plane that is all the camera sees, if it is.
+        All that the camera sees, in a planar scene.
     """
 
     def __init__(
@@ -77,11 +77,21 @@ class GroundTruth:
         self._distance = distance
 
     def camera(self, width: int, height: int | None = None) -> Camera:
-        """Return the camera at a resolution; its `K` is the camera matrix.
+        """Return the camera at a resolution.
 
         By default it sees all of the frames, at the height that makes its pixels as square as
-        theirs, to within rounding. With a height of its own it sees the largest middle of them that
-        has its shape, as a sensor does.
+        theirs, to within rounding. With a given height it sees the largest central part of them
+        that has its shape, as a sensor does.
+
+        Parameters
+        ----------
+        width, height
+            Size of the image, px.
+
+        Returns
+        -------
+        camera
+            Its `K` is the camera matrix.
         """
         whole = self._camera
         fov_rad, stretch = whole.fov_rad, 1.0
@@ -108,13 +118,40 @@ class GroundTruth:
         return self.trajectory.pose(t_s)
 
     def depth(self, t_s: float, width: int, height: int | None = None) -> Float32:
-        """Return the z-depth at the pixels' centres, (H, W) float32 meters; inf for nothing."""
+        """Return the depth at a time.
+
+        Parameters
+        ----------
+        t_s
+            Time on the path, s.
+        width, height
+            Size of the image, px; see `camera`.
+
+        Returns
+        -------
+        depth
+            (H, W) float32 z-depth at the centers of the pixels, m; inf where nothing is
+            seen.
+        """
         camera, T = self.camera(width, height), self.pose(t_s)
         depth = self._depth(T, camera.rays(camera.centres()))
         return depth.reshape(camera.height, camera.width).astype(np.float32)
 
     def flow(self, t_0_s: float, t_1_s: float, width: int, height: int | None = None) -> Flow:
-        """Return the optical flow from one time to another, which may be earlier."""
+        """Return the optical flow from one time to another.
+
+        Parameters
+        ----------
+        t_0_s, t_1_s
+            Times on the path, s; the second may be earlier.
+        width, height
+            Size of the image, px; see `camera`.
+
+        Returns
+        -------
+        flow
+            At the centers of the pixels.
+        """
         camera = self.camera(width, height)
         flow, valid = self.point_flow(camera.centres(), t_0_s, t_1_s, width, height)
         shape = camera.height, camera.width
@@ -128,25 +165,29 @@ class GroundTruth:
         width: int,
         height: int | None = None,
     ) -> tuple[Float64, NDArray[np.bool_]]:
-        """Return the optical flow of what is seen at some points of the image.
+        """Return the optical flow of the surface points seen at some pixels.
 
         Parameters
         ----------
         points_px
-            (N, 2) points, in pixels of an image of that size.
+            (N, 2) pixels of an image of that size.
+        t_0_s, t_1_s
+            Times on the path, s; the second may be earlier.
+        width, height
+            Size of the image, px; see `camera`.
 
         Returns
         -------
         flow_px
-            (N, 2) displacements; zero where the point gets behind the camera.
+            (N, 2) displacements; zero where the point moves behind the camera.
         valid
-            (N,) whether it is within the image at the second time, and nothing hides it.
+            (N,) whether the point is inside the image at the second time, and visible.
         """
         camera = self.camera(width, height)
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         rays = camera.rays(points_px)
         depth = self._depth(T_0, rays)
-        # Points over their depth: what lies at infinity only turns.
+        # Points over their depth, so that points at infinity only turn.
         T = np.linalg.inv(T_1) @ T_0
         points = rays @ T[:3, :3].T + T[:3, 3] / depth[:, None]
         ahead = points[:, 2] > 0
@@ -155,8 +196,8 @@ class GroundTruth:
         side = (camera.width, camera.height)
         valid = ahead & np.all((there >= 0) & (there < side), axis=1)
 
-        # Seen from the second pose, along the rays to the points: is something in between? A point
-        # at infinity is seen if its ray meets nothing.
+        # A point is visible if no surface is nearer on the ray from the second pose to it; a point
+        # at infinity, if the ray meets nothing.
         way = points[valid] @ T_1[:3, :3].T
         reach = self._distance(T_1[:3, 3], way)
         valid[valid] = reach >= (1 - _OCCLUDER_SHARE) * depth[valid]
@@ -165,7 +206,19 @@ class GroundTruth:
     def homography(
         self, t_0_s: float, t_1_s: float, width: int, height: int | None = None
     ) -> Float64:
-        """Return the (3, 3) matrix from homogeneous pixels at one time to those at another.
+        """Return the matrix that takes homogeneous pixels at one time to those at another.
+
+        Parameters
+        ----------
+        t_0_s, t_1_s
+            Times on the path, s; the second may be earlier.
+        width, height
+            Size of the image, px; see `camera`.
+
+        Returns
+        -------
+        H
+            (3, 3); see `plane_homography`.
 
         Raises
         ------
@@ -182,12 +235,14 @@ class GroundTruth:
 
 
 def ground_truth(sequence: RadianceSequence) -> GroundTruth:
-    """Return the ground truth of a sequence on disk; loads its scene, in depth also into Mitsuba.
+    """Return the ground truth of a sequence on disk.
+
+    This loads its scene, and if that has depth, Mitsuba.
 
     Raises
     ------
     SceneError
-        If the scene is gone, or its surfaces have changed since the sequence was rendered.
+        If the scene is missing, or its surfaces have changed since the sequence was rendered.
     """
     manifest = sequence.manifest
     scene = load_scene(manifest.scene_source)
@@ -199,9 +254,9 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
 
 
 def surface_distance(scene: Scene) -> Distance:
-    """Return how to measure the distance to a scene's surfaces: in closed form if it is a plane."""
+    """Return a function for the distance to a scene's surfaces, in closed form for a plane."""
     if (plane := scene.plane) is not None:
         return plane.distance
     select_variant()
     caster = RayCaster(load_mi_scene(scene))
-    return lambda origin, ways: caster.cast(origin, ways).distance
+    return lambda origin, rays: caster.cast(origin, rays).distance

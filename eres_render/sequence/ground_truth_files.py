@@ -43,34 +43,33 @@ def write_truth(
     """Write the ground truth at some times, and the flow from each to the next.
 
     Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM, on the clock of the poses that
-    the camera's path was given by, if it was), `depth/000000.exr`, ... (float
-    channel Z, meters), `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on
-    request `flow/000000.png`, ... as in the DSEC dataset. All of them, or none: if one cannot be
-    written, those before it are removed.
+    define the camera's path, if any), `depth/000000.exr`, ... (float channel Z, meters),
+    `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on request
+    `flow/000000.png`, ... as in the DSEC dataset. If one file cannot be written, all are removed.
 
     Parameters
     ----------
     t_s
         (T,) increasing times on the path, seconds.
     width, height
-        Of the images, px; see `GroundTruth.camera`.
+        Size of the images, px; see `GroundTruth.camera`.
     flow_png
-        Write DSEC's PNG as well.
+        Write flow as DSEC's PNG too.
     overwrite
-        Remove truth that the folder holds, and write this; other files there stay.
+        Replace ground truth that the folder holds; other files there stay.
     on_progress
         Called after each time.
 
     Returns
     -------
     files
-        All that was written.
+        All files written.
 
     Raises
     ------
     RenderError
-        If the folder holds truth already or is that of a sequence, cannot be written, or a flow
-        does not fit a PNG.
+        If the folder holds ground truth or a sequence, cannot be written, or a flow does not fit
+        into a PNG.
     """
     for name, side in (("width", width), ("height", height)):
         if side is not None and side < 1:
@@ -106,17 +105,17 @@ def write_truth(
         for file in files:
             file.unlink(missing_ok=True)
         for folder in reversed(made):
-            with suppress(OSError):  # it was not made, or others have put files there
+            with suppress(OSError):  # it was not made, or holds other files
                 folder.rmdir()
         raise
     return files
 
 
 def _make_room(folder: Path, overwrite: bool) -> None:
-    """Refuse a folder in which truth would be mixed up; remove from one the truth of old."""
+    """Refuse a folder that holds a sequence or ground truth, or remove the ground truth."""
     if (folder / "manifest.json").exists():
         raise RenderError(
-            f"{folder}: found a sequence, whose poses.txt truth would replace; write elsewhere"
+            f"{folder}: found a sequence; truth would replace its poses.txt; write elsewhere"
         )
     numbered = [*folder.glob("depth/*.exr"), *folder.glob("flow/*.exr"), *folder.glob("flow/*.png")]
     old = [file for file in numbered if _NUMBER.fullmatch(file.stem)]
@@ -143,7 +142,22 @@ def _make(folder: Path) -> None:
 def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     """Return times from the start of a sequence's window to its end, both included.
 
-    They are `step_s` apart, but for the last, which may come sooner.
+    Parameters
+    ----------
+    sequence
+        The sequence of the window.
+    step_s
+        Time between them, s.
+
+    Returns
+    -------
+    t_s
+        (T,) times on the path, s; the last step may be shorter.
+
+    Raises
+    ------
+    RenderError
+        If `step_s` is not positive.
     """
     if not step_s > 0:
         raise RenderError(f"step_s: found {step_s}, expected a positive number of seconds")
@@ -153,12 +167,28 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
 
 
 def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
-    """Write (H, W) z-depth in meters as an EXR image with the float channel Z."""
+    """Write depth as an EXR image with the float channel Z.
+
+    Parameters
+    ----------
+    path
+        The EXR file.
+    depth
+        (H, W) z-depth, m.
+    """
     _write_float_exr(path, {"Z": depth})
 
 
 def write_flow(path: Path, flow: Flow) -> None:
-    """Write a flow as an EXR image with the float channels u and v, px, and valid, 0 or 1."""
+    """Write flow as an EXR image with the float channels u and v, px, and valid, 0 or 1.
+
+    Parameters
+    ----------
+    path
+        The EXR file.
+    flow
+        The flow.
+    """
     u, v = np.moveaxis(flow.flow_px, 2, 0)
     _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid})
 
@@ -167,6 +197,13 @@ def write_flow_png(path: Path, flow: Flow) -> None:
     """Write a flow as a 16-bit RGB PNG `(u * 128 + 2^15, v * 128 + 2^15, valid)`, as DSEC does.
 
     It resolves 1/128 px. Pixels that are not valid are zero in all channels.
+
+    Parameters
+    ----------
+    path
+        The PNG file.
+    flow
+        The flow.
 
     Raises
     ------

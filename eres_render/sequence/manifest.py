@@ -1,4 +1,4 @@
-"""`Manifest`: what manifest.json says of a radiance sequence."""
+"""`Manifest`: the contents of manifest.json of a radiance sequence."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ FORMAT_VERSION = 2
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What manifest.json says: everything that decides the frames, and how bright white is.
+    """The contents of manifest.json: everything that decides the frames, and the white level.
 
-    `scene_source` is what `load_scene` finds the scene by: the name of a packaged one, else a path.
+    `scene_source` is the argument of `load_scene`: the name of a packaged scene, else a path.
     `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
-    when time 0 was on the clock of the poses that were given, and not written where it is 0.
-    `intrinsics` are fx, fy, cx and cy in pixels, and not written where pixels are square and the
-    principal point is the center of the image.
+    time 0 on the clock of the given poses; it is not written if it is 0. `intrinsics` are fx, fy,
+    cx and cy in pixels; they are not written if pixels are square and the principal point is the
+    center of the image.
     """
 
     version: int
@@ -66,7 +66,7 @@ class Manifest:
                 f"window_s: found {self.window_s}, expected a stretch within the frames' times "
                 f"{self.t_s[0]} to {self.t_s[-1]} s"
             )
-        _ = self.camera  # refuses what cannot be
+        _ = self.camera  # refuses values that no camera has
 
     @property
     def camera(self) -> Camera:
@@ -83,12 +83,12 @@ def read_manifest(folder: Path) -> Manifest:
     Raises
     ------
     SequenceError
-        If it is missing, of another version, or a field of it is not what it must be.
+        If it is missing or of another version, or one of its fields is wrong.
     """
     path = folder / "manifest.json"
     table = read_json(dict[str, Any], path, SequenceError)
     version = table.get("version")
-    if isinstance(version, int) and version != FORMAT_VERSION:  # its other fields are others
+    if isinstance(version, int) and version != FORMAT_VERSION:  # its fields differ
         what_to_do = "update eres to read it" if version > FORMAT_VERSION else "render it again"
         raise SequenceError(
             f"{path}: version: found {version}, expected {FORMAT_VERSION}; {what_to_do}"
@@ -97,7 +97,15 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write the manifest into a sequence folder."""
+    """Write the manifest into a sequence folder.
+
+    Parameters
+    ----------
+    folder
+        Of the sequence.
+    manifest
+        What to write.
+    """
     table = dataclasses.asdict(manifest)
     for name in ("t_offset_us", "intrinsics"):
         if not table[name]:

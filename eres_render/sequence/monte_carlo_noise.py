@@ -1,4 +1,4 @@
-"""How noisy path-traced frames are, and how many events an event camera makes of that noise."""
+"""The noise of path-traced frames, and the events that an event camera makes of it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ Float64 = NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 
-REPEATS = 64  # so many times the samples are what events are held against
+REPEATS = 64  # the reference has this many times the samples
 _DARK_FRACTION = 1e-3  # of white, added before the logarithm: the sensor's default
 _STRETCHES, _LONGEST_STRETCH_S = 4, 0.25
 _MOST_PIXELS, _FEWEST_PIXELS = 256, 16  # of each stretch
-_SHARE_OF_RENDER = 0.05  # that measuring may cost at most, in samples
-_FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # but so many samples it may always take
+_SHARE_OF_RENDER = 0.05  # largest cost of measuring, in samples
+_FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # samples that are always allowed
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Monte Carlo noise of rendered pixels, and its events: all measured, nothing modeled.
+    """Monte Carlo noise of rendered pixels, and its events, all measured.
 
     Parameters
     ----------
@@ -37,14 +37,14 @@ class Noise:
     contrast_threshold
         Of the ideal pixel, as fine as the render's, that looks at the frames.
     events_hz
-        What it fires, per second.
+        Its event rate.
     false_events_hz
-        By how much that is more than at `REPEATS` times the samples per pixel, where the same light
-        has so much less noise. Noise also loses events; this is the balance.
+        The excess of that rate over the rate at `REPEATS` times the samples per pixel, where the
+        same light has less noise. Noise also loses events; this is the balance.
     false_events_error_hz
-        Standard error of it, from the choice of pixels.
+        Standard error of the excess, from the choice of pixels.
     log_noise_of_quarter
-        As `log_noise`, at a quarter of those samples: a quarter of it where errors average out.
+        `log_noise` at a quarter of those samples: a quarter of it if errors average out.
     """
 
     log_noise: float
@@ -58,13 +58,13 @@ class Noise:
     def averages_out(self) -> bool:
         """Whether 16 times the samples at least halve the noise.
 
-        If not, rare paths carry much of the light. Most renders miss them, more samples find them
-        as noise, and so more samples can make more events: there is nothing to hold events against.
+        If not, rare paths carry much of the light. Most renders miss them, and more samples find
+        them as noise and can make more events: there is no reference for events.
         """
         return self.log_noise_of_quarter <= 0.5 * self.log_noise
 
     def describe(self) -> str:
-        """Return the noise and its events in a sentence for people."""
+        """Return the noise and its events as a sentence."""
         noise = f"log noise {self.log_noise:.2g} per pixel (rms)"
         fired = (
             f"an ideal pixel with a contrast threshold of {self.contrast_threshold:g} fires "
@@ -85,7 +85,17 @@ class Noise:
 
 
 def warn_of_noise(renderer: Renderer, clips: Sequence[Clip], max_displacement_px: float) -> None:
-    """Warn where frames are path-traced, of how noisy they are: see `measure_noise`."""
+    """Warn how noisy the frames are if they are path-traced; see `measure_noise`.
+
+    Parameters
+    ----------
+    renderer
+        Renders the clips.
+    clips
+        At least one.
+    max_displacement_px
+        Largest motion from frame to frame, px.
+    """
     if renderer.integrator == "path":
         noise = measure_noise(renderer, clips, max_displacement_px)
         name, spp = renderer.scene.name, renderer.spp
@@ -93,16 +103,16 @@ def warn_of_noise(renderer: Renderer, clips: Sequence[Clip], max_displacement_px
 
 
 class Comparators:
-    """Ideal pixels: log radiance in, numbers of events out.
+    """Ideal pixels that count their events.
 
-    Between frames log radiance is a straight line in time, so a pixel fires whenever that has come
-    `contrast_threshold` away from its memory, which then moves by as much. The memory starts at the
-    first frame.
+    Between frames log radiance is linear in time. A pixel fires whenever it is `contrast_threshold`
+    away from the pixel's memory, which then moves by that much. The memory starts at the first
+    frame.
 
     Attributes
     ----------
     events
-        Of each pixel so far, in the shape of the frames.
+        Number of events of each pixel so far, in the shape of the frames.
     """
 
     def __init__(self, log_radiance: Float64, contrast_threshold: float) -> None:
@@ -111,7 +121,7 @@ class Comparators:
         self.events = np.zeros(log_radiance.shape, np.int64)
 
     def see(self, log_radiance: Float64) -> None:
-        """Go on to the next frame; the first makes no difference."""
+        """Take the next frame; the first frame changes nothing."""
         crossed = np.trunc((log_radiance - self._memory) / self._threshold)
         self._memory += self._threshold * crossed
         self.events += np.abs(crossed).astype(np.int64)
@@ -120,22 +130,26 @@ class Comparators:
 def count_events(
     frames: Iterable[NDArray[np.floating]], dark_level: float, contrast_threshold: float
 ) -> tuple[Float64, Float64, Float64]:
-    """Return what pixels fire at frames rendered several times over, and at their mean.
+    """Count the events of frames rendered several times, and of their mean.
 
     Parameters
     ----------
     frames
-        Each (R, N): radiance of N pixels, R times with noise that is independent; 4 divides R.
+        Each (R, N): radiance of N pixels in R renders with independent noise; 4 divides R.
+    dark_level
+        Added to the radiance before the logarithm, W m^-2 sr^-1.
+    contrast_threshold
+        Of the pixels.
 
     Returns
     -------
     events
-        (N,) fired at one of the R, their mean.
+        (N,) mean number of events of the R renders.
     events_of_mean
-        (N,) fired at the mean radiance of all R.
+        (N,) number of events of the mean radiance of all R.
     log_variances
-        (2,) of the log radiance of one of the R, and of the mean of a quarter of them: means over
-        pixels and frames.
+        (2,) variance of the log radiance of one render, and of the mean of a quarter of them, both
+        averaged over pixels and frames.
     """
     pixels: list[Comparators] = []
     variances = []
@@ -160,17 +174,26 @@ def measure_noise(
 ) -> Noise:
     """Measure the noise of clips that are to be rendered, and the events that it makes.
 
-    In up to four stretches of at most 0.25 s, spread evenly over the clips, all frames are rendered
-    at a few random pixels, each of them `REPEATS` times with random numbers of its own. Pixels then
-    look at each of these renders, and at their mean. It takes at most a twentieth of the samples
-    that the clips will, or a few seconds if that is more; never fewer than 16 pixels, though.
+    All frames of up to four stretches of at most 0.25 s, spread evenly over the clips, are rendered
+    at a few random pixels, each `REPEATS` times with different random numbers. Ideal pixels then
+    look at each of these renders, and at their mean. The cost is at most a twentieth of the samples
+    of the clips, or a few seconds if that is more, but at least 16 pixels are measured.
 
     Parameters
     ----------
+    renderer
+        Renders the clips.
     clips
         At least one.
     max_displacement_px
-        How far the image moves from frame to frame.
+        Largest motion from frame to frame, px.
+    contrast_threshold
+        Of the pixels that look at the frames.
+
+    Returns
+    -------
+    noise
+        Measured over all stretches.
     """
     stretches = [
         adaptive_times(renderer.image_motion, marks_s, max_displacement_px)
@@ -215,7 +238,7 @@ def measure_noise(
 
 
 def _stretches(clips: Sequence[Clip]) -> list[tuple[float, float]]:
-    """Return the start and end of stretches of clips, none longer than is needed."""
+    """Return the starts and ends of the stretches of clips that are measured."""
     cut = [
         (float(start_s), min(float(start_s) + _LONGEST_STRETCH_S, clip.t_window_end_s))
         for clip in clips

@@ -1,4 +1,4 @@
-"""Clips of a scene, rendered into folders; what is there already is kept."""
+"""Render clips of a scene into folders; frames that exist are kept."""
 
 from __future__ import annotations
 
@@ -22,8 +22,6 @@ from eres_render.sequence.sequence import RadianceSequence, SequenceWriter
 from eres_render.storage.locks import locked
 from eres_render.trajectory.frame_times import adaptive_times, warn_if_far_apart
 
-# Called with the number of frames done and the number of frames in all.
-
 
 def render_clip(
     renderer: Renderer,
@@ -34,25 +32,34 @@ def render_clip(
 ) -> RadianceSequence:
     """Render one clip into a folder, or finish it where a killed render stopped.
 
-    Frames come so close in time that nothing in the image moves farther than `max_displacement_px`
-    from one to the next. Each is written while the next one renders. While another process renders
-    into the folder, this one waits, and finds the frames there.
+    Frames are so close in time that no point of the image moves farther than `max_displacement_px`
+    from one to the next. Each frame is written while the next one renders. While another process
+    renders into the folder, this one waits and then finds the frames there.
 
     Parameters
     ----------
+    renderer
+        Renders the frames.
+    clip
+        What to render.
     out_dir
         The sequence's own folder. If it holds an unfinished sequence with exactly these settings,
         only the missing frames are rendered.
     max_displacement_px
         In pixels of the render.
     on_progress
-        Called after each frame that is rendered; those that were there already count as done.
+        Called after each frame; frames that exist count as done.
+
+    Returns
+    -------
+    sequence
+        The complete sequence.
 
     Raises
     ------
     RenderError
-        If the folder holds a sequence with other settings, or cannot be written; frames that were
-        finished stay.
+        If the folder holds a sequence with other settings, or cannot be written; finished frames
+        stay.
     """
     scene, camera = renderer.scene, renderer.camera
     t_s = adaptive_times(renderer.image_motion, clip.marks_s, max_displacement_px)
@@ -126,29 +133,40 @@ def render_scene(
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
-    What is there already is kept. Where frames are path-traced, a warning says how noisy they are
-    and how many false events that makes; another one, where frames lie far apart.
+    Frames that exist are kept. A warning says how noisy path-traced frames are and how many false
+    events that makes; another one, if frames are far apart.
 
     Parameters
     ----------
+    scene
+        What to render.
+    out_dir
+        Folder of the sequences.
     resolution
         Side of the square image in pixels, where no camera is given.
     spp, seed, integrator, camera
         As for `Renderer`.
     duration_s, samples
-        How much of the path, and at most how many clips of it; see `clips`.
+        How much of the path, and the number of clips; see `clips`.
+    max_displacement_px
+        As for `render_clip`.
     continuous
         Render everything from the path's start to `duration_s` into `out_dir/continuous`, instead
         of clips. Memory does not grow with the number of frames.
     on_progress
         Called while light is baked, and as the frames of each sequence are done.
 
+    Returns
+    -------
+    sequences
+        One for each clip.
+
     Raises
     ------
     RenderError
         As `Renderer`, `clips` and `render_clip`.
     """
-    scene.trajectory(camera)  # one that cannot be is refused before anything is loaded or baked
+    scene.trajectory(camera)  # a bad path is refused before anything is loaded or baked
     if continuous:
         if samples is not None:
             raise RenderError(f"samples: found {samples}, but a continuous sequence has no clips")

@@ -2,13 +2,13 @@
 
 A folder holds
 
-- `manifest.json`: times and settings; it says complete only once every frame is there,
-- `frames/000000.exr`, ...: half-float OpenEXR, channel Y, and `SHA256SUMS` of them,
+- `manifest.json`: times and settings; it is marked complete once all frames are written,
+- `frames/000000.exr`, ...: half-float OpenEXR, channel Y, with their `SHA256SUMS`,
 - `poses.txt`: the pose of every frame (TUM),
 - `path.txt`: the control poses of the camera's path (TUM), each at the time of its knot.
 
 Times count from the path's start. In the two files of poses they are on the clock of the poses that
-the path was given by, `t_offset_us` later, to the last digit.
+define the path, `t_offset_us` later, with all digits.
 """
 
 from __future__ import annotations
@@ -38,16 +38,15 @@ Float64 = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RadianceSequence:
-    """A complete sequence on disk; frames are read when they are asked for.
+    """A complete sequence on disk; frames are read on demand.
 
-    Iterating yields the frames in order, (H, W) float32 each; all cores decode those that come
-    next.
+    Iterating yields the frames in order, (H, W) float32 each; all cores decode the next ones.
     """
 
     folder: Path
     manifest: Manifest
     T_world_cam: Float64  # (T, 4, 4)
-    trajectory: Trajectory  # of the whole path, whose time is that of the frames
+    trajectory: Trajectory  # of the whole path, on the time of the frames
     checksums: Mapping[str, str]  # SHA-256 of every frame, by path in the folder
 
     def __len__(self) -> int:
@@ -70,17 +69,17 @@ class RadianceSequence:
 
     @property
     def t_offset_us(self) -> int:
-        """Time 0 on the clock of the poses that the path was given by, microseconds; mostly 0."""
+        """Time 0 on the clock of the poses that define the path, microseconds; mostly 0."""
         return self.manifest.t_offset_us
 
     @property
     def window_s(self) -> tuple[float, float]:
-        """Start and end of the window that is looked at; what comes before is warm-up."""
+        """Start and end of the window that is evaluated; frames before it are warm-up."""
         return self.manifest.window_s
 
     @property
     def is_continuous(self) -> bool:
-        """Whether the window is all of it, without a warm-up."""
+        """Whether the window is the whole sequence, without a warm-up."""
         return self.window_s == (self.manifest.t_s[0], self.manifest.t_s[-1])
 
     @property
@@ -99,8 +98,8 @@ class RadianceSequence:
         Raises
         ------
         SequenceError
-            If the frame's file is missing, truncated, of another size, holds NaN, infinite or
-            negative values, or is not the one that was rendered.
+            If the frame's file is missing, truncated or of another size, holds NaN, infinite or
+            negative values, or has changed since it was rendered.
         """
         if not 0 <= i < len(self):
             raise IndexError(f"frame {i} of a sequence of {len(self)}")
@@ -113,8 +112,8 @@ def open_sequence(path: str | Path) -> RadianceSequence:
     Raises
     ------
     SequenceError
-        If the manifest, the poses or a frame is missing, or they contradict each other. The frames'
-        contents are checked when they are read.
+        If the manifest, the poses or a frame is missing, or they contradict each other. Frames are
+        checked when they are read.
     """
     folder = Path(path)
     if folder.is_file():
@@ -163,22 +162,22 @@ def open_sequence(path: str | Path) -> RadianceSequence:
 
 
 class SequenceWriter:
-    """Writes a sequence frame by frame; takes up an unfinished one where it stopped.
+    """Writes a sequence frame by frame, or continues an unfinished one.
 
     Parameters
     ----------
     folder
-        Made if it does not exist.
+        Of the sequence; made if it does not exist.
     manifest
-        Of the sequence to be; its `complete` is managed here.
+        Of the sequence; the writer sets its `complete`.
     trajectory
         The camera's path, on the time of the frames.
 
     Raises
     ------
     RenderError
-        If the folder cannot be written, or holds a sequence made with other settings. Nothing is
-        ever deleted: what to do with it is the user's choice.
+        If the folder cannot be written, or holds a sequence with other settings, which is never
+        deleted.
     """
 
     def __init__(self, folder: Path, manifest: Manifest, trajectory: Trajectory) -> None:
@@ -195,11 +194,11 @@ class SequenceWriter:
         write_text(folder / "poses.txt", tum_text(t_s, trajectory.pose(t_s), offset_us))
         write_text(folder / "path.txt", path)
         self._checksums = read_sums(folder)
-        write_sums(folder, self._checksums)  # without what a kill may have left half written
+        write_sums(folder, self._checksums)  # without lines that a kill left unfinished
         write_manifest(folder, self.manifest)
 
     def _check_same(self, found: Manifest) -> None:
-        """Refuse a manifest of other frames; where the scene lies is no matter."""
+        """Refuse a manifest of other frames; the place of the scene does not matter."""
         for field in dataclasses.fields(Manifest):
             old, new = getattr(found, field.name), getattr(self.manifest, field.name)
             if field.name in ("complete", "scene_source") or old == new:
@@ -212,7 +211,7 @@ class SequenceWriter:
             )
 
     def missing(self) -> list[int]:
-        """Return the numbers of the frames that are not there yet, or cannot be read."""
+        """Return the numbers of the frames that are missing or cannot be read."""
         with ThreadPoolExecutor(cores(), thread_name_prefix="exr") as readers:
             holds = list(readers.map(self._holds, range(len(self.manifest.t_s))))
         return [i for i, held in enumerate(holds) if not held]
@@ -225,14 +224,22 @@ class SequenceWriter:
         return True
 
     def write(self, i: int, radiance: NDArray[np.floating]) -> None:
-        """Write frame i, whole or not at all."""
+        """Write a frame, whole or not at all.
+
+        Parameters
+        ----------
+        i
+            Number of the frame.
+        radiance
+            (H, W) linear radiance.
+        """
         file, name = _frame_file(self.folder, i), _frame_name(i)
         write_luminance(file, radiance)
         self._checksums[name] = sha256(file)
         append_sum(self.folder, name, self._checksums[name])
 
     def finish(self) -> RadianceSequence:
-        """Say that the sequence is complete, and return it."""
+        """Mark the sequence as complete, and return it."""
         for leftover in (self.folder / "frames").glob(".*.unfinished"):  # of a killed render
             leftover.unlink(missing_ok=True)
         write_sums(self.folder, self._checksums)
@@ -255,7 +262,7 @@ def _read_frame(
     try:
         intact = sha256(path) == checksums.get(_frame_name(i))
     except OSError:
-        intact = False  # what is wrong with it shows when it is read
+        intact = False  # reading it says why
     try:
         radiance = read_luminance(path, intact=intact)
     except RenderError as error:

@@ -14,8 +14,8 @@ from eres_render.textures.fractal_noise import Float32, fractal_noise
 from eres_render.textures.reflectance import saturated
 
 # Radii of stones: from a small boulder to a grain of sand. The number of stones tried per area goes
-# with radius^-2 per octave, the scale-free law of a dead-leaves mosaic; what finds no room is
-# dropped, so that large stones lie whole and small ones fill what is left between them.
+# with radius^-2 per octave, the scale-free law of a dead-leaves mosaic. Stones without room are
+# dropped, so that large stones are whole and small ones fill the gaps.
 _LARGEST_M = 0.16
 _SMALLEST_PX = 1.6
 _TRIES = 2.2  # area of the stones tried in an octave, over the area of the bed
@@ -26,7 +26,7 @@ _OUTLINES = 1024  # different ones; each stone turns and flattens its own
 _SUN = (-0.45, -0.55, 0.70)  # towards the light that shades the stones: left, above, out of the bed
 _SKY = 0.45  # share of the light that comes from everywhere
 
-# Where the log reflectance is squeezed to, and by how much: a bed in the haze of its own dust.
+# Middle of the log reflectance before and after its contrast is reduced, as if by dust.
 # Calibrated, with the rocks' speckle and the dark of the gaps, so that two images 50 ms apart at
 # 0.7 m/s score about 13 dB against each other and ideal event integration comes within 0.7 dB of
 # the paper's scores at each resolution.
@@ -52,7 +52,7 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     """Return the reflectance of a bed of stones.
 
     Stones of all sizes are laid down from large to small wherever they find room. Each is a rounded
-    polygon with a domed top and a reflectance, grain, bands and veins of its own. The relief is
+    polygon with a domed top and its own reflectance, grain, bands and veins. The relief is
     then shaded once, by a fixed light and the sky, and that shading is part of the texture: the bed
     is rendered as a flat, Lambertian surface.
 
@@ -119,7 +119,7 @@ def _lay_stones(
     stones: tuple[Any, ...],
     fields: tuple[Float32, Float32, Float32],
 ) -> None:
-    """Lay the stones down, the first first: fills in who owns each texel, and what is there."""
+    """Lay the stones down in order: fill in each texel's owner, relief and log reflectance."""
     radius_px, numbers, mean, kind, outlines = stones
     grain, swirl, speckle = fields
     height, width = owner.shape
@@ -197,7 +197,7 @@ def _log_shading(relief: Float32) -> Float32:
     facing = (np.float32(sun[2]) - np.float32(sun[0]) * slope_x - np.float32(sun[1]) * slope_y) * up
     buried = np.zeros_like(relief)
     for size_px in (2, 8, 32):
-        # Blurred at a quarter of its own size, where that loses nothing: it is 20 times faster.
+        # Blurring at a coarser scale loses nothing, and is 20 times faster.
         step = max(1, size_px // 4)
         small = cv2.resize(relief, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
         small = cv2.GaussianBlur(small, (0, 0), size_px / step, borderType=cv2.BORDER_REFLECT)

@@ -1,4 +1,4 @@
-"""When to take the next frame: once the image has moved far enough."""
+"""Frame times: the next frame is due when the image has moved far enough."""
 
 from __future__ import annotations
 
@@ -16,20 +16,37 @@ from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
 
-# Largest motion in the image, px at render resolution, from the first time to the second, in s.
+# Largest motion in the image, px at render resolution, between two times in s.
 ImageMotion = Callable[[float, float], float]
 
 _log = logging.getLogger(__name__)
 
 _FAR_APART_PX = 1.0
 _TIME_RESOLUTION_S = 1e-9
-_LONGEST_STRIDE_S = 1e-3  # no camera that moves like a body goes and returns within it
+_LONGEST_STRIDE_S = 1e-3  # a camera does not go and return within it
 
 
 def plane_image_motion(
     trajectory: Trajectory, camera: Camera, plane: Plane, grid_points: int = 9
 ) -> ImageMotion:
-    """Return the largest displacement over a grid of image points, as a plane induces it."""
+    """Return how far a plane's image moves, measured on a grid of image points.
+
+    Parameters
+    ----------
+    trajectory
+        The camera's path.
+    camera
+        The camera of the render.
+    plane
+        All that the camera sees.
+    grid_points
+        Points of the grid along each side of the image.
+
+    Returns
+    -------
+    motion
+        Largest displacement over the grid between two times, px.
+    """
     points_px = camera.grid(grid_points)
 
     def motion(t_0_s: float, t_1_s: float) -> float:
@@ -47,10 +64,25 @@ InverseDepth = Callable[[Float64, Float64], Float64]
 def depth_image_motion(
     trajectory: Trajectory, camera: Camera, inverse_depth: InverseDepth, grid_points: int = 33
 ) -> ImageMotion:
-    """Return the largest displacement over a grid of image points, each at its own depth.
+    """Return how far the image of a scene with depth moves, measured on a grid of image points.
 
-    What is nearer than all else and falls between the grid's points, 1/32 of the image apart, moves
-    farther than this says.
+    A near object between the grid's points, 1/32 of the image apart, can move farther.
+
+    Parameters
+    ----------
+    trajectory
+        The camera's path.
+    camera
+        The camera of the render.
+    inverse_depth
+        Gives 1 / z-depth at pixels seen from a pose.
+    grid_points
+        Points of the grid along each side of the image.
+
+    Returns
+    -------
+    motion
+        Largest displacement over the grid between two times, px.
     """
     points_px = camera.grid(grid_points)
     rays = camera.rays(points_px)
@@ -63,10 +95,10 @@ def depth_image_motion(
     def motion(t_0_s: float, t_1_s: float) -> float:
         T_0, per_depth = seen_at(t_0_s)
         T = np.linalg.inv(trajectory.pose(t_1_s)) @ T_0
-        # Points over their depth: what lies at infinity only turns.
+        # Points over their depth, so that points at infinity only turn.
         points = rays @ T[:3, :3].T + per_depth[:, None] * T[:3, 3]
         if not np.all(points[:, 2] > 0):
-            return float(np.hypot(camera.width, camera.height))  # out of view, farther than any
+            return float(np.hypot(camera.width, camera.height))  # it leaves the view
         return float(np.linalg.norm(camera.project(points) - points_px, axis=-1).max())
 
     return motion
@@ -75,10 +107,10 @@ def depth_image_motion(
 def adaptive_times(
     motion: ImageMotion, marks_s: Sequence[float], max_displacement_px: float
 ) -> NDArray[np.float64]:
-    """Return frame times so close that the image moves at most so far from one to the next.
+    """Return frame times between which the image moves at most `max_displacement_px`.
 
-    From each frame the next is taken when the motion since reaches `max_displacement_px`, or at the
-    next mark if that comes first.
+    The next frame is due when the motion since the last one reaches the limit, or at the next mark
+    if that comes first.
 
     Parameters
     ----------
@@ -94,6 +126,11 @@ def adaptive_times(
     -------
     t_s
         (T,) float64, strictly increasing, in seconds.
+
+    Raises
+    ------
+    RenderError
+        If `max_displacement_px` is not positive, or the marks do not increase.
     """
     if not max_displacement_px > 0:
         raise RenderError(f"max_displacement_px must be positive, got {max_displacement_px}")
@@ -104,7 +141,7 @@ def adaptive_times(
     step_s = 1e-4
     for mark_s in map(float, marks_s[1:]):
         while (t := times[-1]) < mark_s:
-            # Approach from below in short strides, so that motion that turns back is not missed.
+            # Short strides from below find motion that turns back.
             low, high = 0.0, min(0.5 * step_s, _LONGEST_STRIDE_S, mark_s - t)
             while motion(t, t + high) < max_displacement_px and t + high < mark_s:
                 low, high = high, min(1.25 * high, high + _LONGEST_STRIDE_S, mark_s - t)
@@ -118,10 +155,18 @@ def adaptive_times(
 
 
 def warn_if_far_apart(what: str, max_displacement_px: float) -> None:
-    """Warn that events are missed where the image moves far from frame to frame."""
+    """Warn that events are missed where the image moves far from frame to frame.
+
+    Parameters
+    ----------
+    what
+        Name of the frames.
+    max_displacement_px
+        Largest motion from frame to frame, px.
+    """
     if max_displacement_px > _FAR_APART_PX:
         _log.warning(
-            "%s: frames lie up to %g px apart, expected at most %g (--max-displacement): what "
-            "turns back in between makes no events, at 2 px about a fifth of them",
+            "%s: frames lie up to %g px apart, expected at most %g (--max-displacement): "
+            "motion that turns back in between makes no events, at 2 px about a fifth of them",
             *(what, max_displacement_px, _FAR_APART_PX),
         )

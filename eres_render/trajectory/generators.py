@@ -15,9 +15,23 @@ Float64 = NDArray[np.float64]
 
 
 def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
-    """Return the pose that looks straight at (3,) `target` on a plane, from its front, upright.
+    """Return the pose that looks straight at a point on a plane, from its front, upright.
 
-    The image's up is the world's y axis (the z axis for a plane that faces along y).
+    Up in the image is the world's y axis (the z axis for a plane that faces along y).
+
+    Parameters
+    ----------
+    plane
+        The plane to face.
+    target
+        (3,) point on it.
+    distance_m
+        Distance of the camera from it.
+
+    Returns
+    -------
+    T_world_cam
+        (4, 4) pose.
     """
     z = -np.asarray(plane.normal)
     up = np.array([0.0, 1.0, 0.0]) if abs(z[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
@@ -26,12 +40,26 @@ def facing_plane(plane: Plane, target: ArrayLike, distance_m: float) -> Float64:
 
 
 def look_at(position_m: ArrayLike, target_m: ArrayLike, up: ArrayLike) -> Float64:
-    """Return the (4, 4) pose T_world_cam at a position that looks at a target, upright.
+    """Return the pose at a position that looks at a target, upright.
+
+    Parameters
+    ----------
+    position_m
+        (3,) place of the camera.
+    target_m
+        (3,) point in the middle of its view.
+    up
+        (3,) direction that is up in the image.
+
+    Returns
+    -------
+    T_world_cam
+        (4, 4) pose.
 
     Raises
     ------
     TrajectoryError
-        If the target is where the camera is, or straight up or down from it.
+        If the target is at the camera, or straight up or down from it.
     """
     z = np.asarray(target_m, dtype=np.float64) - np.asarray(position_m)
     x = np.cross(z, np.asarray(up))
@@ -59,21 +87,35 @@ def random_path(
 ) -> Trajectory:
     """Return a seeded random 6-DoF path around a pose, with an exact mean speed.
 
-    Each control pose is drawn on its own: an offset in the box +-`sway` along the home camera's
-    axes, and a rotation vector in the box +-`turn_rad`. Then all offsets are scaled alike until the
-    mean speed over [0, duration_s] is `mean_speed_mps`; only the ratios of `sway` matter. How far
-    the camera strays therefore grows with speed and knot interval.
+    Each control pose is drawn independently: an offset in the box +-`sway` along the home camera's
+    axes, and a rotation vector in the box +-`turn_rad`. Then one factor on all offsets makes the
+    mean speed over [0, duration_s] `mean_speed_mps`; only the ratios of `sway` matter. So the
+    distance from home grows with speed and knot interval.
 
     Parameters
     ----------
     home
-        (4, 4) T_world_cam that the path wanders about.
+        (4, 4) T_world_cam in the middle of the path.
     duration_s, knot_interval_s
         The path has ceil(duration_s / knot_interval_s) segments and may outlast `duration_s`.
+    mean_speed_mps
+        Mean speed over [0, duration_s], exact.
     sway
         Relative reach along the home camera's x, y and z axis.
     turn_rad
         Largest rotation about the home camera's x (tilt), y (pan) and z axis (roll).
+    seed
+        Seed of all control poses.
+
+    Returns
+    -------
+    trajectory
+        The path.
+
+    Raises
+    ------
+    TrajectoryError
+        If `sway` leaves the camera where it is.
     """
     rng = np.random.default_rng(seed)
     n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
@@ -100,18 +142,33 @@ def waypoint_loop(
     turn_rad: tuple[float, float, float],
     seed: int,
 ) -> Trajectory:
-    """Return a path that goes round and round through waypoints, with an exact mean speed.
+    """Return a path of rounds through waypoints, with an exact mean speed.
 
-    Every time a waypoint is passed, the pose is drawn anew: an offset in the box +-`sway_m` and a
-    rotation vector in the box +-`turn_rad` along the waypoint's own axes, so no two rounds are the
+    Each time the camera passes a waypoint a new pose is drawn: an offset in the box +-`sway_m` and
+    a rotation vector in the box +-`turn_rad` along the waypoint's axes, so no two rounds are the
     same. A spline goes through these poses (`path_through`), its knots as far apart in time as the
-    poses are in space, which keeps the speed even. The path stops wherever `duration_s` at that
-    speed takes it, in the first round or a later one.
+    poses are in space, which keeps the speed even. The path stops where `duration_s` at that speed
+    takes it, in the first round or a later one.
 
     Parameters
     ----------
     waypoints
         (N, 4, 4) poses T_world_cam, N >= 2.
+    duration_s
+        How long the path lasts.
+    mean_speed_mps
+        Mean speed, exact.
+    sway_m
+        Largest offset from a waypoint along its x, y and z axis.
+    turn_rad
+        Largest rotation about a waypoint's x, y and z axis.
+    seed
+        Seed of all offsets.
+
+    Returns
+    -------
+    trajectory
+        The path.
 
     Raises
     ------
@@ -122,8 +179,8 @@ def waypoint_loop(
     length_m = duration_s * mean_speed_mps
     poses: list[Float64] = []
     chord_m = [0.0]
-    # One pose more than the chords alone ask for: the spline is never shorter than they are, and
-    # its end must not bend the part that is used.
+    # One pose more than the chords need: the spline is never shorter than its chords, and its end
+    # must not bend the part that is used.
     while len(poses) < 3 or chord_m[-2] < length_m:
         T = waypoints[len(poses) % len(waypoints)].copy()
         offset, turn = rng.uniform(-1.0, 1.0, (2, 3))

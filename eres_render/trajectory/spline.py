@@ -22,20 +22,20 @@ _LEAST_DAMPING = 1e-3
 class Trajectory:
     """A twice continuously differentiable path of poses.
 
-    Rotation and position are splined apart (SO(3) x R^3): scaling the positions then scales the
-    speed by exactly that factor, and the path of the camera center does not depend on how it turns.
+    Rotation and position have separate splines (SO(3) x R^3): scaling the positions scales the
+    speed by exactly that factor, and the path of the camera center does not depend on rotations.
 
     Parameters
     ----------
     knots_s
         (N,) strictly increasing times of the control poses, N >= 4. The path starts at the second
-        of them, which must be 0, and ends at the last but one.
+        time, which must be 0, and ends at the second to last.
     controls
         (N, 4, 4) control poses T_world_cam; the path runs near them, not through them. For a path
         through given poses see `path_through`.
     t_offset_us
-        Time 0 of the path on the clock that its poses came with, microseconds. Kept apart, as
-        seconds since 1970 in float64 would be 0.2 us apart.
+        Time 0 of the path on the clock of its poses, microseconds. It is separate because seconds
+        since 1970 in float64 are 0.2 us apart.
     """
 
     knots_s: Float64
@@ -56,7 +56,9 @@ class Trajectory:
             )
         R = self.controls[:, :3, :3]
         if not np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-6):
-            raise TrajectoryError("Trajectory.controls: a control pose's rotation is no rotation")
+            raise TrajectoryError(
+                "Trajectory.controls: a control pose's rotation matrix is not orthonormal"
+            )
 
     @property
     def duration_s(self) -> float:
@@ -123,7 +125,7 @@ class Trajectory:
         i
             (...) indices.
         weights
-            (..., 3), cumulative basis: the share done of the step from control i + j to the next.
+            (..., 3), cumulative basis: finished share of the step from control i + j to the next.
         rates
             (..., 3), their time derivatives, 1/s.
         """
@@ -141,7 +143,7 @@ class Trajectory:
 def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> Trajectory:
     """Return the spline that passes through given poses at given times.
 
-    It has a knot at each of the times and no acceleration at either end (a natural spline).
+    It has a knot at each time and no acceleration at either end (a natural spline).
     Between the poses it is as smooth as `Trajectory`: position, rotation and both their first
     derivatives are continuous.
 
@@ -154,11 +156,16 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     t_offset_us
         Of the path; see `Trajectory`.
 
+    Returns
+    -------
+    trajectory
+        The path.
+
     Raises
     ------
     TrajectoryError
-        If there are fewer than two poses, times do not increase, or the camera turns so far from
-        one pose to the next that no spline through them is found.
+        If there are fewer than two poses, times do not increase, or the camera turns so far between
+        two poses that no spline is found.
     """
     t = np.asarray(t_s, dtype=np.float64)
     if t.shape != (len(T_world_cam),) or len(t) < 2 or not np.all(np.diff(t) > 0):
@@ -175,7 +182,7 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     d = (k2 - k1) ** 2 / ((k4 - k1) * (k3 - k1))
     b = 1 - a - d
     # No acceleration at the ends: the outermost two steps have equal velocity.
-    span = extended[3:] - extended[:-3]  # the time that each step is spread over
+    span = extended[3:] - extended[:-3]  # the duration of each step
     first_step, last_step = span[0] / span[1], span[-1] / span[-2]
     banded = np.zeros((3, n))
     banded[0, 1:], banded[1], banded[2, :-1] = d[:-1], b, a[1:]
@@ -192,12 +199,12 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
             [position[-1] + last_step * (position[-1] - position[-2])],
         ]
     )
-    # Rotations do not add up, so their controls are found by damped Newton iterations with that
-    # same matrix, the exact derivative where the camera does not turn.
+    # Rotations do not commute, so damped Newton iterations find their controls, with the same
+    # matrix, which is the exact derivative for a camera that does not turn.
     wanted = Rotation.from_matrix(T_world_cam[:, :3, :3])
 
     def path_of(inner: Rotation) -> tuple[Trajectory, Float64]:
-        """Return the path with these inner controls, and the (N, 3) turns it misses poses by."""
+        """Return the path with these inner controls, and its (N, 3) rotation errors."""
         steps = (inner[:-1].inv() * inner[1:]).as_rotvec()
         first = inner[0] * Rotation.from_rotvec(-first_step * steps[0])
         last = inner[-1] * Rotation.from_rotvec(last_step * steps[-1])

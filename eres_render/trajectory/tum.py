@@ -13,14 +13,27 @@ from eres_render.errors import TrajectoryError
 
 Float64 = NDArray[np.float64]
 
-_EXACT = Context(prec=1000)  # digits: more than a float64 has behind the point
+_EXACT = Context(prec=1000)  # digits, more than a float64 has
 
 
 def tum_text(t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0) -> str:
-    """Return the TUM lines `t x y z qx qy qz qw` of (N,) times and (N, 4, 4) poses.
+    """Return poses as text in TUM's format.
 
-    Times are written `t_offset_us` later, with all digits that this takes: `read_tum` with the same
-    offset gives them back to the last bit.
+    Times have all their digits: `read_tum` with the same offset returns them to the last bit.
+
+    Parameters
+    ----------
+    t_s
+        (N,) times.
+    T_world_cam
+        (N, 4, 4) poses.
+    t_offset_us
+        Added to the times.
+
+    Returns
+    -------
+    text
+        Lines `t x y z qx qy qz qw`, after a comment that says so.
     """
     xyz = T_world_cam[:, :3, 3]
     xyzw = Rotation.from_matrix(T_world_cam[:, :3, :3]).as_quat()
@@ -33,7 +46,7 @@ def tum_text(t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0) -> str:
 
 
 def _later(t_s: float, t_offset_us: int) -> str:
-    """Write a time with an offset added, exactly."""
+    """Return a time plus an offset as text, exactly."""
     text = repr(float(t_s))
     if not t_offset_us:
         return text
@@ -41,38 +54,43 @@ def _later(t_s: float, t_offset_us: int) -> str:
 
 
 def _earlier(times: list[Decimal], t_offset_us: int) -> Float64:
-    """Take an offset off times before they become float64."""
+    """Return times less an offset that is subtracted before they become float64."""
     offset_s = _EXACT.scaleb(Decimal(t_offset_us), -6)
     return np.array([float(_EXACT.subtract(time, offset_s)) for time in times])
 
 
 def read_tum(path: Path, t_offset_us: int = 0) -> tuple[Float64, Float64]:
-    """Read a TUM file into (N,) times in seconds and (N, 4, 4) poses T_world_cam.
+    """Read a TUM file.
 
     Parameters
     ----------
     path
         The file.
     t_offset_us
-        What to take off the times before they become float64.
+        Subtracted from the times before they become float64.
+
+    Returns
+    -------
+    t_s, T_world_cam
+        (N,) times in seconds and (N, 4, 4) poses.
 
     Raises
     ------
     TrajectoryError
-        If the file is missing or no text, a line does not hold 8 numbers with a quaternion of
-        length 1 to 1e-3 (what is nearer is normalized), or times do not increase.
+        If the file is missing or not a text, a line does not hold 8 numbers with a quaternion of
+        length 1 to within 1e-3 (which is normalized), or times do not increase.
     """
     times, poses = _read(path)
     return _earlier(times, t_offset_us), poses
 
 
 def read_tum_from_start(path: Path) -> tuple[int, Float64, Float64]:
-    """Read a TUM file; times count from the first, to a microsecond, which is returned too.
+    """Read a TUM file, with times that count from the first one.
 
     Returns
     -------
     t_offset_us
-        The first time, microseconds.
+        The first time, rounded to microseconds.
     t_s, T_world_cam
         As of `read_tum`, with that offset.
 
@@ -87,7 +105,7 @@ def read_tum_from_start(path: Path) -> tuple[int, Float64, Float64]:
 
 
 def _read(path: Path) -> tuple[list[Decimal], Float64]:
-    """Read a TUM file into its times, to the last digit, and (N, 4, 4) poses."""
+    """Read a TUM file into exact times and (N, 4, 4) poses."""
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:

@@ -33,6 +33,7 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
         described = docstring_parser.parse(function.__doc__ or "")
         for argument in described.params:  # tyro would keep the source's line breaks
             argument.description = " ".join((argument.description or "").split())
+            argument.default = None  # found in "by default ...", and composed into the name
         function.__doc__ = docstring_parser.compose(described)
         app.command(help=described.short_description if overview else None)(function)
     return app

@@ -6,7 +6,7 @@ import rich.console
 from rich.text import Text
 
 from tasks.cli.table import Table
-from tasks.study.results.comparison import Block, ComparisonTable, columns_of, line_label
+from tasks.study.results.comparison import Block, ComparisonTable, line_label
 from tasks.study.results.words import (
     cutoff_label,
     speed_label,
@@ -25,7 +25,7 @@ def to_rich(table: ComparisonTable) -> rich.console.Group:
 def _rich_block(block: Block, table: ComparisonTable) -> Table:
     shown = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, header_style="dim")
     shown.add_column("", no_wrap=True)
-    columns = [column for column in columns_of(table) if column.in_terminal]
+    columns = [column for column in table.columns if column.in_terminal]
     for cutoff_hz in table.cutoffs_hz:
         for column in columns:
             head = cutoff_label(cutoff_hz) if column.kind == "ours" else column.head
@@ -38,7 +38,9 @@ def _rich_block(block: Block, table: ComparisonTable) -> Table:
                 "ours": _style(entry.best, entry.beats_nothing is False),
                 "paper": _style(entry.paper_best, False),
             }
-            cells += [Text(c.text(entry, line), styles.get(c.kind, "")) for c in columns]
+            cells += [
+                Text(c.text(table.series, entry, line), styles.get(c.kind, "")) for c in columns
+            ]
         shown.add_row(*cells)
     return shown
 

@@ -1,4 +1,4 @@
-"""Light: baking, rendering, ground truth, how many samples and frames are enough."""
+"""Light: baking, rendering, ground truth, convergence."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from tasks.cli.table import Table
 def bake(
     scene: Annotated[Positional[str], arg(metavar="SCENE", help="name or folder of a scene")],
 ) -> None:
-    """Path-trace a scene's lightmaps anew, beside its scene.xml, to travel with it.
+    """Bake a scene's lightmaps into its folder, next to scene.xml.
 
-    Without them the first render bakes into the cache. Either needs LLVM or a GPU; machines that
-    have neither can use lightmaps that others made.
+    Without them the first render bakes into the cache. Both need LLVM or a GPU; machines without
+    can use lightmaps from the folder.
     """
     from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
@@ -53,25 +53,38 @@ def render(
 
     Writes clips, or one continuous sequence. A clip is a warm-up for the sensor, then a 50 ms
     window, every 0.5 s of the path. Each is a folder: half-float OpenEXR frames of linear radiance,
-    manifest.json, poses in TUM's format. Stopped at any point, the same command goes on with the
+    manifest.json, poses in TUM's format. After an interruption the same command continues with the
     first missing frame.
 
-    Args:
-        out: Folder for the clips.
-        resolution: Side of square frames, px; 1280 by default.
-        width: Width of frames of another shape, px; give the height with it. The horizontal field
-            of view stays that of the scene.
-        height: Height of frames of another shape, px.
-        spp: Samples per pixel: 1, 4, 9, 16, ...
-        max_displacement: Largest motion in the image between two frames, px.
-        duration: How much of the path, seconds; all of it by default.
-        samples: How many clips, from the start; all by default.
-        continuous: One sequence of everything from the start to the duration, instead of clips.
-        trajectory: Poses (camera to world) in TUM's format that the camera passes through at their
-            times, in place of the scene's own path; a Mitsuba .xml needs them.
-        integrator: "baked": light is computed once, for Lambertian scenes. "path": path tracing in
-            every frame, noisy. By default baked where that is possible.
-        seed: Seed of the pixel sampler, the same for every frame.
+    Parameters
+    ----------
+    out
+        Folder for the clips.
+    resolution
+        Side of square frames, px; 1280 by default.
+    width
+        Width of frames of any shape, px; give the height too. The horizontal field of view is that
+        of the scene.
+    height
+        Height of frames of any shape, px; give the width too.
+    spp
+        Samples per pixel: 1, 4, 9, 16, ...
+    max_displacement
+        Largest motion in the image between two frames, px.
+    duration
+        How much of the path to render, seconds; all of it by default.
+    samples
+        Number of clips, from the start; all by default.
+    continuous
+        One sequence from the start to the duration, instead of clips.
+    trajectory
+        Poses (camera to world) in TUM's format that the camera passes through at their times, in
+        place of the scene's path; a Mitsuba .xml needs them.
+    integrator
+        How to compute light. With baked it is computed once, for Lambertian scenes; with path every
+        frame is path-traced, with noise. By default baked if possible.
+    seed
+        Seed of the pixel sampler, the same for every frame.
     """
     from eres_render import load_scene, render_scene
     from tasks.cli.progress_bar import progress_bar
@@ -124,19 +137,26 @@ def truth(
     flow_png: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Write ground truth of a sequence: depth, optical flow with what is visible, poses.
+    """Write ground truth of a sequence: depth, optical flow, visibility, poses.
 
     Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
     the next (EXR channels u, v, valid). Times run from the start of the window to its end.
 
-    Args:
-        out: Folder to write into.
-        width: Width of the images, px; best that of the sensor.
-        height: Height of the images, px, for a sensor that is not of the frames' shape: it sees the
-            middle of them. By default all of the frames is seen.
-        step: Time from one image to the next, seconds.
-        flow_png: Write the flow as 16-bit PNG as well, as in the DSEC dataset.
-        overwrite: Replace truth that the folder holds; without it such a folder is refused.
+    Parameters
+    ----------
+    out
+        Folder to write into.
+    width
+        Width of the images, px; best that of the sensor.
+    height
+        Height of the images, px, for a sensor of another shape than the frames, which sees the
+        middle of them. By default the images show all of the frames.
+    step
+        Time from one image to the next, seconds.
+    flow_png
+        Write the flow as 16-bit PNG too, as in the DSEC dataset.
+    overwrite
+        Replace ground truth that the folder holds; without it such a folder is refused.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
     from tasks.cli.progress_bar import progress_bar
@@ -169,13 +189,17 @@ def convergence(
 
     Renders one stretch from the middle of the path with more and more samples, and with smaller and
     smaller motion from frame to frame, each with random numbers common to all frames and with fresh
-    ones. Prints what an ideal sensor at the frames' resolution makes of it: how many events, and
-    the PSNR of event integration against the finest frames. Minutes at 1280 px on 2 cores.
+    ones. Prints the number of events of an ideal sensor at the frames' resolution, and the PSNR of
+    event integration against the finest frames. Takes minutes at 1280 px on 2 cores.
 
-    Args:
-        resolution: Side of frames and sensor, px.
-        duration: Length of the stretch, seconds.
-        trajectory: Poses in TUM's format in place of the scene's own path.
+    Parameters
+    ----------
+    resolution
+        Side of frames and sensor, px.
+    duration
+        Length of the stretch, seconds.
+    trajectory
+        Poses in TUM's format in place of the scene's path.
     """
     from eres_render import load_scene
     from tasks.cli.progress_bar import progress_bar

@@ -1,4 +1,4 @@
-"""Scores: one sensor on one sequence, a study, its report, the paper's claims."""
+"""Commands for scores: one sensor on one sequence, a study, its report, the paper's claims."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ def evaluate(
 ) -> None:
     """Score methods of one task on the events of one sensor on one rendered sequence.
 
-    reconstruction: PSNR of the image at the window's end. flow: end-point error of 20 patches.
-    tracking: position error of the first 14 ms, in planar scenes. video: PSNR of images along a
+    reconstruction: PSNR of the image at the end of the window. flow: end-point error of 20 patches.
+    tracking: position error over the first 14 ms, in planar scenes. video: PSNR of images along a
     continuous sequence.
 
     Args:
-        task: What to do with the events.
-        method: Names (`eres methods` lists them), or functions of your own as
+        task: The task.
+        method: Names (`eres methods` lists them), or your own functions as
             package.module:function; by default all methods of the task.
         resolution: Width of the sensor, px.
         cutoff: Corner frequency of the photoreceptor's poles, Hz; by default an ideal pixel.
         threshold: Contrast threshold, log units.
-        speed: How much faster the scene moves than it was rendered.
+        speed: Factor on the speed of the rendered sequence.
     """
     from eres_render import open_sequence
     from tasks.cli.progress_bar import progress_bar
@@ -88,7 +88,7 @@ def study(
         Positional[Path | None],
         arg(
             metavar="[STUDY.toml]",
-            help="a study of your own, in place of a preset",
+            help="your own study, in place of a preset",
             help_behavior_hint="",
         ),
     ] = None,
@@ -102,18 +102,18 @@ def study(
 ) -> None:
     """Ask which resolution serves a task best: render, simulate, evaluate, report.
 
-    Prints the scores beside the paper's and writes report.html into the run's folder. What is done
-    already is not done again: the same command resumes a run that was stopped.
+    Prints the scores next to the paper's and writes report.html into the run's folder. The same
+    command resumes a run that was stopped.
 
     Args:
         out: Folder of the run.
-        preset: Which study, if not one of your own. "quick": carpet, 5 resolutions, 3 cutoffs, 3
-            speeds, a few samples. "paper": three scenes, 20 samples of each, all methods; hours.
+        preset: Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
+            "paper": three scenes, 20 samples of each, all methods; takes hours.
         scenes: Names or folders of scenes.
-        samples: How many samples along each path.
+        samples: Number of samples along each path.
         spp: Samples per pixel of the render.
-        resolution: Side of the rendered frames, px; sensors that are finer are left out.
-        method: Methods of your own, as well as the study's, each as package.module:function.
+        resolution: Side of the rendered frames, px; finer sensors are left out.
+        method: Your own methods, in addition to the study's, as package.module:function.
         scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     """
     from dataclasses import replace
@@ -147,7 +147,7 @@ def study(
 
 
 def report(run: RunFolder) -> None:
-    """Make report.html, figures and tables.csv of a run anew."""
+    """Write the report.html, figures and tables.csv of a run again."""
     from tasks.study.report import write_report
 
     terminal.out.print(str(write_report(run)), soft_wrap=True)
@@ -159,7 +159,7 @@ def claims(run: RunFolder) -> None:
 
 
 def _show_scores(run: Path) -> None:
-    """Print the main methods' scores at the base speed, beside the paper's where it has them."""
+    """Print the main methods' scores at the base speed, next to the paper's."""
     from tasks.cli.comparison import to_rich
     from tasks.row import read_rows
     from tasks.study.results.comparison import main_tables

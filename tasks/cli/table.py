@@ -1,4 +1,4 @@
-"""Tables on stdout in which every word is whole, however narrow the screen."""
+"""Tables on stdout that never cut a word, on screens of any width."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _UNBOUNDED = 100_000  # columns
 
 
 class Table(rich.table.Table):
-    """A table that breaks lines between words, and shortens none.
+    """A table that wraps between words and never shortens them.
 
-    Where the screen has no room for its longest words side by side, or for what may not wrap, lines
-    go beyond the edge: print it with `crop=False`. In a pipe each row is one line.
+    Lines are longer than the screen if it is too narrow for the longest words and for columns that
+    may not wrap; print the table with `crop=False`. In a pipe each row is one line.
     """
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -41,7 +41,7 @@ class Table(rich.table.Table):
 
 
 def _without_trailing_blanks(line: list[Segment]) -> Iterator[Segment]:
-    """The padding at a line's end is of no use, and in a pipe may be hundreds of columns."""
+    """Drop the padding at the end of a line; in a pipe it may be hundreds of columns."""
     end = len(line)
     while end and not line[end - 1].text.strip():
         end -= 1
@@ -51,7 +51,7 @@ def _without_trailing_blanks(line: list[Segment]) -> Iterator[Segment]:
 
 
 def _fitted(natural: list[int], least: list[int], room: int) -> Iterator[int]:
-    """Widths of columns: the widest are cut to one width that fits, none below its least."""
+    """Yield column widths: the widest are cut to one width that fits, but not below `least`."""
 
     def cut_to(width: int) -> list[int]:
         return [max(low, min(full, width)) for full, low in zip(natural, least, strict=True)]

@@ -1,4 +1,4 @@
-"""Where the command line prints: results on stdout, all else on stderr."""
+"""Consoles of the command line: `out` prints results to stdout, `err` the rest to stderr."""
 
 from __future__ import annotations
 

@@ -25,9 +25,9 @@ class ReferenceFrames:
     truth
         Poses, depth and flow of their scene.
     dark_level
-        Of the sensors, in the frames' unit of radiance.
+        Dark level of the sensors, in the frames' unit of radiance.
     widths
-        Of the sensors, px.
+        Widths of the sensors, px.
     """
 
     def __init__(

@@ -80,12 +80,11 @@ class Flow(TaskSettings):
     native_patch
         Also try patches of 61 px of the sensor, whatever its width.
     initial_sigma_px
-        How far the initial flow is off the truth: a standard deviation per component, px of a
-        1280 px sensor.
+        Error of the initial flow: standard deviation of each component, px of a 1280 px sensor.
     fast_methods, fast_speed, fast_scenes
-        Methods that are also tried at one much higher speed, on these scenes; on all by default.
+        Methods to evaluate also at one much higher speed, and on which scenes; all by default.
     seed
-        Of the initial flows.
+        Seed of the initial flows.
     """
 
     methods: tuple[str, ...] = ("photometric_flow", "contrast_maximization", "initial_flow")
@@ -115,15 +114,15 @@ class Tracking(TaskSettings):
     methods
         By name, or "package.module:function".
     sigmas_mm
-        How far the initial path is off the truth: standard deviations per component of each
-        control point. Each is a variant of the task.
+        Errors of the initial path: standard deviation of each component of the control points.
+        Each is a variant of the task.
     max_events
         Largest number of events that a method gets from the path's 14 ms, of random pixels.
     max_delay_us
-        By how much events may be late, for methods that look for that: they get events after the
-        path's end too.
+        Largest delay of events, for methods that estimate it: they also get events after the end of
+        the path.
     seed
-        Of the initial paths and of the pixels.
+        Seed of the initial paths and of the choice of pixels.
     """
 
     methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
@@ -143,20 +142,21 @@ class Tracking(TaskSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Video(TaskSettings):
-    """Image reconstruction that goes on from window to window, on one continuous stretch.
+    """Image reconstruction with a state that lasts, on one continuous stretch.
 
     Parameters
     ----------
     methods
         By name, or "package.module:class".
     scenes
-        On which scenes; on all by default.
+        Names of the scenes; all by default.
     duration_s, run_in_s
-        Length of the stretch from the path's start, and how much of it is not scored, seconds.
+        Length of the stretch from the start of the path, and of its first part that is not scored,
+        seconds.
     every_s
-        From one scored image to the next, seconds of the path.
+        Time between scored images, seconds of the path.
     equalization
-        Of the histograms of prediction and truth before they are compared: "none", "global",
+        Equalization of the histograms of prediction and truth: "none", "global",
         "local" or "clahe" (local, with limited contrast).
     """
 

@@ -1,4 +1,4 @@
-"""What a study computes, as data: its settings, the presets, and the names of its artifacts."""
+"""Studies as data: settings, presets, and the names of computed files."""
 
 from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.digest import STAGE_VERSIONS, digest

@@ -1,14 +1,13 @@
-"""Names of artifacts: a digest of everything that decides them."""
+"""Names of computed files: the digest of everything that determines their content."""
 
 from __future__ import annotations
 
 from eres_render.storage.digest import digest as whole_digest
 
-# Raise a stage's number when its results change, so that artefacts made before are not taken for
-# its own.
+# Raise the number of a stage when its results change, so that older files are not reused.
 STAGE_VERSIONS = {"render": 3, "simulate": 1, "evaluate": 3}
 
 
 def digest(values: dict[str, object]) -> str:
-    """Return the name of what these values decide, 20 hexadecimal digits."""
+    """Return the name of a file that these values determine, 20 hexadecimal digits."""
     return whole_digest(values)[:20]

@@ -1,4 +1,4 @@
-"""Studies that are known by name."""
+"""Predefined studies."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def preset(name: str) -> Study:
     Raises
     ------
     StudyError
-        There is none of that name; the text gives the nearest one.
+        The name is unknown; the message suggests the nearest one.
     """
     if name not in PRESETS:
         raise StudyError(f"no preset named {name!r}: {nearest(name, PRESETS)}")

@@ -1,4 +1,4 @@
-"""What a study computes: nested frozen dataclasses, Render -> Simulate -> Evaluate."""
+"""Settings of a study: nested frozen dataclasses, Render -> Simulate -> Evaluate."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MAY_BE_ZERO = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Render:
-    """The light.
+    """How the scenes are rendered.
 
     Parameters
     ----------
@@ -32,13 +32,13 @@ class Render:
     spp
         Samples per pixel.
     max_displacement_px
-        Largest motion in the image from one frame to the next, px of the render.
+        Largest image motion from one frame to the next, px of the rendered frames.
     window_s, every_s
-        Length of the scored window, and time from sample to sample, seconds of the path.
+        Length of the scored window, and time between samples, seconds of the path.
     samples
-        How many of the path's samples to score, spread evenly; None for all.
+        Number of samples to score, spread evenly over the path; None for all.
     seed
-        Of the renderer's sampler.
+        Seed of the renderer's sampler.
     """
 
     resolution: int = 1280
@@ -52,22 +52,22 @@ class Render:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulate:
-    """The sensors: every width with every cutoff and contrast threshold at every speed.
+    """The sensors: each width with each cutoff and contrast threshold, at each speed.
 
     Parameters
     ----------
     widths
         Sensor sides, px.
     cutoffs_hz
-        Photoreceptor cutoffs; inf is ideal.
+        Photoreceptor cutoffs; inf is an ideal photoreceptor.
     contrast_thresholds
-        C, log units.
+        Contrast thresholds C of Eq. (1), log units.
     speeds
-        Factors on the camera's base speed.
+        Factors on the base speed of the camera.
     dark_fraction
         Dark level as a fraction of the scene's white level.
     warmup_time_constants
-        Time constants of the slowest filter, at the highest speed, before a window starts.
+        Warm-up before a window, in time constants of the slowest filter at the highest speed.
     """
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
@@ -85,13 +85,13 @@ class Simulate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """A question to the simulator: which scenes, under which light, seen by which sensors.
+    """A study: which scenes, under which light, seen by which sensors, for which tasks.
 
     Raises
     ------
     StudyError
-        There is no sensor, one twice, or one finer than the frames, or a number is zero or less
-        that may not be.
+        If a list of sensor settings is empty or holds a value twice, a sensor is finer than the
+        frames, or a number is not in its range.
     """
 
     name: str
@@ -139,12 +139,23 @@ class Study:
 
 
 def with_method(study: Study, name: str) -> Study:
-    """Return a study that runs one more method, "package.module:function", on the task it is for.
+    """Return a study with one more method.
+
+    Parameters
+    ----------
+    study
+        The study.
+    name
+        The method, "package.module:function". Its annotations tell which task it solves.
+
+    Returns
+    -------
+    The study with the method added to its task.
 
     Raises
     ------
     TaskError
-        It cannot be imported, or does not say what it is for.
+        If the method cannot be imported, or its task is unclear.
     """
     task = task_of(name)
     section = getattr(study.evaluate, task)
@@ -153,7 +164,7 @@ def with_method(study: Study, name: str) -> Study:
 
 
 def to_json(study: Study) -> dict[str, Any]:
-    """The resolved study as plain JSON values; inf becomes "inf"."""
+    """Return the study as plain JSON values; inf becomes "inf"."""
     return _plain(asdict(study))
 
 

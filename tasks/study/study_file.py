@@ -1,4 +1,4 @@
-"""A study of one's own, from a TOML file: any scenes, sensors, light, speeds and methods."""
+"""Read a study from a TOML file: any scenes, sensors, light, speeds and methods."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from tasks.study.settings import Study
 def read_study(file: Path) -> Study:
     """Read a study.
 
-    The tables and fields are those of `Study`; what is left out has its default. Under
-    `[simulate]`, `illuminance_lux` may stand in place of `cutoffs_hz`: the cutoff is then in
-    proportion to the light. Scenes that are paths are relative to the file.
+    The tables and fields are those of `Study`; a field that is left out has its default. Under
+    `[simulate]`, `illuminance_lux` can replace `cutoffs_hz`: the cutoff is then proportional to the
+    light. Paths of scenes are relative to the file.
 
     Raises
     ------
     StudyError
-        The file is missing or not TOML, or a field is unknown, missing or of the wrong type; the
-        text names file and field.
+        If the file is missing or not TOML, or a field is unknown, missing or wrong. The message
+        names file and field.
     """
     table = {"name": file.stem, **read_toml(dict[str, Any], file, StudyError)}
     sensors = table.get("simulate")
@@ -34,8 +34,8 @@ def read_study(file: Path) -> Study:
         table["simulate"] = {**sensors, "cutoffs_hz": _cutoffs_hz(sensors, file)}
         del table["simulate"]["illuminance_lux"]
     study = read_typed(Study, table, file, StudyError)
-    beside = [str(file.parent / name) if "/" in name else name for name in study.scenes]
-    return replace(study, scenes=tuple(beside))
+    scenes = [str(file.parent / name) if "/" in name else name for name in study.scenes]
+    return replace(study, scenes=tuple(scenes))
 
 
 def _cutoffs_hz(sensors: dict[str, Any], file: Path) -> list[float]:

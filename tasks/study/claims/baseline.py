@@ -16,10 +16,21 @@ from tasks.study.results.words import cutoff_label, join_words
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineClaim(Claim):
-    """In every cell of every method the median is better than without using the events."""
+    """Every method has a better median than its starting point in every cell."""
 
     def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
-        """Count the cells of each method that are better."""
+        """Count the cells in which each method is better.
+
+        Parameters
+        ----------
+        scores, scaling
+            As `Claim.evidence` takes them.
+
+        Returns
+        -------
+        Evidence
+            One outcome for each cell.
+        """
         found = {series: _beaten(scores, series) for series in shown_series(scores)}
         samples = min(
             (scores.samples(one, scene) for one in found for scene in scores.scenes(one)), default=0
@@ -30,7 +41,7 @@ class BaselineClaim(Claim):
             paper="not reported",
             scope=f"{too_few_text(samples)}."
             if samples < MIN_SAMPLES_FOR_INTERVAL
-            else "Not settled: the paired interval of the difference reaches zero.",
+            else "Not settled: the paired interval of the difference includes zero.",
         )
 
 
@@ -55,7 +66,7 @@ def _beaten(scores: Scores, series: Series) -> _Beaten:
 
 
 def _text(scores: Scores, series: Series, beaten: _Beaten) -> str:
-    """How often a method beats doing nothing, and where it does not."""
+    """Say how often a method beats doing nothing, and where it does not."""
     measured = [where for where, outcome in beaten.items() if outcome is not None]
     lost = [where for where in measured if not beaten[where]]
     text = f"{series.title}: {len(measured) - len(lost)} of {len(measured)}"
@@ -72,7 +83,7 @@ def _unsettled(scores: Scores, series: Series, where: Condition) -> bool:
 
 
 def _lost_text(lost: list[Condition], every: list[Condition]) -> str:
-    """A text for each scene and cutoff, with widths and speeds unless it is all of them."""
+    """Name each scene and cutoff, with widths and speeds unless all of them are meant."""
     parts = []
     for light in dict.fromkeys((c.scene, c.cutoff_hz) for c in lost):
         gone, here = (

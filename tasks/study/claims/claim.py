@@ -1,4 +1,4 @@
-"""What a claim is: words, and the numbers that uphold or contradict it."""
+"""Claims: what the paper says, and the numbers that confirm or contradict it."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class Evidence:
     Attributes
     ----------
     outcomes
-        Whether the claim holds in each place where it is judged; None where it is not measured.
+        Whether the claim holds, for each scene or cell; None if it is not measured there.
     ours, paper
-        Our numbers and the paper's, a line per scene; or what is missing.
+        Our numbers and the paper's, a line for each scene; or what is missing.
     scope
-        What the numbers rest on, in words; "" where it is what the paper's rest on.
+        Scenes and samples that the verdict is based on, in words; "" if there is nothing to say.
     """
 
     outcomes: Sequence[bool | None]
@@ -44,12 +44,16 @@ class Evidence:
 
 @dataclass(frozen=True, kw_only=True)
 class Claim(ABC):
-    """What the paper says, in words; a subclass finds the evidence.
+    """A claim in words. Subclasses find the evidence.
 
     Attributes
     ----------
+    number
+        Number of the claim; verdicts are sorted by it.
+    title, statement
+        The claim in a few words, and in full.
     note
-        What is judged, and which reading of the paper where it contradicts itself.
+        How the paper is read where it contradicts itself, and what else a reader should know.
     """
 
     number: int
@@ -66,7 +70,7 @@ class Claim(ABC):
         scores
             The run's scores.
         scaling
-            Its scaling statistics by scene.
+            The run's scaling statistics by scene.
 
         Returns
         -------
@@ -82,20 +86,19 @@ class SceneClaim(Claim):
     Attributes
     ----------
     series
-        The method.
+        The method, as `Scores` names it.
     numbers
-        The numbers that decide or that are printed, by name.
+        The numbers by name. Each `Number` with a bound decides.
     text
-        What is printed of a scene, with the names of numbers in braces; also for the paper.
+        Text of one scene, with the names of numbers in braces, for our numbers and the paper's.
     paper
-        What the paper says in place of such numbers, where it prints none.
+        Text in place of the paper's numbers, if the paper prints none.
     scenes
-        The scenes that the claim is about; all of the run if empty.
+        Scenes that the claim is about; () for all scenes of the run.
     beside
-        Other methods of the task whose numbers are printed too, where a run has them. They do not
-        decide.
+        Other methods of the task. Their numbers are printed too, but do not decide.
     mean
-        Name of the number to print as a mean over scenes too.
+        Name of a number; its mean over the scenes is printed too.
     """
 
     series: Series
@@ -107,11 +110,22 @@ class SceneClaim(Claim):
     mean: str = ""
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
-        """Return the series of a run that is judged and words about it, or None and why not."""
+        """Return the series to judge and a sentence about it, or None and the reason."""
         return self.series, ""
 
     def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
-        """Read the numbers of each scene."""
+        """Read the numbers of each scene.
+
+        Parameters
+        ----------
+        scores, scaling
+            As `Claim.evidence` takes them.
+
+        Returns
+        -------
+        Evidence
+            One outcome for each scene that the claim is about.
+        """
         holds, lines = self._read(paper_scores(), self.series, {})
         measured = any(outcome is not None for outcome in holds.values())
         paper = self.paper or ("\n".join(lines) if measured else "not reported")
@@ -128,7 +142,7 @@ class SceneClaim(Claim):
     def _read(
         self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]
     ) -> tuple[dict[str, bool | None], list[str]]:
-        """Whether the claim holds on each scene, and a line or more for each."""
+        """Return whether the claim holds on each scene, and lines of text."""
         holds: dict[str, bool | None] = {}
         lines = []
         for scene in scores.scenes(series):
@@ -151,20 +165,20 @@ class SceneClaim(Claim):
 
     @property
     def _cells(self) -> list[SceneCell]:
-        """The cells that the numbers are made of."""
+        """The cells that the numbers come from."""
         numbers = [one for one in self.numbers.values() if isinstance(one, Number)]
         cells = {cell for number in numbers for cell in number.statistic.cells}
         return sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed))
 
     def _readings(self, on: SceneScores) -> tuple[bool, str]:
-        """Whether the claim holds on a scene, and its text there."""
+        """Return whether the claim holds on a scene, and its text."""
         on.require(self._cells)
         readings = {name: read(on) for name, read in self.numbers.items()}
         text = self.text.format_map({name: one.text for name, one in readings.items()})
         return all(one.holds for one in readings.values()), text
 
     def _mean(self, scores: Scores, series: Series) -> list[str]:
-        """A line with the mean of the named number over the scenes that have it, if several do."""
+        """Return a line with the mean over the scenes, if several have the number."""
         number = self.numbers.get(self.mean)
         if not isinstance(number, Number):
             return []
@@ -176,21 +190,18 @@ class SceneClaim(Claim):
         return [f"mean of {len(found)} scenes: {mean}"]
 
     def _scope(self, scores: Scores, series: Series, judged: Sequence[str]) -> str:
-        """Say what the verdict rests on, where that is less than the paper's."""
+        """Name the scenes if some are missing, and the samples if they are few."""
         if not judged:
             return ""
         claimed = self.scenes or paper_scores().scenes(self.series)
         parts = [f"Judged on {join_words(judged)} only"] if set(claimed) - set(judged) else []
         few = min(scores.samples(series, scene) for scene in judged)
-        if (
-            any(isinstance(one, Number) for one in self.numbers.values())
-            and few < MIN_SAMPLES_FOR_INTERVAL
-        ):
+        if self._cells and few < MIN_SAMPLES_FOR_INTERVAL:
             parts.append(too_few_text(few))
         return f"{'; '.join(parts)}." if parts else ""
 
 
 def too_few_text(samples: int) -> str:
-    """Say that these are too few samples for an interval."""
+    """Return a text that says that the samples are too few for an interval."""
     plural = "sample" if samples == 1 else "samples"
     return f"{samples} {plural}, too few for an interval ({MIN_SAMPLES_FOR_INTERVAL} needed)"

@@ -32,7 +32,7 @@ _QUOTIENTS = [growth(width) / growth(width, CONTRAST.method) for width in WIDTHS
 
 
 def _wins_of_finest(on: SceneScores) -> Reading:
-    """In how many lights and speeds 1280 px is best, and which width is elsewhere."""
+    """Count the lights and speeds at which 1280 px is best, and name the others."""
     best = {where: on.best_width(*where) for where in _UP_TO_2}
     lost = [
         f"{cutoff_label(cutoff_hz)}, speed {speed:.2g}: {width} px"
@@ -40,11 +40,11 @@ def _wins_of_finest(on: SceneScores) -> Reading:
         if width != 1280
     ]
     elsewhere = f" (not at {'; '.join(lost)})" if lost else ""
-    return Reading(f"{len(best) - len(lost)} of {len(best)}{elsewhere}")
+    return Reading(f"{len(best) - len(lost)} of {len(best)} cells{elsewhere}")
 
 
 def _against_initial_flow(on: SceneScores) -> Reading:
-    """How the best score at night compares with the flow that the method starts from."""
+    """Compare the best score at night with the flow that the method starts from."""
     width = on.best_width(NIGHT, 1.0)
     nothing = on.scores.baseline(on.series, Condition(on.scene, width, NIGHT, 1.0)).median
     if nothing is None:
@@ -65,9 +65,10 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
             "fast": Best(IDEAL, SPEEDS[2]),
             "lead": Number(smallest(*(lead([640], IDEAL, speed) for speed in SPEEDS)), above=0),
         },
-        text="best {slow}, {middle}, {fast}; 640 px over the rest by at least {lead}",
-        note="The caption of the paper's appendix table says that ideal light prefers high "
-        "resolution, but the table's best is 640 px in 9 of 9 places, so that is what is checked.",
+        text="best {slow}, {middle}, {fast}; smallest lead of 640 px {lead}",
+        note="At speeds 1, 1.3 and 2. The caption of the paper's appendix table says that ideal "
+        "light favors high resolution. In the table 640 px is best in 9 of 9 cells, so we check "
+        "that.",
     ),
     SceneClaim(
         number=13,
@@ -88,8 +89,8 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
         number=14,
         title="Photometric flow at night: coarse wins on planes, fine in the room",
-        statement="At 50 Hz one of 128, 240, 346, 640 px has a smaller error than 1280 px on "
-        "carpet and rocks, and none has in the room.",
+        statement="At 50 Hz, one of 128, 240, 346 and 640 px has a smaller error than 1280 px on "
+        "carpet and rocks. In the room none of them has.",
         series=PHOTOMETRIC,
         scenes=("carpet", "rocks", "room"),
         numbers={
@@ -97,11 +98,11 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
             "initial": _against_initial_flow,
             "lead": Number(lead(WIDTHS[:-1], NIGHT), above=0, below_on=("room",)),
         },
-        text="best {best}{initial}; coarser over 1280 px {lead}",
+        text="best {best}{initial}; coarser widths over 1280 px {lead}",
         note="At base speed. Half of the initial flows are within "
-        f"{3 * math.sqrt(2 * math.log(2)):.2f} px, about what the paper prints for carpet at "
-        "night, so its order there need not mean anything. The paper says that lower resolution "
-        "is best at night “almost always”: in its Table 2, in 6 of 8 columns.",
+        f"{3 * math.sqrt(2 * math.log(2)):.2f} px of the truth. The paper's errors for carpet at "
+        "night are about as large, so their order may mean nothing. The paper says that lower "
+        "resolution is best at night “almost always”; in its Table 2 it is in 6 of 8 columns.",
     ),
     SceneClaim(
         number=15,
@@ -114,7 +115,7 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
             "wins": _wins_of_finest,
             "lead": Number(smallest(*(lead([1280], *where) for where in _UP_TO_2)), above=0),
         },
-        text="best in {wins}, smallest lead {lead}",
+        text="1280 px is best in {wins}; smallest lead {lead}",
     ),
     SceneClaim(
         number=16,
@@ -128,24 +129,24 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
             "fine": Score(1280, NIGHT, _FAST),
             "margin": Number(margin(640, 1280, NIGHT, _FAST), above=0),
         },
-        text="{coarse} at 640, {fine} at 1280 px, {margin}",
-        note="The paper's text says 0.2 px; both of its tables have 0.12 px, so they are what we "
-        "compare with.",
+        text="{coarse} at 640 px, {fine} at 1280 px; 640 over 1280 px {margin}",
+        note="The paper's text says 0.2 px. Both of its tables have 0.12 px, so we compare with "
+        "the tables.",
     ),
     SceneClaim(
         number=21,
         title="Contrast maximization suffers less from low light than photometric flow",
-        statement="On carpet and at every width, the error at 50 Hz over that with no cutoff is "
-        "smaller for contrast maximization than for photometric flow.",
+        statement="On carpet and at every width, the error grows less from no cutoff to 50 Hz "
+        "with contrast maximization than with photometric flow.",
         series=PHOTOMETRIC,
         scenes=("carpet",),
         numbers={
-            "contrast": Number(growth(1280, CONTRAST.method), unit="", sign=""),
-            "photometric": Number(growth(1280), unit="", sign=""),
+            "contrast": Number(growth(1280, CONTRAST.method), unit="times", sign=""),
+            "photometric": Number(growth(1280), unit="times", sign=""),
             "quotient": Number(smallest(*_QUOTIENTS), above=1, unit="", sign=""),
         },
-        text="{contrast} against {photometric} at 1280 px, smallest quotient {quotient}",
-        note="At base speed; the quotient is photometric flow's ratio over contrast "
-        "maximization's. The paper says the same of E-RAFT, which is not run here.",
+        text="{contrast} against {photometric} at 1280 px; smallest quotient {quotient}",
+        note="At base speed. The quotient is the growth with photometric flow over that with "
+        "contrast maximization. The paper says the same of E-RAFT, which we do not run.",
     ),
 )

@@ -1,6 +1,6 @@
-"""Every claim that is checked against the rows of a run, and the one way to judge them.
+"""The claims that are checked against the rows of a run, and the function that judges them.
 
-No threshold is fitted to our results.
+No bound of a claim is fitted to our results.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def judge(claim: Claim, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdi
     scores
         The scores of a run.
     scaling
-        The run's scaling statistics by scene; claims about a scene that has none are not measured.
+        The run's scaling statistics by scene; claims 1 and 2 are not measured without them.
 
     Returns
     -------
@@ -70,12 +70,12 @@ def judge_all(
     scaling
         As `judge` takes it.
     claims
-        What to judge, by default everything of the paper that is checked.
+        The claims to judge; by default those of the paper and our own.
 
     Returns
     -------
     list of Verdict
-        One for each claim.
+        A verdict for each claim.
 
     Raises
     ------

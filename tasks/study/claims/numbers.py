@@ -1,4 +1,4 @@
-"""The numbers of a claim: how each is read from the scores on one scene, printed and judged."""
+"""The numbers of a claim: each is read from the scores on one scene, printed and judged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tasks.study.results.words import cutoff_label
 
 
 class NotMeasured(Exception):
-    """A number cannot be read from these scores; the text says why."""
+    """These scores do not give a number; the text says why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class SceneScores:
         return METRICS[self.series.metric]
 
     def cell(self, where: SceneCell) -> Cell:
-        """Return one cell; it has no values where nothing was measured."""
+        """Return one cell; it has no values if it was not measured."""
         series = self.series._replace(method=where.method or self.series.method)
         return self.scores.cell(series, Condition(self.scene, *where[:3]))
 
@@ -52,7 +52,25 @@ class SceneScores:
         return float(np.median(self.cell(where).values))
 
     def best_width(self, cutoff_hz: float, speed: float) -> int:
-        """Return the width with the best median, px."""
+        """Return the width with the best median.
+
+        Parameters
+        ----------
+        cutoff_hz
+            Photoreceptor cutoff, Hz.
+        speed
+            Factor on the base speed.
+
+        Returns
+        -------
+        int
+            Sensor width, px.
+
+        Raises
+        ------
+        NotMeasured
+            The cell of a width is not complete.
+        """
         sign = self.metric.sign
         return max(WIDTHS, key=lambda w: sign * self.median(SceneCell(w, cutoff_hz, speed)))
 
@@ -62,7 +80,7 @@ class SceneScores:
         Raises
         ------
         NotMeasured
-            Some are not; the text names two of them.
+            A cell is not complete; the text names one or two.
         """
         missing = [where for where in needed if not self.cell(where).complete]
         if not missing:
@@ -83,17 +101,32 @@ class SceneScores:
 
 
 def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
-    """Return a statistic of a scene's medians, or its mean over several scenes, with its interval.
+    """Evaluate a statistic of a scene's medians, with its interval.
+
+    Parameters
+    ----------
+    statistic
+        The statistic.
+    scenes
+        One scene, or several for the mean over them.
+
+    Returns
+    -------
+    Estimate
+        Value and bootstrap interval over the samples.
 
     Raises
     ------
     NotMeasured
-        The statistic divides by a number that is 0.
+        There are no event rates, as in the paper's tables, or a value is 0 where the statistic
+        divides or takes a logarithm.
     """
     rates = statistic.of_rates
     cells = {(on.scene, at): on.cell(at) for on in scenes for at in statistic.cells}
-    values = [cell.event_rates_hz if rates else cell.values for cell in cells.values()]
-    if statistic.positive and not np.all(np.concatenate(values) > 0):
+    values = np.concatenate([c.event_rates_hz if rates else c.values for c in cells.values()])
+    if np.isnan(values).any():
+        raise NotMeasured("not measured, there are no event rates")
+    if statistic.positive and not np.all(values > 0):
         zero = "a sample has no events" if rates else "an error is 0"
         raise NotMeasured(f"not measured, {zero}")
     sign = 1.0 if rates else scenes[0].metric.sign
@@ -106,10 +139,10 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
 
 
 class Reading(NamedTuple):
-    """A number as the text of a claim prints it."""
+    """A number in words, and whether it is as the claim says."""
 
     text: str
-    holds: bool = True  # whether it is as the claim says
+    holds: bool = True
 
 
 Quantity = Callable[[SceneScores], Reading]
@@ -117,16 +150,20 @@ Quantity = Callable[[SceneScores], Reading]
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A statistic with its interval, and the bound on it that the claim states.
+    """A statistic with its interval, and the bound that the claim sets on it.
 
     Attributes
     ----------
+    statistic
+        The statistic of medians.
     above, below
-        The claim says that the statistic lies above or below this; at most one of them is given.
+        The claim holds if the statistic lies above or below this bound. Give one of them, or none.
     below_on
-        Scenes where it lies below `above`.
+        Scenes where the statistic must lie below the bound `above`.
     unit
-        Printed after the number; None for that of the metric.
+        Unit to print; None for that of the metric.
+    decimals, sign
+        Format of the number; "+" prints a plus sign.
     """
 
     statistic: Statistic

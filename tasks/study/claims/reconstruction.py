@@ -44,13 +44,14 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         text="best {best}, 1280 over 640 px {margin}",
         mean="margin",
         note=f"The caption of the paper's appendix table says about {IDEAL_MARGIN_IN_CAPTION_DB:g} "
-        "dB, but the table has 2.5 to 3.7 dB and the text agrees with the table, so the table is "
-        "what we compare with.",
+        "dB. The table has 2.5 to 3.7 dB, and the text agrees with the table, so we compare with "
+        "the table.",
     ),
     SceneClaim(
         number=4,
         title="Daylight: the finest sensor is best, by less",
-        statement="At 200 Hz, 1280 px is still best, with a smaller margin over 640 px than ideal.",
+        statement="At 200 Hz, 1280 px is still best, with a smaller margin over 640 px than in "
+        "ideal light.",
         series=EVENT_INTEGRATION,
         numbers={
             "best": Best(DAY),
@@ -59,18 +60,18 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
             "ideal": Number(margin(1280, 640, IDEAL)),
             "fall": Number(margin(1280, 640, IDEAL) - margin(1280, 640, DAY), above=0),
         },
-        text="best {best}, 1280 over 640 px {day}, in ideal light {ideal}",
+        text="best {best}, 1280 over 640 px {day}; in ideal light {ideal}",
         mean="day",
     ),
     SceneClaim(
         number=5,
         title="Ideal light: speed does not matter",
-        statement="With no cutoff, each resolution's score moves by at most 0.02 dB over the three "
-        "speeds.",
+        statement="With no cutoff, the score of each width changes by at most 0.02 dB over the "
+        "three speeds.",
         series=EVENT_INTEGRATION,
         numbers={"spread": Number(largest(*_SPREADS), below=0.02, decimals=3, sign="")},
         text="{spread}",
-        note="The number is the largest spread of any resolution.",
+        note="The number is the largest change of any width.",
     ),
     SceneClaim(
         number=6,
@@ -82,8 +83,8 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
             "best": Best(NIGHT),
             "lead": Number(lead([240, 346, 640], NIGHT), above=0),
         },
-        text="best {best}, inner widths over 128 and 1280 px {lead}",
-        note="At base speed. The number is that of the best inner width over the better of 128 and "
+        text="best {best}; inner widths over 128 and 1280 px {lead}",
+        note="At base speed. The number compares the best inner width with the better of 128 and "
         "1280 px.",
     ),
     SceneClaim(
@@ -97,7 +98,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
             "fine": Number(_LOSSES[-1], decimals=1, sign=""),
         },
         text="{slope}; {coarse} lost at 128 px, {fine} at 1280 px",
-        note="The slope is a least-squares line of the loss over log2 of the width.",
+        note="The slope is that of a least-squares line of the loss over log2 of the width.",
     ),
     SceneClaim(
         number=8,
@@ -111,7 +112,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         },
         text="ideal {ideal}, day {day}",
         paper="ideal about 8 times, day about 6 times",
-        note="Ratio of the median event rates of the whole sensor, at base speed.",
+        note="The numbers are ratios of the median event rates of the whole sensor, at base speed.",
     ),
     SceneClaim(
         number=9,
@@ -125,7 +126,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
             "fall": Number(smallest_fall(*_DAY_MARGINS), above=0),
         },
         text="{slow} → {middle} → {fast}, smallest fall {fall}",
-        note="Speeds 1, 1.3 and 2.",
+        note="At speeds 1, 1.3 and 2.",
     ),
     SceneClaim(
         number=10,
@@ -140,10 +141,10 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
             "night": Best(NIGHT),
             "night_lead": Number(lead([240], NIGHT), above=0),
         },
-        text="ideal best {ideal}, 1280 px over the rest {ideal_lead}; night best {night}, 240 px "
-        "over the rest {night_lead}",
+        text="ideal: best {ideal}, lead of 1280 px {ideal_lead}; night: best {night}, lead of "
+        "240 px {night_lead}",
         beside=("high_pass_filter_no_event_decay",),
-        note="The paper says the same of E2VID, which is not run here. The samples follow one "
-        "another in one video, so they are not independent and the intervals are too narrow.",
+        note="The paper says the same of E2VID, which we do not run. The samples come from one "
+        "video, so they are not independent and the intervals are too narrow.",
     ),
 )

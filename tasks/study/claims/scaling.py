@@ -35,7 +35,7 @@ def _pixel_rates(on: SceneScores) -> Reading:
 
 
 def _modes(on: SceneScores) -> Reading:
-    """The commonest interval at each width, a line per light and speed; none may rise."""
+    """The most common interval at each width, a line for each light and speed; none may rise."""
     scaling = _scaling(on)
     settings = scaling.settings()
     cutoffs, speeds = ({of[k] for of in settings} for k in (0, 1))
@@ -59,9 +59,9 @@ SCALING_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
         number=1,
         title="The pixels of finer sensors fire more",
-        statement="In ideal light the event rate of a single pixel rises from each width to the "
-        "next, as |L_t|, the slope of log brightness, does by a power law of the pixel size, "
-        "|L_t| ~ 1/p^γ with γ > 0.",
+        statement="In ideal light the event rate of a pixel rises from each width to the next. The "
+        "slope of log brightness in time follows a power law of the pixel size p: |L_t| ~ 1/p^γ "
+        "with γ > 0.",
         series=EVENT_INTEGRATION,
         numbers={
             "everywhere": lambda on: _exponent(_scaling(on).everywhere),
@@ -72,24 +72,24 @@ SCALING_CLAIMS: tuple[Claim, ...] = (
         },
         text="{rates} events/s a pixel, γ = {exponent}; |L_t|: γ = {everywhere} everywhere, "
         "{edges} at edges",
-        paper="a power law for small p, no exponent printed",
-        note=f"|L_t| between the last two frames of one clip, for p up to {FIT_PX:g} px of the "
-        "render; its interval is a bootstrap over blocks of the image. Edges are the 5 % of pixels "
-        "that are steepest at the finest size, so chosen that they fall more steeply than the "
-        "mean. The paper's equations have γ positive, its caption negative.",
+        paper="a power law for small p, no exponent",
+        note=f"|L_t| is that between the last two frames of one clip, for p up to {FIT_PX:g} px of "
+        "the render; its interval is a bootstrap over blocks of the image. Edges are the 5 % of "
+        "pixels that are steepest at the finest size, so their γ is larger than that of the mean. "
+        "γ is positive in the paper's equations and negative in its caption.",
     ),
     SceneClaim(
         number=2,
         title="Events follow each other faster on finer sensors",
-        statement="The commonest time between consecutive events of a pixel falls with resolution, "
-        "and never rises from one width to the next: in ideal light, at lower cutoffs and at "
-        "higher speed.",
+        statement="The most common time between consecutive events of a pixel falls with "
+        "resolution and never rises from one width to the next, in ideal light, at lower cutoffs "
+        "and at higher speed.",
         series=EVENT_INTEGRATION,
         numbers={"modes": _modes},
         text="at 128 → 240 → 346 → 640 → 1280 px\n{modes}",
-        paper="the mode shifts to shorter times, no number printed",
-        note="The mode is the fullest of 10 bins a decade, so steps below 26 % do not show; where "
-        "two humps are about as high it jumps from one to the other. One clip a scene, so without "
-        "an interval.",
+        paper="the mode shifts to shorter times, no numbers",
+        note="The mode is the fullest of 10 bins a decade, so changes below 26 % do not show. "
+        "Where two peaks are about equally high, the mode may jump between them. There is one clip "
+        "a scene, so there is no interval.",
     ),
 )

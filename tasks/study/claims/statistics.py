@@ -1,6 +1,6 @@
-"""Statistics of medians that the claims are about, taken of our medians and of the paper's alike.
+"""Statistics of medians. The same statistic gives our number and the paper's.
 
-A statistic sees medians signed so that more is better: errors are negated.
+A statistic takes medians with a sign that makes more of them better: errors are negative.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Statistic:
     Attributes
     ----------
     cells
-        Cells that have these medians.
+        The cells that the medians come from.
     of
-        Takes the medians, arrays of one shape, and returns an array of that shape.
+        Function from the medians, arrays of one shape, to an array of that shape.
     positive
-        Whether the medians are divided by or taken the logarithm of, so that none may be 0.
+        Whether no median may be 0, because of a division or a logarithm.
     of_rates
         Whether the medians are those of event rates, not of scores.
     """
@@ -69,36 +69,122 @@ def _combined(
 
 
 def median(width: int, cutoff_hz: float, speed: float = 1.0, method: str = "") -> Statistic:
-    """Return the median score of one cell."""
+    """Return the median score of one cell.
+
+    Parameters
+    ----------
+    width
+        Sensor width, px.
+    cutoff_hz
+        Photoreceptor cutoff, Hz.
+    speed
+        Factor on the base speed.
+    method
+        Another method than that of the claim; "" for that of the claim.
+
+    Returns
+    -------
+    Statistic
+        In the metric's unit; errors are negative.
+    """
     cell = SceneCell(width, cutoff_hz, speed, method)
     return Statistic((cell,), lambda medians: medians[cell])
 
 
 def event_rate(width: int, cutoff_hz: float) -> Statistic:
-    """Return the median event rate of the whole sensor at base speed, 1/s."""
+    """Return the median event rate of the whole sensor at base speed.
+
+    Parameters
+    ----------
+    width
+        Sensor width, px.
+    cutoff_hz
+        Photoreceptor cutoff, Hz.
+
+    Returns
+    -------
+    Statistic
+        Events per second.
+    """
     cell = SceneCell(width, cutoff_hz)
     return Statistic((cell,), lambda rates: rates[cell], of_rates=True)
 
 
 def pixel_rate(width: int, cutoff_hz: float) -> Statistic:
-    """Return the median event rate of one pixel at base speed, 1/s."""
+    """Return the median event rate of one pixel at base speed.
+
+    Parameters
+    ----------
+    width
+        Sensor width, px.
+    cutoff_hz
+        Photoreceptor cutoff, Hz.
+
+    Returns
+    -------
+    Statistic
+        Events per second and pixel.
+    """
     return _combined(lambda rate: rate / width**2, event_rate(width, cutoff_hz))
 
 
 def margin(width: int, other: int, cutoff_hz: float, speed: float = 1.0) -> Statistic:
-    """Return how much better one width is than another."""
+    """Return how much better one width is than another.
+
+    Parameters
+    ----------
+    width, other
+        Sensor widths, px.
+    cutoff_hz
+        Photoreceptor cutoff, Hz.
+    speed
+        Factor on the base speed.
+
+    Returns
+    -------
+    Statistic
+        In the metric's unit; positive if `width` is better.
+    """
     return median(width, cutoff_hz, speed) - median(other, cutoff_hz, speed)
 
 
 def lead(widths: Sequence[int], cutoff_hz: float, speed: float = 1.0) -> Statistic:
-    """Return how much better the best of some widths is than the best of all others."""
+    """Return how much better the best of some widths is than the best of all others.
+
+    Parameters
+    ----------
+    widths
+        Some of the paper's sensor widths, px.
+    cutoff_hz
+        Photoreceptor cutoff, Hz.
+    speed
+        Factor on the base speed.
+
+    Returns
+    -------
+    Statistic
+        In the metric's unit; positive if one of `widths` is the best.
+    """
     at = {width: median(width, cutoff_hz, speed) for width in WIDTHS}
     others = [at[width] for width in WIDTHS if width not in widths]
     return largest(*(at[width] for width in widths)) - largest(*others)
 
 
 def growth(width: int, method: str = "") -> Statistic:
-    """Return the error at night over that in ideal light."""
+    """Return the error at night over that in ideal light, at base speed.
+
+    Parameters
+    ----------
+    width
+        Sensor width, px.
+    method
+        Another method than that of the claim; "" for that of the claim.
+
+    Returns
+    -------
+    Statistic
+        A factor.
+    """
     return median(width, NIGHT, method=method) / median(width, IDEAL, method=method)
 
 
@@ -118,7 +204,7 @@ def smallest_fall(*statistics: Statistic) -> Statistic:
 
 
 def spread(*statistics: Statistic) -> Statistic:
-    """Return the largest of several statistics less the smallest."""
+    """Return the largest of several statistics minus the smallest."""
     return largest(*statistics) - smallest(*statistics)
 
 
@@ -128,7 +214,7 @@ def log2(statistic: Statistic) -> Statistic:
 
 
 def slope(of_widths: Sequence[Statistic]) -> Statistic:
-    """Return the rise per doubling of the width, on a least-squares line over `WIDTHS`."""
+    """Return the rise per doubling of the width, from a least-squares line through `WIDTHS`."""
     doublings = np.log2(WIDTHS)
     weights = (doublings - doublings.mean()) / np.sum((doublings - doublings.mean()) ** 2)
     return _combined(lambda *values: np.tensordot(weights, np.array(values), axes=1), *of_widths)

@@ -1,7 +1,4 @@
-"""The paper's claims about pose tracking (EPPT).
-
-They are judged from one perturbation of the starting point: `perturbation.judged_series`.
-"""
+"""The paper's claims about pose tracking (EPPT), judged at one perturbation of the start."""
 
 from __future__ import annotations
 
@@ -29,7 +26,7 @@ class TrackingClaim(SceneClaim):
     series: Series = TRACKING
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
-        """Choose the judged perturbation; where there is none, say how often each succeeds."""
+        """Return the judged perturbation; if there is none, say how often each one succeeds."""
         rates = {
             one: share_text(ideal_success(scores, one)) for one in sweep(scores, TRACKING.method)
         }
@@ -37,15 +34,15 @@ class TrackingClaim(SceneClaim):
             return None, f"no rows of {TRACKING.name}"
         series = judged_series(scores)
         often = (
-            f"{share_text(REQUIRED_SUCCESS)} of the time in ideal light at base speed at the "
+            f"{share_text(REQUIRED_SUCCESS)} of the time in ideal light at base speed, at the "
             "median width"
         )
         if series is None:
             found = ", ".join(f"{one.variant} {rate}" for one, rate in rates.items())
             return None, f"not measured, no perturbation succeeds {often}: {found}"
         return series, (
-            f"Judged from a perturbation of {series.variant}, the largest that succeeds at least "
-            f"{often} ({rates[series]}); the paper's is 200 mm."
+            f"Judged at a perturbation of {series.variant}, the largest that succeeds at least "
+            f"{often} ({rates[series]}). The paper's is 200 mm."
         )
 
 
@@ -58,14 +55,14 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
             "best": Best(IDEAL),
             "lead": Number(lead([1280], IDEAL), above=0),
         },
-        text="best {best}, 1280 px over the rest {lead}",
+        text="best {best}, lead of 1280 px {lead}",
         note="At base speed.",
     ),
     TrackingClaim(
         number=19,
         title="Pose tracking on rocks: the finest sensor suffers at night, 346 px is best",
-        statement="On rocks, the error at 1280 px grows from no cutoff to 50 Hz, where 346 px has "
-        "the smallest.",
+        statement="On rocks, the error at 1280 px grows from no cutoff to 50 Hz, and at 50 Hz "
+        "346 px has the smallest error.",
         scenes=("rocks",),
         numbers={
             "ideal": Score(1280, IDEAL),
@@ -74,15 +71,15 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
             "best": Best(NIGHT),
             "lead": Number(lead([346], NIGHT), above=0),
         },
-        text="{ideal} → {night} at 1280 px, grows {growth}; best at night {best}, 346 px over the "
-        "rest {lead}",
+        text="{ideal} → {night} at 1280 px, growth {growth}; best at night {best}, lead of 346 px "
+        "{lead}",
         beside=("photometric_tracking_with_delay",),
         note="At base speed.",
     ),
     TrackingClaim(
         number=20,
         title="Pose tracking on carpet at night: the finest sensor is best only when slow",
-        statement="On carpet at 50 Hz, 1280 px has the smallest error at base speed, and not at "
+        statement="On carpet at 50 Hz, 1280 px has the smallest error at base speed, but not at "
         "speed 2.",
         scenes=("carpet",),
         numbers={
@@ -91,11 +88,12 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
             "fast": Best(NIGHT, 2.0),
             "fast_lead": Number(lead([1280], NIGHT, 2.0), below=0),
         },
-        text="speed 1: best {slow}, 1280 px over the rest {slow_lead}; speed 2: best {fast}, "
-        "1280 px over the rest {fast_lead}",
-        note="The paper's appendix heads the speeds 1.2, 1.6 and 2.4 m/s on both scenes, its main "
-        "text 0.9, 1.2 and 1.8 m/s for the same numbers on carpet; they are read as the factors 1, "
-        "1.3 and 2. At 128 px the paper's errors are erratic (29.5, 2.44 and 193.6 mm on carpet at "
-        "night): some trials converge and others do not, hence our success rates.",
+        text="speed 1: best {slow}, lead of 1280 px {slow_lead}; speed 2: best {fast}, lead of "
+        "1280 px {fast_lead}",
+        note="The paper's appendix gives the speeds as 1.2, 1.6 and 2.4 m/s on both scenes. Its "
+        "main text gives 0.9, 1.2 and 1.8 m/s for the same numbers on carpet. We read them as the "
+        "factors 1, 1.3 and 2. At 128 px the paper's errors are erratic (29.5, 2.44 and 193.6 mm "
+        "on carpet at night): some trials converge and others do not. We therefore report success "
+        "rates.",
     ),
 )

@@ -1,7 +1,6 @@
-"""What a claim's verdict says.
+"""The verdict on a claim.
 
-A claim holds when it holds on every scene of the run. The intervals tell how far the samples settle
-it.
+A claim holds if it holds on every scene of the run.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from tasks.study.results.scores import Scores
 
 
 class Status(StrEnum):
-    """What a run says about a claim."""
+    """Whether a claim holds."""
 
     HOLDS = "holds"
     DOES_NOT_HOLD = "does not hold"
@@ -29,11 +28,11 @@ class Verdict:
     Attributes
     ----------
     ours
-        Our numbers, a line per scene, with 95 % intervals over the samples; or what is missing.
+        Our numbers, a line for each scene, with 95 % intervals over samples; or what is missing.
     paper
-        The paper's numbers, a line per scene.
+        The paper's numbers, a line for each scene.
     note
-        What was judged, and which reading of the paper where it contradicts itself.
+        How the claim was read and judged.
     """
 
     number: int
@@ -46,8 +45,18 @@ class Verdict:
 
 
 def threshold_note(found: Sequence[Scores]) -> str:
-    """Say at which contrast threshold claims are judged, the first of a run's; nothing where that
-    is the paper's and the only one."""
+    """Say at which contrast threshold the claims are judged.
+
+    Parameters
+    ----------
+    found
+        The scores of a run at each of its thresholds; the claims are judged at the first.
+
+    Returns
+    -------
+    str
+        "" if it is the paper's threshold and the only one.
+    """
     judged = found[0].contrast_threshold
     if judged == CONTRAST_THRESHOLD:
         if not found[1:]:
@@ -59,7 +68,7 @@ def threshold_note(found: Sequence[Scores]) -> str:
 
 
 def status_of(outcomes: Iterable[bool | None]) -> Status:
-    """One contradiction settles it; what is not measured, or nothing at all, never holds."""
+    """Return HOLDS if all outcomes are True, DOES_NOT_HOLD if any is False."""
     found = set(outcomes)
     if False in found:
         return Status.DOES_NOT_HOLD

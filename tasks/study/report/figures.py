@@ -1,123 +1,99 @@
-"""The trade-offs as static figures, and the colours and marks of the resolutions."""
+"""Plots as static figures, drawn by matplotlib."""
 
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis as MatplotlibAxis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from tasks.study.report.tradeoff import Plot, plot_data
-from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Scores
+from tasks.study.report.plot import COLORS, Axis, Panel, Plot
 
-# One colour for each resolution, from coarse to fine: on a light and on a dark page. They differ in
-# lightness as well as in hue, and each resolution also has its own mark, the same in report.js.
-COLOURS = (
-    ("#0072b2", "#5ab4f0"),
-    ("#009e73", "#2ecc9b"),
-    ("#b88700", "#f5cf4d"),
-    ("#b03a00", "#f2894a"),
-    ("#8a2c82", "#d9a0ea"),
-    ("#4d5560", "#b4bcc6"),
-    ("#3b7d00", "#a5d96a"),
-    ("#c2185b", "#ff8ab0"),
-)
-_MARKS = ("o", "s", "^", "D", "v")
+_STYLE = {
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.xmargin": 0.08,
+    "axes.ymargin": 0.15,  # room for labels at one end and the legend at the other
+    "grid.color": "#e4e5e1",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "legend.labelcolor": COLORS["soft"][0],
+    "svg.hashsalt": "eres",
+}
 
 
-def figure_files(scores: Scores, series: Series) -> dict[str, bytes]:
-    """Draw a trade-off as PNG and SVG, the same bytes for the same scores.
+def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
+    """Draw plots as PNG and SVG, the same bytes for the same plots.
+
+    Parameters
+    ----------
+    plots
+        By the name that stands over their panels.
 
     Returns
     -------
     dict
         The files by extension, ``png`` and ``svg``.
     """
-    files = {}
-    with rc_context(
-        {
-            "font.size": 9,
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "axes.grid": True,
-            "grid.color": "#e4e5e1",
-            "axes.axisbelow": True,
-            "svg.hashsalt": "eres",
-        }
-    ):
-        figure = tradeoff_figure(scores, series)
-        for kind, options in {
-            "png": {"dpi": 160, "metadata": {"Software": None}},
-            "svg": {"metadata": {"Date": None}},
-        }.items():
-            file = io.BytesIO()
-            figure.savefig(file, format=kind, facecolor="white", **options)  # type: ignore[arg-type]
-            files[kind] = file.getvalue()
+    drawn, files = figure(plots), {}
+    for kind, unwanted in {"png": "Software", "svg": "Date"}.items():
+        file = io.BytesIO()
+        with rc_context(_STYLE):  # type: ignore[arg-type]
+            drawn.savefig(file, format=kind, dpi=160, metadata={unwanted: None})
+        files[kind] = file.getvalue()
     return files
 
 
-def tradeoff_figure(scores: Scores, series: Series) -> Figure:
-    """Draw the trade-off of one series: a row for every scene, a panel for every cutoff."""
-    plots = [(scene, plot_data(scores, series, scene)) for scene in scores.scenes(series)]
-    columns = max(len(plot["panels"]) for _, plot in plots)
-    figure = Figure(figsize=(3.3 * columns, 3.1 * len(plots)), layout="constrained")
-    grid = figure.subplots(len(plots), columns, sharex="row", sharey="row", squeeze=False)
-    for axes, (scene, plot) in zip(grid, plots, strict=True):
-        _draw_row(list(axes), scene, plot)
-    return figure
+@rc_context(_STYLE)  # type: ignore[arg-type]
+def figure(plots: Mapping[str, Plot]) -> Figure:
+    """Draw a row for each plot, with its panels side by side."""
+    columns = max(len(plot.panels) for plot in plots.values())
+    drawn = Figure(figsize=(3.3 * columns, 3.1 * len(plots)), layout="constrained")
+    grid = drawn.subplots(len(plots), columns, sharex="row", sharey="row", squeeze=False)
+    for row, (name, plot) in zip(grid, plots.items(), strict=True):
+        row[0].set_ylabel(plot.y.label)
+        for axes in row[len(plot.panels) :]:
+            axes.set_axis_off()
+        for axes, panel in zip(row, plot.panels, strict=False):
+            _draw(axes, name, plot, panel)
+        for axes in row[: len(plot.panels)]:  # limits are those of the row once all is drawn
+            _set_ticks(axes.xaxis, plot.x, *axes.get_xlim())
+            _set_ticks(axes.yaxis, plot.y, *axes.get_ylim())
+    return drawn
 
 
-def _draw_row(row: list[Axes], scene: str, plot: Plot) -> None:
-    row[0].set_ylabel(plot["axis"])
-    for axes in row[len(plot["panels"]) :]:
-        axes.set_axis_off()
-    for axes, panel in zip(row, plot["panels"], strict=False):
-        axes.set_title(f"{scene}, {panel['label']} ({panel['detail']})", fontsize=9, loc="left")
-        axes.set_xscale("log")
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda rate, _: f"{rate:g}"))
-        axes.xaxis.set_minor_formatter(NullFormatter())
-        if plot["log"]:
-            axes.set_yscale("log")
-            axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            axes.yaxis.set_major_formatter(FuncFormatter(lambda score, _: f"{score:g}"))
-            axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.margins(x=0.08, y=0.15)  # room for labels at one end and the legend at the other
-        axes.set_xlabel("event rate [Mev/s]")
-        nothing = [
-            axes.axhline(score, color="#1d2126", linestyle="--", linewidth=1)
-            for score in panel["baselines"]
-        ]
-        if nothing:
-            axes.legend(
-                nothing[:1],
-                [panel["baseline_label"]],
-                loc="upper right" if plot["less_is_better"] else "lower right",
-                frameon=False,
-                fontsize=8,
-                labelcolor="#5b646e",
-                borderpad=0.1,
-                borderaxespad=0.3,
-            )
-        for index, width in enumerate(plot["widths"]):
-            points = [point for point in panel["points"] if point["series"] == index]
-            if not points:
-                continue
-            rates = [point["rate"] for point in points]
-            values = [point["score"] for point in points]
-            colour = COLOURS[index % len(COLOURS)][0]
-            mark = _MARKS[index % len(_MARKS)]
-            axes.plot(rates, values, color=colour, marker=mark, markersize=5, linewidth=1.5)
-            axes.annotate(
-                str(width),
-                (rates[0], values[0]),
-                xytext=(0, -6 if plot["less_is_better"] else 6),
-                va="top" if plot["less_is_better"] else "bottom",
-                textcoords="offset points",
-                ha="center",
-                color=colour,
-                fontsize=8,
-                fontweight="bold",
-            )
+def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
+    below = plot.labels_below
+    axes.set_title(f"{name}, {panel.label} ({panel.detail})")
+    axes.set_xlabel(plot.x.label)
+    axes.set_xscale("log" if plot.x.log else "linear")
+    axes.set_yscale("log" if plot.y.log else "linear")
+    for at in panel.references:
+        axes.axhline(at, color=COLORS["ink"][0], linestyle="--", linewidth=1)
+    if panel.references:
+        legend = axes.legend(axes.lines[:1], [panel.reference_label], borderpad=0.1)
+        legend.set_loc("upper right" if below else "lower right")
+    for key, line in zip(plot.keys, panel.lines, strict=True):
+        marks = [(point.x, point.y) for point in line.points]
+        if not marks:
+            continue
+        color, outline = COLORS[key.color][0], [(x, -y) for x, y in key.mark]
+        axes.plot(*zip(*(line.path or marks), strict=True), color=color, linewidth=1.5)
+        axes.plot(*zip(*marks, strict=True), color=color, marker=outline, markersize=6, linewidth=0)
+        place = {"xytext": (0, -6 if below else 6), "va": "top" if below else "bottom"}
+        style = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "weight": "bold"}
+        axes.annotate(key.label, marks[0], color=color, **place, **style)  # type: ignore[arg-type]
+
+
+def _set_ticks(drawn: MatplotlibAxis, axis: Axis, low: float, high: float) -> None:
+    ticks = axis.ticks_within(low, high)
+    drawn.set_ticks([at for at, _ in ticks], [label for _, label in ticks])
+    drawn.set_ticks([], minor=True)

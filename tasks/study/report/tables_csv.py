@@ -34,20 +34,18 @@ def _csv_line(
     table: ComparisonTable, block: Block, line: Line, cutoff_hz: float, entry: Entry
 ) -> list[str | int | float]:
     cell, series = entry.cell, table.series
-    rate = None if line.nothing else cell.event_rate_hz
-    failed = None if line.nothing else cell.failure_share
-
-    def text(number: float | None) -> str:
-        return "" if number is None else f"{number:.6g}"
-
+    rate = cell.event_rate_hz and cell.event_rate_hz / 1e6
+    numbers = [cell.median, entry.paper, entry.difference, None if line.nothing else rate]
+    numbers += [native_px(cell.median, line, series), None if line.nothing else cell.failure_share]
+    texts = ["" if number is None else f"{number:.6g}" for number in numbers]
     return [
         *(block.scene, series.task),
         TASKS[series.task].baseline if line.nothing else series.method,
         *(series.variant, series.metric),
         *(line.width or "", cutoff_hz, table.contrast_threshold, block.speed),
         *(len(cell.values), cell.expected),
-        *(text(cell.median), text(entry.paper), text(entry.difference)),
-        *(text(rate and rate / 1e6), int(entry.best)),
-        *(text(native_px(cell.median, line, series)), text(failed)),
+        *texts[:4],
+        int(entry.best),
+        *texts[4:],
         "" if entry.beats_nothing is None else int(entry.beats_nothing),
     ]

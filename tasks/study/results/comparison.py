@@ -58,6 +58,16 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True)
+class Column:
+    """One of the columns that every cutoff has."""
+
+    head: str
+    kind: str  # "ours", "paper", "difference" or "rate"; the page styles it by that
+    text: Callable[[Series, Entry, Line], str]
+    in_terminal: bool = True  # 80 columns have no room for all
+
+
+@dataclass(frozen=True, slots=True)
 class ComparisonTable:
     """Rows: scene x speed x width; columns: cutoffs; in each place ours and the paper's."""
 
@@ -87,17 +97,25 @@ class ComparisonTable:
         paper = f"paper: its {label}; Δ: ours minus the paper's" if label else "not in the paper"
         if self.contrast_threshold != CONTRAST_THRESHOLD:
             paper += f" at a contrast threshold of {self.contrast_threshold:g}"
-        marks = {
-            "reconstruction": "M/s: million events a second",
-            "video": "M/s: million events a second",
-            "flow": "fail: share of features that failed",
-            "tracking": "ok: share of trials that succeed",
-        }
+        share = TASKS[self.series.task].share_column
+        last = f"{share.head}: {share.meaning}" if share else "M/s: million events a second"
         return (
-            f"{paper}; bold: best of the column; struck out: no "
-            f"better than doing nothing; {marks[self.series.task]}; {MISSING}: missing, or not all "
-            "samples there (n of N)"
+            f"{paper}; bold: best of the column; struck out: no better than doing nothing; {last}; "
+            f"{MISSING}: missing, or not all samples there (n of N)"
         )
+
+    @property
+    def columns(self) -> list[Column]:
+        """The columns that every cutoff has."""
+        share = TASKS[self.series.task].share_column
+        columns = [Column("ours", "ours", _ours)]
+        if self.source is not None:
+            columns += [Column("paper", "paper", _paper), Column("Δ", "difference", _difference)]
+        if METRICS[self.series.metric].reference_width_px is not None:
+            columns.append(Column("native px", "rate", _native, in_terminal=False))
+        if share is not None:
+            columns.append(Column(share.head, "rate", _share))
+        return [*columns, Column("M/s", "rate", _rate, in_terminal=share is None)]
 
 
 def main_tables(scores: Scores) -> list[ComparisonTable]:
@@ -180,59 +198,41 @@ def _best(values: list[float | None], metric: str) -> int | None:
     return present.index(max(present, key=lambda value: METRICS[metric].sign * value))
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """One of the columns that every cutoff has."""
-
-    head: str
-    kind: str  # CSS class
-    text: Callable[[Entry, Line], str]
-    in_terminal: bool = True  # 80 columns have no room for all
+def _number(series: Series, value: float | None, sign: str = "") -> str:
+    return MISSING if value is None else METRICS[series.metric].text(value, sign)
 
 
-def columns_of(table: ComparisonTable) -> list[Column]:
-    """The columns that every cutoff of a table has."""
-    series = table.series
-    metric = METRICS[series.metric]
+def _ours(series: Series, entry: Entry, line: Line) -> str:
+    cell = entry.cell
+    if 0 < len(cell.values) < cell.expected:
+        return f"{MISSING} ({len(cell.values)} of {cell.expected})"
+    return _number(series, cell.median)
 
-    def number(value: float | None, sign: str = "") -> str:
-        return MISSING if value is None else metric.text(value, sign)
 
-    def ours(entry: Entry, line: Line) -> str:
-        cell = entry.cell
-        if 0 < len(cell.values) < cell.expected:
-            return f"{MISSING} ({len(cell.values)} of {cell.expected})"
-        return number(cell.median)
+def _paper(series: Series, entry: Entry, line: Line) -> str:
+    return _number(series, entry.paper)
 
-    def native(entry: Entry, line: Line) -> str:
-        return "" if line.width is None else number(native_px(entry.cell.median, line, series))
 
-    def share(entry: Entry, line: Line) -> str:
-        failed = entry.cell.failure_share
-        if line.nothing:
-            return ""
-        if failed is None:
-            return MISSING
-        shown = share_text(1 - failed if series.task == "tracking" else failed)
-        return shown.replace("\u202f", "")
+def _difference(series: Series, entry: Entry, line: Line) -> str:
+    return _number(series, entry.difference, "+")
 
-    def rate(entry: Entry, line: Line) -> str:
-        return rate_label(None if line.nothing else entry.cell.event_rate_hz)
 
-    columns = [Column("ours", "ours", ours)]
-    if table.source is not None:
-        columns += [
-            Column("paper", "paper", lambda entry, _: number(entry.paper)),
-            Column("Δ", "difference", lambda entry, _: number(entry.difference, "+")),
-        ]
-    if metric.reference_width_px is not None:
-        columns.append(Column("native px", "rate", native, in_terminal=False))
-    if series.task == "flow":
-        columns.append(Column("fail", "rate", share))
-    if series.task == "tracking":
-        columns.append(Column("ok", "rate", share))
-    shares = series.task in ("flow", "tracking")
-    return [*columns, Column("M/s", "rate", rate, in_terminal=not shares)]
+def _native(series: Series, entry: Entry, line: Line) -> str:
+    native = native_px(entry.cell.median, line, series)
+    return "" if line.width is None else _number(series, native)
+
+
+def _share(series: Series, entry: Entry, line: Line) -> str:
+    failed, column = entry.cell.failure_share, TASKS[series.task].share_column
+    if line.nothing:
+        return ""
+    if failed is not None and column is not None and column.of_successes:
+        failed = 1 - failed
+    return share_text(failed).replace("\u202f", "")
+
+
+def _rate(series: Series, entry: Entry, line: Line) -> str:
+    return rate_label(None if line.nothing else entry.cell.event_rate_hz)
 
 
 def native_px(value: float | None, line: Line, series: Series) -> float | None:

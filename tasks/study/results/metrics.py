@@ -1,4 +1,4 @@
-"""What scores are of: metrics, and series of one method on one task."""
+"""Metrics, and series: the scores of one method on one task."""
 
 from __future__ import annotations
 
@@ -12,28 +12,41 @@ from tasks.study.results.words import number_text
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """How a metric is named, printed and compared."""
+    """A metric: its name, its format, and which scores are better."""
 
     label: str
     unit: str
     higher_is_better: bool
-    negligible: float  # a difference of this size or less makes no difference in practice
+    negligible: float  # a difference of this size or less does not matter in practice
     decimals: int
-    reference_width_px: int | None = None  # normalised to it; None: does not scale with the width
-    digits: int | None = None  # significant ones, for values that span decades
+    reference_width_px: int | None = None  # scores are normalized to this width; None: they are not
+    digits: int | None = None  # significant digits, for values that span decades
 
     @property
     def sign(self) -> float:
-        """Factor on a score that makes more of it better."""
+        """Factor that makes larger scores better: 1 or -1."""
         return 1.0 if self.higher_is_better else -1.0
 
     @property
     def arrow(self) -> str:
-        """Which way is better."""
+        """Arrow that points to better scores."""
         return "↑" if self.higher_is_better else "↓"
 
     def text(self, value: float, sign: str = "") -> str:
-        """Format a value or a difference of this metric, without its unit."""
+        """Format a score or a difference of scores, without the unit.
+
+        Parameters
+        ----------
+        value
+            Score or difference, in the metric's unit.
+        sign
+            "+" prints a plus sign too.
+
+        Returns
+        -------
+        str
+            With a true minus sign.
+        """
         decimals = self.decimals
         if self.digits is not None and value:
             before = math.floor(math.log10(abs(value))) + 1
@@ -54,20 +67,20 @@ EXTENSIONS = {
     "photometric_flow_with_delay": "photometric_flow",
     "photometric_tracking_with_delay": "photometric_tracking",
 }
-"""Our changes to methods of the paper, and to which."""
+"""Our variants of the paper's methods, each with the method that it changes."""
 
 
 class Series(NamedTuple):
-    """A method on a task, judged by a metric: what one table or one plot shows."""
+    """A method on a task with a metric. One table or one plot shows one series."""
 
     task: str
     method: str
     metric: str
-    variant: str = ""  # of the task; "" is the usual one
+    variant: str = ""  # variant of the task; "" is the usual one
 
     @property
     def title(self) -> str:
-        """Task, method and variant in words, as in "reconstruction by event integration"."""
+        """Task, method and variant in words: "reconstruction by event integration"."""
         return f"{TASKS[self.task].title} by {self.name}"
 
     @property
@@ -78,12 +91,12 @@ class Series(NamedTuple):
 
     @property
     def of_paper(self) -> bool:
-        """Whether it is a method as the paper has it, or a user's own; not our change to one."""
+        """Whether this is a method of the paper or of a user, not our variant of one."""
         return not self.variant and self.method not in EXTENSIONS
 
 
 def method_label(method: str) -> str:
-    """A method's name in words; one from outside the project keeps its ``module:function``."""
+    """Return a method's name in words; a ``module:function`` stays as it is."""
     if ":" in method:
         return method
     words = method.replace("_", " ").replace("high pass", "high-pass")

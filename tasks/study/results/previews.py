@@ -1,4 +1,4 @@
-"""What a run's `previews/index.json` says of its pictures."""
+"""The content of `previews/index.json` of a run."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from eres_render.storage.settings_reader import FloatOrInf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preview:
-    """One picture: the radiance of a scene, or what one sensor saw of it.
+    """One picture: the radiance of a scene, or the events of one sensor.
 
     Parameters
     ----------
     file
         Name of the PNG file in the same folder.
     scene, speed, width, cutoff_hz
-        Where it was taken, and by which sensor.
+        The scene, the factor on the base speed, and the sensor (px, Hz).
     """
 
     file: str

@@ -1,6 +1,6 @@
 """Why finer sensors fire faster: the numbers behind the paper's Fig. 2, of one clip a scene.
 
-`tasks.study.run.scaling` measures them; a run keeps them in `scaling/<scene>.json`.
+`tasks.study.run.scaling` measures them; a run keeps them in `scaling/SCENE.json`.
 """
 
 from __future__ import annotations

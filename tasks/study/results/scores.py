@@ -1,4 +1,4 @@
-"""The rows of a run, grouped into cells: one method under one condition, over all its samples."""
+"""The rows of a run in cells: one method under one condition, over all samples."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tasks.study.results.paper import CONTRAST_THRESHOLD, every_published, publi
 
 
 class Condition(NamedTuple):
-    """Where a score was taken."""
+    """A scene and a sensor setting."""
 
     scene: str
     width: int  # px
@@ -32,23 +32,23 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """All values of one series under one condition: its samples, each with one or more items.
+    """All values of one series under one condition. A sample has one or more of them.
 
     Attributes
     ----------
     scene
-        Whose samples they are; seeds the bootstrap.
+        Scene of the samples; it seeds the bootstrap.
     values : (N,) float64
-        Finite scores, by ascending sample and item, in the metric's unit.
+        Finite scores in the metric's unit, in the order of samples and items.
     event_rates_hz : (N,) float64
-        Events per second of the whole sensor, for the same values.
+        Events per second of the whole sensor, for each value.
     failed : (N,) bool
-        Where the method gave up, whose value is that of its starting point, or ended far off.
-        These count too.
+        Whether the method gave up or ended far off. The value is then that of its starting point
+        or of its end; it counts too.
     sample : (N,) int64
-        Which of its samples each value is of, from 0.
+        Sample of each value, counted from 0.
     expected : int
-        How many values the other cells of this series have on this scene.
+        Number of values that the series has on this scene in its other cells.
     """
 
     scene: str
@@ -60,42 +60,42 @@ class Cell:
 
     @property
     def complete(self) -> bool:
-        """Whether every expected value is there; only then the cell has medians."""
+        """Whether no expected value is missing; only complete cells have medians."""
         return len(self.values) == self.expected > 0
 
     @property
     def samples(self) -> int:
-        """How many samples it has, each with one or more values."""
+        """Number of samples."""
         return len(np.unique(self.sample))
 
     @cached_property
     def median(self) -> float | None:
-        """Median score, or None when values are missing: nothing averages over survivors."""
+        """Median score, or None if values are missing: no median is over survivors only."""
         return float(np.median(self.values)) if self.complete else None
 
     @cached_property
     def event_rate_hz(self) -> float | None:
-        """Median event rate of the whole sensor in events per second, or None as `median`."""
+        """Median event rate of the whole sensor, events per second; None if values are missing."""
         return float(np.median(self.event_rates_hz)) if self.complete else None
 
     @property
     def failure_share(self) -> float | None:
-        """Share of the values where the method failed, or None as `median`."""
+        """Share of the values where the method failed, or None if values are missing."""
         return float(np.mean(self.failed)) if self.complete else None
 
     @cached_property
     def resampled(self) -> NDArray[np.float64]:
-        """Median scores of resampled samples, (draws,)."""
+        """Median scores of bootstrap draws of samples, (draws,) float64."""
         return resampled_medians(self.values, self.sample, self.scene)
 
     @cached_property
     def resampled_rates_hz(self) -> NDArray[np.float64]:
-        """Median event rates of resampled samples, (draws,)."""
+        """Median event rates of bootstrap draws of samples, (draws,) float64."""
         return resampled_medians(self.event_rates_hz, self.sample, self.scene)
 
 
 def by_threshold(rows: Iterable[Row]) -> list[Scores]:
-    """Scores of each contrast threshold, in the order of the rows: the study's first comes first.
+    """Return the scores of each contrast threshold, in the order of the rows.
 
     Raises
     ------
@@ -124,19 +124,19 @@ class Scores:
     Parameters
     ----------
     rows
-        Result rows of one contrast threshold, in any order. A row whose value is not finite counts
-        as missing.
+        Result rows of one contrast threshold, in any order. A row counts as missing if its value is
+        not finite.
 
     Attributes
     ----------
     contrast_threshold
-        C of all rows, log units.
+        Contrast threshold of all rows, log units.
 
     Raises
     ------
     ResultError
-        There are no rows, a task or metric is unknown, two rows are of the same item of the same
-        sample of the same cell, or they are of more than one contrast threshold.
+        There are no rows, a task or metric is unknown, two rows of a cell have the same sample and
+        item, or the rows have several contrast thresholds.
     """
 
     def __init__(self, rows: Iterable[Row]) -> None:
@@ -174,32 +174,58 @@ class Scores:
         self._baselines: dict[tuple[Series, Condition], Cell] = {}
 
     def series(self) -> list[Series]:
-        """Every series but the do-nothing baselines, in the order of the rows."""
+        """Return all series except the do-nothing baselines, in the order of the rows."""
         return [series for series in self._rows if series.method != TASKS[series.task].baseline]
 
     def scenes(self, series: Series) -> list[str]:
-        """Scenes of a series, in the order of the rows."""
+        """Return the scenes of a series, in the order of the rows."""
         return list(dict.fromkeys(condition.scene for condition in self._rows.get(series, ())))
 
     def widths(self, series: Series) -> list[int]:
-        """Sensor widths of a series, px, ascending."""
+        """Return the sensor widths of a series, px, ascending."""
         return sorted({condition.width for condition in self._rows.get(series, ())})
 
     def cutoffs_hz(self, series: Series) -> list[float]:
-        """Cutoffs of a series, Hz, from ideal (inf) down."""
+        """Return the cutoffs of a series, Hz, from ideal (inf) down."""
         return sorted({c.cutoff_hz for c in self._rows.get(series, ())}, reverse=True)
 
     def speeds(self, series: Series, scene: str | None = None) -> list[float]:
-        """Speed factors of a series, ascending; those of one scene, or of all."""
+        """Return the speed factors of a series, ascending.
+
+        Parameters
+        ----------
+        series
+            The series.
+        scene
+            Name of a scene; None for all scenes.
+
+        Returns
+        -------
+        list of float
+            Factors on the base speed.
+        """
         found = self._rows.get(series, ())
         return sorted({c.speed for c in found if scene is None or c.scene == scene})
 
     def conditions(self, series: Series) -> list[Condition]:
-        """Conditions of a series, in the order of the rows."""
+        """Return the conditions of a series, in the order of the rows."""
         return list(self._rows.get(series, ()))
 
     def cell(self, series: Series, condition: Condition) -> Cell:
-        """Return one cell; where nothing was measured it has no values."""
+        """Return one cell.
+
+        Parameters
+        ----------
+        series
+            The series.
+        condition
+            The condition.
+
+        Returns
+        -------
+        Cell
+            Without values if nothing was measured.
+        """
         key = series, condition
         if key not in self._cells:
             rows = self._rows.get(series, {}).get(condition, {})
@@ -207,19 +233,55 @@ class Scores:
         return self._cells[key]
 
     def samples(self, series: Series, scene: str) -> int:
-        """How many samples a complete cell of a series has on a scene."""
+        """Return how many samples a complete cell has.
+
+        Parameters
+        ----------
+        series
+            The series.
+        scene
+            Name of a scene.
+
+        Returns
+        -------
+        int
+            Number of samples; 0 if the series has no rows on the scene.
+        """
         return len({sample for sample, _ in self._expected.get((series, scene), ())})
 
     def items(self, series: Series, scene: str) -> int:
-        """How many values a complete cell has for each sample, the most of any."""
+        """Return how many values a sample of a complete cell has.
+
+        Parameters
+        ----------
+        series
+            The series.
+        scene
+            Name of a scene.
+
+        Returns
+        -------
+        int
+            The largest number over the samples; 0 if the series has no rows on the scene.
+        """
         counts = Counter(sample for sample, _ in self._expected.get((series, scene), ()))
         return max(counts.values(), default=0)
 
     def baseline(self, series: Series, condition: Condition) -> Cell:
         """Return the score of doing nothing under a condition, over the samples of `series`.
 
-        It is that of the same variant of the task, or of the usual one if doing nothing was scored
-        there only; and of the same width, or of another if it was scored there only.
+        Parameters
+        ----------
+        series
+            The series to compare with.
+        condition
+            The condition.
+
+        Returns
+        -------
+        Cell
+            The baseline of the same variant and width; if it was scored for the usual variant only,
+            or at one width only, that one.
         """
         key = series, condition
         if key not in self._baselines:
@@ -228,14 +290,27 @@ class Scores:
         return self._baselines[key]
 
     def published(self, series: Series, condition: Condition) -> float | None:
-        """Return the paper's score under a condition; it has one contrast threshold only."""
+        """Return the paper's score under a condition.
+
+        Parameters
+        ----------
+        series
+            The series.
+        condition
+            The condition.
+
+        Returns
+        -------
+        float or None
+            None if the paper has no such score, as at any other contrast threshold than its own.
+        """
         if self.contrast_threshold != CONTRAST_THRESHOLD:
             return None
         scene, width, cutoff_hz, speed = condition
         return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
 
     def failures(self, series: Series) -> Counter[str]:
-        """How often a series failed, by reason; numbers in the reasons are written as n."""
+        """Count the failures of a series by reason; numbers in the reasons are written as n."""
         return Counter(
             re.sub(r"\d+(\.\d+)?", "n", row.failure)
             for values in self._rows.get(series, {}).values()
@@ -280,7 +355,7 @@ def _check_known(row: Row) -> None:
 
 @cache
 def paper_scores() -> Scores:
-    """Return the paper's medians as scores of one sample each, without event rates."""
+    """Return the paper's medians as scores of a single sample, without event rates."""
     rows = []
     for (scene, task, method, width, cutoff_hz, speed, metric), value in every_published():
         where = scene, task, method, width, cutoff_hz, CONTRAST_THRESHOLD, speed
@@ -289,12 +364,40 @@ def paper_scores() -> Scores:
 
 
 def base_speed(scores: Scores, series: Series) -> float:
-    """The speed factor of a series that is nearest to 1."""
+    """Return the speed factor nearest to 1.
+
+    Parameters
+    ----------
+    scores
+        The scores of a run.
+    series
+        A series with rows.
+
+    Returns
+    -------
+    float
+        Factor on the base speed.
+    """
     return min(scores.speeds(series), key=lambda speed: abs(math.log(speed)))
 
 
 def beats(cell: Cell, nothing: Cell, series: Series) -> bool | None:
-    """Whether a score is better than that of doing nothing, None where one is missing."""
+    """Return whether a median score is better than that of doing nothing.
+
+    Parameters
+    ----------
+    cell
+        The scores of a method.
+    nothing
+        The scores of the baseline under the same condition.
+    series
+        The series of `cell`.
+
+    Returns
+    -------
+    bool or None
+        None if either median is missing.
+    """
     if cell.median is None or nothing.median is None:
         return None
     return METRICS[series.metric].sign * (cell.median - nothing.median) > 0

@@ -53,3 +53,8 @@ def share_text(share: float | None) -> str:
 def join_words(words: Sequence[str], last: str = "and") -> str:
     """Join as in "carpet, rocks and room"."""
     return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
+
+def capitalized(text: str) -> str:
+    """A text with its first letter as at the start of a sentence."""
+    return text[:1].upper() + text[1:]

@@ -34,7 +34,7 @@ def preview_files(
 
     Returns
     -------
-    Files by name: PNG pictures and, last, `<scene>.json`, which describes them.
+    Files by name: PNG pictures and, last, `SCENE.json`, which describes them.
     """
     scene, speed = job.scene.name, job.simulate.speeds[0]
     files: dict[str, bytes] = {}

@@ -1,7 +1,7 @@
 """Measure the scaling statistics of one clip, and draw L_t.
 
-They show why finer sensors fire faster. A run keeps the numbers in `scaling/<scene>.json`, and the
-picture of L_t in `scaling/<scene>.png`.
+They show why finer sensors fire faster. A run keeps the numbers in `scaling/SCENE.json`, and the
+picture of L_t in `scaling/SCENE.png`.
 """
 
 from __future__ import annotations

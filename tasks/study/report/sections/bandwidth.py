@@ -1,86 +1,57 @@
-"""Event rates beside what the buses of real cameras carry, as tables."""
+"""Event rates beside what the buses of real cameras carry."""
 
 from __future__ import annotations
 
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
 
-from tasks.study.report.markup import scrolling
+from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.bandwidth import Load, bus_loads
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores, base_speed
-from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label, rate_label
+from tasks.study.results.words import MISSING, rate_label
 
 
-def buses_html(scores: Scores, series: Series) -> str:
-    """Render a table for each scene: cameras down, cutoffs across, base speed to highest."""
-    tables = list(filter(None, (_table(scores, series, s) for s in scores.scenes(series))))
-    if not tables:
-        return ""
-    others = f"<details><summary>Other scenes</summary>{''.join(tables[1:])}</details>"
-    low, high = _speeds(scores, series)
-    speeds = f"at speed {low:.2g}" if low == high else f"at speed {low:.2g} → {high:.2g}"
-    return (
-        "<h3>Which resolution survives its own bus</h3>"
-        f'<p class="lead">Mean events a second {speeds} on the pixels of real cameras of these '
-        "widths, in Mev/s, and how much of their bus that takes. Above 100&#8239;% events queue "
-        "until they are dropped; peaks do so earlier.</p>"
-        + tables[0]
-        + (others if tables[1:] else "")
-    )
+@dataclass(frozen=True, slots=True)
+class Buses:
+    """A table for each scene, at base speed and at the highest."""
+
+    speeds: list[float]
+    tables: list[Table]
 
 
-def _speeds(scores: Scores, series: Series) -> tuple[float, float]:
-    return base_speed(scores, series), max(scores.speeds(series))
+def buses(scores: Scores, series: Series) -> Buses:
+    """Collect the loads that one series puts on the buses of real cameras."""
+    speeds = list(dict.fromkeys([base_speed(scores, series), max(scores.speeds(series))]))
+    tables = [_table(scores, series, scene, speeds) for scene in scores.scenes(series)]
+    return Buses(speeds, [table for table in tables if table])
 
 
-def _table(scores: Scores, series: Series, scene: str) -> str:
-    cutoffs = scores.cutoffs_hz(series)
-    speeds = list(dict.fromkeys(_speeds(scores, series)))
-    loads = {
-        (cutoff, speed, load.camera.camera): load
-        for cutoff in cutoffs
-        for speed in speeds
-        for load in bus_loads(_rates_hz(scores, series, scene, cutoff, speed))
+def _table(scores: Scores, series: Series, scene: str, speeds: Sequence[float]) -> Table | None:
+    cutoffs_hz, widths = scores.cutoffs_hz(series), scores.widths(series)
+    loads: dict[tuple[float, float, str], Load] = {}
+    for hz in cutoffs_hz:
+        for speed in speeds:
+            cells = {w: scores.cell(series, Condition(scene, w, hz, speed)) for w in widths}
+            rates_hz = {w: c.event_rate_hz for w, c in cells.items() if c.event_rate_hz is not None}
+            loads |= {(hz, speed, one.camera.camera): one for one in bus_loads(rates_hz)}
+    if not loads:
+        return None
+    cameras = {one.camera.camera: one.camera for one in loads.values()}.values()
+    ordered = sorted(cameras, key=lambda one: (one.model.width, one.max_bandwidth_mev_s))
+    rows = {
+        Text(one.camera, f"{one.model.width}×{one.model.height}, {one.year}"): [
+            [Text(f"{one.max_bandwidth_mev_s:g}")],
+            *([_text(loads.get((hz, speed, one.camera))) for speed in speeds] for hz in cutoffs_hz),
+        ]
+        for one in ordered
     }
-    cameras = list(dict.fromkeys((load.camera.camera, load.camera) for load in loads.values()))
-    cameras.sort(key=lambda c: (c[1].model.width, c[1].max_bandwidth_mev_s))
-    if not cameras:
-        return ""
-    heads = "".join(
-        f'<th scope="col">{escape(cutoff_label(c))} <small>{escape(cutoff_detail(c))}</small></th>'
-        for c in cutoffs
-    )
-    body = "".join(
-        f'<tr><th scope="row">{escape(name)} <small>{camera.model.width}×{camera.model.height}, '
-        f"{camera.year}</small></th><td>{camera.max_bandwidth_mev_s:g}</td>"
-        + "".join(
-            "<td>" + " → ".join(_load_text(loads.get((c, s, name))) for s in speeds) + "</td>"
-            for c in cutoffs
-        )
-        + "</tr>"
-        for name, camera in cameras
-    )
-    table = (
-        f'<table class="buses"><caption><span>{escape(scene)}</span></caption><thead><tr>'
-        f'<th scope="col">camera</th><th scope="col">bus [Mev/s]</th>{heads}</tr></thead>'
-        f"<tbody>{body}</tbody></table>"
-    )
-    return scrolling(f"Buses, {scene}", table)
+    heads = [Text("camera"), Text("bus [Mev/s]"), *map(cutoff_text, cutoffs_hz)]
+    return Table("buses", f"Buses, {scene}", scene, heads, {Text(""): rows})
 
 
-def _rates_hz(
-    scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float
-) -> dict[int, float]:
-    """Median event rates of the widths that have all samples."""
-    cells = {
-        width: scores.cell(series, Condition(scene, width, cutoff_hz, speed)).event_rate_hz
-        for width in scores.widths(series)
-    }
-    return {width: rate for width, rate in cells.items() if rate is not None}
-
-
-def _load_text(load: Load | None) -> str:
+def _text(load: Load | None) -> Text:
     if load is None:
-        return MISSING
-    text = f"{rate_label(load.rate_hz)} <small>{100 * load.share:.0f}&#8239;%</small>"
-    return text if load.survives else f'<b class="over">{text}</b>'
+        return Text(MISSING)
+    share = f"{100 * load.share:.0f}\u202f%"
+    return Text(rate_label(load.rate_hz), share, "" if load.survives else "over")

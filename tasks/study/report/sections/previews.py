@@ -1,82 +1,43 @@
-"""The report's section of pictures: the radiance of each scene, and what each sensor saw of it."""
+"""Pictures: the radiance of each scene, and what each sensor saw of it."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Sequence
-from html import escape
-from pathlib import Path
+from dataclasses import dataclass
 
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
-from tasks.study.report.markup import scrolling
+from tasks.study.report.finished_run import FinishedRun
 from tasks.study.results.previews import Preview
-from tasks.study.results.words import cutoff_detail, cutoff_label, speed_label
-
-_LEGEND = (
-    '<p class="lead">Blue: brighter, red: darker, by the sum of polarities over the last 10 ms of '
-    "the window; every picture shows the middle quarter of the image’s side.</p>"
-)
 
 
-def previews_html(folder: Path, entries: Sequence[Preview]) -> str:
-    """Render the section.
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A PNG picture in base64, of the radiance or of the events of a sensor."""
 
-    Parameters
-    ----------
-    folder
-        Where the PNG files lie.
-    entries
-        The content of the folder's ``index.json``.
+    kind: str  # "frame" or "events"
+    png: str
+    caption: str
+    width: int
+    cutoff_hz: float
+    speed: float
+
+
+def previews(run: FinishedRun) -> dict[str, list[Picture]]:
+    """Collect the section by scene; events from ideal light down, then by width.
 
     Raises
     ------
     ResultError
-        A file is missing.
+        An entry lacks a field or is of an unknown kind, or its file is missing.
     """
-    if not entries:
-        return "<p>This run has no previews.</p>"
-    parts = [_LEGEND]
-    for scene in dict.fromkeys(entry.scene for entry in entries):
-        of_scene = [entry for entry in entries if entry.scene == scene]
-        parts.append(f"<h3>{escape(scene)}</h3>")
-        parts += [_shot(folder, entry) for entry in of_scene if entry.kind == "frame"]
-        if events := [entry for entry in of_scene if entry.kind == "events"]:
-            parts.append(scrolling(f"Event previews, {scene}", _grid(folder, scene, events)))
-    return "".join(parts)
-
-
-def _grid(folder: Path, scene: str, events: Sequence[Preview]) -> str:
-    """Rows: cutoff and speed, from ideal down; columns: widths, ascending."""
-    columns = len({entry.width for entry in events})
-    parts = [
-        f'<div class="previews" style="grid-template-columns:repeat({columns},minmax(0,1fr))">'
-    ]
-    order = sorted(events, key=lambda e: (-e.cutoff_hz, e.speed, e.width))
-    heading = ""
-    for entry in order:
-        here = f"{cutoff_label(entry.cutoff_hz)}, {cutoff_detail(entry.cutoff_hz)}, "
-        here += speed_label(scene, entry.speed)
-        if here != heading:
-            parts.append(f"<h4>{escape(here)}</h4>")
-            heading = here
-        parts.append(_shot(folder, entry))
-    return "".join(parts) + "</div>"
-
-
-def _shot(folder: Path, entry: Preview) -> str:
-    uri = _embedded(folder / entry.file)
-    kind, sharp, note = "events", ' class="pixels"', ""
-    if entry.kind == "frame":
-        kind, sharp, note = "keyframe", "", ", tone-mapped"
-    caption = escape(entry.caption + note)
-    return (
-        f'<figure class="{kind}"><button class="shot" type="button" title="Enlarge">'
-        f'<img src="{uri}" alt="{caption}"{sharp}></button>'
-        f"<figcaption>{caption}</figcaption></figure>"
-    )
-
-
-def _embedded(path: Path) -> str:
-    if not path.is_file():
-        raise ResultError(f"{path}: no such file, but previews/index.json lists it")
-    return f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
+    index = run.folder / "previews" / "index.json"
+    entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
+    found: dict[str, list[Picture]] = {}
+    for entry in entries:
+        png = run.picture(f"previews/{entry.file}", "previews/index.json lists it")
+        setting = entry.cutoff_hz, entry.speed
+        picture = Picture(entry.kind, png, entry.caption, entry.width, *setting)
+        found.setdefault(entry.scene, []).append(picture)
+    for pictures in found.values():
+        pictures.sort(key=lambda one: (-one.cutoff_hz, one.speed, one.width))
+    return found

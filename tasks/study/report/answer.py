@@ -3,7 +3,7 @@
 The report's headline, README and docs/results.md say it from here, in Markdown: `choose` says which
 widths, `answered` of which conditions. The pages hold it between two comments, and
 
-    python -m tasks.study.results.answer RUN PAGE...
+    python -m tasks.study.report.answer RUN PAGE...
 
 writes it there anew.
 """
@@ -234,7 +234,7 @@ def with_answers(page: str, found: Mapping[Series, Choices]) -> str:
 def main(arguments: Sequence[str]) -> None:
     """Write the answer of a run into pages."""
     if len(arguments) < 2:
-        sys.exit("usage: python -m tasks.study.results.answer RUN PAGE...")
+        sys.exit("usage: python -m tasks.study.report.answer RUN PAGE...")
     run_dir, *pages = map(Path, arguments)
     try:
         found = choices_of(run_dir)

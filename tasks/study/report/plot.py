@@ -1,0 +1,174 @@
+"""A plot as data. `report.js` draws it on the page and `tasks.study.report.figures` into files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+
+from tasks.study.results.words import number_text
+
+COLORS = {
+    "ink": ("#1d2126", "#e6e6e1"),
+    "soft": ("#5b646e", "#a0a8b0"),
+    "series-0": ("#0072b2", "#5ab4f0"),
+    "series-1": ("#009e73", "#2ecc9b"),
+    "series-2": ("#b88700", "#f5cf4d"),
+    "series-3": ("#b03a00", "#f2894a"),
+    "series-4": ("#8a2c82", "#d9a0ea"),
+    "series-5": ("#4d5560", "#b4bcc6"),
+    "series-6": ("#3b7d00", "#a5d96a"),
+    "series-7": ("#c2185b", "#ff8ab0"),
+}
+"""By name, on a light and on a dark page. Those of a series differ in lightness and in hue."""
+
+Place = tuple[float, float]
+Outline = Sequence[Place]  # corners, px, y down
+
+_TURNS = [k * math.pi / 12 for k in range(24)]
+CIRCLE = [(round(4.5 * math.cos(a), 2), round(4.5 * math.sin(a), 2)) for a in _TURNS]
+MARKS: Sequence[Outline] = (
+    CIRCLE,
+    [(-4, -4), (4, -4), (4, 4), (-4, 4)],
+    [(0, -5.2), (5, 3.8), (-5, 3.8)],
+    [(0, -5.6), (5.2, 0), (0, 5.6), (-5.2, 0)],
+    [(0, 5.2), (5, -3.8), (-5, -3.8)],
+)
+
+Tick = tuple[float, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """An axis.
+
+    Attributes
+    ----------
+    include
+        Values that it must reach.
+    ticks
+        Sets from fine to coarse. The first is drawn of which at most `most` labels are in sight.
+    """
+
+    label: str
+    log: bool
+    include: Sequence[float]
+    ticks: Sequence[Sequence[Tick]]
+    most: int
+
+    def ticks_within(self, low: float, high: float) -> Sequence[Tick]:
+        """Choose the ticks where the axis reaches from `low` to `high`."""
+        inside = [[tick for tick in ticks if low <= tick[0] <= high] for ticks in self.ticks]
+        fitting = (ticks for ticks in inside if sum(bool(t[1]) for t in ticks) <= self.most)
+        return next(fitting, inside[-1])
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """How a series looks: a color of `COLORS`, and `label` is written at its first point."""
+
+    name: str
+    color: str
+    mark: Outline
+    label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """A mark, and the lines of its tooltip."""
+
+    x: float
+    y: float
+    lines: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One series in one panel; without a path its points are joined."""
+
+    points: Sequence[Point]
+    path: Sequence[Place] | None = None
+
+    @property
+    def places(self) -> list[Place]:
+        """All that it shows."""
+        return [(point.x, point.y) for point in self.points] + list(self.path or ())
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A picture with a line for each key of its plot, and dashed lines across."""
+
+    label: str
+    detail: str
+    lines: Sequence[Line]
+    references: Sequence[float] = ()
+    reference_label: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Panels with the same axes and the same series; labels can stand below the first points."""
+
+    title: str
+    x: Axis
+    y: Axis
+    keys: Sequence[Key]
+    panels: Sequence[Panel]
+    labels_below: bool
+
+
+def plot(
+    title: str,
+    x_label: str,
+    y_label: str,
+    keys: Sequence[Key],
+    panels: Sequence[Panel],
+    *,
+    log_y: bool = False,
+    include_y: Sequence[float] = (),
+    labels_below: bool = False,
+) -> Plot:
+    """Make a plot over a logarithmic x axis, with ticks for all that its panels show."""
+    shown = [place for panel in panels for line in panel.lines for place in line.places]
+    widths = [x for x, _ in shown] or [1.0]
+    heights = [y for _, y in shown] + [y for panel in panels for y in panel.references]
+    reached = [*heights, *include_y] or [1.0]
+    y_ticks = (_log_ticks if log_y else _even_ticks)(min(reached), max(reached))
+    x_axis = Axis(x_label, True, (), _log_ticks(min(widths), max(widths)), most=6)
+    y_axis = Axis(y_label, log_y, include_y, y_ticks, most=9)
+    return Plot(title, x_axis, y_axis, keys, panels, labels_below)
+
+
+def width_keys(widths: Iterable[int], *, labelled: bool = False) -> list[Key]:
+    """Give each sensor width a color and a mark, from coarse to fine."""
+    colors = [name for name in COLORS if name.startswith("series")]
+    looks = zip(cycle(colors), cycle(MARKS))
+    return [
+        Key(f"{width} px", color, mark, str(width) if labelled else "")
+        for width, (color, mark) in zip(widths, looks, strict=False)
+    ]
+
+
+def _log_ticks(low: float, high: float) -> list[list[Tick]]:
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    fine, usual = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 5)
+    return [
+        [(m * 10.0**d, f"{m * 10.0**d:g}" if m in named else "") for d in decades for m in marks]
+        for marks, named in ((fine, fine), (usual, usual), (usual, (1,)))
+    ]
+
+
+def _even_ticks(low: float, high: float) -> list[list[Tick]]:
+    """Steps of 1, 2 and 5, from a hundredth of the range up; they go on beyond its ends."""
+    span = high - low or 1.0
+    finest = math.floor(math.log10(span / 100))
+    ladder = []
+    for power in range(finest, finest + 4):
+        for step in (m * 10.0**power for m in (1, 2, 5)):
+            if span / 100 <= step <= span:
+                first, last = (math.ceil((low - span / 5) / step), int((high + span / 5) // step))
+                values = [k * step for k in range(first, last + 1)]
+                ladder.append([(v, number_text(v, max(0, -power))) for v in values])
+    return ladder

@@ -1,0 +1,97 @@
+"""Score against event rate, and what the buses of real cameras carry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tasks.registry import TASKS
+from tasks.study.report.finished_run import FinishedRun
+from tasks.study.report.plot import Key, Line, Panel, Plot, Point, plot, width_keys
+from tasks.study.report.sections.bandwidth import Buses, buses
+from tasks.study.report.table import cutoff_text
+from tasks.study.results.intervals import estimate
+from tasks.study.results.metrics import METRICS, Series, method_label
+from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.words import (
+    cutoff_label,
+    rate_label,
+    share_text,
+    speed_label,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Tradeoff:
+    """The plots of each series by scene, and the first series' buses."""
+
+    plots: dict[Series, dict[str, Plot]]
+    buses: Buses
+
+
+def tradeoff(run: FinishedRun) -> Tradeoff:
+    """Collect the section."""
+    plots = {one: tradeoff_plots(run.scores, one) for one in run.series}
+    return Tradeoff(plots, buses(run.scores, run.series[0]))
+
+
+def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
+    """By scene, a panel for each cutoff, and a point wherever all samples are there."""
+    keys = width_keys(scores.widths(series), labelled=True)
+    found = {}
+    for scene in scores.scenes(series):
+        panels = [_panel(scores, series, scene, cutoff) for cutoff in scores.cutoffs_hz(series)]
+        found[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels)
+    return found
+
+
+def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence[Panel]) -> Plot:
+    """Plot scores of one series against event rates; the axis of errors is logarithmic."""
+    metric = METRICS[series.metric]
+    heights = [y for one in panels for line in one.lines for _, y in line.places]
+    heights += [y for one in panels for y in one.references]
+    better = "" if metric.higher_is_better else ", less is better"
+    return plot(
+        title,
+        "event rate [Mev/s]",
+        f"{metric.label} [{metric.unit}]{better}",
+        keys,
+        panels,
+        log_y=not metric.higher_is_better and min(heights, default=0.0) > 0,
+        labels_below=not metric.higher_is_better,  # errors rise with speed
+    )
+
+
+def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Panel:
+    lines, baselines = [], set()
+    for width in scores.widths(series):
+        where = [Condition(scene, width, cutoff_hz, s) for s in scores.speeds(series, scene)]
+        lines.append(Line([p for at in where if (p := score_point(scores, series, at))]))
+        idle = [scores.baseline(series, at).median for at in where]
+        baselines |= {round(median, 3) for median in idle if median is not None}
+    texts = [METRICS[series.metric].text(score) for score in sorted(baselines)]
+    if len(texts) > 3:
+        texts = [f"{texts[0]} to {texts[-1]}"]
+    label = f"{method_label(TASKS[series.task].baseline)} {', '.join(texts)}"
+    return Panel(*cutoff_text(cutoff_hz)[:2], lines, sorted(baselines), label)
+
+
+def score_point(scores: Scores, series: Series, where: Condition) -> Point | None:
+    """Collect one point, or None where samples are missing or there were no events."""
+    cell = scores.cell(series, where)
+    if cell.median is None or not cell.event_rate_hz:
+        return None
+    metric = METRICS[series.metric]
+    interval = estimate({where: cell}, lambda medians: medians[where])
+    lines = [
+        f"{where.width} px",
+        f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed)}",
+        f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
+        f"{rate_label(cell.event_rate_hz)} Mev/s",
+    ]
+    paper = scores.published(series, where)
+    if paper is not None:
+        lines.append(f"paper: {metric.text(paper)} {metric.unit}")
+    if cell.failed.any():
+        lines.append(f"failed: {share_text(cell.failure_share)}")
+    return Point(cell.event_rate_hz / 1e6, cell.median, lines)

@@ -1,0 +1,240 @@
+"use strict";
+// Draws each .plot from the JSON in it, shows those of the chosen method, and enlarges previews.
+
+const HEIGHT = 310, LEFT = 46, RIGHT = 12, TOP = 12, BOTTOM = 268; // of a panel; BOTTOM is the x axis
+const ROOM = 12, LABEL_ROOM = 26; // above and below the data, without and with labels of series
+
+function svg(parent, name, attributes, text) {
+  const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+  if (text !== undefined) element.textContent = text;
+  parent?.append(element);
+  return element;
+}
+
+function html(parent, name, properties) {
+  const element = Object.assign(document.createElement(name), properties);
+  parent?.append(element);
+  return element;
+}
+
+const color = (key) => `var(--${key.color})`;
+const outline = (key) => `M${key.mark.map((corner) => corner.join(" ")).join("L")}Z`;
+const joined = (line) => line.points.map((p) => [p.x, p.y]);
+const placesOf = (line) => [...(line.path ?? []), ...joined(line)];
+const scaled = (axis, value) => (axis.log ? Math.log10(value) : value);
+
+// From the lowest to the highest value on a scaled axis, with a share of that at each end.
+function domain(axis, values, share) {
+  const reached = [...values, ...axis.include].map((value) => scaled(axis, value));
+  if (!reached.length) return [0, 1];
+  const low = Math.min(...reached), high = Math.max(...reached);
+  const pad = (high - low || 1) * share;
+  return [low - pad, high + pad];
+}
+
+// The finest of an axis's ticks with no more labels than there is room for.
+function ticksWithin(axis, [low, high]) {
+  const inside = ([at]) => at >= low && at <= high;
+  const sets = axis.ticks.map((ticks) => ticks.map(([v, label]) => [scaled(axis, v), label]).filter(inside));
+  return sets.find((ticks) => ticks.filter(([, label]) => label).length <= axis.most) ?? sets.at(-1);
+}
+
+function toggle(bar, pressed, onChange) {
+  const button = html(bar, "button", { type: "button", ariaPressed: String(pressed) });
+  button.addEventListener("click", () => {
+    button.ariaPressed = String(button.ariaPressed !== "true");
+    onChange(button.ariaPressed === "true");
+  });
+  return button;
+}
+
+class Plot {
+  constructor(root) {
+    this.data = JSON.parse(root.querySelector("script").textContent);
+    this.panels = root.querySelector(".panels");
+    this.hidden = new Set();
+    this.zoomed = false;
+    this.controls();
+    this.figures = this.data.panels.map((panel) => {
+      const figure = html(this.panels, "figure", { className: "panel" });
+      const caption = html(figure, "figcaption", { textContent: `${panel.label} ` });
+      html(caption, "small", { textContent: panel.detail });
+      const box = html(figure, "div");
+      // A tip's words are the label of the point that it is for.
+      return { panel, box, tip: html(figure, "div", { className: "tip", hidden: true, ariaHidden: "true" }) };
+    });
+    this.draw();
+    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(this.panels);
+  }
+
+  controls() {
+    const bar = html(null, "div", { className: "controls" });
+    this.panels.before(bar);
+    this.data.keys.forEach((key, series) => {
+      const button = toggle(bar, true, (shown) => {
+        this.hidden[shown ? "delete" : "add"](series);
+        this.draw(true);
+      });
+      const mark = svg(button, "svg", { width: 12, height: 12, viewBox: "-6 -6 12 12", "aria-hidden": true });
+      svg(mark, "path", { d: outline(key), fill: color(key) });
+      button.append(key.name);
+      button.addEventListener("pointerenter", () => this.emphasize(series));
+      button.addEventListener("pointerleave", () => this.emphasize(null));
+    });
+    if (this.data.panels.length === 1) return;
+    const zoom = toggle(bar, false, (zoomed) => {
+      this.zoomed = zoomed;
+      this.draw(true);
+    });
+    Object.assign(zoom, { className: "axis", textContent: "Zoom each panel" });
+  }
+
+  emphasize(series) {
+    this.panels.classList.toggle("focus", series !== null && !this.hidden.has(series));
+    for (const group of this.panels.querySelectorAll(".series"))
+      group.classList.toggle("on", Number(group.dataset.series) === series);
+  }
+
+  heights(panels) {
+    const shown = panels.flatMap((panel) => panel.lines.filter((_, series) => !this.hidden.has(series)));
+    const values = [...shown.flatMap(placesOf).map(([, y]) => y), ...panels.flatMap((p) => p.references)];
+    const room = this.data.keys.some((key) => key.label) ? LABEL_ROOM : ROOM;
+    return domain(this.data.y, values, room / (BOTTOM - TOP - 2 * room));
+  }
+
+  draw(anyway) {
+    const every = this.data.panels;
+    const widths = every.flatMap((panel) => panel.lines.flatMap(placesOf)).map(([x]) => x);
+    for (const one of this.figures) {
+      const width = one.box.clientWidth;
+      if (!width || (one.width === width && !anyway)) continue;
+      one.width = width;
+      this.drawPanel(one, domain(this.data.x, widths, 0.06), this.heights(this.zoomed ? [one.panel] : every));
+    }
+  }
+
+  drawPanel(one, xDomain, yDomain) {
+    const { panel, box, tip, width } = one;
+    const { title, keys, x: xAxis, y: yAxis, labels_below: below } = this.data;
+    const right = width - RIGHT;
+    const across = (at) => LEFT + ((at - xDomain[0]) / (xDomain[1] - xDomain[0])) * (right - LEFT);
+    const up = (at) => BOTTOM - ((at - yDomain[0]) / (yDomain[1] - yDomain[0])) * (BOTTOM - TOP);
+    const x = (value) => across(scaled(xAxis, value)), y = (value) => up(scaled(yAxis, value));
+    const dashed = panel.references.length ? `Dashed line: ${panel.reference_label}. ` : "";
+    const label = `${title}, ${panel.label} (${panel.detail}): ${yAxis.label} against ${xAxis.label}. ${dashed}Arrow keys go from point to point.`;
+    const root = svg(null, "svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, role: "group", "aria-label": label });
+    const line = (kind, x1, x2, y1, y2, opacity = 1) => svg(root, "line", { class: kind, x1, x2, y1, y2, "stroke-opacity": opacity });
+    const text = (words, x, y, anchor = "middle") => svg(root, "text", { x, y, "text-anchor": anchor }, words);
+    svg(root, "rect", { class: "frame", x: LEFT, y: TOP, width: right - LEFT, height: BOTTOM - TOP });
+    for (const [at, words] of ticksWithin(yAxis, yDomain)) {
+      line("grid", LEFT, right, up(at), up(at), words ? 1 : 0.45);
+      text(words, LEFT - 6, up(at) + 4, "end");
+    }
+    for (const [at, words] of ticksWithin(xAxis, xDomain)) {
+      line("grid", across(at), across(at), TOP, BOTTOM, words ? 1 : 0.45);
+      text(words, across(at), BOTTOM + 15);
+    }
+    text(xAxis.label, (LEFT + right) / 2, HEIGHT - 8);
+    text(yAxis.label, 0, 0).setAttribute("transform", `translate(11 ${(TOP + BOTTOM) / 2}) rotate(-90)`);
+    for (const value of panel.references) line("baseline", LEFT, right, y(value), y(value));
+    if (panel.references.length) {
+      const at = below ? TOP + 11 : BOTTOM - 9; // where no label of a series is
+      line("baseline", right - 30, right - 6, at, at);
+      text(panel.reference_label, right - 36, at + 4, "end");
+    }
+    const places = [];
+    keys.forEach((key, series) => {
+      const { points, path } = panel.lines[series], way = path ?? joined(panel.lines[series]);
+      if (this.hidden.has(series) || !way.length) return;
+      const group = svg(root, "g", { class: "series", "data-series": series });
+      svg(group, "path", { class: "line", d: `M${way.map((at) => `${x(at[0])} ${y(at[1])}`).join("L")}`, stroke: color(key) });
+      for (const point of points) {
+        const place = { series, lines: point.lines, x: x(point.x), y: y(point.y) };
+        place.mark = svg(group, "path", {
+          class: "mark", d: outline(key), transform: `translate(${place.x} ${place.y})`, fill: color(key),
+          role: "img", tabindex: -1, "aria-label": point.lines.join(", "),
+        });
+        places.push(place);
+      }
+      if (!key.label || !points.length) return;
+      const at = { x: x(points[0].x), y: y(points[0].y) + (below ? 18 : -10), "text-anchor": "middle", "aria-hidden": true };
+      svg(group, "text", { ...at, style: `fill: color-mix(in srgb, ${color(key)} 62%, var(--ink))` }, key.label);
+    });
+    const ring = svg(root, "circle", { class: "ring", r: 9, visibility: "hidden" });
+    const hadFocus = box.contains(document.activeElement);
+    box.replaceChildren(root);
+    tip.hidden = true;
+    if (!places.length) return;
+
+    // One point of a panel is a stop of the Tab key, arrow keys go on from it.
+    const stopAt = (index) => {
+      places[one.stop].mark.tabIndex = -1;
+      one.stop = index;
+      places[index].mark.tabIndex = 0;
+    };
+    let current = -1;
+    const show = (index) => {
+      current = index;
+      const place = places[index];
+      tip.hidden = !place;
+      ring.setAttribute("visibility", place ? "visible" : "hidden");
+      this.emphasize(place ? place.series : null);
+      if (!place) return;
+      ring.setAttribute("transform", `translate(${place.x} ${place.y})`);
+      tip.replaceChildren(...place.lines.map((words, i) => html(null, i ? "div" : "b", { textContent: words })));
+      const above = box.offsetTop + place.y - tip.offsetHeight - 14;
+      tip.style.left = `${Math.min(Math.max(place.x - tip.offsetWidth / 2, 0), width - tip.offsetWidth)}px`;
+      tip.style.top = `${above > 0 ? above : box.offsetTop + place.y + 14}px`;
+    };
+    const pick = (event) => {
+      const frame = root.getBoundingClientRect();
+      const away = places.map((p) => Math.hypot(p.x - event.clientX + frame.left, p.y - event.clientY + frame.top));
+      const nearest = away.indexOf(Math.min(...away, 32));
+      if (nearest !== current) show(nearest);
+    };
+    root.addEventListener("pointermove", pick);
+    root.addEventListener("pointerdown", pick);
+    root.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && show(-1));
+    places.forEach(({ mark }, index) => {
+      mark.addEventListener("focus", () => {
+        stopAt(index);
+        show(index);
+      });
+      mark.addEventListener("blur", () => show(-1));
+    });
+    root.addEventListener("keydown", (event) => {
+      const last = places.length - 1, next = (one.stop + 1) % places.length;
+      const before = (one.stop + last) % places.length;
+      const to = { ArrowRight: next, ArrowDown: before, ArrowUp: next, ArrowLeft: before, Home: 0, End: last }[event.key];
+      if (event.key === "Escape") show(-1);
+      if (to === undefined) return;
+      event.preventDefault();
+      places[to].mark.focus();
+    });
+    one.stop = Math.min(one.stop ?? 0, places.length - 1);
+    stopAt(one.stop);
+    if (hadFocus) places[one.stop].mark.focus();
+  }
+}
+
+const drawn = [...document.querySelectorAll(".plot")].map((root) => new Plot(root));
+
+const pick = document.getElementById("pick");
+const choose = () => {
+  document.querySelectorAll(".plots").forEach((group, i) => (group.hidden = i !== Number(pick.value)));
+  drawn.forEach((plot) => plot.draw()); // those that were hidden had no width
+};
+pick?.addEventListener("change", choose);
+if (pick) choose(); // a browser may restore an earlier choice
+
+const zoom = document.getElementById("zoom");
+document.querySelectorAll(".shot").forEach((button) =>
+  button.addEventListener("click", () => {
+    const { src, alt, className } = button.querySelector("img");
+    Object.assign(zoom.querySelector("img"), { src, alt, className });
+    zoom.querySelector("p").textContent = alt;
+    zoom.showModal();
+  }),
+);
+zoom.addEventListener("click", (event) => event.target === zoom && zoom.close());

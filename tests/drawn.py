@@ -1,0 +1,40 @@
+"""Sections of the report and pieces of them, drawn alone."""
+
+import re
+
+from tasks.study.report.sections.comparison import Comparison
+from tasks.study.report.templating import TEMPLATES
+from tasks.study.results.choice import Choice, Choices
+from tasks.study.results.comparison import ComparisonTable
+from tasks.study.results.metrics import Series
+
+
+def section(template: str, **data: object) -> str:
+    """Draw a template, without the white space between its tags."""
+    return without_space(TEMPLATES.get_template(template).render(**data))
+
+
+def without_space(page: str) -> str:
+    """Leave out the white space between tags."""
+    return re.sub(r">\s+<", "><", page)
+
+
+def macro(name: str, *values: object, **named: object) -> str:
+    """Draw a macro of the templates."""
+    module = TEMPLATES.get_template("macros.html").module
+    return without_space(getattr(module, name)(*values, **named)).strip()
+
+
+def answer_html(choices: Choices, series: Series, *, named: bool = False) -> str:
+    """Draw the answer of one series."""
+    return macro("answer", series, choices, named=named)
+
+
+def choice_cell(choice: Choice | None) -> str:
+    """Draw a place of a table of choices."""
+    return macro("choice_cell", choice)
+
+
+def comparison_html(table: ComparisonTable) -> str:
+    """Draw our medians and the paper's."""
+    return section("comparison.html", data=[Comparison(table, table)])
