@@ -435,12 +435,12 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         (
             [*SIMULATE, "--bus", "foo"],
             1,
-            "bus: found 'foo', which is neither a rate in million events a second, such as --bus "
+            "bus: found 'foo', neither a rate in million events per second, such as --bus "
             "12, nor a camera; expected one of dvs128",
         ),
-        ([*SIMULATE, "--bus", "atis"], 1, "no bandwidth is known of 'atis'"),
+        ([*SIMULATE, "--bus", "atis"], 1, "the bandwidth of 'atis' is unknown"),
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
-        ([*SIMULATE, "--fifo", "9"], 1, "expected a bus beside"),
+        ([*SIMULATE, "--fifo", "9"], 1, "expected a bus with them"),
         ([*SIMULATE, "--truth", "0"], 1, "step_s: found 0"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "finer"),
         (
