@@ -12,15 +12,15 @@ import time
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
-import numpy as np
 import pytest
 from distributed import LocalCluster
 
+from another_process import environment
 from eres_render import load_scene
 from eres_render.storage.cache import cache_dir
 from light_scenes import small_carpet_folder
+from small_study import tiny_study
 from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study.config import (
@@ -28,7 +28,6 @@ from tasks.study.config import (
     Flow,
     Render,
     Simulate,
-    Study,
     Tracking,
     Video,
     with_method,
@@ -40,8 +39,6 @@ from tasks.study.run.compute import ComputedJob
 from tasks.study.run.jobs import QueuedJob, jobs_of
 from tasks.study.run.scheduler import open_scheduler
 
-ROOT = Path(__file__).parent.parent
-
 # Dask complains of a disk that takes a second to make a folder.
 pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
 
@@ -50,17 +47,6 @@ pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
 def patience(monkeypatch):
     """A scheduler on a busy machine may be slow to answer."""
     monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
-
-
-def tiny_study(folder, seed=0, samples=3):
-    """Reconstruction on a few samples; another seed is another study."""
-    return Study(
-        name="tiny",
-        scenes=(str(folder),),
-        render=Render(resolution=64, spp=4, max_displacement_px=0.1, samples=samples, seed=seed),
-        simulate=Simulate(widths=(32, 64), cutoffs_hz=(np.inf, 50.0), speeds=(1.0,)),
-        evaluate=Evaluate(flow=Flow(methods=()), tracking=Tracking(methods=())),
-    )
 
 
 @pytest.fixture(scope="module")
@@ -150,13 +136,13 @@ def frames_begun(cache):
 def kill_and_resume(study, folder, moments, *options):
     """Start the study in processes, each killed at its moment; returns the study's final rows."""
     code = (
-        f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); from test_study_schedule import "
-        f"*; run_study(tiny_study({study.scenes[0]!r}, {study.render.seed}, "
+        "from pathlib import Path; from small_study import tiny_study; from tasks.study.run import "
+        f"run_study; run_study(tiny_study({study.scenes[0]!r}, {study.render.seed}, "
         f"{study.render.samples}), Path({str(folder)!r}), *{options!r})"
     )
     for moment in moments:
         (folder / "study.json").unlink(missing_ok=True)
-        process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
+        process = subprocess.Popen([sys.executable, "-c", code], env=environment())
         while not moment():
             assert process.poll() is None or moment(), "the run ended before it could be killed"
             time.sleep(0.01)

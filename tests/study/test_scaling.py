@@ -13,6 +13,7 @@ import pytest
 
 from drawn import section
 from sensor.statistics import PowerLaw, log_bin_edges_us
+from study_rows import paper_rows
 from tasks.errors import ResultError
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Status, Verdict
@@ -22,7 +23,6 @@ from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.scaling import Intervals, Scaling, Slopes, read_scaling
 from tasks.study.results.scores import Scores
 from tasks.study.run.scaling import scaling_files
-from test_study_claims import paper_rows
 
 EDGES_US = log_bin_edges_us()
 

@@ -4,10 +4,10 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
+from another_process import environment
 from eres_render import Clip, Renderer, load_scene, render_clip
 from eres_render.errors import RenderError
 from eres_render.rendering import lightmaps as bake
@@ -18,8 +18,6 @@ from eres_render.storage.locks import locked
 from light_scenes import room_folder, small_carpet_folder
 from tasks.study.run import frame_cache
 
-ROOT = Path(__file__).parent.parent
-
 
 @pytest.fixture
 def start():
@@ -27,9 +25,10 @@ def start():
     started = []
 
     def begin(code):
-        code = f"import sys; sys.path.insert(0, {str(ROOT / 'tests')!r}); {code}"
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        process = subprocess.Popen([sys.executable, "-c", code], text=True, cwd=ROOT, **pipes)
+        process = subprocess.Popen(
+            [sys.executable, "-c", code], text=True, env=environment(), **pipes
+        )
         started.append(process)
         return process
 

@@ -2,21 +2,20 @@
 
 import json
 
-from another_process import ROOT, run_python
+from another_process import run_python
 from light_scenes import small_carpet_folder
 
 # Reference views of more than 10,000 px and paths of more than 140 unknowns: from there on
 # OpenBLAS has a second thread join in.
 CODE = """
 import json, sys
-sys.path.insert(0, sys.argv[1])
 from dataclasses import asdict
 from pathlib import Path
 from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking, Video
 from tasks.study.run import run_study
 study = Study(
     name="threads",
-    scenes=(sys.argv[2],),
+    scenes=(sys.argv[1],),
     render=Render(resolution=128, spp=1, max_displacement_px=1.0, samples=1),
     simulate=Simulate(widths=(128,), cutoffs_hz=(200.0,), speeds=(1.0,)),
     evaluate=Evaluate(
@@ -29,15 +28,15 @@ study = Study(
         video=Video(methods=("high_pass_filter",), duration_s=0.1, run_in_s=0.05),
     ),
 )
-print(json.dumps([asdict(row) for row in run_study(study, Path(sys.argv[3]))]))
+print(json.dumps([asdict(row) for row in run_study(study, Path(sys.argv[2]))]))
 """
 
 
 def rows_with(threads, scene_folder, folder):
-    code, cache = str(ROOT / "tests"), str(folder / f"cache_{threads}")
+    cache = str(folder / f"cache_{threads}")
     out = folder / f"run_{threads}"
     environment = {"OPENBLAS_NUM_THREADS": threads, "ERES_CACHE": cache}
-    return json.loads(run_python(CODE, code, scene_folder, out, **environment).stdout)
+    return json.loads(run_python(CODE, scene_folder, out, **environment).stdout)
 
 
 def test_rows_do_not_depend_on_the_threads_of_blas(tmp_path):

@@ -17,7 +17,7 @@ from tasks.study.results.headline import headline
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 RUN = ROOT / "docs" / "results" / "paper"
 PAGE = "Before.\n\n<!-- answer: {} -->\nold\n<!-- end of answer --> After."
 

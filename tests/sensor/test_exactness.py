@@ -11,30 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference_sensor
+from moving_texture import texture_in_motion
 from sensor import SensorModel, simulate_bank
 from sensor.engine import bank, group
 
 COLUMNS = ("t_us", "x", "y", "p")
 CUTOFFS_HZ = (math.inf, 200.0, 50.0)
 DARK = 0.01
-PATH = Path(__file__).parent.parent / "benchmarks" / "conformance.py"
-
-
-def texture_in_motion(seed, frames, size, interval_s, travel_px=8.0):
-    """A periodic 1/f texture that moves steadily by travel_px: (T, H, W) radiance, and times."""
-    rng = np.random.default_rng(seed)
-    height, width = size
-    fy, fx = np.fft.fftfreq(2 * height)[:, None], np.fft.fftfreq(2 * width)[None]
-    radius = np.hypot(fy, fx)
-    radius[0, 0] = np.inf
-    spectrum = np.fft.fft2(rng.standard_normal((2 * height, 2 * width))) / radius
-    angle = rng.uniform(0, 2 * math.pi)
-    t_s = np.arange(frames) * interval_s * (1 + 0.2 * rng.random())
-    way = travel_px * t_s[:, None, None] / t_s[-1]
-    shift = np.exp(-2j * np.pi * way * (fy * math.sin(angle) + fx * math.cos(angle)))
-    views = np.fft.ifft2(spectrum * shift).real
-    views *= 0.7 / views.std()
-    return np.exp(views[:, :height, :width]).astype(np.float32), t_s
+PATH = Path(__file__).parents[2] / "benchmarks" / "conformance.py"
 
 
 @settings(max_examples=14)

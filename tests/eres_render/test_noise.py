@@ -28,7 +28,7 @@ from sensor import SensorModel, simulate
 from tasks.study.config import Evaluate, Flow, Render, Simulate, Study
 from tasks.study.run import run_study
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 LAMP = """<shape type="rectangle" id="lamp">
   <transform name="to_world">
     <scale value="0.5"/><rotate x="1" angle="180"/><translate z="2.9"/>

@@ -11,7 +11,7 @@ import pytest
 from tasks import cli
 from tasks.cli import terminal
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 # A fenced block: language, then perhaps the name of the file that it is.
 BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 

@@ -4,7 +4,7 @@ No change of results goes unnoticed: a row that is not as stored fails, and the 
 much. If the change is meant, say so in CHANGELOG.md under "Numbers change", raise the number of the
 stage in `STAGE_VERSIONS`, and store the new numbers:
 
-    python tests/test_study_numbers.py --rewrite
+    PYTHONPATH=tests/helpers python tests/study/test_numbers.py --rewrite
 
 The same machine gives the same bits again, with any number of threads. Machines differ in the last
 bit of what the renderer's compiler makes of a frame, and in whether the kernels fuse multiplication
@@ -30,34 +30,19 @@ from pathlib import Path
 
 import pytest
 
+from small_study import STUDY, score_digest, stored_bits
 from tasks.evaluation.timings import read_timings
 from tasks.row import Row
-from tasks.study.config import Evaluate, Flow, Render, Simulate, Study, Tracking, Video
 from tasks.study.run import run_study
-from test_guards import score_digest, stored_bits
 
-FILE = Path(__file__).parent / "data" / "study_numbers.csv"
-COMMAND = "python tests/test_study_numbers.py --rewrite"
+FILE = Path(__file__).parents[1] / "data" / "study_numbers.csv"
+COMMAND = "PYTHONPATH=tests/helpers python tests/study/test_numbers.py --rewrite"
 VARIANT = "llvm_ad_mono"
 KEY = (
     *("task", "method", "variant", "width", "cutoff_hz", "contrast_threshold"),
     *("speed", "sample", "item", "metric"),
 )
 BASELINES = ("no_events", "blank", "initial_flow", "initial_path")
-
-STUDY = Study(
-    name="numbers",
-    scenes=("carpet",),
-    render=Render(resolution=320, spp=4, max_displacement_px=1.0, samples=1),
-    simulate=Simulate(widths=(64, 160, 320), cutoffs_hz=(math.inf, 50.0), speeds=(1.0, 2.0)),
-    evaluate=Evaluate(
-        flow=Flow(features=5),
-        tracking=Tracking(sigmas_mm=(10.0,), max_events=5000),
-        video=Video(
-            methods=("high_pass_filter", "blank"), duration_s=0.3, run_in_s=0.1, every_s=0.1
-        ),
-    ),
-)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from markdown_it import MarkdownIt
 from tasks.study.config import Study
 from tasks.study.study_file import read_study
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EQUATIONS = ROOT / "docs" / "equations.md"
 

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from finished_runs import JOB, add_previews, make_run
 from study_rows import EI, EPF, EPPT, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.evaluation.timings import timings_file
 from tasks.row import Row
 from tasks.study.report import write_report
-from test_study_costs import JOB
-from test_study_report import add_previews, make_run
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 

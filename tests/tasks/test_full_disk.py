@@ -19,7 +19,7 @@ from light_scenes import small_carpet_folder
 from sensor import SensorModel
 from sensor.formats import FORMATS, write_events
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 NOTES = ("1 job to do: ", "jit_kernel_write(): ")  # a study's cost; Dr.Jit on a cache of its own
 
 # Commands, one after the other in one process, each under its limit; then the process ends, which

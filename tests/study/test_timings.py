@@ -8,36 +8,15 @@ from pathlib import Path
 import pytest
 
 from drawn import section
+from finished_runs import FLOW, JOB
 from tasks.errors import ResultError
 from tasks.evaluation.timings import (
     FrameTimer,
     JobTimings,
-    MethodTimings,
     read_timings,
     timings_file,
 )
 from tasks.study.report.sections.timings import summarize
-
-FLOW = MethodTimings("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
-NOTHING = MethodTimings("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)
-JOB = JobTimings(
-    scene="carpet",
-    sample=0,
-    cores=2,
-    frames=100,
-    resolution=1280,
-    spp=4,
-    reading_s=2.0,
-    sensors=1,
-    pixel_frames=300_000_000,
-    events=60_000_000,
-    simulating_s=3.0,
-    collecting_s=0.5,
-    scoring_s=2.5,
-    methods=(FLOW, NOTHING),
-    rendered_frames=50,
-    rendering_s=12.0,
-)
 
 
 def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tasks import cli, convergence
 from tasks.cli import terminal
 from tasks.row import write_rows
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 SCREENS = {"40": (40, True), "80": (80, True), "pipe": (80, False)}
 OWN = "my_group.my_own_methods_of_this_year:photometric_flow_with_everything"
 

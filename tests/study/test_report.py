@@ -6,22 +6,22 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from drawn import without_space
+from finished_runs import add_previews, make_run
 from study_rows import CM, EI, EPF, EPPT, HF, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.errors import ResultError
-from tasks.row import Row, write_rows
+from tasks.row import Row
 from tasks.study.report import write_report
 from tasks.study.report.page import MAX_BYTES, SECTIONS, Section
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
 from tasks.study.run.previews import PREVIEW_S
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
@@ -38,26 +38,6 @@ def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
                     rows.append(Row("carpet", *EI[:2], *at, median + shift, speed * width**3))
                     rows.append(Row("carpet", EI.task, "no_events", *at, nothing_db + shift, 0.0))
     return rows
-
-
-def make_run(folder: Path, rows: list[Row]) -> Path:
-    write_rows(folder / "rows.parquet", rows)
-    environment = {"command": "eres study --preset quick", "Mitsuba variant": "llvm <mono>"}
-    (folder / "environment.json").write_text(json.dumps(environment))
-    (folder / "study.json").write_text(json.dumps({"render": {"spp": 16}}))
-    return folder
-
-
-def add_previews(folder: Path) -> None:
-    (folder / "previews").mkdir()
-    index = []
-    for width in WIDTHS:
-        file = f"{width}.png"
-        cv2.imwrite(str(folder / "previews" / file), np.full((8, 8, 3), 200, np.uint8))
-        entry = {"file": file, "scene": "carpet", "width": width, "cutoff_hz": "inf", "speed": 1.0}
-        index.append({**entry, "kind": "events", "caption": f"{width} px of events"})
-    index.append({**index[0], "kind": "frame", "caption": "the radiance"})
-    (folder / "previews" / "index.json").write_text(json.dumps(index))
 
 
 def html_of(folder: Path, rows: list[Row]) -> str:

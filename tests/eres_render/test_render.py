@@ -24,7 +24,7 @@ from eres_render import (
 )
 from light_scenes import DOTS_M, dots_folder, light_evenly, small_carpet_folder, tilted_pose
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 CLIP = Clip(0, 0.24, 0.25, 0.29)
 
 
