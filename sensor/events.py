@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,25 @@ from sensor.errors import EventError
 from sensor.model import SensorModel
 
 _DTYPES = {"t_us": np.int64, "x": np.uint16, "y": np.uint16, "p": np.int8}
+
+
+class Columns(NamedTuple):
+    """The four arrays of `Events`, (N,) each, as kernels take them."""
+
+    t_us: NDArray[np.int64]
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    p: NDArray[np.int8]
+
+    @classmethod
+    def room(cls, size: int) -> Columns:
+        """Columns for so many events, not filled."""
+        x, y = np.empty((2, size), np.uint16)
+        return cls(np.empty(size, np.int64), x, y, np.empty(size, np.int8))
+
+    def part(self, which: slice | NDArray[np.bool_]) -> Columns:
+        """The same of some events: views for a slice, copies for a mask."""
+        return Columns(self.t_us[which], self.x[which], self.y[which], self.p[which])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,11 +118,16 @@ class Events:
             object.__setattr__(events, name, value)
         return events
 
+    @property
+    def columns(self) -> Columns:
+        """The arrays alone."""
+        return Columns(self.t_us, self.x, self.y, self.p)
+
     def __getitem__(self, part: slice) -> Events:
         """A contiguous part of the stream, as views of the same memory."""
         if not isinstance(part, slice) or part.step not in (None, 1):
             raise TypeError("Events are indexed by slices of step 1; mask the columns for the rest")
-        return Events.trusted(self.t_us[part], self.x[part], self.y[part], self.p[part], like=self)
+        return Events.trusted(*self.columns.part(part), like=self)
 
     def between(self, t_start_us: int, t_end_us: int) -> Events:
         """Events in the half-open window [t_start_us, t_end_us), as views of the same memory.
@@ -123,19 +148,23 @@ class Events:
 
     def where(self, keep: NDArray[np.bool_]) -> Events:
         """The events that an (N,) mask marks, in memory of their own."""
-        return Events.trusted(self.t_us[keep], self.x[keep], self.y[keep], self.p[keep], like=self)
+        return Events.trusted(*self.columns.part(keep), like=self)
 
     def copy(self) -> Events:
         """The same events in memory of their own."""
-        return Events.trusted(
-            self.t_us.copy(), self.x.copy(), self.y.copy(), self.p.copy(), like=self
-        )
+        t_us, x, y, p = self.columns
+        return Events.trusted(t_us.copy(), x.copy(), y.copy(), p.copy(), like=self)
 
     def polarity_sum(self) -> NDArray[np.int64]:
         """Sum of polarities per pixel, (height, width) int64: Delta L / C of Eq. (8)."""
         pixel = self.y.astype(np.int64) * self.width + self.x
         total = np.bincount(pixel, weights=self.p, minlength=self.width * self.height)
         return total.astype(np.int64).reshape(self.height, self.width)
+
+
+def no_events(width: int, height: int, model: SensorModel | None) -> Events:
+    """An empty stream of a sensor."""
+    return Events(*Columns.room(0), width, height, model)
 
 
 def concatenate(parts: Sequence[Events]) -> Events:

@@ -7,12 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.kernels import radiance
+from sensor.kernels.radiance import Overlap, integrate_area
 
 
-def area_weights(
-    n_in: int, n_out: int, aperture: float = 1.0
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
     """Overlap of n_out equal pixels with n_in equal samples along one axis of the same length.
 
     Parameters
@@ -37,7 +35,7 @@ def area_weights(
     overlap = np.minimum(right[:, None], (sample + 1) * n_out) - np.maximum(
         left[:, None], sample * n_out
     )
-    return first, count, np.clip(overlap, 0, None) / (right - left)[:, None]
+    return Overlap(first, count, np.clip(overlap, 0, None) / (right - left)[:, None])
 
 
 def integrate(
@@ -60,13 +58,15 @@ def integrate(
     aperture = math.sqrt(fill_factor)
     rows = area_weights(frame.shape[0], height, aperture)
     columns = area_weights(frame.shape[1], width, aperture)
-    return out if radiance.integrate_area(frame, *rows, *columns, out) else None
+    return out if integrate_area(frame, rows, columns, out) else None
 
 
-def middle(height: int, width: int, sensor_height: int, sensor_width: int) -> tuple[slice, slice]:
+def crop_to_aspect(
+    height: int, width: int, sensor_height: int, sensor_width: int
+) -> tuple[slice, slice]:
     """Rows and columns of the largest middle of a frame that has a sensor's shape, in whole pixels.
 
-    >>> middle(1280, 1280, 720, 1280)
+    >>> crop_to_aspect(1280, 1280, 720, 1280)
     (slice(280, 1000, None), slice(0, 1280, None))
     """
     seen_height = min(height, round(width * sensor_height / sensor_width))

@@ -27,10 +27,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sensor.errors import EventError
-from sensor.events import Events, concatenate
+from sensor.events import Columns, Events, concatenate
 from sensor.kernels import fifo
 from sensor.numbers import real, refusal, whole
 
@@ -117,8 +116,7 @@ class ReadOut:
     def __init__(self, events: Iterable[Events], readout: Readout) -> None:
         self._source = events
         self._readout = readout
-        self._counts = np.zeros(fifo.COUNTS_SIZE, np.int64)
-        self._delay_us = np.zeros(fifo.DELAYS_SIZE)
+        self._tally = fifo.Tally(np.zeros(fifo.COUNTS_SIZE, np.int64), np.zeros(fifo.DELAYS_SIZE))
         self._begun = False
         self._parts = self._run()
 
@@ -134,12 +132,12 @@ class ReadOut:
 
     def _run(self) -> Iterator[Events]:
         self._begun = True
-        waiting: _Fifo | None = None
+        waiting: _Queue | None = None
         held: Events | None = None
         end_us = -fifo.END_OF_TIME_US
         for part in self._source:
             if waiting is None or held is None:
-                waiting, held = _Fifo(self._readout, part.height), part[:0].copy()
+                waiting, held = _Queue(self._readout, part.height), part[:0].copy()
             if (part.width, part.height) != (held.width, held.height):
                 raise EventError(
                     f"read_out: found a part of {part.width}x{part.height} px after one of "
@@ -151,13 +149,13 @@ class ReadOut:
                     f"at {end_us} us, expected consecutive parts of one stream"
                 )
             end_us = int(part.t_us[-1]) if len(part) else end_us
-            sent = concatenate([held, waiting.take(part, self._counts, self._delay_us)])
+            sent = concatenate([held, waiting.take(part, self._tally)])
             # Events that have not left yet may share the last one's microsecond.
             final = int(np.searchsorted(sent.t_us, sent.t_us[-1])) if len(sent) else 0
             held = sent[final:].copy()
             yield _in_order(sent[:final])
         if waiting is not None and held is not None:
-            yield _in_order(concatenate([held, waiting.drain(held, self._counts, self._delay_us)]))
+            yield _in_order(concatenate([held, waiting.drain(held, self._tally)]))
 
     @property
     def report(self) -> ReadoutReport:
@@ -173,8 +171,8 @@ class ReadOut:
                 "ReadOut.report: found parts that nobody has read yet, expected the report to be "
                 "asked for after them: `for events in parts: ...`, then `parts.report`"
             )
-        fired, dropped, left, delayed = self._counts.tolist()
-        total_us, max_us = self._delay_us.tolist()
+        fired, dropped, left, delayed = self._tally.counts.tolist()
+        total_us, max_us = self._tally.delay_us.tolist()
         mean_us = total_us / left if left else 0.0
         return ReadoutReport(fired, dropped, delayed, mean_us * 1e-6, max_us * 1e-6)
 
@@ -201,84 +199,38 @@ def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
     return ReadOut([events] if isinstance(events, Events) else events, readout)
 
 
-class _Fifo:
+class _Queue:
     """The waiting events of one sensor, by row, and the bus."""
 
     def __init__(self, readout: Readout, height: int) -> None:
         depth = readout.fifo_depth
-        self._rate_per_us = readout.max_rate_hz / 1e6
-        self._overhead_us = readout.row_overhead_s * 1e6
-        self._state = np.zeros(fifo.STATE_SIZE, np.int64)
-        self._state[fifo.BURST] = -1
-        self._slot_t_us = np.empty(depth, np.int64)
-        self._slot_x = np.empty(depth, np.uint16)
-        self._slot_p = np.empty(depth, np.int8)
-        self._slot_next = np.arange(1, depth + 1, dtype=np.int64)  # all free, one after the other
-        self._slot_next[-1] = -1
-        self._row_first = np.full(height, -1, np.int64)
-        self._row_last = np.full(height, -1, np.int64)
-        self._row_queue = np.empty(height, np.int64)
+        self._bus = fifo.Bus(readout.max_rate_hz / 1e6, readout.row_overhead_s * 1e6)
+        state = np.zeros(fifo.STATE_SIZE, np.int64)
+        state[fifo.BURST] = -1
+        next_slot = np.arange(1, depth + 1, dtype=np.int64)  # all free, one after the other
+        next_slot[-1] = -1
+        t_us, x, _, p = Columns.room(depth)
+        row_first, row_last = np.full((2, height), -1)
+        row_queue = np.empty(height, np.int64)
+        self._fifo = fifo.Fifo(state, t_us, x, p, next_slot, row_first, row_last, row_queue)
 
-    def take(
-        self, part: Events, counts: NDArray[np.int64], delay_us: NDArray[np.float64]
-    ) -> Events:
+    def take(self, part: Events, tally: fifo.Tally) -> Events:
         """Let the part's events fire; return those that have left by its last one."""
-        columns = self._room(len(part))
-        used = fifo.accept(
-            part.t_us,
-            part.x,
-            part.y,
-            part.p,
-            self._rate_per_us,
-            self._overhead_us,
-            self._state,
-            self._slot_t_us,
-            self._slot_x,
-            self._slot_p,
-            self._slot_next,
-            self._row_first,
-            self._row_last,
-            self._row_queue,
-            counts,
-            delay_us,
-            *columns,
-            0,
-        )
-        t_us, x, y, p = columns
-        return Events.trusted(t_us[:used], x[:used], y[:used], p[:used], like=part)
+        sent = self._room(len(part))
+        used = fifo.accept(part.columns, self._bus, self._fifo, tally, sent)
+        return Events.trusted(*sent.part(slice(used)), like=part)
 
-    def drain(
-        self, like: Events, counts: NDArray[np.int64], delay_us: NDArray[np.float64]
-    ) -> Events:
+    def drain(self, like: Events, tally: fifo.Tally) -> Events:
         """Return all that still waits, as it leaves."""
-        columns = self._room(0)
-        fifo.advance(
-            fifo.END_OF_TIME_US,
-            self._rate_per_us,
-            self._overhead_us,
-            self._state,
-            self._slot_t_us,
-            self._slot_x,
-            self._slot_p,
-            self._slot_next,
-            self._row_first,
-            self._row_queue,
-            counts,
-            delay_us,
-            *columns,
-            0,
-        )
-        return Events.trusted(*columns, like=like)
+        sent = self._room(0)
+        fifo.advance(fifo.END_OF_TIME_US, self._bus, self._fifo, tally, sent, 0)
+        return Events.trusted(*sent, like=like)
 
-    def _room(
-        self, more: int
-    ) -> tuple[NDArray[np.int64], NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int8]]:
+    def _room(self, more: int) -> Columns:
         """Columns for all that waits and `more` events."""
-        size = int(self._state[fifo.WAITING]) + more
-        x, y = np.empty((2, size), np.uint16)
-        return np.empty(size, np.int64), x, y, np.empty(size, np.int8)
+        return Columns.room(int(self._fifo.state[fifo.WAITING]) + more)
 
 
 def _in_order(events: Events) -> Events:
-    fifo.order_ties(events.t_us, events.x, events.y, events.p)
+    fifo.order_ties(events.columns)
     return events

@@ -14,7 +14,7 @@ from light_scenes import small_carpet_folder
 from sensor import Readout, SensorModel, presets, read_out, simulate
 from sensor.events import concatenate
 from sensor.formats import FORMATS, load_events, read_header, write_events
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 
 
 @pytest.fixture(scope="module")
@@ -200,10 +200,10 @@ def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, a
 
 def test_middle():
     """Promise: the largest middle of the sensor's shape, to a whole pixel."""
-    assert middle(1280, 1280, 720, 1280) == np.s_[280:1000, 0:1280]
-    assert middle(1280, 1280, 260, 346) == np.s_[159:1121, 0:1280]
-    assert middle(480, 640, 100, 100) == np.s_[0:480, 80:560]
-    assert middle(3, 5, 3, 5) == np.s_[0:3, 0:5]
+    assert crop_to_aspect(1280, 1280, 720, 1280) == np.s_[280:1000, 0:1280]
+    assert crop_to_aspect(1280, 1280, 260, 346) == np.s_[159:1121, 0:1280]
+    assert crop_to_aspect(480, 640, 100, 100) == np.s_[0:480, 80:560]
+    assert crop_to_aspect(3, 5, 3, 5) == np.s_[0:3, 0:5]
 
 
 @pytest.mark.parametrize("name", list(FORMATS))
@@ -435,12 +435,12 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         (
             [*SIMULATE, "--bus", "foo"],
             1,
-            "bus: found 'foo', which is neither a rate in million events a second, such as --bus "
+            "bus: found 'foo', neither a rate in million events per second, such as --bus "
             "12, nor a camera; expected one of dvs128",
         ),
-        ([*SIMULATE, "--bus", "atis"], 1, "no bandwidth is known of 'atis'"),
+        ([*SIMULATE, "--bus", "atis"], 1, "the bandwidth of 'atis' is unknown"),
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
-        ([*SIMULATE, "--fifo", "9"], 1, "expected a bus beside"),
+        ([*SIMULATE, "--fifo", "9"], 1, "expected a bus with them"),
         ([*SIMULATE, "--truth", "0"], 1, "step_s: found 0"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "finer"),
         (

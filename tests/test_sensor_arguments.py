@@ -21,9 +21,9 @@ from sensor import (
     simulate_bank,
     stream,
 )
-from sensor.engine import arguments, bank
+from sensor.engine import arguments, group
 from sensor.formats.header import model_from_json, model_to_json
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 
 T_S = [0.0, 0.01]
 MODEL = SensorModel(width=4, height=4)
@@ -194,7 +194,7 @@ def test_a_sensor_of_another_shape_is_refused(height, width, sensor_height, sens
     if off_px < 1:
         arguments.check_fit(model, height, width)
     else:
-        rows, columns = middle(height, width, sensor_height, sensor_width)
+        rows, columns = crop_to_aspect(height, width, sensor_height, sensor_width)
         with pytest.raises(SensorError) as error:
             arguments.check_fit(model, height, width)
         cut = f"[{rows.start}:{rows.stop}, {columns.start}:{columns.stop}]"
@@ -373,15 +373,15 @@ def test_sensors_larger_than_memory_are_refused(options, monkeypatch):
     that size is made."""
     model = SensorModel(width=50, height=40, dark_level=1.0, **options)
     light = np.ones((2, 40, 50))
-    group = bank.Bank(light, T_S, [model], None, 0, 1)._start([0])
-    state = [group.memory, group.v1, group.v2, group.hot_hz, *group.ready_us]
+    one = group.SensorGroup.start([0], [model], [1.0], light[0], 0)
+    state = [one.state.memory, one.state.v1, one.state.v2, one.settings.hot_hz, *one.ready_us]
     if model.threshold_mismatch:
-        state += [group.C_on, group.C_off]
+        state += [one.settings.C_on, one.settings.C_off]
     needed = sum(array.nbytes for array in state if array is not None)
     monkeypatch.setattr(arguments, "memory_bytes", lambda: 3 * needed)
     simulate_bank(light, T_S, [model] * 3)
     monkeypatch.setattr(arguments, "memory_bytes", lambda: 3 * needed - 1)
-    monkeypatch.setattr(bank.Bank, "_start", None)
+    monkeypatch.setattr(group.SensorGroup, "start", None)
     with pytest.raises(SensorError) as error:
         simulate_bank(light, T_S, [model] * 3)
     one_line(error, "3 sensors of up to 50x40 px", f"{3 * needed / 1e9:.1f} GB", "this machine has")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import reference_sensor
 from sensor import SensorModel, simulate_bank
-from sensor.engine import bank
+from sensor.engine import bank, group
 
 COLUMNS = ("t_us", "x", "y", "p")
 CUTOFFS_HZ = (math.inf, 200.0, 50.0)
@@ -100,7 +100,7 @@ def test_the_bank_is_the_same_to_the_bit(seed, interval_s, order, threads, chunk
     assert sum(map(len, plain)) > 0
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bank, "_CHUNK_FRAMES", chunk)
-        patch.setattr(bank, "_BLOCK_PX", block)
+        patch.setattr(group, "_BLOCK_PX", block)
         other = simulate_bank(
             iter(frames),
             t_s,

@@ -11,8 +11,9 @@ import pytest
 from drawn import answer_html
 from study_rows import EI, EPF, HF, nothing_rows, paper_rows
 from tasks.row import Row, write_rows
-from tasks.study.report.answer import choices_of, details, headline, main, overview, with_answers
+from tasks.study.report.answer import choices_of, details, main, overview, with_answers
 from tasks.study.results.choice import Choices, answered, choose_all
+from tasks.study.results.headline import headline
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
 

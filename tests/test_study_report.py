@@ -172,7 +172,7 @@ def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
 
 def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:
     """Two samples make a report that says how little that is; seven need no such words."""
-    caution = "too few to say how sure"
+    caution = "too few for confidence intervals"
     assert caution in html_of(tmp_path, paper_rows(samples=2))
     assert caution not in html_of(tmp_path, paper_rows(samples=7))
 

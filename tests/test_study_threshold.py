@@ -131,7 +131,7 @@ def test_a_condition_with_lost_samples_has_no_answer() -> None:
     rows.remove(lost)
     content = threshold_html(by_threshold(rows), EI)
     assert len(choices_of(content)["night"]) == 2
-    assert "not all samples measured" in content
+    assert "samples are missing" in content
     (scene,) = compare_thresholds(by_threshold(rows), EI)
     assert sum(points_of(scene.plot)) == len(CUTOFFS_HZ) * len(WIDTHS) * 3 - 1
 
@@ -186,7 +186,7 @@ def test_the_page_is_about_the_first_threshold_and_says_so(page, tmp_path) -> No
         tmp_path, [r for r in read_rows(page[0] / "rows.parquet") if r.contrast_threshold == 0.2]
     )
     lone = without_space(write_report(alone).read_text())
-    said = "All this is for a contrast threshold of 0.2"
+    said = "The whole page uses a contrast threshold of 0.2"
     assert said in page[1]
     assert "compares it with 0.1 and 0.4" in text_of(page[1])
     assert said not in lone

@@ -104,7 +104,7 @@ def every_table(clip, finished_run, screen):
 def tables_in_code():
     """File and function of every table that a command may print."""
     found = set()
-    for file in (ROOT / "tasks").rglob("*.py"):
+    for file in (ROOT / "tasks" / "cli").rglob("*.py"):
         for function in ast.walk(ast.parse(file.read_text())):
             if not isinstance(function, ast.FunctionDef):
                 continue

@@ -13,7 +13,7 @@ from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
 from tasks.methods.blank_video import BlankVideo
 from tasks.methods.high_pass_filter import HighPassFilter, without_event_decay
-from tasks.video import EQUALISATIONS, ImageTaker, equalise, log_light, picture, psnr_db
+from tasks.video import EQUALIZATIONS, ImageTaker, equalize, log_light, picture, psnr_db
 
 C = 0.2
 SIZE = 8
@@ -196,14 +196,14 @@ def test_yardsticks_of_equalised_images():
     assert psnr_db(other, truth) == pytest.approx(10 * math.log10(6), abs=0.5)
 
 
-@pytest.mark.parametrize("equalisation", ["global", "local"])
-def test_equalised_images_know_no_level_and_no_contrast(equalisation):
+@pytest.mark.parametrize("equalization", ["global", "local"])
+def test_equalised_images_know_no_level_and_no_contrast(equalization):
     """Promise: log intensity at another level and of another contrast is the same picture."""
     log_image = smooth_noise(3)
-    truth = picture(log_image, log_image.shape, equalisation)
-    scaled = picture(0.6 * log_image - 20, log_image.shape, equalisation)
+    truth = picture(log_image, log_image.shape, equalization)
+    scaled = picture(0.6 * log_image - 20, log_image.shape, equalization)
     assert psnr_db(scaled, truth) > 45
-    assert psnr_db(picture(-log_image, log_image.shape, equalisation), truth) < 7
+    assert psnr_db(picture(-log_image, log_image.shape, equalization), truth) < 7
 
 
 def test_local_equalisation_knows_no_slow_shading():
@@ -224,7 +224,7 @@ def test_clahe_is_opencvs():
     We give it the mean of its ranks; its share is at most 3 / 256, the limit and the spread excess.
     """
     image = picture(smooth_noise(5, 1024, 20.0), (1024, 1024), "none")
-    ours = equalise(image, *EQUALISATIONS["clahe"])
+    ours = equalize(image, *EQUALIZATIONS["clahe"])
     theirs = cv2.createCLAHE(2.0, (8, 8)).apply(np.minimum(image * 256, 255).astype(np.uint8))
     assert np.abs(ours - theirs / 255.0).max() < 3 / 256
     assert np.abs(ours - image).max() > 0.1
@@ -240,7 +240,7 @@ def test_predictions_are_enlarged_about_their_middle():
 
 
 def test_bad_pictures_are_refused():
-    """Promise: NaN, an unknown equalisation and images of two sizes are errors."""
+    """Promise: NaN, an unknown equalization and images of two sizes are errors."""
     with pytest.raises(TaskError, match="not finite"):
         picture(np.full((4, 4), np.nan), (4, 4))
     with pytest.raises(TaskError, match="found 'lokal', expected one of none, global, local"):

@@ -7,10 +7,11 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from sensor.engine.group import least_bytes
 from sensor.errors import SensorError
 from sensor.model import SensorModel
 from sensor.numbers import real, refusal, whole
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 
 _LARGEST_SEED = (1 << 63) - 1
 _MOST_THREADS = 1024
@@ -73,7 +74,7 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
         )
     # |height - width H / W| < 1 or |width - height W / H| < 1, without a division.
     if abs(model.height * width - model.width * height) >= max(height, width):
-        rows, columns = middle(height, width, model.height, model.width)
+        rows, columns = crop_to_aspect(height, width, model.height, model.width)
         alike = max(1, round(model.width * height / width))
         raise SensorError(
             f"sensor of {model.width}x{model.height} px is of another shape than the frames of "
@@ -84,7 +85,7 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
 
 def check_memory(models: list[SensorModel]) -> None:
     """Refuse sensors whose pixels' state alone is more than this machine's memory."""
-    needed = sum(map(_least_bytes, models))
+    needed = sum(map(least_bytes, models))
     if needed > (there := memory_bytes()):
         raise SensorError(
             f"{'sensor' if len(models) == 1 else f'{len(models)} sensors'} of up to "
@@ -92,16 +93,6 @@ def check_memory(models: list[SensorModel]) -> None:
             f"pixels takes {needed / 1e9:.1f} GB, and this machine has {there / 1e9:.1f} GB of "
             "memory; choose smaller sensors, or fewer at a time"
         )
-
-
-def _least_bytes(model: SensorModel) -> int:
-    """What `_start` makes room for, apart from what sensors share."""
-    rows = 1  # the memory
-    rows += 2 * (model.cutoff_hz < math.inf)  # v1, v2
-    rows += 2 * (model.threshold_mismatch > 0)  # C_on, C_off
-    rows += model.hot_pixel_fraction > 0 and model.hot_pixel_hz > 0
-    rows += model.refractory_s > 0  # when it can fire again
-    return 8 * rows * model.height * model.width
 
 
 def memory_bytes() -> int:

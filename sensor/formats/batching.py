@@ -4,19 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import numpy as np
-
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
-from sensor.model import SensorModel
 
 PART_EVENTS = 1 << 20  # events in memory at a time, when reading and when writing
-
-
-def no_events(width: int, height: int, model: SensorModel | None) -> Events:
-    """An empty stream of a sensor."""
-    x, y = np.empty((2, 0), np.uint16)
-    return Events(np.empty(0, np.int64), x, y, np.empty(0, np.int8), width, height, model)
 
 
 def rebatch(parts: Iterable[Events]) -> Iterator[Events]:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from sensor.errors import EventError, EventFormatError
-from sensor.events import Events
+from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.hdf5_file import load_h5py, writable
 from sensor.formats.header import (
@@ -208,7 +208,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                     f"events/{name}: found {len(column)} entries, expected {length} as in events/t"
                 )
         offset_us = _read_offset_us(file)
-        yield batching.no_events(width, height, header.model)
+        yield no_events(width, height, header.model)
         last_us = np.iinfo(np.int64).min
         for start in range(0, length, batching.PART_EVENTS):
             stop = min(start + batching.PART_EVENTS, length)

@@ -25,7 +25,7 @@ from typing import BinaryIO
 import numpy as np
 
 from sensor.errors import EventFormatError
-from sensor.events import Events
+from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import (
     Header,
@@ -62,9 +62,9 @@ STATE_SIZE = 8
 class Codec:
     """One version's words.
 
-    `encode(t, x, y, p, width, state, words)` returns (events taken, words made) and stops when
-    `words` is full; `decode(words, width, height, state, t, x, y, p)` returns (words taken, events
-    made, what it found).
+    `encode(columns, width, state, words)` returns (events taken, words made) and stops when `words`
+    is full; `decode(words, width, height, state, columns)` returns (words taken, events made, what
+    it found).
     """
 
     name: str
@@ -116,20 +116,18 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
         file.write(_count_line(0))
         file.write("".join(f"% {line}\n" for line in lines).encode())
         for part in itertools.chain([first], parts):
-            t = part.t_us - start_us
+            columns = part.columns._replace(t_us=part.t_us - start_us)
+            t = columns.t_us
             if len(part) and not 0 <= t[0] <= t[-1] < MAX_TIME_US:
                 wrong = t[0] if t[0] < 0 else t[-1]
                 raise EventFormatError(
                     f"{codec.name}: found time {wrong} us, expected 0 to {MAX_TIME_US - 1} us; "
                     "subtract an offset first"
                 )
-            p = part.p > 0
             done = 0
             while done < len(part):
-                rest = slice(done, None)
-                taken, made = codec.encode(
-                    t[rest], part.x[rest], part.y[rest], p[rest], width, state, words
-                )
+                rest = columns.part(slice(done, None))
+                taken, made = codec.encode(rest, width, state, words)
                 file.write(words[:made].astype(words.dtype.newbyteorder("<"), copy=False).data)
                 done += taken
             count += len(part)
@@ -281,7 +279,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     """
     width, height = header.width or 0, header.height or 0
     size = np.dtype(codec.word).itemsize
-    none = batching.no_events(width, height, header.model)
+    none = no_events(width, height, header.model)
     state = _new_state()
     count = 0
     with path.open("rb") as file:
@@ -294,14 +292,13 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
             words = words.astype(codec.word, copy=False)  # where the machine is big-endian
             while len(words):
                 room = min(batching.PART_EVENTS, 12 * len(words))  # no word makes more than 12
-                t, p = np.empty(room, np.int64), np.empty(room, np.int8)
-                x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
-                taken, made, found = codec.decode(words, width, height, state, t, x, y, p)
-                t[:made] += raw.header.t_offset_us
+                columns = Columns.room(room)
+                taken, made, found = codec.decode(words, width, height, state, columns)
+                columns.t_us[:made] += raw.header.t_offset_us
                 offset += size * taken
                 if made:
                     count += made
-                    yield Events.trusted(t[:made], x[:made], y[:made], p[:made], like=none)
+                    yield Events.trusted(*columns.part(slice(made)), like=none)
                 if found not in (DONE, FULL):
                     word = f"{words[taken]:#0{2 + 2 * size}x}"
                     raise EventFormatError(f"byte {offset}, word {word}: {_reason(found, state)}")

@@ -37,15 +37,13 @@ _WRAP = 1 << 28  # values of the high part
 
 @numba.njit(cache=True, nogil=True)
 def encode(
-    t,  # (n,) int64 us
-    x,  # (n,) uint16
-    y,
-    p,  # (n,) bool, brighter
+    events,  # Columns
     width,
     state,
     words,  # (m,) uint32 out
 ):
     """Return (events taken, words made)."""
+    t, x, y, p = events
     made = 0
     high = state[HIGH]
     for i in range(t.size):
@@ -64,9 +62,8 @@ def encode(
         if made == words.size:
             state[HIGH] = high
             return i, made
-        words[made] = (
-            (np.int64(p[i]) << 28) | ((t[i] & 63) << 22) | (np.int64(x[i]) << 11) | np.int64(y[i])
-        )
+        kind = np.int64(p[i] > 0)
+        words[made] = (kind << 28) | ((t[i] & 63) << 22) | (np.int64(x[i]) << 11) | np.int64(y[i])
         made += 1
     state[HIGH] = high
     return t.size, made
@@ -78,12 +75,10 @@ def decode(
     width,
     height,
     state,
-    t,  # (n,) int64 us, out
-    x,  # (n,) uint16, out
-    y,
-    p,  # (n,) int8, out
+    events,  # Columns, out
 ):
     """Return (words taken, events made, what was found)."""
+    t, x, y, p = events
     made = 0
     high = state[HIGH]
     last = state[LAST_US]

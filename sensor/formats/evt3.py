@@ -51,15 +51,13 @@ _MOST_WORDS = 6  # for one event or one group of vectors: time, row, start, thre
 
 @numba.njit(cache=True, nogil=True)
 def encode(
-    t,  # (n,) int64 us
-    x,  # (n,) uint16
-    y,
-    p,  # (n,) bool, brighter
+    events,  # Columns
     width,
     state,
     words,  # (m,) uint16 out
 ):
     """Return (events taken, words made)."""
+    t, x, y, p = events
     made = 0
     i = 0
     while i < t.size and made + _MOST_WORDS <= words.size:
@@ -87,7 +85,7 @@ def encode(
             made += 1
             state[Y] = row
         first = np.int64(x[i])
-        polarity = np.int64(p[i])
+        polarity = np.int64(p[i] > 0)
         # Events that one group of vectors can hold: from left to right, within 32 pixels.
         bits = np.int64(1)
         after = i + 1
@@ -127,12 +125,10 @@ def decode(
     width,
     height,
     state,
-    t,  # (n,) int64 us, out
-    x,  # (n,) uint16, out
-    y,
-    p,  # (n,) int8, out
+    events,  # Columns, out
 ):
     """Return (words taken, events made, what was found)."""
+    t, x, y, p = events
     made = 0
     high = state[HIGH]
     low = state[LOW]

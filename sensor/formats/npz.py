@@ -20,7 +20,7 @@ from typing import IO, Any
 import numpy as np
 
 from sensor.errors import EventError, EventFormatError
-from sensor.events import Events
+from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import (
     Header,
@@ -188,7 +188,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                     f"({'N' if length is None else length},)"
                 )
             length = shape[0]
-        yield batching.no_events(width, height, header.model)
+        yield no_events(width, height, header.model)
         done = 0
         last_us = np.iinfo(np.int64).min
         while done < (length or 0):

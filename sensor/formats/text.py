@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from sensor.errors import EventFormatError
-from sensor.events import Events
+from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import Header
 
@@ -52,8 +52,9 @@ def _put_digits(out, at, value, digits):
 
 
 @numba.njit(cache=True, nogil=True)
-def _format_lines(t, x, y, p, out):
-    """Write events as lines into (n,) uint8; return the bytes used."""
+def _format_lines(events, out):
+    """Write columns of events as lines into (n,) uint8; return the bytes used."""
+    t, x, y, p = events
     at = 0
     for i in range(t.size):
         time = t[i]
@@ -96,11 +97,12 @@ def _integer(data, at, most):
 
 
 @numba.njit(cache=True, nogil=True)
-def _parse_lines(data, width, height, last, t, x, y, p):
-    """Parse (n,) uint8 that ends with a newline.
+def _parse_lines(data, width, height, last, events):
+    """Parse (n,) uint8 that ends with a newline into columns of events.
 
     Return (bytes taken, events made, what was found, the last time).
     """
+    t, x, y, p = events
     made = 0
     at = 0
     while at < data.size:
@@ -182,7 +184,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
                     f"than {_MAX_SECONDS} s"
                 )
             out = np.empty(_LINE_BYTES * len(part), np.uint8)
-            used = _format_lines(part.t_us, part.x, part.y, part.p, out)
+            used = _format_lines(part.columns, out)
             file.write(out[:used].data)
             count += len(part)
     return count
@@ -224,7 +226,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         A line is not an event of this sensor, or earlier than the one before it.
     """
     width, height = header.width or 0, header.height or 0
-    none = batching.no_events(width, height, header.model)
+    none = no_events(width, height, header.model)
     last = np.iinfo(np.int64).min
     rest = b""
     with path.open("rb") as file:
@@ -245,12 +247,11 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             lines = np.frombuffer(data, np.uint8, whole)
             while len(lines):
                 room = min(batching.PART_EVENTS, len(lines) // _SHORTEST_LINE_BYTES + 1)
-                t, p = np.empty(room, np.int64), np.empty(room, np.int8)
-                x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
-                taken, made, found, last = _parse_lines(lines, width, height, last, t, x, y, p)
+                columns = Columns.room(room)
+                taken, made, found, last = _parse_lines(lines, width, height, last, columns)
                 offset += taken
                 if made:
-                    yield Events.trusted(t[:made], x[:made], y[:made], p[:made], like=none)
+                    yield Events.trusted(*columns.part(slice(made)), like=none)
                 lines = lines[taken:]
                 if found not in (_DONE, _FULL):
                     line = lines[:60].tobytes().split(b"\n")[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from sensor.kernels.elementary import exp_parts, inlined, jit
 
@@ -20,9 +21,20 @@ SHORT_X = 0.25
 #
 #   v2(y) = v2 + v2'(0) y - A y^2 + (B + A y) (e^{-y} - 1 + y).
 #
-# Both are START_V + RISE y - SHORT A y^2 + (B + A y) decay(y, SHORT). What the memory leaks comes
+# Both are start + rise y - short A y^2 + (B + A y) decay(y, short). What the memory leaks comes
 # on top of the slope.
-#
+
+
+class Curve(NamedTuple):
+    """v2 of one pixel within an interval."""
+
+    start: float
+    rise: float
+    A: float
+    B: float
+    short: float  # 1 in the short form, 0 in the long
+
+
 # A crossing to be solved, one column each: v2(y) = LEVEL for y in [LOW, HIGH], v2 monotone there.
 # US is what a unit of y takes in microseconds, SLACK what y may be off by.
 START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH, US, SLACK, ROOT = range(13)
@@ -38,14 +50,16 @@ def decay(y, short):
 
 
 @inlined
-def v2_at(y, start, rise, A, B, short):
+def v2_at(y, curve):
     """v2 at y = a t."""
+    start, rise, A, B, short = curve
     return start + y * (rise - short * A * y) + (B + A * y) * decay(y, short)
 
 
 @inlined
-def v2_and_slopes_at(y, start, rise, A, B, short):
+def v2_and_slopes_at(y, curve):
     """v2 and its first three derivatives by y at y = a t."""
+    start, rise, A, B, short = curve
     E = decay(y, short)
     E1 = short * y - E
     E2 = short - E1
@@ -58,21 +72,21 @@ def v2_and_slopes_at(y, start, rise, A, B, short):
 
 
 @jit
-def turning_point(low, high, rise, A, B, short):
+def turning_point(low, high, curve):
     """Root of v2's slope between low and high, where it changes its sign exactly once.
 
     Halley's method, kept inside a shrinking bracket, which is halved where a step is outside of it
     or is not half as long as the one before. v2 is flat here: an error of 1e-8 in the root leaves
     one of 1e-16 in v2.
     """
-    slope_low = v2_and_slopes_at(low, 0.0, rise, A, B, short)[1]
-    slope_high = v2_and_slopes_at(high, 0.0, rise, A, B, short)[1]
+    slope_low = v2_and_slopes_at(low, curve)[1]
+    slope_high = v2_and_slopes_at(high, curve)[1]
     falling = slope_low > slope_high
     close = 1e-4 * min(high - low, 1.0)
     moved = high - low
     y = low + moved * min(max(slope_low / (slope_low - slope_high), 0.0), 1.0)
     for _ in range(200):
-        _, slope, curvature, third = v2_and_slopes_at(y, 0.0, rise, A, B, short)
+        _, slope, curvature, third = v2_and_slopes_at(y, curve)
         if (slope > 0.0) == falling:
             low = y
         else:
@@ -88,7 +102,7 @@ def turning_point(low, high, rise, A, B, short):
 
 
 @inlined
-def halley(y, level, start, rise, A, B, short, slack):
+def halley(y, curve, level, slack):
     """One step of Halley's method towards v2(y) = level. Returns (next y, error, near).
 
     Near means that the next y is off by less than the slack. With d = error / slope, about the
@@ -96,7 +110,7 @@ def halley(y, level, start, rise, A, B, short, slack):
     derivative over the first. The step's own length would not do: it is short near any turn of v2,
     wherever the level is.
     """
-    v, slope, curvature, third = v2_and_slopes_at(y, start, rise, A, B, short)
+    v, slope, curvature, third = v2_and_slopes_at(y, curve)
     error = v - level
     inverse = 1.0 / slope
     distance = error * inverse
@@ -107,7 +121,7 @@ def halley(y, level, start, rise, A, B, short, slack):
 
 
 @jit
-def crossing(level, low, high, v_low, v_high, start, rise, A, B, short, slack):
+def crossing(curve, level, low, high, v_low, v_high, slack):
     """y in [low, high] at which v2, monotone there, takes the level: slowly, but surely.
 
     Halley's method kept inside a shrinking bracket, which is halved where a step is outside of it
@@ -123,7 +137,7 @@ def crossing(level, low, high, v_low, v_high, start, rise, A, B, short, slack):
     y = low + min(moved * share, -math.log1p(-share) if share < 1.0 else moved)
     y = min(max(y, low), high)
     for _ in range(200):
-        better, error, near = halley(y, level, start, rise, A, B, short, slack)
+        better, error, near = halley(y, curve, level, slack)
         if (error < 0.0) == rising:
             low = y
         else:
@@ -149,16 +163,16 @@ def solve_crossings(todo, count):
     low, high, v_low, v_high = todo[LOW], todo[HIGH], todo[V_LOW], todo[V_HIGH]
     level, slack, root = todo[LEVEL], todo[SLACK], todo[ROOT]
     for k in range(count):
-        curve = level[k], start[k], rise[k], A[k], B[k], short[k], slack[k]
+        curve = Curve(start[k], rise[k], A[k], B[k], short[k])
         y = low[k] + (high[k] - low[k]) * ((level[k] - v_low[k]) / (v_high[k] - v_low[k]))
-        better, _, _ = halley(y, *curve)
+        better, _, _ = halley(y, curve, level[k], slack[k])
         y = min(max(better, low[k]), high[k])
-        better, _, _ = halley(y, *curve)
+        better, _, _ = halley(y, curve, level[k], slack[k])
         y = min(max(better, low[k]), high[k])
-        better, _, near = halley(y, *curve)
+        better, _, near = halley(y, curve, level[k], slack[k])
         # A root is a number of at least 0: less marks what is still to be done.
         root[k] = min(max(better, low[k]), high[k]) if near else -1.0
     for k in range(count):
         if not root[k] >= 0.0:
-            curve = start[k], rise[k], A[k], B[k], short[k], slack[k]
-            root[k] = crossing(level[k], low[k], high[k], v_low[k], v_high[k], *curve)
+            curve = Curve(start[k], rise[k], A[k], B[k], short[k])
+            root[k] = crossing(curve, level[k], low[k], high[k], v_low[k], v_high[k], slack[k])

@@ -29,7 +29,7 @@ def jit(kernel: _Kernel) -> _Kernel:
 
 def inlined(kernel: _Kernel) -> _Kernel:
     """As `jit`, for what is called in loops that must become vectors: a call would end them."""
-    return _of_this_folder(numba.njit(**_OPTIONS, forceinline=True)(kernel))
+    return _of_this_folder(numba.njit(**_OPTIONS, inline="always")(kernel))
 
 
 _OPTIONS: dict[str, Any] = {

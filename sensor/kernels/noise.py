@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensor.kernels.elementary import jit
-from sensor.kernels.packing import PLACE_MASK, POLARITY_SHIFT, pack
-from sensor.kernels.photoreceptor import NOISE_EXPONENT, NOISE_HZ
+from sensor.kernels.packing import FULL, PLACE_MASK, POLARITY_SHIFT, pack
 
 
 @jit
@@ -51,36 +52,34 @@ def poisson(mean, left):
     return count
 
 
-@jit
-def noise_events(
-    n,
-    u0,
-    log_dark,
-    electronics,
-    hot_hz,
-    seed,
-    first_pixel,
-    frame,
-    dt_s,
-    start_us,
-    length_us,
-    position,
-    pool,
-    begin,
-    used,
-):
-    """Add a Poisson process of events of either polarity to n pixels over one interval.
+class NoiseSource(NamedTuple):
+    """What decides on the noise of a block's pixels."""
 
-    The rate is NOISE_HZ ((I + I_dark) / I_dark)^-NOISE_EXPONENT at the interval's start, and a hot
-    pixel's own. The interval's events so far, from `begin`, and these are merged in raster order.
-    Returns how much of the pool is used, or -1 when it is full.
+    dark_hz: float  # rate in the dark
+    exponent: float  # of its fall with the light
+    dark: float  # I_dark
+    hot_hz: NDArray[np.float64]  # each hot pixel's own rate, or empty
+    seed: np.uint64
+    first_pixel: int  # number of the block's first pixel
+
+
+@jit
+def noise_events(source, u0, frame, interval, work, begin, used):
+    """Add a Poisson process of events of either polarity to pixels over one interval.
+
+    The rate is dark_hz ((I + I_dark) / I_dark)^-exponent at the interval's start, and a hot pixel's
+    own. The interval's events so far, from `begin`, and these are merged in raster order. Returns
+    how much of the pool is used, or FULL.
     """
+    dark_hz, exponent, dark, hot_hz, seed, first_pixel = source
+    log_dark = math.log(dark)
+    pool, position = work.pool, work.position
+    dt_s, start_us, length_us = interval.dt_s, interval.start_us, interval.length_us
     signal_end = used
-    noise_hz, exponent = electronics[NOISE_HZ], electronics[NOISE_EXPONENT]
-    for i in range(n):
+    for i in range(u0.size):
         rate_hz = hot_hz[i] if hot_hz.size > 0 else 0.0
-        if noise_hz > 0.0:
-            rate_hz += noise_hz * math.exp(-exponent * (u0[i] - log_dark))
+        if dark_hz > 0.0:
+            rate_hz += dark_hz * math.exp(-exponent * (u0[i] - log_dark))
         mean = rate_hz * dt_s
         # Parts of the interval are Poisson processes of their own, each of a mean that exp holds.
         parts = np.int64(mean * (1.0 / MOST_NOISE)) + 1
@@ -90,7 +89,7 @@ def noise_events(
             count = poisson(mean / parts, uniform(seed, first_pixel + i, frame, draw))
             for k in range(count):
                 if used == pool.size:
-                    return -1
+                    return FULL
                 share = uniform(seed, first_pixel + i, frame, draw + 2 * k + 1)
                 bit = random_bits(seed, first_pixel + i, frame, draw + 2 * k + 2) & np.uint64(1)
                 word = (bit << POLARITY_SHIFT) | position[i]

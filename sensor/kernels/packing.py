@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,29 @@ MAX_INTERVAL_US = (1 << 31) - 2
 
 # Where the events of one block, setting and interval lie in the pool.
 START, STOP = range(2)
+# In place of how much of the pool is used: it has no room for the events.
+FULL = -1
+
+
+class Interval(NamedTuple):
+    """One frame interval of one setting."""
+
+    dt_s: float
+    drift: float  # what the memory sinks by over it, log units
+    start_us: float  # how far its start lies after a whole microsecond, or before it
+    length_us: int  # whole microseconds from its start to its end, both rounded
+
+
+@jit
+def place(start, width, position):
+    """Write rows and columns of pixels in raster order, from the pixel `start` on."""
+    y, x = start // width, start % width
+    for i in range(position.size):
+        position[i] = np.uint64(y) << ROW_SHIFT | np.uint64(x)
+        x += 1
+        if x == width:
+            x = 0
+            y += 1
 
 
 @jit
@@ -43,7 +67,7 @@ def gather(pool, segment, s, f, words, used):
 
 
 @jit
-def sort_by_time(words, other, interval_us, start_us, t_us, x, y, p):
+def sort_by_time(words, other, interval_us, start_us, columns):
     """Sort packed events by time, keeping raster order within a microsecond, and unpack them.
 
     A stable counting sort, digit by digit: one pass for intervals up to 4 ms. `other` is room for
@@ -69,6 +93,7 @@ def sort_by_time(words, other, interval_us, start_us, t_us, x, y, p):
             target[starts[digit]] = word
             starts[digit] += 1
         source, target = target, source
+    t_us, x, y, p = columns
     for k in range(source.size):
         word = source[k]
         t_us[k] = start_us + np.int64(word >> TIME_SHIFT)

@@ -2,20 +2,40 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from sensor.kernels.elementary import jit, log
+
+# In place of how much of the pool is used: there is radiance that is negative or not finite.
+BAD = -2
+
+
+class Light(NamedTuple):
+    """What the pixels see over a chunk of frame intervals."""
+
+    radiance: NDArray[np.floating]  # (F, height * width) linear radiance at the intervals' ends
+    dark: float  # I_dark
+
+
+class Overlap(NamedTuple):
+    """Overlap of n equal pixels with the samples along one axis.
+
+    Pixel i is `sum(weight[i, j] * sample[first[i] + j] for j in range(samples[i]))`.
+    """
+
+    first: NDArray[np.int64]  # (n,)
+    samples: NDArray[np.int64]  # (n,)
+    weight: NDArray[np.float64]  # (n, most samples) rows sum to 1
 
 
 @jit
 def integrate_area(
     frame,  # (H, W)
-    row_first,  # overlaps of the rows, as `optics.area_weights` gives them
-    row_count,
-    row_weight,
-    col_first,  # and of the columns
-    col_count,
-    col_weight,
+    rows,  # Overlap of the sensor's rows with the frame's
+    columns,
     out,  # (height, width) out
 ):
     """I = k * E, Eq. (3): the mean over each pixel's area, rows first.
@@ -27,16 +47,16 @@ def integrate_area(
     line = np.empty(frame.shape[1])
     for y in range(height):
         line[:] = 0.0
-        for j in range(row_count[y]):
-            weight = row_weight[y, j]
-            source = frame[row_first[y] + j]
+        for j in range(rows.samples[y]):
+            weight = rows.weight[y, j]
+            source = frame[rows.first[y] + j]
             for x in range(line.size):
                 good &= (source[x] >= 0.0) & (source[x] < np.inf)
                 line[x] += weight * source[x]
         for x in range(width):
             total = 0.0
-            for j in range(col_count[x]):
-                total += col_weight[x, j] * line[col_first[x] + j]
+            for j in range(columns.samples[x]):
+                total += columns.weight[x, j] * line[columns.first[x] + j]
             out[y, x] = total
     return good
 

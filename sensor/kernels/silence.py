@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba.core import types
 from numba.extending import overload
+from numpy.typing import NDArray
 
 from sensor.kernels.elementary import exp, jit
 
@@ -12,6 +15,21 @@ from sensor.kernels.elementary import exp, jit
 BOUND_MARGIN = 1e-6
 LEAST_BOUND = 1e-30
 GREATEST_BOUND = 1e38
+
+
+class Comparators(NamedTuple):
+    """The levels that a block's pixels compare v2 with, and how far off it is when they fire."""
+
+    memory: NDArray[np.float64]
+    C_on: NDArray[np.float64]
+    C_off: NDArray[np.float64]
+
+
+class LightBand(NamedTuple):
+    """Between which I + I_dark a block's ideal pixels keep silent while their memory stands."""
+
+    darkest: NDArray[np.float32]
+    brightest: NDArray[np.float32]
 
 
 @jit
@@ -24,19 +42,22 @@ def light_bound(log_light, margin):
 
 
 @jit
-def band_of_light(n, memory, C_on, C_off, darkest, brightest):
-    """Between which I + I_dark ideal pixels keep silent, as long as their memory does not leak."""
+def set_light_band(n, comparators, light_band):
+    """Set the band of light in which ideal pixels keep silent from their memory."""
+    memory, C_on, C_off = comparators
+    darkest, brightest = light_band
     for i in range(n):
         darkest[i] = light_bound(memory[i] - C_off[i], BOUND_MARGIN)
         brightest[i] = light_bound(memory[i] + C_on[i], -BOUND_MARGIN)
 
 
 @jit
-def flag_ideal(radiance, dark, fade, darkest, brightest, flag):
+def flag_ideal(radiance, dark, fade, light_band, flag):
     """Flag ideal pixels whose light is not within their band, or is no light; no logarithm needed.
 
     `fade` is what the leaks since the band was set have left of its bounds.
     """
+    darkest, brightest = light_band
     for i in range(radiance.size):
         light = radiance[i] + dark
         silent = (light > darkest[i] * fade) & (light < brightest[i] * fade)
@@ -55,7 +76,7 @@ def _each(value, i):
 
 
 @jit
-def flag_filtered(n, u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C_off, flag):
+def flag_filtered(n, response, x, e, drift, comparators, flag):
     """Flag the pixels where v2 may leave (memory - C_off, memory + C_on) during an interval.
 
     v2 can leave the band in mid-interval and come back, so its end alone does not decide; but it
@@ -69,6 +90,8 @@ def flag_filtered(n, u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C
 
     No flag is proof of no event.
     """
+    u0, u1, v1, v2, _, v2_end, poles = response
+    memory, C_on, C_off = comparators
     second = poles - 1.0
     for i in range(n):
         xi, ei = each(x, i), each(e, i)
@@ -105,7 +128,7 @@ def flag_filtered(n, u0, u1, v1, v2, v2_end, x, e, poles, drift, memory, C_on, C
 
 @jit
 def list_flagged(flag, n, index):
-    """Write the indices of the flagged ones of n pixels; returns how many. No branch to mispredict.
+    """Indices of the flagged ones of n pixels, in `index`. No branch to mispredict.
 
     `flag` is padded with False to whole words.
     """
@@ -116,4 +139,4 @@ def list_flagged(flag, n, index):
             for i in range(8 * word, 8 * word + 8):
                 index[count] = i
                 count += flag[i]
-    return count
+    return index[:count]
