@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from sensor.events import Events
+from sensor.events import Columns, Events
 
 _NEVER = -(1 << 62)
 _DRAWS = 2000
@@ -25,9 +25,7 @@ _DRAWS = 2000
 
 @numba.njit(cache=True, nogil=True)
 def _count_intervals(
-    t_us: NDArray[np.int64],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
+    events: Columns,
     start_us: int,
     end_us: int,
     slot_of: NDArray[np.int64],  # (height,) row of last_us for each row of pixels, -1 for none
@@ -35,6 +33,7 @@ def _count_intervals(
     last_us: NDArray[np.int64],  # (rows, width) updated
     counts: NDArray[np.int64],  # (B + 2,) updated
 ) -> None:
+    t_us, x, y, _ = events
     for i in range(t_us.size):
         row = slot_of[y[i]]
         if row < 0:
@@ -92,9 +91,7 @@ class IntervalHistogram:
     def add(self, events: Events) -> None:
         """Count the next part of the stream."""
         _count_intervals(
-            events.t_us,
-            events.x,
-            events.y,
+            events.columns,
             *self._window_us,
             self._slot_of,
             self._bin_of,

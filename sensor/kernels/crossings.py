@@ -136,7 +136,7 @@ def halley(y, curve, level, slack):
 
     With d = error / slope, the remaining distance, the error after the step is at most about
     d^3 (bend^2 + |third|), with the second and the third derivative divided by the first. The
-    length of the step is no criterion: it is short near any turning point of v2.
+    length of the step cannot tell this: it is short near any turning point of v2.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
     dt_s
         Length of the interval, s.
     cutoff_hz
-        Corner frequency of each pole; inf is no filter.
+        Corner frequency of each pole; inf for no filter.
     poles
         1 or 2.
 

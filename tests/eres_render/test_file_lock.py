@@ -26,9 +26,8 @@ def start():
 
     def begin(code):
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-        process = subprocess.Popen(
-            [sys.executable, "-c", code], text=True, env=environment(), **pipes
-        )
+        command = [sys.executable, "-c", f"import sys; {code}"]
+        process = subprocess.Popen(command, text=True, env=environment(), **pipes)
         started.append(process)
         return process
 

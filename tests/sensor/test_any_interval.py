@@ -137,7 +137,7 @@ def test_a_hundred_thousand_pixels_are_exact_at_any_interval(part):
 
 
 def one_pixel(u, t_s, seed=0, **electronics):
-    """Events of a pixel whose log intensity is u at the times."""
+    """Return the events of a pixel with log intensity u at the times."""
     frames = np.exp(np.asarray(u, dtype=np.float64))[:, None, None]
     model = SensorModel(width=1, height=1, **{"dark_level": 0.0} | electronics)
     return simulate(frames, t_s, model, seed=seed, threads=1)

@@ -273,7 +273,7 @@ def test_times_that_may_not_be_seconds_are_warned_of(t_s, median, caplog):
 
 
 def gradient(levels, highest):
-    """A frame (16, 32) of so many values from 0 to the highest."""
+    """Return a frame (16, 32) with `levels` values from 0 to the highest."""
     return np.resize(np.linspace(0, highest, levels), (16, 32))
 
 

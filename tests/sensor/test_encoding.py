@@ -82,7 +82,7 @@ def test_published_values():
     ],
 )
 def test_an_unknown_encoding_is_refused(encoding, found):
-    """Promise: no curve is guessed; the text has all that there are."""
+    """Promise: no encoding is guessed; the text lists all of them."""
     with pytest.raises(SensorError) as error:
         to_linear(np.zeros((2, 2), np.uint8), encoding)
     assert f"encoding: found {found}, expected 'srgb', 'rec709', 'gamma:2.2'" in str(error.value)
@@ -103,7 +103,7 @@ def test_an_unknown_encoding_is_refused(encoding, found):
     ],
 )
 def test_frames_of_another_type_or_range_are_refused(frames, text):
-    """Promise: white is known, or there is no result."""
+    """Promise: without a known white there is no result."""
     with pytest.raises(SensorError, match=r"^frames: ") as error:
         to_linear(frames, "srgb")
     assert text in str(error.value)

@@ -305,7 +305,7 @@ def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
 
 @pytest.mark.parametrize("how", ["itself", "relative", "symlink", "hardlink"])
 def test_convert_in_place_is_refused(eres, tmp_path, monkeypatch, how):
-    """Promise: no name of a file overwrites it with what is read from it, --overwrite or not."""
+    """Promise: a command never overwrites the file that it reads, with --overwrite or without."""
     source = tmp_path / "a.h5"
     write_events(source, random_events(500))
     before = source.read_bytes()

@@ -211,7 +211,7 @@ def test_headers_of_other_writers(tmp_path):
     ],
 )
 def test_damage_is_named(header, words, said, tmp_path):
-    """Promise: what is wrong in a RAW file is said, with its byte."""
+    """Promise: an error in a RAW file names the byte."""
     path = raw(tmp_path / "a.raw", header, words)
     with pytest.raises(EventFormatError) as error:
         load_events(path)

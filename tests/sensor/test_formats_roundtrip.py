@@ -130,7 +130,7 @@ def test_empty_streams_are_files_too(name, tmp_path):
 
 @EVERY
 def test_origin_says_how_it_was_made(name, tmp_path):
-    """Promise: seed, speed, sequence are kept beside the model, in any language."""
+    """Promise: files store seed, speed and sequence with the model, in any language."""
     origin = {"seed": 7, "speed": 4 / 3, "scene": 'carpet, "größer" \u2192 %', "clip": 0}
     path = file_of(tmp_path, name)
     write_events(path, random_events(10), format=name, origin=origin)
@@ -228,7 +228,7 @@ def test_sizes_are_stored_or_given_and_never_guessed(tmp_path):
 
 
 def test_missing_files_and_folders_are_the_systems_errors(tmp_path):
-    """Promise: what is not there is said by name, before anything is made."""
+    """Promise: the error names the missing file or folder before anything is written."""
     for suffix in SUFFIXES.values():
         with pytest.raises(FileNotFoundError) as error:
             read_events(tmp_path / f"none{suffix}")
@@ -286,7 +286,7 @@ def test_text_is_seconds_and_zero_or_one(tmp_path):
     ],
 )
 def test_text_that_is_not_events_is_refused(text, said, tmp_path):
-    """Promise: a line that is no event of this sensor is shown, with its place."""
+    """Promise: the error shows a line that is not an event of this sensor, with its byte."""
     path = tmp_path / "a.txt"
     path.write_text(text)
     with pytest.raises(EventFormatError) as error:

@@ -1,4 +1,4 @@
-"""What Numba keeps of the kernels is never that of other code."""
+"""The cache of Numba never has outdated kernels."""
 
 import os
 import shutil
@@ -28,8 +28,8 @@ def one():
 
 
 def test_an_edit_of_a_kernel_recompiles_those_that_call_it(tmp_path):
-    """Promise: Numba looks at the file of the function alone; what it has compiled into its callers
-    in other files of the folder is compiled anew as well, and what did not change is not."""
+    """Promise: Numba checks only the file of a function; here its callers in other files of the
+    folder are compiled again as well, and nothing is compiled again without an edit."""
     folder = tmp_path / "kernels"
     folder.mkdir()
     (folder / "__init__.py").touch()

@@ -21,7 +21,7 @@ def constant(light, seconds, frames=11):
 
 
 def ramp(per_second, seconds, frames=11):
-    """Light whose logarithm rises steadily, the same everywhere."""
+    """Return uniform light with a logarithm that rises linearly."""
     t_s = np.linspace(0, seconds, frames)
     return np.exp(per_second * t_s)[:, None, None] * np.ones((1, SIDE, SIDE)), t_s
 

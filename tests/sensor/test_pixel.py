@@ -17,7 +17,7 @@ IDEAL = math.inf
 
 
 def one_pixel(u, t_s, cutoff_hz=IDEAL, C=0.2):
-    """Events of a single pixel whose log intensity is u."""
+    """Return the events of a single pixel with log intensity u."""
     frames = np.exp(np.asarray(u, dtype=np.float64))[:, None, None]
     model = SensorModel(
         width=1, height=1, contrast_threshold=C, cutoff_hz=cutoff_hz, dark_level=0.0

@@ -71,7 +71,7 @@ def test_a_steady_ramp_has_one_interval():
 
 
 def test_bins_are_even_in_log_time_and_the_mode_allows_for_rounded_edges():
-    """Promise: 10 bins a decade, whole microseconds; a wider bin is no higher for being wider."""
+    """Promise: 10 bins per decade, whole microseconds; a wide bin is not higher for its width."""
     edges = log_bin_edges_us()
     assert (edges[0], edges[-1], len(edges)) == (10, 100_000, 41)
     assert np.all(np.diff(np.log10(edges[10:])) == pytest.approx(0.1, abs=0.005))
