@@ -7,10 +7,10 @@ path-traced at 48 px and 16 samples per pixel with four seeds, and at the same p
 the samples: the truth. An ideal sensor of 48 px looks at all of them. Prints a Markdown table,
 events per pixel and second:
 
-- log noise: as said from a few pixels, and of the whole frames against the truth;
+- log noise: estimated from a few pixels, and of the whole frames against the truth;
 - events: of the sensor at 16 samples per pixel, and at the truth;
-- false events: as said, with the standard error said, and measured: the difference between the two;
-- said / measured;
+- false events: estimated, with their standard error, and measured: the difference between the two;
+- estimated / measured;
 - left: by how much events at 64 times the samples are still more than at 256 times;
 - lost: events that noise took away, where a pixel fires fewer than in truth.
 """
@@ -151,14 +151,14 @@ def compare(
 
 def main() -> None:
     print(
-        "| scene | log noise said | measured | events | in truth | false events said | measured "
-        "| said / measured | left | lost |"
+        "| scene | log noise, estimated | measured | events | in truth | false events, estimated "
+        "| measured | estimated / measured | left | lost |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     for name in sys.argv[1:] or SCENES:
         with tempfile.TemporaryDirectory() as folder:
             said, measured = compare(write_scene(Path(folder), name), WIDTH, SPP, MORE)
-        false, ratio = "cannot be said", ""
+        false, ratio = "unknown", ""
         if said.averages_out:
             false = f"{said.false_events_hz:.2f} ± {said.false_events_error_hz:.2f}"
             ratio = f"{said.false_events_hz / measured.false_events_hz:.2f}"

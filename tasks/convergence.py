@@ -1,4 +1,4 @@
-"""How many samples and frames are enough: events and their images against both, on one stretch."""
+"""How many samples and frames are enough: events on one stretch for different numbers of both."""
 
 from __future__ import annotations
 
@@ -24,12 +24,16 @@ CONTRAST_THRESHOLD = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RenderSetting:
-    """How a stretch is rendered.
+    """Settings with which a stretch is rendered.
 
     Parameters
     ----------
+    spp
+        Samples per pixel.
+    max_displacement_px
+        Largest motion in the image from one frame to the next.
     fresh_seeds
-        Each frame has random numbers of its own, in place of one set for all.
+        Whether each frame has its own random numbers, instead of one set for all frames.
     """
 
     spp: int
@@ -44,14 +48,17 @@ QUICK = RenderSetting(spp=4, max_displacement_px=1.0)
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What an ideal sensor at the frames' resolution makes of a setting.
+    """Result of one setting, for an ideal sensor at the frames' resolution.
 
     Parameters
     ----------
+    setting
+        The setting.
     frames, events
-        How many there are.
+        Their numbers.
     psnr_db
-        Of event integration from the setting's own first frame, against the finest's last frame.
+        PSNR of event integration from the setting's own first frame, compared with the last frame
+        of the finest setting.
     """
 
     setting: RenderSetting
@@ -61,7 +68,7 @@ class Outcome:
 
 
 def settings() -> list[RenderSetting]:
-    """The finest first, then samples at the usual displacement, the other way round, and quick."""
+    """Return the finest setting, then others in samples and in displacement, and the quick one."""
     by_spp = [replace(USUAL, spp=spp) for spp in SPP]
     by_displacement = [replace(USUAL, max_displacement_px=px) for px in DISPLACEMENTS_PX]
     each = dict.fromkeys([*by_spp, *by_displacement, QUICK])  # the usual one is there twice
@@ -75,14 +82,22 @@ def converge(
     duration_s: float,
     on_progress: Progress,
 ) -> Iterator[Outcome]:
-    """Render one stretch from the middle of a path in every setting; yields them one by one.
+    """Render one stretch in the middle of a path in every setting; yield the results one by one.
 
     Parameters
     ----------
+    scene
+        The scene.
     resolution
         Side of frames and sensor, px.
     duration_s
         Length of the stretch.
+    on_progress
+        Called with the setting, the number of frames done, and their total.
+
+    Yields
+    ------
+    One outcome for each setting, the finest first.
 
     Raises
     ------

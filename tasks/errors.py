@@ -1,8 +1,8 @@
-"""Errors of the task package; `tasks.cli` turns them into one red line and exit code 1."""
+"""Errors of the task package; `tasks.cli` prints them as one red line, with exit code 1."""
 
 
 class TaskError(ValueError):
-    """Base class: something asked of a task, a method or a study cannot be done."""
+    """Base class: a task, a method or a study cannot do what it is asked to do."""
 
 
 class StudyError(TaskError):
@@ -10,7 +10,7 @@ class StudyError(TaskError):
 
 
 class MethodError(TaskError):
-    """A method raised, or answered with what its task cannot score."""
+    """A method raised an error, or its answer cannot be scored."""
 
 
 class ResultError(TaskError):

@@ -1,4 +1,4 @@
-"""Optical flow of patches: how far a feature moves over a window, from the events around it."""
+"""Optical flow of patches: the displacement of a feature over a window."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ from tasks.errors import TaskError
 PATCH_PX = 61  # side of a patch at the reference width
 REFERENCE_WIDTH_PX = 1280  # H_max of the RNEPE
 MIN_PATCH_PX = 7
-MARGIN_PX = 40  # at the reference width: the largest patch, 7 px of 128, stays in the image
+MARGIN_PX = 40  # at the reference width, so that the largest patch, 7 px of 128, is inside
 INITIAL_SIGMA_PX = 3.0  # at the reference width
-_PATH_CHECKS = 5  # times within a window at which a feature must be in sight
+_PATH_CHECKS = 5  # times within a window at which a feature must be visible
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FlowSample:
     """What a flow method may use: the events of one patch over one window.
 
-    Positions are in pixels of the sensor, (0, 0) at its top-left corner and pixel centres at
+    Positions are in pixels of the sensor, (0, 0) at its top-left corner and pixel centers at
     integers + 0.5. Times are in windows: 0 at the window's start, 1 at its end.
 
     Parameters
     ----------
     x_px, y_px
-        (N,) float64, centre of each event's pixel.
+        (N,) float64, center of each event's pixel.
     t
         (N,) float64 in [0, 1), event times, ascending.
     t_before
-        (N,) float64, time of the event before it at its pixel in this window, NaN for the first.
+        (N,) float64, time of the previous event at the pixel in this window, NaN for the first.
     p
         (N,) int8, polarity.
     log_image
         (h, w) float64, L_l: log intensity at the window's start at the sensor's resolution.
     contrast_threshold
-        C, known in simulation.
+        C, known in simulation, log units.
     centre_px
         (2,) float64, the feature at the window's start.
     patch
-        (2, 2) int64: first column and row of the patch that the events were taken from, and those
-        after its last. A square of `patch_px`, less what lies outside the sensor.
+        (2, 2) int64: first column and row of the patch of the events, and those after its last. It
+        is a square of `patch_px`, cut at the edge of the sensor.
     initial
-        (2,) float64, flow to start the search from, px a window.
+        (2,) float64, flow from which to start the search, px per window.
     initial_sigma_px
-        How far, in standard deviations per component, the initial flow may be off.
+        Standard deviation of the initial flow's error per component, px.
     """
 
     x_px: NDArray[np.float64]
@@ -74,12 +74,11 @@ class FlowEstimate:
     Parameters
     ----------
     flow
-        (2,) float64, px a window at the sensor's resolution.
+        (2,) float64, px per window at the sensor's resolution; the initial flow after a failure.
     failure
-        Why there is no answer to trust, or "" where there is one. What failed is counted, not
-        dropped: its flow is the initial one.
+        Reason of a failure, or "". Failures are counted, not dropped.
     delay
-        How late the sensor is, in windows, where the method estimates that.
+        Delay of the events, in windows, if the method estimates it.
     """
 
     flow: NDArray[np.float64]
@@ -91,16 +90,37 @@ EstimateFlow = Callable[[FlowSample], FlowEstimate]
 
 
 def patch_px(width: int, native: bool = False) -> int:
-    """Side of the patch for a sensor width: 61 px of a 1280 px image, odd, at least 7.
+    """Return the side of a patch: 61 px of a 1280 px image, odd, at least 7.
 
-    `native` keeps 61 px whatever the sensor, since 7 px starve some methods.
+    Parameters
+    ----------
+    width
+        Width of the sensor, px.
+    native
+        Keep 61 px for every sensor, as some methods get too few events from 7 px.
+
+    Returns
+    -------
+    The side, px.
     """
     side = PATCH_PX if native else round(PATCH_PX * width / REFERENCE_WIDTH_PX)
     return max(MIN_PATCH_PX, side + 1 - side % 2)
 
 
 def rnepe_px(estimate: NDArray[np.float64], truth: NDArray[np.float64], width: int) -> float:
-    """Resolution-normalised end-point error, H_max / H |v_hat - v|, px at 1280 px."""
+    """Return the resolution-normalized end-point error, H_max / H |v_hat - v|.
+
+    Parameters
+    ----------
+    estimate, truth
+        (2,) flows, px per window.
+    width
+        Width of the sensor, px.
+
+    Returns
+    -------
+    The error, px at 1280 px.
+    """
     return float(REFERENCE_WIDTH_PX / width * np.linalg.norm(estimate - truth))
 
 
@@ -113,11 +133,11 @@ class Features:
     width, height
         Of the image, px.
     centres_px
-        (N, 2) where the features are at the window's start.
+        (N, 2) positions at the window's start.
     flow_px
-        (N, 2) how far they truly move until the window's end.
+        (N, 2) true displacements until the window's end.
     draws
-        (N, 2) standard normal numbers, by which the initial flows are off.
+        (N, 2) standard normal numbers: the errors of the initial flows, in sigma.
     """
 
     width: int
@@ -130,30 +150,41 @@ class Features:
         return len(self.centres_px)
 
     def at(self, width: int) -> Features:
-        """The same features in an image of another width, its height rounded to whole pixels.
+        """Return the same features in an image of another width and the same shape, to a pixel.
 
-        The initial flows are off by the same share of the image: sensors are compared on the same
-        draws, not on luck.
+        The errors of the initial flows scale with the image: all sensors get the same draws.
         """
         height = round(width * self.height / self.width)
         scale = np.array([width / self.width, height / self.height])
         return Features(width, height, scale * self.centres_px, scale * self.flow_px, self.draws)
 
     def initial_flow_px(self, sigma_px: float = INITIAL_SIGMA_PX) -> NDArray[np.float64]:
-        """Flows to start from, (N, 2): the truth and Gaussian noise.
+        """Return initial flows, (N, 2): the truth plus Gaussian noise.
 
-        `sigma_px` is its standard deviation per component, px of an image of 1280 px.
+        `sigma_px` is the noise's standard deviation per component, px of an image of 1280 px.
         """
         return self.flow_px + initial_sigma_px(self.width, sigma_px) * self.draws
 
 
 def initial_sigma_px(width: int, sigma_px: float = INITIAL_SIGMA_PX) -> float:
-    """How far initial flows are off per component at a width, given that at 1280 px."""
+    """Return the standard deviation of the initial flows' errors per component.
+
+    Parameters
+    ----------
+    width
+        Width of the sensor, px.
+    sigma_px
+        Standard deviation at 1280 px, px.
+
+    Returns
+    -------
+    The standard deviation at that width, px.
+    """
     return sigma_px * width / REFERENCE_WIDTH_PX
 
 
 def find_features(
-    image: NDArray[np.floating],  # (H, W) radiance at the window's start
+    image: NDArray[np.floating],
     truth: GroundTruth,
     window_s: tuple[float, float],
     key: tuple[str, int],
@@ -161,22 +192,29 @@ def find_features(
     count: int = 20,
     seed: int = 0,
 ) -> Features:
-    """The strongest corners of an image that stay in sight over a window, with their true flow.
+    """Find the strongest corners of an image that stay visible over a window, with their true flow.
 
     They are found once, in the rendered image, and serve every sensor: see `Features.at`. The flow
-    is from the geometry, where the surface point is at the window's start to where it is at its
-    end. A corner that something hides within the window, or that leaves the image, is passed over
-    for the next strongest.
+    comes from geometry: it is the displacement of the surface point between the window's start and
+    end. A corner that is hidden within the window, or leaves the image, is skipped.
 
     Parameters
     ----------
     image
-        Of the camera of `truth`, at any resolution.
+        (H, W) radiance at the window's start, from the camera of `truth`, at any resolution.
+    truth
+        Ground truth of the scene.
     window_s
         Start and end, seconds on the path.
     key, seed
-        Name of the scene and number of the sample: the features' draws depend on these and the seed
-        alone, a feature's on its rank too.
+        Name of the scene and number of the sample: with the seed and a feature's rank, they
+        determine its draws.
+    count
+        Number of features.
+
+    Returns
+    -------
+    The features, in pixels of the image.
 
     Raises
     ------
@@ -203,10 +241,22 @@ def find_features(
 
 
 def corners(
-    image: NDArray[np.floating],  # (H, W) radiance
+    image: NDArray[np.floating],
     margin_px: float,
 ) -> NDArray[np.float64]:
-    """Corners of an image that are margin_px from its edge, the strongest first, (N, 2) px."""
+    """Return the corners of an image, the strongest first.
+
+    Parameters
+    ----------
+    image
+        (H, W) radiance.
+    margin_px
+        Least distance from the image's edge.
+
+    Returns
+    -------
+    (N, 2) positions, px.
+    """
     bright = np.clip(image / np.percentile(image, 99.9), 0, 1) ** (1 / 2.2)
     inside = np.zeros(image.shape, np.uint8)
     margin = int(np.ceil(margin_px))
@@ -227,23 +277,47 @@ def corners(
 def patch(
     centre_px: NDArray[np.float64], side_px: int, width: int, height: int
 ) -> NDArray[np.int64]:
-    """The patch around a point, (2, 2): first column and row, and those after the last.
+    """Return the patch around a point, cut at the edge of the sensor.
 
-    What lies outside the sensor is cut off.
+    Parameters
+    ----------
+    centre_px
+        (2,) position of the point.
+    side_px
+        Side of the patch.
+    width, height
+        Size of the sensor, px.
+
+    Returns
+    -------
+    (2, 2): first column and row, and those after the last.
     """
     first = np.floor(centre_px - 0.5 * side_px + 0.5).astype(np.int64)
     return np.clip(np.stack([first, first + side_px]), 0, (width, height))
 
 
 def patch_mask(
-    centres_px: NDArray[np.float64],  # (N, 2)
+    centres_px: NDArray[np.float64],
     side_px: int,
     width: int,
     height: int,
 ) -> NDArray[np.bool_]:
-    """Pixels that belong to any of the patches around some points, (height, width).
+    """Return the pixels in any of the patches around some points.
 
-    Of a stream too large to keep, these pixels' events are all that `flow_sample` needs.
+    `flow_sample` needs only the events of these pixels, if a stream is too large to keep.
+
+    Parameters
+    ----------
+    centres_px
+        (N, 2) positions of the points.
+    side_px
+        Side of the patches.
+    width, height
+        Size of the sensor, px.
+
+    Returns
+    -------
+    (height, width) mask.
     """
     mask = np.zeros((height, width), bool)
     for centre_px in centres_px:
@@ -263,7 +337,29 @@ def flow_sample(
     initial: NDArray[np.float64],
     initial_sigma_px: float,
 ) -> FlowSample:
-    """Cut the events of one patch and window out of a stream that has them all."""
+    """Select the events of one patch and window.
+
+    Parameters
+    ----------
+    events
+        All events of the window in the patch, and any others.
+    start_us, end_us
+        The window, in the events' time.
+    log_image
+        (h, w) log intensity at the window's start.
+    contrast_threshold
+        C, log units.
+    centre_px, side_px
+        Center and side of the patch.
+    initial
+        (2,) initial flow, px per window.
+    initial_sigma_px
+        Standard deviation of its error per component.
+
+    Returns
+    -------
+    What a flow method may use.
+    """
     window = events.between(start_us, end_us)
     area = patch(centre_px, side_px, events.width, events.height)
     (left, top), (right, bottom) = area
@@ -286,7 +382,19 @@ def flow_sample(
 
 
 def times_before(pixel: NDArray[np.int64], t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Time of the event before each at its pixel, NaN for a pixel's first; t is ascending."""
+    """Return the time of the previous event at each event's pixel.
+
+    Parameters
+    ----------
+    pixel
+        (N,) index of each event's pixel.
+    t
+        (N,) event times, ascending.
+
+    Returns
+    -------
+    (N,) times, NaN for the first event of a pixel.
+    """
     order = np.argsort(pixel, kind="stable")
     before = np.full(t.shape, np.nan)
     same = np.diff(pixel[order]) == 0

@@ -20,9 +20,9 @@ class ReconstructionSample:
     log_keyframe
         (H, W) float64, L_0: log intensity at the window's start, at the frames' resolution.
     polarity_sum
-        (h, w) float64, the sum of polarities per pixel over the window, at the sensor's resolution.
+        (h, w) float64, sum of polarities per pixel over the window, at the sensor's resolution.
     contrast_threshold
-        C, known in simulation.
+        C, known in simulation, log units.
     """
 
     log_keyframe: NDArray[np.float64]
@@ -34,13 +34,27 @@ Reconstruct = Callable[[ReconstructionSample], NDArray[np.float64]]
 
 
 def psnr_db(
-    log_prediction: NDArray[np.floating],  # (H, W)
-    log_truth: NDArray[np.floating],  # (H, W)
-    log_white: float,
+    log_prediction: NDArray[np.floating], log_truth: NDArray[np.floating], log_white: float
 ) -> float:
-    """Peak signal-to-noise ratio of two images given as log intensity, in dB.
+    """Return the peak signal-to-noise ratio of two images that are given as log intensity.
 
     Both become intensity, `exp`, in units of white, clipped to [0, 1]; the peak is 1.
+
+    Parameters
+    ----------
+    log_prediction, log_truth
+        (H, W), log units.
+    log_white
+        Log intensity of white.
+
+    Returns
+    -------
+    The ratio, dB; inf for equal images.
+
+    Raises
+    ------
+    TaskError
+        The images differ in shape.
     """
     if log_prediction.shape != log_truth.shape:
         raise TaskError(
@@ -54,5 +68,5 @@ def psnr_db(
 
 
 def log_white_level(log_keyframe: NDArray[np.floating]) -> float:
-    """White of an image: the 99.9th percentile of its log intensity."""
+    """Return the log intensity of white: the 99.9th percentile of an image."""
     return float(np.percentile(log_keyframe, 99.9))

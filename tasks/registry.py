@@ -1,8 +1,7 @@
-"""The tasks, each described once, with its methods: what is asked of a task elsewhere is read here.
+"""The tasks and their methods: all other code reads them here.
 
-A new task is its problem, a scorer, its settings, and an entry in `TASKS`. A new method is a
-function, and a line in its task's `methods`. Places are named in strings, so that listing tasks and
-methods imports none of them.
+A new task needs a scorer and an entry in `TASKS`; a new method needs a function and a line in its
+task's `methods`. Places are strings, so that listing tasks and methods imports none of them.
 """
 
 from __future__ import annotations
@@ -33,16 +32,15 @@ class TaskSpec:
     methods
         Places of the methods, by name.
     baseline
-        Name of the method that does nothing with the events.
+        Name of the method that does not use the events.
     scorer
         Place of the class that turns a sensor's events into scores: a `Scorer`, made from the
         `ReferenceFrames`, the sensor's `Setting` and the settings.
     settings
-        Place of the class that says what the task is asked to do: `TaskSettings`, or derived from
-        it.
+        Place of the class of its settings: `TaskSettings`, or a class derived from it.
     sample
-        Place of the class of a method's first argument, which tells a method's task. None where a
-        method is a class that events are pushed to.
+        Place of the class of a method's first argument, which identifies the method's task. None if
+        methods are classes that events are pushed to.
     planar_only
         Whether the scene must be a plane.
     share_column
@@ -123,6 +121,6 @@ TASKS = {
 
 
 def load(place: str) -> Any:
-    """Import what a place, "module:name", names."""
+    """Import the object at a place, "module:name"."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

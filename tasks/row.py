@@ -1,4 +1,4 @@
-"""`Row`: one tidy result line, and the Parquet file that holds many of them."""
+"""`Row`, one score of a result table, and its Parquet files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 class Row:
     """One score of one method on one sample under one condition.
 
-    A do-nothing baseline is a row too, with its own `method` name, so every table can set a score
-    beside the score of not using the events at all.
+    A do-nothing baseline has rows too, with its own `method` name, so that tables can compare every
+    score with that of not using the events.
     """
 
     scene: str
-    task: str  # "reconstruction", "video", "flow" or "tracking"
+    task: str  # a name in `tasks.registry.TASKS`
     method: str  # such as "event_integration"; every task has a do-nothing baseline
     width: int  # px, sensor width
     cutoff_hz: float  # photoreceptor cutoff; inf = ideal
@@ -33,10 +33,10 @@ class Row:
     sample: int  # index of the sample along the path
     metric: str  # "psnr_db", "rnepe_px" or "position_error_mm"
     value: float
-    event_rate_hz: float  # events per second of the whole sensor, in the scored window
+    event_rate_hz: float  # events per second of the whole sensor in the scored window
     variant: str = ""  # of the task, such as "61 px patch" or "sigma 2 mm"; "" is the usual one
     item: int = 0  # feature or trial within the sample
-    failure: str = ""  # why the method gave up; its value is then that of its starting point
+    failure: str = ""  # reason of a failure; the value is then that of the starting point
 
     def __post_init__(self) -> None:
         if self.width <= 0:
@@ -56,8 +56,16 @@ _COLUMNS = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row)}
 
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """Write rows as Parquet; the file appears under its name only when it is whole."""
-    import pyarrow as pa  # here, as it takes longer to load than `eres --help` to answer
+    """Write rows as Parquet; the file appears under its name only when it is complete.
+
+    Parameters
+    ----------
+    path
+        The file.
+    rows
+        Its rows.
+    """
+    import pyarrow as pa  # here, as it loads more slowly than `eres --help` answers
     import pyarrow.parquet as pq
 
     schema = pa.schema(
@@ -70,10 +78,10 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
         table,
         data,
         compression="zstd",
-        use_dictionary=[name for name in _COLUMNS if name != "value"],  # whose values are all new
+        use_dictionary=[name for name in _COLUMNS if name != "value"],  # has few equal values
         column_encoding={"value": "BYTE_STREAM_SPLIT"},
         write_page_checksum=True,
-        store_schema=False,  # Parquet's own says it all
+        store_schema=False,  # Parquet's own is enough
     )
     write_bytes(path, data.getvalue().to_pybytes())
 

@@ -24,38 +24,37 @@ _SUCCESS_SHARE = 0.5
 class TrackingSample:
     """What a tracking method may use.
 
-    Time 0 is the start of the path that is looked for, which is when the reference view was taken.
-    Positions are in pixels of the sensor, (0, 0) at its top-left corner and pixel centres at
-    integers + 0.5. Poses are T_world_cam with OpenCV's axes.
+    Time 0 is the start of the path to estimate, and the time of the reference view. Positions are
+    in pixels of the sensor, (0, 0) at its top-left corner and pixel centers at integers + 0.5.
+    Poses are T_world_cam with OpenCV's axes.
 
     Parameters
     ----------
     x, y
-        (N,) uint16, pixel of each event. Events are in order of their pixel (y, x), and in order of
-        time at a pixel.
+        (N,) uint16, pixel of each event. Events are sorted by pixel (y, x), then by time.
     t_us
         (N,) int32, at least 0 and less than the path's duration and `max_delay_us` together.
     t_before_us
-        (N,) int32, time of the event before it at its pixel, which is also the one before it in
-        these arrays; -1 for a pixel's first.
+        (N,) int32, time of the previous event at the pixel, which is also the previous one in
+        these arrays; -1 for the first of a pixel.
     p
         (N,) int8, polarity.
     log_image
         (h, w) float64, L_l: log intensity of the reference view at the sensor's resolution.
     contrast_threshold
-        C, known in simulation.
+        C, known in simulation, log units.
     camera
         Of the sensor's size; its `K` is the camera matrix.
     plane
-        All that the camera sees, in world coordinates.
+        The plane that the camera sees, in world coordinates.
     T_0
         (4, 4), pose of the reference view.
     initial
-        Path to start the search from: a cumulative cubic B-spline, by its control poses.
+        Path from which to start the search: a cumulative cubic B-spline.
     initial_sigma_m
-        How far, in standard deviations per component, the control poses may be off.
+        Standard deviation of the control positions' errors per component.
     max_delay_us
-        Events may be late by so much. There are then events after the path's end, up to so late.
+        Largest delay of the events; the sample has events up to this long after the path's end.
     """
 
     x: NDArray[np.uint16]
@@ -75,20 +74,20 @@ class TrackingSample:
 
 @dataclass(frozen=True, slots=True)
 class TrackingDiagnostics:
-    """How a search went.
+    """Diagnostics of a search.
 
     Parameters
     ----------
     cost
         Mean robust cost of a residual at the end, squared log units.
     passes
-        Over the events, on all levels together.
+        Number of passes over the events, on all levels together.
     residuals
-        Events with one before them at their pixel: the terms of the sum.
+        Number of events with an earlier one at their pixel: the terms of the sum.
     outside
-        How many of these see, at the end, a point that is not in the reference view.
+        Number of these that see, at the end, a point outside the reference view.
     delay_us
-        By how much events were found to be late.
+        Estimated delay of the events.
     """
 
     cost: float
@@ -105,12 +104,12 @@ class TrackingEstimate:
     Parameters
     ----------
     path
-        The camera's path, from time 0 at least as long as the initial one.
+        The camera's path from time 0, at least as long as the initial one; the initial one after a
+        failure.
     failure
-        Why there is no answer to trust, or "" where there is one. What failed is counted, not
-        dropped: its path is the initial one.
+        Reason of a failure, or "". Failures are counted, not dropped.
     diagnostics
-        None where no search was begun.
+        None if there was no search.
     """
 
     path: Trajectory
@@ -127,23 +126,47 @@ def path_at(
     control_poses: int = CONTROL_POSES,
     knot_interval_s: float = KNOT_INTERVAL_S,
 ) -> Trajectory:
-    """The spline whose control poses lie on a path; time 0 of the spline is `start_s`.
+    """Return the spline whose control poses lie on a path; its time 0 is `start_s`.
 
-    It keeps to the path to within a sixth of the acceleration times the squared knot interval,
-    some micrometres for a camera in a hand.
+    It deviates from the path by a sixth of the acceleration times the squared knot interval: some
+    micrometers for a hand-held camera.
 
     Parameters
     ----------
     pose
-        From (M,) seconds to (M, 4, 4) T_world_cam, such as `Trajectory.pose`. It is asked for one
-        knot interval before `start_s` and one after the spline's end.
+        Function from (M,) seconds to (M, 4, 4) T_world_cam, such as `Trajectory.pose`. It is called
+        up to one knot interval before `start_s` and after the spline's end.
+    start_s
+        Start of the spline, in the time of `pose`.
+    control_poses
+        Number of control poses.
+    knot_interval_s
+        Seconds from knot to knot.
+
+    Returns
+    -------
+    The spline.
     """
     knots_s = knot_interval_s * np.arange(-1.0, control_poses - 1)
     return Trajectory(knots_s, pose(start_s + knots_s))
 
 
 def perturbed(path: Trajectory, sigma_m: float, seed: int) -> Trajectory:
-    """The path with Gaussian noise on every component of its control poses' positions."""
+    """Add Gaussian noise to the positions of a path's control poses.
+
+    Parameters
+    ----------
+    path
+        The path.
+    sigma_m
+        Standard deviation per component.
+    seed
+        Seed of the noise.
+
+    Returns
+    -------
+    The perturbed path.
+    """
     controls = path.controls.copy()
     noise = np.random.default_rng(seed).normal(0.0, sigma_m, (len(controls), 3))
     controls[:, :3, 3] += noise
@@ -165,29 +188,32 @@ def tracking_sample(
     max_delay_us: int = 0,
     seed: int = 0,
 ) -> TrackingSample:
-    """Cut the events of one path out of a stream that has them all.
+    """Select the events of one path.
 
     Parameters
     ----------
     events
-        Of the whole sensor.
+        Events of the whole sensor.
     start_us
-        When the path starts and the reference view was taken, in the events' time.
+        Start of the path and time of the reference view, in the events' time.
+    log_image, contrast_threshold, camera, T_0, initial, initial_sigma_m, max_delay_us
+        As in `TrackingSample`.
     plane
-        The scene's; None, as of a scene with depth, is refused.
+        The scene's plane; None is refused.
     max_events
-        Keep the events of randomly chosen pixels only, as many as make at most so many events;
-        None for all.
+        Keep only the events of randomly chosen pixels, at most this many in all; None for all.
     seed
-        Of the choice of pixels.
+        Seed of the choice of pixels.
 
-    The rest is as in `TrackingSample`.
+    Returns
+    -------
+    What a tracking method may use.
 
     Raises
     ------
     TaskError
-        The scene is not planar, the sizes of events, image and camera differ, or the path lasts no
-        time.
+        The scene is not planar, the sizes of events, image and camera differ, or the path has no
+        duration.
     """
     if plane is None:
         raise TaskError("tracking: found a scene with depth, expected a plane")
@@ -234,7 +260,7 @@ def tracking_sample(
 def _random_pixels(
     pixel: NDArray[np.int32], pixels: int, max_events: int, seed: int
 ) -> NDArray[np.bool_]:
-    """Mark pixels, drawn in random order, that have no more than max_events events in all."""
+    """Choose random pixels with at most max_events events in all."""
     counts = np.bincount(pixel, minlength=pixels)
     order = np.random.default_rng(seed).permutation(np.flatnonzero(counts))
     kept = np.zeros(pixels, bool)
@@ -245,18 +271,24 @@ def _random_pixels(
 def position_error_mm(
     path: Trajectory, pose: Callable[[Float64], Float64], start_s: float, duration_s: float
 ) -> float:
-    """Mean distance of the camera centre from the true one, every 0.1 ms, in mm.
+    """Return the mean distance between estimated and true camera centers, every 0.1 ms.
 
-    Nothing is aligned: the plane and the reference view fix the frame of reference.
+    Nothing is aligned, as the plane and the reference view fix the coordinate frame.
 
     Parameters
     ----------
     path
-        Estimated, its time 0 at `start_s`.
+        Estimated path; its time 0 is `start_s`.
     pose
-        The truth, from (M,) seconds to (M, 4, 4), as in `path_at`.
+        The truth: function from (M,) seconds to (M, 4, 4), as in `path_at`.
+    start_s
+        Start of the path, in the time of `pose`.
     duration_s
-        How much of it to score, the initial path's duration.
+        Duration to score, that of the initial path.
+
+    Returns
+    -------
+    The error, mm.
     """
     t_s = np.linspace(0.0, duration_s, round(duration_s / _SCORED_EVERY_S) + 1)
     off = path.pose(t_s)[:, :3, 3] - pose(start_s + t_s)[:, :3, 3]
@@ -264,10 +296,21 @@ def position_error_mm(
 
 
 def succeeded(estimate: TrackingEstimate, error_mm: float, initial_error_mm: float) -> bool:
-    """Whether a method gave an answer, and one nearer than half the initial path's error.
+    """Return whether a method succeeded: its error is below half the initial path's error.
 
-    Half, because a search that has found the path ends far below it (its error depends on sensor
-    and light, not on where it began), and one that has not stays at it or goes beyond. So the rate
-    of success tells convergence apart from accuracy, at any size of perturbation.
+    A search that converged ends far below that (its error depends on sensor and light, not on its
+    start), and one that did not stays near the initial error or goes beyond it. So the success rate
+    separates convergence from accuracy, at any size of the perturbation.
+
+    Parameters
+    ----------
+    estimate
+        The method's answer.
+    error_mm, initial_error_mm
+        Errors of the answer and of the initial path.
+
+    Returns
+    -------
+    Whether the method succeeded.
     """
     return not estimate.failure and error_mm < _SUCCESS_SHARE * initial_error_mm

@@ -1,18 +1,18 @@
-"""Image reconstruction that goes on from event to event, without a keyframe.
+"""Image reconstruction from events alone, without a keyframe.
 
-A method is pushed the events of one sensor in order, and says at any time what it takes the image
-to be. Nobody knows the absolute level from events alone, so the protocol is that of Rebecq et al.,
-"High Speed and High Dynamic Range Video with an Event Camera" (PAMI 2019): the histograms of
-prediction and truth are equalised locally before they are compared. Where that leaves a choice:
+A method takes in the events of one sensor in order, and returns its image at any time. Events alone
+do not tell the absolute level, so the protocol is that of Rebecq et al., "High Speed and High
+Dynamic Range Video with an Event Camera" (PAMI 2019): the histograms of prediction and truth are
+equalized locally before they are compared. The choices that this leaves:
 
-- Images are compared at the resolution of the truth, whatever the sensor: a prediction is enlarged
-  bicubically first, in log intensity.
-- Both are intensity, stretched so that the 1st percentile is black and the 99th white.
-- Local equalisation is by 8 x 8 tiles between whose centres it is interpolated, not clipped. Pixels
-  of one level share the mean of their ranks, so an image of one level is mid-grey.
+- Images are compared at the resolution of the truth, for every sensor: a prediction is first
+  enlarged bicubically, in log intensity.
+- Both become intensity, stretched so that the 1st percentile is black and the 99th is white.
+- Local equalization uses 8 x 8 tiles, is interpolated between their centers, and is not clipped.
+  Pixels of one level share the mean of their ranks, so a uniform image becomes mid-gray.
 
-Yardsticks: against a truth of even histogram a mid-grey image scores 10.79 dB, an unrelated image
-of even histogram 7.78 dB.
+For comparison: with a truth of uniform histogram, a mid-gray image scores 10.79 dB, and an
+unrelated image of uniform histogram 7.78 dB.
 """
 
 from __future__ import annotations
@@ -31,38 +31,38 @@ from tasks.errors import TaskError
 
 Float64 = NDArray[np.float64]
 
-PERCENTILES = (1.0, 99.0)  # of an image's intensity: what is black and what is white
-# Tiles a side, levels, and how many times its even share a level may have at most (0: any number).
-# Those of "clahe" are the defaults of the public benchmark EVREAL, by way of OpenCV.
-EQUALISATIONS = {"global": (1, 4096, 0.0), "local": (8, 4096, 0.0), "clahe": (8, 256, 2.0)}
+PERCENTILES = (1.0, 99.0)  # of an image's intensity: black and white
+# Tiles per side, levels, and the largest share of a level over its uniform share (0: no limit).
+# Those of "clahe" are the defaults of the public benchmark EVREAL, which uses OpenCV.
+EQUALIZATIONS = {"global": (1, 4096, 0.0), "local": (8, 4096, 0.0), "clahe": (8, 256, 2.0)}
 
 
 class VideoMethod(Protocol):
-    """Turns the events of one sensor into images, at any time."""
+    """Turns the events of one sensor into images."""
 
     def push(self, events: Events) -> None:
-        """Take in the next events, in order; any division of the stream gives the same images."""
+        """Take in the next events, in order; the images do not depend on how the stream is cut."""
 
     def image(self, t_us: int) -> Float64:
-        """Log intensity, (height, width), up to a constant, at a time no event so far is after."""
+        """Return log intensity, (height, width), up to a constant; no event so far is later."""
 
 
-# From a sensor's width, height and contrast threshold.
+# Called with a sensor's width, height and contrast threshold.
 StartVideo = Callable[[int, int, float], VideoMethod]
 
 
 class ImageTaker:
-    """Takes a method's images at given times out of a stream of events that comes in parts.
+    """Takes a method's images at given times from a stream of events that comes in batches.
 
-    An image at t has seen the events before t. It is due when an event at t or later comes, or the
-    stream ends.
+    An image at time t includes the events before t. It is due when an event at t or later arrives,
+    or when the stream ends.
 
     Parameters
     ----------
     method
-        Which the events are pushed to.
+        The method.
     times_us
-        When to take an image, ascending.
+        Times of the images, ascending.
     """
 
     def __init__(self, method: VideoMethod, times_us: Iterable[int]) -> None:
@@ -70,7 +70,7 @@ class ImageTaker:
         self._due = list(times_us)
 
     def push(self, events: Events) -> list[tuple[int, Float64]]:
-        """Pass the events on; return the images that became due, with their times."""
+        """Pass the events on; return the times and images that are due."""
         taken = []
         while self._due and len(events) and events.t_us[-1] >= self._due[0]:
             before = int(np.searchsorted(events.t_us, self._due[0]))
@@ -81,7 +81,7 @@ class ImageTaker:
         return taken
 
     def finish(self) -> list[tuple[int, Float64]]:
-        """Return the images after the last event."""
+        """Return the times and images that are left after the last event."""
         return [self._take() for _ in range(len(self._due))]
 
     def _take(self) -> tuple[int, Float64]:
@@ -90,7 +90,20 @@ class ImageTaker:
 
 
 def log_light(sequence: RadianceSequence, t_s: float, dark_level: float) -> Float64:
-    """Log intensity at any time of a sequence, (H, W), in a line between its frames.
+    """Return log intensity at any time of a sequence, linear in time between its frames.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    t_s
+        The time, seconds of the sequence.
+    dark_level
+        Added to the radiance before the logarithm.
+
+    Returns
+    -------
+    (H, W) float64.
 
     Raises
     ------
@@ -110,29 +123,33 @@ def log_light(sequence: RadianceSequence, t_s: float, dark_level: float) -> Floa
 
 
 def picture(
-    log_image: NDArray[np.floating],  # (h, w)
+    log_image: NDArray[np.floating],
     shape: tuple[int, int],
-    equalisation: str = "local",
+    equalization: str = "local",
 ) -> Float64:
-    """What is compared of a log intensity: enlarged, stretched and equalised, (H, W) in [0, 1].
+    """Return a log intensity as it is compared: enlarged, stretched and equalized.
 
     Parameters
     ----------
     log_image
-        Up to a constant.
+        (h, w), up to a constant.
     shape
         (H, W) of the truth.
-    equalisation
-        "none", "global", "local" or "clahe": local with a limit to how much contrast is raised.
+    equalization
+        "none", "global", "local" or "clahe" (local, with limited contrast).
+
+    Returns
+    -------
+    (H, W) in [0, 1].
 
     Raises
     ------
     TaskError
-        There is no such equalisation, or the image holds values that are not finite.
+        There is no such equalization, or the image has values that are not finite.
     """
-    if equalisation != "none" and equalisation not in EQUALISATIONS:
-        expected = ", ".join(("none", *EQUALISATIONS))
-        raise TaskError(f"equalisation: found {equalisation!r}, expected one of {expected}")
+    if equalization != "none" and equalization not in EQUALIZATIONS:
+        expected = ", ".join(("none", *EQUALIZATIONS))
+        raise TaskError(f"equalization: found {equalization!r}, expected one of {expected}")
     enlarged = np.asarray(log_image, np.float64)
     if not np.all(np.isfinite(enlarged)):
         raise TaskError("image: found values that are not finite")
@@ -144,13 +161,28 @@ def picture(
         stretched = np.full(shape, 0.5)
     else:
         stretched = np.clip((intensity - black) / (white - black), 0.0, 1.0)
-    if equalisation == "none":
+    if equalization == "none":
         return stretched
-    return equalise(stretched, *EQUALISATIONS[equalisation])
+    return equalize(stretched, *EQUALIZATIONS[equalization])
 
 
 def psnr_db(prediction: Float64, truth: Float64) -> float:
-    """Peak signal-to-noise ratio of two pictures, each (H, W) in [0, 1], in dB; the peak is 1."""
+    """Return the peak signal-to-noise ratio of two pictures; the peak is 1.
+
+    Parameters
+    ----------
+    prediction, truth
+        (H, W) in [0, 1].
+
+    Returns
+    -------
+    The ratio, dB; inf for equal pictures.
+
+    Raises
+    ------
+    TaskError
+        The pictures differ in shape.
+    """
     if prediction.shape != truth.shape:
         raise TaskError(f"prediction: found shape {prediction.shape}, expected {truth.shape}")
     mean_square = float(np.mean(np.square(prediction - truth)))
@@ -158,13 +190,28 @@ def psnr_db(prediction: Float64, truth: Float64) -> float:
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def equalise(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
-    """Map each pixel to its rank among its surroundings, 0 to 1.
+def equalize(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
+    """Map each pixel to its rank among its neighbors, 0 to 1.
 
-    (H, W) float64 in [0, 1]. Ranks are those within a tile, interpolated between the centres of the
-    four tiles around a pixel. `clip` limits a level's share of a tile to that many times 1 / levels
-    and spreads the excess over all levels (0: no limit), as in contrast limited adaptive histogram
-    equalisation (Zuiderveld 1994).
+    Ranks are those within a tile, interpolated between the centers of the four tiles around a
+    pixel.
+
+    Parameters
+    ----------
+    image
+        (H, W) float64 in [0, 1].
+    tiles
+        Tiles per side.
+    levels
+        Number of gray levels.
+    clip
+        Largest share of a level in a tile, times the number of levels; the excess is spread over
+        all levels, as in contrast limited adaptive histogram equalization (Zuiderveld 1994). 0 for
+        no limit.
+
+    Returns
+    -------
+    (H, W) in [0, 1].
     """
     height, width = image.shape
     rank = np.zeros((tiles, tiles, levels))

@@ -1,35 +1,26 @@
-"""Parts of a stream: cut anew for writing, checked where they meet."""
+"""Divide a stream into parts of equal size for writing, and check that it is one stream."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-import numpy as np
-
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
-from sensor.model import SensorModel
 
-PART_EVENTS = 1 << 20  # events in memory at a time, when reading and when writing
-
-
-def no_events(width: int, height: int, model: SensorModel | None) -> Events:
-    """An empty stream of a sensor."""
-    x, y = np.empty((2, 0), np.uint16)
-    return Events(np.empty(0, np.int64), x, y, np.empty(0, np.int8), width, height, model)
+PART_EVENTS = 1 << 20  # events in memory at a time
 
 
 def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
-    """The same events in parts of exactly `PART_EVENTS`, the last one what remains.
+    """Yield the same events in parts of exactly `PART_EVENTS`, except for the last one.
 
-    What a writer makes of a stream then depends on its events alone, not on how it was cut. An
-    empty stream is one empty part.
+    So a file depends on the events only, not on the original parts. An empty stream is one empty
+    part.
 
     Raises
     ------
     EventFormatError
-        There are no parts, so no size; or a part is earlier than the one before it, of another
-        sensor, or no `Events`.
+        There are no parts, or a part is earlier than the one before it, has another sensor, or is
+        not `Events`.
     """
     held: list[Events] = []
     count = 0

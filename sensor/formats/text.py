@@ -1,8 +1,7 @@
-"""Text as in the RPG datasets: a line `width height`, then one line `t x y p` an event.
+"""Text as in the RPG datasets: a line `width height`, then a line `t x y p` for each event.
 
-t is in seconds with six decimals, p is 0 or 1. Files without the first line are read too, when the
-sensor's size is given, and so are more decimals, which are
-rounded to microseconds.
+t is in seconds with six decimals, p is 0 or 1. Files without the first line need the size of the
+sensor. Further decimals are rounded to microseconds.
 """
 
 from __future__ import annotations
@@ -14,13 +13,13 @@ import numba
 import numpy as np
 
 from sensor.errors import EventFormatError
-from sensor.events import Events
+from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import Header
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
 _READ_BYTES = 1 << 22
-_MAX_LINE_BYTES = 256  # read; what is longer is no line of events
+_MAX_LINE_BYTES = 256  # longest line read
 _SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
 
 _DONE, _FULL, _BAD_LINE, _BAD_X, _BAD_Y, _BAD_P, _BACKWARDS = range(7)
@@ -38,7 +37,7 @@ _TAB, _NEWLINE, _RETURN, _SPACE, _MINUS, _POINT, _ZERO, _NINE = (ord(c) for c in
 
 @numba.njit(cache=True, nogil=True)
 def _put_digits(out, at, value, digits):
-    """Write the decimal digits of `value`, at least so many; return where they end."""
+    """Write `value` in decimal with at least `digits` digits; return the end position."""
     power = np.int64(1)
     count = 1
     while count < digits or (count < 19 and value // power >= 10):
@@ -52,8 +51,9 @@ def _put_digits(out, at, value, digits):
 
 
 @numba.njit(cache=True, nogil=True)
-def _format_lines(t, x, y, p, out):
-    """Write events as lines into (n,) uint8; return the bytes used."""
+def _format_lines(events, out):
+    """Write columns of events as lines into (n,) uint8; return the bytes used."""
+    t, x, y, p = events
     at = 0
     for i in range(t.size):
         time = t[i]
@@ -84,7 +84,7 @@ def _skip_blanks(data, at):
 
 @numba.njit(cache=True, nogil=True)
 def _integer(data, at, most):
-    """Parse digits; return their value, -1 if there are none or it is above `most`, and the end."""
+    """Parse digits; return their value (-1 if missing or above `most`) and the end position."""
     value = np.int64(0)
     start = at
     while _ZERO <= data[at] <= _NINE:
@@ -96,11 +96,12 @@ def _integer(data, at, most):
 
 
 @numba.njit(cache=True, nogil=True)
-def _parse_lines(data, width, height, last, t, x, y, p):
-    """Parse (n,) uint8 that ends with a newline.
+def _parse_lines(data, width, height, last, events):
+    """Parse (n,) uint8 that ends with a newline into columns of events.
 
-    Return (bytes taken, events made, what was found, the last time).
+    Return (bytes taken, events made, why it stopped, the last time).
     """
+    t, x, y, p = events
     made = 0
     at = 0
     while at < data.size:
@@ -165,7 +166,21 @@ def _parse_lines(data, width, height, last, t, x, y, p):
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write a text file; returns the number of events. Model and origin are not stored.
+    """Write a text file, without model and origin.
+
+    Parameters
+    ----------
+    path
+        The new file.
+    header
+        Size, model, origin and start of the clock.
+    parts
+        Consecutive parts of one stream.
+
+    Returns
+    -------
+    int
+        Number of events.
 
     Raises
     ------
@@ -182,14 +197,14 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
                     f"than {_MAX_SECONDS} s"
                 )
             out = np.empty(_LINE_BYTES * len(part), np.uint8)
-            used = _format_lines(part.t_us, part.x, part.y, part.p, out)
+            used = _format_lines(part.columns, out)
             file.write(out[:used].data)
             count += len(part)
     return count
 
 
 def read_header(path: Path) -> Header:
-    """Read the sensor's size from a text file's first line, if that holds it.
+    """Read the size of the sensor from the first line, if the file has it.
 
     Raises
     ------
@@ -200,7 +215,7 @@ def read_header(path: Path) -> Header:
 
 
 def _read_first_line(path: Path) -> tuple[Header, int]:
-    """The header, and where the events start."""
+    """Return the header and the byte at which the events start."""
     with path.open("rb") as file:
         line = file.readline(_MAX_LINE_BYTES)
     words = line.split()
@@ -214,9 +229,21 @@ def _read_first_line(path: Path) -> tuple[Header, int]:
 
 
 def read(path: Path, header: Header) -> Iterator[Events]:
-    """Yield the events of a text file, at least one part.
+    """Read the events of a text file.
 
-    A file that was cut off between two lines cannot be told from a whole one.
+    A file that is truncated between two lines looks complete.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+
+    Yields
+    ------
+    Events
+        At least one part.
 
     Raises
     ------
@@ -224,7 +251,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         A line is not an event of this sensor, or earlier than the one before it.
     """
     width, height = header.width or 0, header.height or 0
-    none = batching.no_events(width, height, header.model)
+    none = no_events(width, height, header.model)
     last = np.iinfo(np.int64).min
     rest = b""
     with path.open("rb") as file:
@@ -245,12 +272,11 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             lines = np.frombuffer(data, np.uint8, whole)
             while len(lines):
                 room = min(batching.PART_EVENTS, len(lines) // _SHORTEST_LINE_BYTES + 1)
-                t, p = np.empty(room, np.int64), np.empty(room, np.int8)
-                x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
-                taken, made, found, last = _parse_lines(lines, width, height, last, t, x, y, p)
+                columns = Columns.room(room)
+                taken, made, found, last = _parse_lines(lines, width, height, last, columns)
                 offset += taken
                 if made:
-                    yield Events.trusted(t[:made], x[:made], y[:made], p[:made], like=none)
+                    yield Events.trusted(*columns.part(slice(made)), like=none)
                 lines = lines[taken:]
                 if found not in (_DONE, _FULL):
                     line = lines[:60].tobytes().split(b"\n")[0]

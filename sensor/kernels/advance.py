@@ -1,232 +1,372 @@
-"""A band of pixels through a chunk of frame intervals: the kernels one after the other.
+"""Advance a band of pixels through a chunk of frame intervals; calls the other kernels in order.
 
-Kernels walk over blocks of pixels and take each block through several frame intervals of every
-setting before going on, so that a block's state stays in the second-level cache.
+The outer loop is over blocks of pixels. Each block goes through all frame intervals and settings of
+the chunk before the next one, so that its state stays in the second-level cache.
 """
 
 from __future__ import annotations
 
-import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
-from sensor.kernels.comparator import CURVE_SIZE, events_of_curves, events_of_lines
-from sensor.kernels.crossings import CROSSING_BATCH, CROSSING_SIZE
-from sensor.kernels.elementary import exp, jit
-from sensor.kernels.noise import noise_events
-from sensor.kernels.packing import ROW_SHIFT, START, STOP
-from sensor.kernels.photoreceptor import (
-    DT_S,
-    LEAK_PER_S,
-    LIGHT_A,
-    POLES,
-    E,
-    X,
-    poles_to_end,
-    poles_to_end_in_own_light,
+from sensor.kernels.comparator import (
+    CURVE_SIZE,
+    WHOLE,
+    Alike,
+    Lines,
+    Work,
+    events_of_curves,
+    events_of_lines,
 )
-from sensor.kernels.radiance import log_intensity, log_of_flagged
-from sensor.kernels.silence import band_of_light, flag_filtered, flag_ideal, list_flagged
+from sensor.kernels.crossings import CROSSING_BATCH, CROSSING_SIZE
+from sensor.kernels.elementary import exp, inlined, jit
+from sensor.kernels.noise import NoiseSource, noise_events
+from sensor.kernels.packing import START, STOP, Interval, place
+from sensor.kernels.photoreceptor import Response, poles_to_end, poles_to_end_in_own_light
+from sensor.kernels.radiance import BAD, log_intensity, log_of_flagged
+from sensor.kernels.silence import (
+    Comparators,
+    LightBand,
+    flag_filtered,
+    flag_ideal,
+    list_flagged,
+    set_light_band,
+)
 
-DONE, FULL, BAD = range(3)
+DONE = 0  # outcome of `advance_pixels`; the others are FULL and BAD
+
+
+class Band(NamedTuple):
+    """The range of pixels of one call, in raster order."""
+
+    width: int  # of the sensor
+    start: int
+    stop: int
+    block_px: int
+
+
+class State(NamedTuple):
+    """State of all pixels at a frame time; updated from the first to the last of the chunk."""
+
+    u: NDArray[np.float64]  # (height * width,) log intensity
+    v1: NDArray[np.float64]  # (S, height * width), or (S, 0) without a filter
+    v2: NDArray[np.float64]
+    memory: NDArray[np.float64]  # (S, height * width)
+
+
+class Settings(NamedTuple):
+    """The electronics of S settings; arrays are (S,) unless noted."""
+
+    C_on: NDArray[np.float64]  # (S, height * width) contrast thresholds, or (S, 1) if uniform
+    C_off: NDArray[np.float64]
+    hot_hz: NDArray[np.float64]  # (S, height * width) rate of hot pixels, or (S, 0) without
+    poles: NDArray[np.float64]  # 1 or 2
+    light_a: NDArray[np.float64]  # a / (I + I_dark), or 0 if a does not depend on the light
+    leak_per_s: NDArray[np.float64]  # fall of the memory, log units per second
+    noise_hz: NDArray[np.float64]  # rate of shot noise in the dark
+    noise_exponent: NDArray[np.float64]
+    filtered: NDArray[np.bool_]  # cutoff_hz is finite
+    noisy: NDArray[np.bool_]  # shot noise or hot pixels
+    leader: NDArray[np.int64]  # first setting with the same events except for the times, or itself
+    seed: np.uint64
+
+
+class Clock(NamedTuple):
+    """The F frame intervals of a chunk on the clock of each setting."""
+
+    first_frame: int  # index of the first interval since the first frame, for random numbers
+    steps: NDArray[np.void]  # (S, F) of dtype STEP
+    dt_s: NDArray[np.float64]  # (S, F), this and the rest as in `Interval`
+    start_us: NDArray[np.float64]
+    length_us: NDArray[np.int64]
+
+
+class Resume(NamedTuple):
+    """The place at which `advance_pixels` stopped."""
+
+    block: int
+    setting: int
+    used: int  # used size of the pool
+
+
+class Block(NamedTuple):
+    """State of one block and setting, and scratch memory."""
+
+    u: NDArray[np.float64]  # (F + 1, block) log intensity at all frames of the chunk
+    v1: NDArray[np.float64]  # (2, block) at the start and the end of an interval, in turn
+    v2: NDArray[np.float64]
+    x: NDArray[np.float64]  # (block,) a dt of each pixel, if its cutoff depends on the light
+    e: NDArray[np.float64]  # (block,) exp(-a dt)
+    lines: NDArray[np.float64]  # (2, block) u0 and u1 of the flagged ideal pixels
+    light: NDArray[np.floating]  # (block,) radiance of the flagged pixels
+    flag: NDArray[np.bool_]  # padded to whole 8-byte words
+    flagged: NDArray[np.int64]  # indices of the flagged pixels
+    comparators: Comparators
+    light_band: LightBand
+    work: Work
+
+
+def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.uint64]) -> Block:
+    """Allocate a block.
+
+    Parameters
+    ----------
+    intervals
+        F, frame intervals of the chunk.
+    size
+        Pixels of the block.
+    dtype
+        Type of the radiance.
+    pool
+        (capacity,) memory for packed events.
+
+    Returns
+    -------
+    Block
+    """
+    words = (size + 15) // 8 * 8
+    return Block(
+        _aligned((intervals + 1, size)),
+        _aligned((2, size)),
+        _aligned((2, size)),
+        _aligned(size),
+        _aligned(size),
+        _aligned((2, size)),
+        _aligned(size, dtype),
+        _aligned(words, np.bool_),
+        _aligned(words, np.int64),
+        Comparators(_aligned(size), _aligned(size), _aligned(size)),
+        LightBand(_aligned(size, np.float32), _aligned(size, np.float32)),
+        Work(
+            _aligned(size, np.uint64),
+            _aligned((CURVE_SIZE, size)),
+            _aligned((CROSSING_SIZE, CROSSING_BATCH)),
+            _aligned(CROSSING_BATCH, np.uint64),
+            pool,
+        ),
+    )
+
+
+def _aligned(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray:
+    """Allocate an array that starts at a cache line, since vectors across two lines are slower."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    room = np.empty(size + 64, np.uint8)
+    start = -room.ctypes.data % 64
+    return room[start : start + size].view(dtype).reshape(shape)
 
 
 @jit
-def advance_pixels(
-    radiance,  # (F, height * width) linear radiance at the ends of F intervals
-    dark,  # I_dark
-    width,  # px
-    pixel_start,
-    pixel_stop,  # the pixels this call is for, in raster order
-    block_px,
-    u_start,  # (height * width,) log intensity at the first interval's start; updated
-    v1,  # (S, height * width) or (S, 0) where no setting has a filter; updated
-    v2,
-    memory,  # (S, height * width); updated
-    C_on,  # (S, height * width) contrast thresholds, or (S, 1) where all pixels have the same
-    C_off,
-    hot_hz,  # (S, height * width) noise of hot pixels, or (S, 0) where there are none
-    electronics,  # (S, ELECTRONICS_SIZE)
-    filtered,  # (S,) bool
-    noisy,  # (S,) bool
-    leader,  # (S,) the first setting that fires as this one does, but for the times: or itself
-    seed,
-    first_frame,  # number of the first interval since the start, for the draws
-    steps,  # (S, F, STEP_SIZE)
-    start_us,  # (S, F) how far each interval's start lies after a whole microsecond, or before it
-    length_us,  # (S, F) int64: whole microseconds from an interval's start to its end, both rounded
-    first_block,
-    first_setting,  # where to go on after the pool was enlarged
-    used,  # how much of the pool is used there
-    pool,  # (capacity,) uint64 packed events
-    segment,  # (blocks, S, F, 2) int64: where in the pool each one's events start and stop
-):
-    """Take a band of pixels through F frame intervals of S settings.
+def copy(source, out):
+    """Copy an array. Numba's slice assignment also checks for overlap, which compiles slowly.
 
-    Returns (outcome, block, setting, used). When the pool is FULL, nothing of that block and
-    setting has been changed, and the call can be repeated from there with a larger pool. BAD is
-    radiance that is negative or not finite.
+    Parameters
+    ----------
+    source, out
+        (n,) input and output.
     """
-    F = radiance.shape[0]
-    S = memory.shape[0]
-    size = block_px
-    every_u = filtered.any() or noisy.any()
-    u = np.empty((F + 1, size))
-    memory_now = np.empty(size)
-    v1_now = np.empty((2, size))
-    v2_now = np.empty((2, size))
-    flag = np.zeros((size + 15) // 8 * 8, np.bool_)  # whole words, and one that ends the last
-    index = np.empty(flag.size, np.int64)
-    curve = np.empty((CURVE_SIZE, size))
-    todo = np.empty((CROSSING_SIZE, CROSSING_BATCH))
-    todo_words = np.empty(CROSSING_BATCH, np.uint64)
-    position = np.empty(size, np.uint64)
-    light = np.empty(size, radiance.dtype)
-    u_flagged = np.empty((2, size))
-    darkest = np.empty(size, np.float32)
-    brightest = np.empty(size, np.float32)
-    x_now = np.empty(size)
-    e_now = np.empty(size)
-    C_on_now = np.empty(size)
-    C_off_now = np.empty(size)
-    blocks = (pixel_stop - pixel_start + block_px - 1) // block_px
-    for block in range(first_block, blocks):
-        start = pixel_start + block * block_px
-        n = min(block_px, pixel_stop - start)
-        pixels = slice(start, start + n)
-        flag[n:] = False
-        y, x = start // width, start % width
+    for i in range(out.size):
+        out[i] = source[i]
+
+
+@inlined
+def load(s, pixels, state, settings, block):
+    """Copy state and thresholds of one setting into the block.
+
+    Parameters
+    ----------
+    s, pixels
+        Setting, and slice of the pixels.
+    state, settings, block
+        Input, input and output.
+    """
+    memory, C_on, C_off = block.comparators
+    n = pixels.stop - pixels.start
+    if settings.C_on.shape[1] > 1:
+        copy(settings.C_on[s, pixels], C_on[:n])
+        copy(settings.C_off[s, pixels], C_off[:n])
+    else:
         for i in range(n):
-            position[i] = np.uint64(y) << ROW_SHIFT | np.uint64(x)
-            x += 1
-            if x == width:
-                x = 0
-                y += 1
-        u[0, :n] = u_start[pixels]
-        # Ideal pixels that are silent need no logarithm before the chunk's end.
-        for f in range(0 if every_u else F - 1, F):
-            if not log_intensity(radiance[f, pixels], dark, u[f + 1, :n]):
-                return BAD, block, 0, 0
-        for s in range(first_setting if block == first_block else 0, S):
-            if leader[s] != s:
+            C_on[i], C_off[i] = settings.C_on[s, 0], settings.C_off[s, 0]
+    copy(state.memory[s, pixels], memory[:n])
+    if settings.filtered[s]:
+        copy(state.v1[s, pixels], block.v1[0, :n])
+        copy(state.v2[s, pixels], block.v2[0, :n])
+    else:
+        set_light_band(n, block.comparators, block.light_band)
+
+
+@inlined
+def ideal_interval(f, pixels, light, interval, leaked, alike, block, used):
+    """Fire the ideal pixels of a block over one interval.
+
+    Parameters
+    ----------
+    f, pixels
+        Interval of the chunk, and slice of the pixels.
+    light, interval
+        Radiance, and the clock of the leading setting.
+    leaked
+        Fall of the memory since `set_light_band`.
+    alike, block, used
+        Settings with equal events except for the times, state, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, FULL or BAD.
+    """
+    radiance = light.radiance[f, pixels]
+    kind = radiance.dtype.type
+    fade = exp(-leaked - interval.drift)
+    flag_ideal(radiance, kind(light.dark), kind(fade), block.light_band, block.flag)
+    flagged = list_flagged(block.flag, radiance.size, block.flagged)
+    u0, u1 = block.lines[0, : flagged.size], block.lines[1, : flagged.size]
+    if f == 0:
+        for k in range(flagged.size):
+            u0[k] = block.u[0, flagged[k]]
+    else:
+        log_of_flagged(flagged, light.radiance[f - 1, pixels], light.dark, block.light, u0)
+    if not log_of_flagged(flagged, radiance, light.dark, block.light, u1):
+        return BAD
+    lines = Lines(u0, u1, interval.drift, leaked)
+    return events_of_lines(
+        flagged, lines, block.comparators, block.light_band, alike, block.work, used
+    )
+
+
+@inlined
+def filtered_interval(s, f, n, settings, step, interval, block, used):
+    """Fire the filtered pixels of a block over one interval.
+
+    Parameters
+    ----------
+    s, f, n
+        Setting, interval of the chunk, and number of pixels.
+    settings, step, interval
+        Electronics, coefficients of the poles, and clock.
+    block, used
+        State, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
+    """
+    now, end = f & 1, (f & 1) ^ 1
+    ends = block.u[f], block.u[f + 1], block.v1[now], block.v2[now], block.v1[end], block.v2[end]
+    response = Response(*ends, settings.poles[s])
+    light_a = settings.light_a[s]
+    if light_a > 0.0:
+        poles_to_end_in_own_light(n, response, light_a, interval.dt_s, block.x, block.e)
+        flag_filtered(n, response, block.x, block.e, interval.drift, block.comparators, block.flag)
+        flagged = list_flagged(block.flag, n, block.flagged)
+        for k in range(flagged.size):
+            block.work.curve[WHOLE, k] = block.x[flagged[k]]
+    else:
+        poles_to_end(n, response, step)
+        flag_filtered(n, response, step.x, step.e, interval.drift, block.comparators, block.flag)
+        flagged = list_flagged(block.flag, n, block.flagged)
+        for k in range(flagged.size):
+            block.work.curve[WHOLE, k] = step.x
+    return events_of_curves(flagged, response, interval, block.comparators, block.work, used)
+
+
+@jit
+def advance_pixels(light, band, state, settings, clock, block, resume, segment):
+    """Advance a band of pixels through F frame intervals of S settings.
+
+    Parameters
+    ----------
+    light, band
+        Radiance of the chunk, and range of pixels.
+    state, settings, clock
+        Of all pixels and settings; the state is updated.
+    block
+        Memory, with the pool that receives the events.
+    resume
+        Place to start at; `Resume(0, 0, 0)` in the first call.
+    segment
+        (blocks, S, F, 2) int64 output: START and STOP in the pool.
+
+    Returns
+    -------
+    outcome, resume
+        DONE; FULL if the pool is too small: repeat the call with `resume` and a larger pool; or BAD
+        if radiance is negative or not finite.
+    """
+    F = light.radiance.shape[0]
+    memory = block.comparators.memory
+    # Ideal pixels without events need no logarithm before the last frame of the chunk.
+    first_u = 0 if settings.filtered.any() or settings.noisy.any() else F - 1
+    used = resume.used
+    for b in range(resume.block, segment.shape[0]):
+        start = band.start + b * band.block_px
+        stop = min(start + band.block_px, band.stop)
+        n, pixels = stop - start, slice(start, stop)
+        place(start, band.width, block.work.position[:n])
+        for i in range(n, block.flag.size):
+            block.flag[i] = False
+        copy(state.u[pixels], block.u[0, :n])
+        for f in range(first_u, F):
+            if not log_intensity(light.radiance[f, pixels], light.dark, block.u[f + 1, :n]):
+                return BAD, Resume(b, 0, 0)
+        for s in range(resume.setting if b == resume.block else 0, settings.leader.size):
+            members = np.flatnonzero(settings.leader == s)
+            if members.size == 0:
                 continue
             used_before = used
-            leaked = 0.0  # what memory_now has sunk by since the band of light was set
-            memory_now[:n] = memory[s, pixels]
-            if C_on.shape[1] == 1:
-                C_on_now[:n] = C_on[s, 0]
-                C_off_now[:n] = C_off[s, 0]
-            else:
-                C_on_now[:n] = C_on[s, pixels]
-                C_off_now[:n] = C_off[s, pixels]
-            if filtered[s]:
-                v1_now[0, :n] = v1[s, pixels]
-                v2_now[0, :n] = v2[s, pixels]
-            else:
-                band_of_light(n, memory_now, C_on_now, C_off_now, darkest, brightest)
+            leaked = 0.0  # fall of the memory since `set_light_band`
+            load(s, pixels, state, settings, block)
             for f in range(F):
-                now, end = f & 1, (f & 1) ^ 1
-                dt_s = steps[s, f, DT_S]
-                drift = electronics[s, LEAK_PER_S] * dt_s
+                drift = settings.leak_per_s[s] * clock.dt_s[s, f]
+                interval = Interval(
+                    clock.dt_s[s, f], drift, clock.start_us[s, f], clock.length_us[s, f]
+                )
                 begin = used
-                if filtered[s]:
-                    before = u[f], u[f + 1], v1_now[now], v2_now[now]
-                    poles, step = electronics[s, POLES], steps[s, f]
-                    band = drift, memory_now, C_on_now, C_off_now
-                    interval = dt_s, start_us[s, f], length_us[s, f]
-                    work = position, curve, todo, todo_words, pool, used
-                    after = v1_now[end], v2_now[end]
-                    if electronics[s, LIGHT_A] > 0.0:
-                        poles_to_end_in_own_light(
-                            n, *before, dt_s, electronics[s], *after, x_now, e_now
-                        )
-                        flag_filtered(n, *before, v2_now[end], x_now, e_now, poles, *band, flag)
-                        flagged = index[: list_flagged(flag, n, index)]
-                        used = events_of_curves(
-                            flagged, *before, *after, x_now, poles, *band, *interval, *work
-                        )
-                    else:
-                        poles_to_end(n, *before, step, *after)
-                        ends = v2_now[end], step[X], step[E]
-                        flag_filtered(n, *before, *ends, poles, *band, flag)
-                        flagged = index[: list_flagged(flag, n, index)]
-                        used = events_of_curves(
-                            flagged, *before, *after, step[X], poles, *band, *interval, *work
-                        )
+                if settings.filtered[s]:
+                    step = clock.steps[s, f]
+                    used = filtered_interval(s, f, n, settings, step, interval, block, used)
+                    segment[b, s, f, START] = begin
                 else:
-                    fade = exp(-leaked - drift)
-                    flag_ideal(
-                        radiance[f, pixels],
-                        radiance.dtype.type(dark),
-                        radiance.dtype.type(fade),
-                        darkest,
-                        brightest,
-                        flag,
+                    alike = Alike(
+                        members,
+                        clock.dt_s[:, f],
+                        clock.start_us[:, f],
+                        clock.length_us[:, f],
+                        segment[b, :, f],
                     )
-                    flagged = index[: list_flagged(flag, n, index)]
-                    now_u, end_u = u_flagged[0, : flagged.size], u_flagged[1, : flagged.size]
-                    if f == 0:
-                        for k in range(flagged.size):
-                            now_u[k] = u[0, flagged[k]]
-                    else:
-                        log_of_flagged(flagged, radiance[f - 1, pixels], dark, light, now_u)
-                    if not log_of_flagged(flagged, radiance[f, pixels], dark, light, end_u):
-                        return BAD, block, s, 0
-                    used = events_of_lines(
-                        flagged,
-                        now_u,
-                        end_u,
-                        drift,
-                        leaked,
-                        memory_now,
-                        C_on_now,
-                        C_off_now,
-                        darkest,
-                        brightest,
-                        s,
-                        leader,
-                        f,
-                        steps,
-                        start_us,
-                        length_us,
-                        position,
-                        todo,
-                        todo_words,
-                        pool,
-                        used,
-                        segment[block, :, f],
-                    )
-                if used < 0:
-                    return FULL, block, s, used_before
-                if filtered[s]:
-                    segment[block, s, f, START], segment[block, s, f, STOP] = begin, used
+                    used = ideal_interval(f, pixels, light, interval, leaked, alike, block, used)
                 if drift != 0.0:
-                    memory_now[:n] -= drift
+                    for i in range(n):
+                        memory[i] -= drift
                     leaked += drift
-                if noisy[s]:
-                    used = noise_events(
-                        n,
-                        u[f],
-                        math.log(dark),
-                        electronics[s],
-                        hot_hz[s, pixels],
-                        seed,
+                if settings.noisy[s] and used >= 0:
+                    source = NoiseSource(
+                        settings.noise_hz[s],
+                        settings.noise_exponent[s],
+                        light.dark,
+                        settings.hot_hz[s, pixels],
+                        settings.seed,
                         start,
-                        first_frame + f,
-                        dt_s,
-                        start_us[s, f],
-                        length_us[s, f],
-                        position,
-                        pool,
+                    )
+                    used = noise_events(
+                        source,
+                        block.u[f, :n],
+                        clock.first_frame + f,
+                        interval,
+                        block.work,
                         begin,
                         used,
                     )
-                    if used < 0:
-                        return FULL, block, s, used_before
-                    segment[block, s, f, STOP] = used
-            memory[s, pixels] = memory_now[:n]
-            if filtered[s]:
-                v1[s, pixels] = v1_now[F & 1, :n]
-                v2[s, pixels] = v2_now[F & 1, :n]
-        u_start[pixels] = u[F, :n]
-    return DONE, blocks, 0, used
+                if used < 0:
+                    return used, Resume(b, s, used_before)
+                if settings.filtered[s] or settings.noisy[s]:
+                    segment[b, s, f, STOP] = used
+            copy(memory[:n], state.memory[s, pixels])
+            if settings.filtered[s]:
+                copy(block.v1[F & 1, :n], state.v1[s, pixels])
+                copy(block.v2[F & 1, :n], state.v2[s, pixels])
+        copy(block.u[F, :n], state.u[pixels])
+    return DONE, Resume(segment.shape[0], 0, used)

@@ -1,10 +1,12 @@
-"""The comparator, Eq. (1): which levels the flagged pixels cross, and the events of that."""
+"""The comparator, Eq. (1): find the levels that the flagged pixels cross, and fire the events."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensor.kernels.crossings import (
     CROSSING_BATCH,
@@ -23,94 +25,116 @@ from sensor.kernels.crossings import (
     US,
     V_HIGH,
     V_LOW,
+    Curve,
     solve_crossings,
     turning_point,
     v2_and_slopes_at,
     v2_at,
 )
 from sensor.kernels.elementary import jit
-from sensor.kernels.packing import POLARITY_SHIFT, START, STOP, pack
-from sensor.kernels.photoreceptor import DT_S
-from sensor.kernels.silence import BOUND_MARGIN, each, light_bound
+from sensor.kernels.packing import FULL, POLARITY_SHIFT, START, STOP, pack
+from sensor.kernels.silence import BOUND_MARGIN, light_bound
 
-# A level that an ideal pixel crosses, one column each: u is LEVEL_RISE above the interval's start
-# there, of WHOLE_RISE over all of it.
+# Rows of `Work.todo` for ideal pixels, one column for each crossing: rise of u from the start of
+# the interval to the level, and over the whole interval.
 LEVEL_RISE, WHOLE_RISE = range(2)
 
 
+class Work(NamedTuple):
+    """Memory for the crossings of a block, and the pool that receives the events."""
+
+    position: NDArray[np.uint64]  # (block,) packed row and column
+    curve: NDArray[np.float64]  # (CURVE_SIZE, block)
+    todo: NDArray[np.float64]  # (CROSSING_SIZE, CROSSING_BATCH)
+    todo_words: NDArray[np.uint64]  # (CROSSING_BATCH,) polarity and position
+    pool: NDArray[np.uint64]  # (capacity,) packed events
+
+
+class Lines(NamedTuple):
+    """Log intensity of the flagged ideal pixels over one interval, straight lines in time."""
+
+    u0: NDArray[np.float64]  # (flagged,) at the start of the interval; overwritten
+    u1: NDArray[np.float64]  # and at its end; overwritten
+    drift: float  # fall of the memory over the interval
+    leaked: float  # fall of the memory since `set_light_band`
+
+
+class Alike(NamedTuple):
+    """Settings with equal events except for the times, over one interval."""
+
+    members: NDArray[np.int64]  # indices of these settings
+    dt_s: NDArray[np.float64]  # (S,) as in `Interval`
+    start_us: NDArray[np.float64]
+    length_us: NDArray[np.int64]
+    segment: NDArray[np.int64]  # (S, 2) output: START and STOP of each setting in the pool
+
+
 @jit
-def fire_lines(
-    todo, todo_words, count, setting, leader, interval, steps, start_us, length_us, pool, segment
-):
-    """Append the listed levels as events to the part of the pool of each setting that fires so."""
-    for m in range(setting, leader.size):
-        if leader[m] != setting:
-            continue
-        dt_us = steps[m, interval, DT_S] * 1e6
-        first_us, whole_us = start_us[m, interval], length_us[m, interval]
-        out = pool[segment[m, STOP] : segment[m, STOP] + count]
+def fire_lines(count, alike, work):
+    """Append the listed crossings as events to the pool, for each setting with its own times.
+
+    Parameters
+    ----------
+    count
+        Number of listed crossings.
+    alike, work
+        Settings, and crossings in `todo`.
+    """
+    todo, todo_words = work.todo, work.todo_words
+    for m in alike.members:
+        dt_us = alike.dt_s[m] * 1e6
+        start_us, length_us = alike.start_us[m], alike.length_us[m]
+        used = alike.segment[m, STOP]
+        out = work.pool[used : used + count]
         for j in range(count):
             since_us = todo[LEVEL_RISE, j] * (dt_us / todo[WHOLE_RISE, j])
-            out[j] = pack(since_us, first_us, whole_us, todo_words[j])
-        segment[m, STOP] += count
+            out[j] = pack(since_us, start_us, length_us, todo_words[j])
+        alike.segment[m, STOP] += count
 
 
 @jit
-def events_of_lines(
-    flagged,
-    u0,  # (len(flagged),) log intensity of the flagged pixels at the interval's ends; overwritten
-    u1,
-    drift,
-    leaked,  # drift of the intervals since the band was set
-    memory,
-    C_on,
-    C_off,
-    darkest,
-    brightest,
-    setting,
-    leader,
-    interval,
-    steps,
-    start_us,
-    length_us,
-    position,
-    todo,
-    todo_words,
-    pool,
-    used,
-    segment,  # (S, 2) out: where in the pool each setting's events start and stop
-):
-    """Fire the flagged ideal pixels over one interval, for all settings that fire alike.
+def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
+    """Fire the flagged ideal pixels over one interval, for all settings with equal crossings.
 
-    u is a straight line. What time it crosses a level is the only thing in which those settings
-    differ. Returns how much of the pool is used, or -1 when it has not room enough.
+    Parameters
+    ----------
+    flagged
+        Indices of the pixels.
+    lines, comparators, light_band
+        Log intensity; memory and thresholds; the bounds on the light. The last two are updated.
+    alike, work, used
+        Settings, memory, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
     """
-    # Settings that fire alike fill parts of the pool side by side, so these need an end.
-    alike = 0
-    for m in range(setting, leader.size):
-        alike += leader[m] == setting
-    room = pool.size - used
-    if alike > 1:
+    u0, u1, drift, leaked = lines
+    memory, C_on, C_off = comparators
+    darkest, brightest = light_band
+    todo, todo_words = work.todo, work.todo_words
+    # Several settings fill adjacent parts of the pool, so each part needs a size in advance.
+    room = work.pool.size - used
+    if alike.members.size > 1:
         room = 0
         for k in range(flagged.size):
             i = flagged[k]
             room += np.int64(abs(u1[k] + drift - memory[i]) / min(C_on[i], C_off[i])) + 2
-        if used + alike * room > pool.size:
-            return -1
-    for m in range(setting, leader.size):
-        if leader[m] == setting:
-            segment[m, START] = segment[m, STOP] = used
-            used += room
-    whose = setting, leader, interval, steps, start_us, length_us, pool, segment
-    count = 0
+        if used + alike.members.size * room > work.pool.size:
+            return FULL
+    for m in alike.members:
+        alike.segment[m, START] = alike.segment[m, STOP] = used
+        used += room
+    count = np.int64(0)
     for k in range(flagged.size):
         i = flagged[k]
         level = memory[i]
         v_low, v_high = u0[k], u1[k] + drift
         sign = math.copysign(1.0, v_high - level)
-        on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+        on, off = C_on[i], C_off[i]  # read both to avoid a branch
         C = on if sign > 0.0 else off
-        word = position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
+        word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
         while (v_high - level) * sign >= C:
             level += sign * C
             todo[LEVEL_RISE, count] = level - v_low
@@ -119,41 +143,52 @@ def events_of_lines(
             count += 1
             room -= 1
             if room < 0:
-                return -1
+                return FULL
             if count == CROSSING_BATCH:
-                fire_lines(todo, todo_words, count, *whose)
+                fire_lines(count, alike, work)
                 count = 0
         memory[i] = level
         u0[k] = level + leaked - C_off[i]
         u1[k] = level + leaked + C_on[i]
-    fire_lines(todo, todo_words, count, *whose)
+    fire_lines(count, alike, work)
     for k in range(flagged.size):
         u0[k] = light_bound(u0[k], BOUND_MARGIN)
         u1[k] = light_bound(u1[k], -BOUND_MARGIN)
     for k in range(flagged.size):
         darkest[flagged[k]] = u0[k]
         brightest[flagged[k]] = u1[k]
-    for m in range(setting, leader.size):
-        if leader[m] == setting:
-            used = segment[m, STOP]
-    return used
+    return alike.segment[alike.members[-1], STOP]
 
 
 @jit
-def fire(todo, todo_words, count, start_us, length_us, pool, used):
-    """Solve the listed crossings and append them to the pool as events; -1 when it is full."""
+def fire(count, interval, work, used):
+    """Solve the listed crossings and append them to the pool as events.
+
+    Parameters
+    ----------
+    count
+        Number of listed crossings.
+    interval, work, used
+        Clock, crossings in `todo`, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
+    """
+    todo, todo_words, pool = work.todo, work.todo_words, work.pool
     if used + count > pool.size:
-        return -1
+        return FULL
     solve_crossings(todo, count)
+    start_us, length_us = interval.start_us, interval.length_us
     for k in range(count):
         since_us = todo[ROOT, k] * todo[US, k]
         pool[used + k] = pack(since_us, start_us, length_us, todo_words[k])
     return used + count
 
 
-# A flagged pixel's v2 over an interval, one column each, in the terms of a crossing. WHOLE = a dt;
-# SHAPED is where the transient ends or else the interval does, FLAT where before that v2's slope
-# has its own turning point, or else SHAPED.
+# Rows of `Work.curve`, one column for each flagged filtered pixel. WHOLE = a dt; SHAPED is the end
+# of the transient, at most WHOLE; FLAT is the turning point of the slope of v2, at most SHAPED.
 U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
 CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
 CURVE_SIZE = 16
@@ -161,7 +196,17 @@ CURVE_SIZE = 16
 
 @jit
 def describe_curves(curve, count, poles, drift):
-    """From the state of the first `count` columns to their curves, in vectors."""
+    """Compute the curve of v2 of each flagged pixel from its state, in a vectorized loop.
+
+    Parameters
+    ----------
+    curve
+        (CURVE_SIZE, block), updated.
+    count
+        Number of flagged pixels.
+    poles, drift
+        1 or 2, and fall of the memory over the interval.
+    """
     u0, u1, v1, v2 = curve[U_START], curve[U_END], curve[V1_START], curve[V2_START]
     v1_end, v2_end, whole = curve[V1_STOP], curve[V2_STOP], curve[WHOLE]
     second = poles - 1.0
@@ -180,9 +225,11 @@ def describe_curves(curve, count, poles, drift):
         flat = (2.0 * to_v1 - to_v2) / A  # (2 A - B) / A of two poles
         inside = (second > 0.0) & (flat > 0.0) & (flat < shaped)
         flat = flat if inside else shaped
-        slope_flat = v2_and_slopes_at(flat, 0.0, rise, A, B, short)[1] if inside else slope_end
+        start = v2[k] if short > 0.0 else u0[k] - poles * S
+        at_flat = v2_and_slopes_at(flat, Curve(start, rise, A, B, short))[1]
+        slope_flat = at_flat if inside else slope_end
         curve[V2_STOP, k] += drift
-        curve[CURVE_START_V, k] = v2[k] if short > 0.0 else u0[k] - poles * S
+        curve[CURVE_START_V, k] = start
         curve[CURVE_RISE, k] = rise
         curve[CURVE_A, k] = A
         curve[CURVE_B, k] = B
@@ -194,56 +241,51 @@ def describe_curves(curve, count, poles, drift):
 
 
 @jit
-def events_of_curves(
-    flagged,
-    u0,
-    u1,
-    v1,
-    v2,
-    v1_end,
-    v2_end,
-    x,
-    poles,
-    drift,
-    memory,
-    C_on,
-    C_off,
-    dt_s,
-    start_us,
-    length_us,
-    position,
-    curve,
-    todo,
-    todo_words,
-    pool,
-    used,
-):
-    """Fire the flagged filtered pixels over one interval: v2 is a curve.
+def events_of_curves(flagged, response, interval, comparators, work, used):
+    """Fire the flagged filtered pixels over one interval.
 
-    The interval is cut where v2 turns, at most twice, and where its transient has died away; the
-    levels that each monotone piece crosses are listed, and `fire` finds the times. Returns how much
-    of the pool is used, or -1 when it is full.
+    The interval is split at the turning points of v2, at most two, and at the end of its transient.
+    The levels that each monotone piece crosses are listed, and `fire` computes the times.
+
+    Parameters
+    ----------
+    flagged
+        Indices of the pixels.
+    response, interval
+        v1, v2 and u at both ends, and the clock.
+    comparators
+        Memory and thresholds; the memory is updated.
+    work, used
+        Memory with the row WHOLE of `curve` filled in, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
     """
+    u0, u1, v1, v2, v1_end, v2_end, poles = response
+    memory, C_on, C_off = comparators
+    curve, todo, todo_words = work.curve, work.todo, work.todo_words
     for k in range(flagged.size):
         i = flagged[k]
         curve[U_START, k], curve[U_END, k] = u0[i], u1[i]
         curve[V1_START, k], curve[V1_STOP, k] = v1[i], v1_end[i]
         curve[V2_START, k], curve[V2_STOP, k] = v2[i], v2_end[i]
-        curve[WHOLE, k] = each(x, i)
-    describe_curves(curve, flagged.size, poles, drift)
-    count = 0
+    describe_curves(curve, flagged.size, poles, interval.drift)
+    count = np.int64(0)
     for k in range(flagged.size):
         i = flagged[k]
         start, rise = curve[CURVE_START_V, k], curve[CURVE_RISE, k]
         A, B, short = curve[CURVE_A, k], curve[CURVE_B, k], curve[CURVE_SHORT, k]
+        shape = Curve(start, rise, A, B, short)
         whole, shaped, flat = curve[WHOLE, k], curve[SHAPED, k], curve[FLAT, k]
-        # v2's slope has at most one turning point of its own; on both sides it is monotone.
+        # The slope of v2 has at most one turning point; it is monotone on both sides.
         cut_0, cut_1 = 0.0, shaped
         if curve[TURNS_BEFORE, k] != 0.0:
-            cut_0 = turning_point(0.0, flat, rise, A, B, short)
+            cut_0 = turning_point(0.0, flat, shape)
         if curve[TURNS_AFTER, k] != 0.0:
-            cut_1 = turning_point(flat, shaped, rise, A, B, short)
-        us = dt_s * 1e6 / whole
+            cut_1 = turning_point(flat, shaped, shape)
+        us = interval.dt_s * 1e6 / whole
         slack = min(1.0, 1e6 / us) * 1e-9  # of the time constant 1/a, and of a second
         level = memory[i]
         low, v_low = 0.0, curve[V2_START, k]
@@ -251,17 +293,17 @@ def events_of_curves(
             if high <= low:
                 continue
             at_end = high == whole
-            v_high = curve[V2_STOP, k] if at_end else v2_at(high, start, rise, A, B, short)
+            v_high = curve[V2_STOP, k] if at_end else v2_at(high, shape)
             sign = math.copysign(1.0, v_high - level)
-            on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+            on, off = C_on[i], C_off[i]  # read both to avoid a branch
             C = on if sign > 0.0 else off
-            word = position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
+            word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
             while (v_high - level) * sign >= C:
                 if count == CROSSING_BATCH:
-                    used = fire(todo, todo_words, count, start_us, length_us, pool, used)
+                    used = fire(count, interval, work, used)
                     count = 0
                     if used < 0:
-                        return -1
+                        return FULL
                 level += sign * C
                 todo[START_V, count] = start
                 todo[RISE, count] = rise
@@ -279,17 +321,31 @@ def events_of_curves(
                 count += 1
             low, v_low = high, v_high
         memory[i] = level
-    return fire(todo, todo_words, count, start_us, length_us, pool, used)
+    return fire(count, interval, work, used)
 
 
 @jit
-def outside_refractory(t_us, x, y, refractory_us, ready_us, keep):
-    """Mark which of a pixel's events come at least the refractory period after its last kept one.
+def outside_refractory(events, refractory_us, ready_us):
+    """Mark the events that come at least the refractory period after the pixel's last marked one.
 
-    ready_us, (height, width) int64, is when each pixel can fire again; updated.
+    Parameters
+    ----------
+    events
+        `Columns` of N events in order.
+    refractory_us
+        Refractory period.
+    ready_us
+        (height, width) int64, the time at which each pixel can fire again; updated.
+
+    Returns
+    -------
+    (N,) bool
     """
+    t_us, x, y, _ = events
+    keep = np.empty(t_us.size, np.bool_)
     latest = np.iinfo(np.int64).max - refractory_us
     for k in range(t_us.size):
         keep[k] = t_us[k] >= ready_us[y[k], x[k]]
         if keep[k]:
             ready_us[y[k], x[k]] = min(t_us[k], latest) + refractory_us
+    return keep

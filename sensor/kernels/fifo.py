@@ -1,23 +1,27 @@
-"""The jitted kernels of the readout: one bus, a FIFO, and rows that are served oldest first.
+"""The compiled kernels of the readout: one bus, one FIFO, and rows in order of their oldest event.
 
-The bus is busy without a break from `BUSY_START_US` on. Since then it has opened `ROWS` rows and
-sent `SENT` events, so its clock stands at `BUSY_START_US + SENT / rate + ROWS * overhead`: nothing
-is accumulated, and a recording of any length ends as exactly as it began.
+The bus has been busy since `BUSY_START_US`. Since then it has opened `ROWS` rows and sent `SENT`
+events, so its time is `BUSY_START_US + SENT / rate + ROWS * overhead`. No rounding error
+accumulates, whatever the length of the recording.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-# Nothing is relaxed: the same float64 operations in the same order on any machine.
+from sensor.events import Columns
+
+# No fast math: the same float64 operations in the same order on any machine.
 jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
-# The integer state; a slot of the FIFO or a row of the sensor is -1 where there is none.
+# Entries of `Fifo.state`. -1 is no slot or no row.
 BUSY_START_US, SENT, ROWS, WAITING, FREE, BURST, BURST_ROW, QUEUE_START, QUEUED = range(9)
 STATE_SIZE = 9
-# What is counted.
+# Entries of `Tally.counts` and `Tally.delay_us`.
 FIRED, DROPPED, LEFT, DELAYED = range(4)
 COUNTS_SIZE = 4
 DELAY_SUM_US, DELAY_MAX_US = range(2)
@@ -25,27 +29,54 @@ DELAYS_SIZE = 2
 END_OF_TIME_US = 1 << 62
 
 
+class Bus(NamedTuple):
+    """Speed of the bus."""
+
+    rate_per_us: float  # events per microsecond within a row
+    overhead_us: float  # time to open a row
+
+
+class Fifo(NamedTuple):
+    """Waiting events, in slots, and waiting rows; updated."""
+
+    state: NDArray[np.int64]  # (STATE_SIZE,)
+    t_us: NDArray[np.int64]  # (depth,) time at which each waiting event fired
+    x: NDArray[np.uint16]
+    p: NDArray[np.int8]
+    next_slot: NDArray[np.int64]  # (depth,) slot of the next event of the row, or next free slot
+    row_first: NDArray[np.int64]  # (height,) slot of the oldest event of each waiting row
+    row_last: NDArray[np.int64]  # (height,) slot of its newest event
+    row_queue: NDArray[np.int64]  # (height,) ring buffer of waiting rows, oldest first
+
+
+class Tally(NamedTuple):
+    """Counts and delays; updated."""
+
+    counts: NDArray[np.int64]  # (COUNTS_SIZE,)
+    delay_us: NDArray[np.float64]  # (DELAYS_SIZE,)
+
+
 @jit
-def advance(
-    until_us: int,
-    rate_per_us: float,
-    overhead_us: float,
-    state: NDArray[np.int64],  # (STATE_SIZE,) updated
-    slot_t_us: NDArray[np.int64],  # (depth,) when each waiting event fired
-    slot_x: NDArray[np.uint16],
-    slot_p: NDArray[np.int8],
-    slot_next: NDArray[np.int64],  # next event of the same row, or next free slot
-    row_first: NDArray[np.int64],  # (height,) oldest event of each row that waits for its turn
-    row_queue: NDArray[np.int64],  # (height,) ring: those rows, oldest first
-    counts: NDArray[np.int64],  # (COUNTS_SIZE,) updated
-    delay_us: NDArray[np.float64],  # (DELAYS_SIZE,) updated
-    t_us: NDArray[np.int64],  # out, from `used` on
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.int8],
-    used: int,
-) -> int:
-    """Send what leaves no later than `until_us`, opening rows only before it. Returns used."""
+def advance(until_us: int, bus: Bus, fifo: Fifo, tally: Tally, sent: Columns, used: int) -> int:
+    """Send the events that leave no later than `until_us`; open rows only before it.
+
+    Parameters
+    ----------
+    until_us
+        End of the time span.
+    bus, fifo, tally
+        Speed, state and counts; the last two are updated.
+    sent, used
+        Output, and its used size.
+
+    Returns
+    -------
+    New used size of `sent`.
+    """
+    rate_per_us, overhead_us = bus
+    state, slot_t_us, slot_x, slot_p, next_slot, row_first, _, row_queue = fifo
+    counts, delay_us = tally
+    t_us, x, y, p = sent
     span_us = float(until_us - state[BUSY_START_US])
     while True:
         if state[BURST] < 0:
@@ -70,58 +101,35 @@ def advance(
         late_us = float(state[BUSY_START_US] - slot_t_us[slot]) + leaves_us
         delay_us[DELAY_SUM_US] += late_us
         delay_us[DELAY_MAX_US] = max(delay_us[DELAY_MAX_US], late_us)
-        state[BURST] = slot_next[slot]
-        slot_next[slot] = state[FREE]
+        state[BURST] = next_slot[slot]
+        next_slot[slot] = state[FREE]
         state[FREE] = slot
         state[SENT] += 1
         state[WAITING] -= 1
 
 
 @jit
-def accept(
-    fired_t_us: NDArray[np.int64],  # (N,) events as they fire
-    fired_x: NDArray[np.uint16],
-    fired_y: NDArray[np.uint16],
-    fired_p: NDArray[np.int8],
-    rate_per_us: float,
-    overhead_us: float,
-    state: NDArray[np.int64],
-    slot_t_us: NDArray[np.int64],
-    slot_x: NDArray[np.uint16],
-    slot_p: NDArray[np.int8],
-    slot_next: NDArray[np.int64],
-    row_first: NDArray[np.int64],
-    row_last: NDArray[np.int64],  # (height,) youngest event of each row that waits for its turn
-    row_queue: NDArray[np.int64],
-    counts: NDArray[np.int64],
-    delay_us: NDArray[np.float64],
-    t_us: NDArray[np.int64],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.int8],
-    used: int,
-) -> int:
-    """Take events into the FIFO one by one, sending what leaves before each. Returns used."""
+def accept(fired: Columns, bus: Bus, fifo: Fifo, tally: Tally, sent: Columns) -> int:
+    """Put events into the FIFO one by one, and send the events that leave before each.
+
+    Parameters
+    ----------
+    fired
+        Events in order.
+    bus, fifo, tally
+        Speed, state and counts; the last two are updated.
+    sent
+        Output with space for all waiting events and `fired`.
+
+    Returns
+    -------
+    Used size of `sent`.
+    """
+    fired_t_us, fired_x, fired_y, fired_p = fired
+    state, slot_t_us, slot_x, slot_p, next_slot, row_first, row_last, row_queue = fifo
+    counts, used = tally.counts, 0
     for i in range(fired_t_us.size):
-        used = advance(
-            fired_t_us[i],
-            rate_per_us,
-            overhead_us,
-            state,
-            slot_t_us,
-            slot_x,
-            slot_p,
-            slot_next,
-            row_first,
-            row_queue,
-            counts,
-            delay_us,
-            t_us,
-            x,
-            y,
-            p,
-            used,
-        )
+        used = advance(fired_t_us[i], bus, fifo, tally, sent, used)
         counts[FIRED] += 1
         slot = state[FREE]
         if slot < 0:
@@ -129,29 +137,25 @@ def accept(
             continue
         if state[WAITING] == 0:
             state[BUSY_START_US], state[SENT], state[ROWS] = fired_t_us[i], 0, 0
-        state[FREE] = slot_next[slot]
+        state[FREE] = next_slot[slot]
         state[WAITING] += 1
         slot_t_us[slot], slot_x[slot], slot_p[slot] = fired_t_us[i], fired_x[i], fired_p[i]
-        slot_next[slot] = -1
+        next_slot[slot] = -1
         row = np.int64(fired_y[i])
         if row_first[row] < 0:
             row_first[row] = slot
             row_queue[(state[QUEUE_START] + state[QUEUED]) % row_queue.size] = row
             state[QUEUED] += 1
         else:
-            slot_next[row_last[row]] = slot
+            next_slot[row_last[row]] = slot
         row_last[row] = slot
     return used
 
 
 @jit
-def order_ties(
-    t_us: NDArray[np.int64],  # (N,) ascending
-    x: NDArray[np.uint16],  # updated
-    y: NDArray[np.uint16],
-    p: NDArray[np.int8],
-) -> None:
-    """Sort the events of each microsecond by (y, x); one pixel's events keep their order."""
+def order_ties(events: Columns) -> None:
+    """Sort the events of each microsecond by (y, x), in place and stable."""
+    t_us, x, y, p = events
     start = 0
     while start < t_us.size:
         stop = start + 1

@@ -1,4 +1,4 @@
-"""From functions to commands: tyro reads their parameters and docstrings."""
+"""Commands made of functions: tyro reads their parameters and docstrings."""
 
 from __future__ import annotations
 
@@ -15,17 +15,23 @@ RunFolder = Annotated[Positional[Path], arg(metavar="RUN", help="folder of a run
 
 
 def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> SubcommandApp:
-    """Make functions commands of their names.
+    """Make commands of functions, with their names.
 
     Parameters
     ----------
+    functions
+        The functions; tyro reads their parameters and docstrings.
     overview
-        Whether the help says the first line of each alone, as in a list of them.
+        Whether the help of each is its first line alone, for the list of all commands.
+
+    Returns
+    -------
+    The application.
     """
     app = tyro.extras.SubcommandApp()
     for function in functions:
         described = docstring_parser.parse(function.__doc__ or "")
-        for argument in described.params:  # tyro would keep the line breaks of the source
+        for argument in described.params:  # tyro would keep the source's line breaks
             argument.description = " ".join((argument.description or "").split())
             argument.default = None  # found in "by default ...", and composed into the name
         function.__doc__ = docstring_parser.compose(described)

@@ -1,4 +1,4 @@
-"""What works on this machine, for `eres doctor`."""
+"""Checks of this machine, for `eres doctor`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GB = 1e9
 
 
 def diagnose(console: Console) -> int:
-    """Print it; returns the exit code, 1 if no Mitsuba variant can render."""
+    """Print what works on this machine; return the exit code, 1 if no renderer works."""
     verdicts = probe_variants()
     table = Table("Mitsuba variant", "works", "remark", box=None)
     for verdict in verdicts:

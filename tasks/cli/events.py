@@ -1,4 +1,4 @@
-"""Files of events: simulated and converted."""
+"""Commands for files of events: simulate, convert."""
 
 from __future__ import annotations
 
@@ -25,32 +25,32 @@ def simulate(
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
     bus: OmitArgPrefixes[BusOptions] = NO_BUS,
 ) -> None:
-    """Turn a rendered sequence into a file of events, frame by frame.
+    """Simulate a sensor on a rendered sequence, and write its events to a file.
 
-    The dark level is a thousandth of the sequence's white. A sensor that is not of the frames'
-    shape sees the middle of them. Events of the warm-up are in the file too; it says, where its
-    format can, when the window starts and ends, and which sensor and seed made it.
+    The dark level is a thousandth of the sequence's white. If the sensor's shape differs from the
+    frames', the sensor sees their center. The file includes the events of the warm-up and, if its
+    format can, the start and end of the window, the sensor and the seed.
 
     Parameters
     ----------
     out
         File of events: .h5 (DSEC), .raw (Prophesee EVT3), .npz or .txt.
     sensor
-        A camera by name; `eres sensors` lists them. This or a resolution.
+        Name of a camera (`eres sensors` lists them), instead of a resolution.
     resolution
-        Width of the sensor, px.
+        Width of the sensor, px, instead of a camera.
     threshold
-        Contrast threshold in log units; 0.2 by default.
+        Contrast threshold, log units; 0.2 by default.
     speed
-        How much faster the scene moves than it was rendered.
+        Factor by which the scene moves faster than it was rendered.
     seed
         Seed of everything random in the sensor.
     format
-        dsec, evt3, evt2, npz or text, in place of what the file's extension says.
+        dsec, evt3, evt2, npz or text, instead of what the extension says.
     truth
         Add true depth, flow and poses to a DSEC file, this many seconds apart.
     overwrite
-        Replace the file if it exists; without it such a file is refused.
+        Replace an existing file.
     """
     from eres_render import open_sequence
     from tasks.cli.progress_bar import progress_bar
@@ -93,18 +93,18 @@ def convert(
     """Write a file of events in another format.
 
     Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt). A warning names what
-    OUT cannot hold of IN; truth is kept from DSEC to DSEC.
+    OUT cannot hold; ground truth is kept from DSEC to DSEC.
 
     Parameters
     ----------
     format
-        The format of OUT, in place of what its extension says; a .raw is EVT3 by default.
+        Format of OUT, instead of what its extension says; .raw is EVT3 by default.
     input_format
-        The format of IN, in place of what its extension or header says.
+        Format of IN, instead of what its extension or header says.
     size
-        Width and height of the sensor, for files that do not store it.
+        Width and height of the sensor, for a file that does not store them.
     overwrite
-        Replace OUT if it exists; without it such a file is refused.
+        Replace OUT if it exists.
     """
     from tasks.events.conversion import convert as convert_file
 

@@ -1,4 +1,4 @@
-"""What is in a sequence or a file of events."""
+"""The command that describes a sequence or a file of events."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def info(
     ],
     format: str | None = None,
 ) -> None:
-    """Say what is in a radiance sequence or in a file of events.
+    """Describe a radiance sequence or a file of events.
 
     Parameters
     ----------
     format
-        dsec, evt3, evt2, npz or text, in place of what an event file's extension says.
+        dsec, evt3, evt2, npz or text, instead of what the extension says.
     """
     if path.is_file():
         from tasks.events.description import describe
@@ -41,7 +41,9 @@ def info(
     part = "continuous" if sequence.is_continuous else f"clip {manifest.clip}"
     clock = {}
     if sequence.t_offset_us:
-        clock["clock"] = f"time 0 is {seconds(sequence.t_offset_us)} s on that of the poses given"
+        clock["clock"] = (
+            f"time 0 is {seconds(sequence.t_offset_us)} s on the clock of the given poses"
+        )
     pairs = {
         "scene": f"{manifest.scene}, {part}",
         "found at": manifest.scene_source,

@@ -1,4 +1,4 @@
-"""What is there: this machine, scenes, cameras, methods."""
+"""Commands that list: this machine, scenes, cameras, methods."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from tasks.cli.table import Table
 
 
 def doctor() -> int:
-    """Show what works on this machine: renderer, threads, versions, where things are loaded from.
+    """Show this machine: renderers that work, cores, versions, and places of code and cache.
 
-    Exit code 1 if nothing here can render.
+    The exit code is 1 if no renderer works.
     """
     from tasks.cli.doctor import diagnose
 

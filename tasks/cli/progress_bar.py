@@ -1,4 +1,4 @@
-"""The bar that the command line draws of long work."""
+"""The progress bar of the command line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from eres_render.progress import Progress as OnProgress
 
 @contextmanager
 def progress_bar(console: Console) -> Iterator[OnProgress]:
-    """Draw what is being done, time gone and time left; nothing where there is no terminal."""
+    """Draw stage, elapsed time and time left; draw nothing without a terminal."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -28,7 +28,7 @@ def progress_bar(console: Console) -> Iterator[OnProgress]:
         def update(stage: str, done: float, total: float, /) -> None:
             now = bar.tasks[0]
             if total != now.total or done < now.completed:
-                bar.reset(task, total=total)  # another stage has a pace of its own
+                bar.reset(task, total=total)  # another stage has another pace
             bar.update(task, description=stage, completed=done)
 
         yield update

@@ -38,14 +38,21 @@ def evaluate(
     tracking: position error over the first 14 ms, in planar scenes. video: PSNR of images along a
     continuous sequence.
 
-    Args:
-        task: The task.
-        method: Names (`eres methods` lists them), or your own functions as
-            package.module:function; by default all methods of the task.
-        resolution: Width of the sensor, px.
-        cutoff: Corner frequency of the photoreceptor's poles, Hz; by default an ideal pixel.
-        threshold: Contrast threshold, log units.
-        speed: Factor on the speed of the rendered sequence.
+    Parameters
+    ----------
+    task
+        The task.
+    method
+        Names (`eres methods` lists them), or your own functions as
+        package.module:function; by default all methods of the task.
+    resolution
+        Width of the sensor, px.
+    cutoff
+        Corner frequency of the photoreceptor's poles, Hz; by default an ideal pixel.
+    threshold
+        Contrast threshold, log units.
+    speed
+        Factor on the speed of the rendered sequence.
     """
     from eres_render import open_sequence
     from tasks.cli.progress_bar import progress_bar
@@ -105,16 +112,25 @@ def study(
     Prints the scores next to the paper's and writes report.html into the run's folder. The same
     command resumes a run that was stopped.
 
-    Args:
-        out: Folder of the run.
-        preset: Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
-            "paper": three scenes, 20 samples of each, all methods; takes hours.
-        scenes: Names or folders of scenes.
-        samples: Number of samples along each path.
-        spp: Samples per pixel of the render.
-        resolution: Side of the rendered frames, px; finer sensors are left out.
-        method: Your own methods, in addition to the study's, as package.module:function.
-        scheduler: Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
+    Parameters
+    ----------
+    out
+        Folder of the run.
+    preset
+        Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
+        "paper": three scenes, 20 samples of each, all methods; takes hours.
+    scenes
+        Names or folders of scenes.
+    samples
+        Number of samples along each path.
+    spp
+        Samples per pixel of the render.
+    resolution
+        Side of the rendered frames, px; finer sensors are left out.
+    method
+        Your own methods, in addition to the study's, as package.module:function.
+    scheduler
+        Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     """
     from dataclasses import replace
 

@@ -38,22 +38,21 @@ def evaluate_sequence(
     task
         Name of the task.
     methods
-        Names, or "package.module:function"; all listed methods by default.
+        Names, or "package.module:function"; by default all listed methods.
     width
-        Of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
+        Width of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz
-        Photoreceptor cutoff; inf is ideal.
+        Photoreceptor cutoff, Hz; inf is an ideal pixel.
     contrast_threshold
         C, log units.
     speed
         Factor by which the scene moves faster than it was rendered.
     on_progress
-        Called as frames are simulated and sensors scored.
+        Called with the stage, the amount done, and the total.
 
     Returns
     -------
-    rows
-        One score each.
+    One row for each method, item and variant.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What each task is asked to do: one frozen dataclass a task, and `Evaluate` for all of them."""
+"""Settings of the tasks: one frozen dataclass for each, and `Evaluate` for all of them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from tasks.methods import check_method
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskSettings:
-    """What a task is asked to do.
+    """Settings that every task has.
 
     Parameters
     ----------
     methods
-        By name, or "package.module:function"; none where there is nothing to do.
+        Names, or "package.module:function"; none to leave the task out.
     """
 
     methods: tuple[str, ...] = ()
@@ -43,7 +43,7 @@ class TaskSettings:
 
 
 def _share(width: int) -> float:
-    """Pixels of a sensor as a share of those at 1280 px: most scores take about as much time."""
+    """Return a sensor's share of the pixels at 1280 px; scoring time is in proportion to it."""
     return width**2 / 1280**2
 
 
@@ -101,6 +101,7 @@ class Flow(TaskSettings):
         return 0.04 * _share(width) * len(self.methods) * patches
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
+        """As `TaskSettings.trial`."""
         return replace(self, methods=methods, features=1, native_patch=False, fast_methods=())
 
 
@@ -116,7 +117,7 @@ class Tracking(TaskSettings):
         Errors of the initial path: standard deviation of each component of the control points.
         Each is a variant of the task.
     max_events
-        Most events that a method gets, from the 14 ms of the path; they are those of random pixels.
+        Largest number of events that a method gets from the path's 14 ms, of random pixels.
     max_delay_us
         Largest delay of events, for methods that estimate it: they also get events after the end of
         the path.
@@ -135,6 +136,7 @@ class Tracking(TaskSettings):
         return 1e-6 * us_per_event * self.max_events * len(self.methods) * len(self.sigmas_mm)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
+        """As `TaskSettings.trial`."""
         return replace(self, methods=methods, sigmas_mm=self.sigmas_mm[:1])
 
 
@@ -172,6 +174,7 @@ class Video(TaskSettings):
         return 0.4 * _share(width) * len(self.methods) * images
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
+        """As `TaskSettings.trial`."""
         return replace(self, methods=methods, every_s=window_s)
 
 
@@ -191,7 +194,7 @@ class Evaluate:
 
 
 def methods_of(evaluate: Evaluate) -> dict[str, tuple[str, ...]]:
-    """Names of the methods of each task, those that are tried at another speed included."""
+    """Return the names of the methods of each task, those for the fast samples included."""
     return {
         task: (*settings.methods, *getattr(settings, "fast_methods", ()))
         for task, settings in evaluate.tasks.items()
@@ -199,7 +202,13 @@ def methods_of(evaluate: Evaluate) -> dict[str, tuple[str, ...]]:
 
 
 def check_methods(evaluate: Evaluate) -> None:
-    """Raise a TaskError if a method does not exist or is another task's, before any rendering."""
+    """Check before any rendering that all methods exist.
+
+    Raises
+    ------
+    TaskError
+        A method does not exist, or is for another task.
+    """
     for task, names in methods_of(evaluate).items():
         for name in names:
             check_method(task, name)

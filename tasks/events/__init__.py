@@ -1,1 +1,1 @@
-"""Files of events: simulated, converted, described, with ground truth beside them."""
+"""Files of events: simulate, convert and describe them, and add ground truth."""

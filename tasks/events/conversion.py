@@ -1,4 +1,4 @@
-"""Files of events in another format."""
+"""Convert files of events between formats."""
 
 from __future__ import annotations
 
@@ -20,14 +20,29 @@ def convert(
     size: tuple[int, int] | None = None,
     overwrite: bool = False,
 ) -> int:
-    """Write a file's events in another format, with all it says of them; returns their number.
+    """Write a file's events in another format, with everything that the new format can hold.
 
-    Truth is kept from DSEC to DSEC. A warning names what is not kept.
+    Ground truth is kept from DSEC to DSEC. A warning names what is lost.
+
+    Parameters
+    ----------
+    source, out
+        The files.
+    format, input_format
+        Formats of `out` and `source`; by default their extensions or headers tell.
+    size
+        Width and height of the sensor, for a source that does not store them.
+    overwrite
+        Whether to replace an existing file.
+
+    Returns
+    -------
+    The number of events.
 
     Raises
     ------
     TaskError
-        Both are one file, or the one to write exists and is not to be overwritten.
+        Both are the same file, or `out` exists and may not be replaced.
     """
     header = read_header(source, format=input_format)
     if out.exists() and out.samefile(source):

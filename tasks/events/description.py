@@ -1,4 +1,4 @@
-"""What is in a file of events, in words."""
+"""Describe a file of events."""
 
 from __future__ import annotations
 
@@ -13,7 +13,19 @@ from sensor.model import MAX_SIDE_PX
 
 
 def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
-    """What is in an event file, as names and values to print; reads it from end to end."""
+    """Describe an event file; reads all of it.
+
+    Parameters
+    ----------
+    path
+        The file.
+    format
+        Its format; by default its extension or header tells.
+
+    Returns
+    -------
+    Names and values to print.
+    """
     header = read_header(path, format=format)
     stored = header.width is not None
     size = None if stored else (MAX_SIDE_PX, MAX_SIDE_PX)
@@ -45,7 +57,7 @@ def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
 
 
 def seconds(t_us: int) -> str:
-    """Write microseconds as seconds, all digits of them.
+    """Write microseconds as seconds with all digits.
 
     >>> seconds(1600000000123456)
     '1600000000.123456'

@@ -1,4 +1,4 @@
-"""What `eres simulate` can be told of a sensor's pixels and of the bus behind them."""
+"""Options of `eres simulate` for a sensor's pixels and bus."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelOptions:
-    """What real pixels do and ideal ones don't; all of it off by default.
+    """Properties of real pixels; all are off by default.
 
     Sources are in the docstring of `sensor.SensorModel`.
 
     Parameters
     ----------
     cutoff
-        Corner frequency of each of the photoreceptor's poles, Hz; none by default, an ideal pixel.
-        The paper's day is 200 Hz, its night 50 Hz.
+        Corner frequency of each of the photoreceptor's poles, Hz; by default an ideal pixel. The
+        paper uses 200 Hz for day and 50 Hz for night.
     illuminance
-        Light on the scene, lux: sets the cutoff in its place, 3 Hz a lux.
+        Light on the scene, lux; it sets the cutoff, 3 Hz per lux.
     cutoff_follows_light
-        Cutoff proportional to each pixel's own light; white has the one that was given.
+        Make the cutoff proportional to each pixel's own light; white has the given cutoff.
     poles
         Poles of the photoreceptor, 1 or 2.
     random_start
-        Pixels start out of step, as in a sensor that has been running.
+        Start pixels at random phases, as in a sensor that has been running.
     fill_factor
         Share of a pixel's area that sees light, 0 to 1.
     threshold_mismatch
-        Standard deviation of the contrast threshold from pixel to pixel, log units; 0.03 is usual.
+        Standard deviation of the contrast threshold between pixels, log units; typically 0.03.
     leak
-        ON events of a pixel in constant light, Hz; 0.1 is usual.
+        Rate of ON events of a pixel in constant light, Hz; typically 0.1.
     shot_noise
-        Noise events of a pixel in the dark, Hz.
+        Rate of noise events of a pixel in the dark, Hz.
     shot_noise_exponent
-        How they fall with the light: as (1 + light / dark level) to minus this.
+        Their rate falls as (1 + light / dark level) to the power of minus this.
     hot_pixels
         Share of pixels that are hot, 0 to 1.
     hot_pixel_rate
-        Noise events of a hot pixel in any light, Hz.
+        Rate of noise events of a hot pixel in any light, Hz.
     refractory
         Time after an event in which a pixel reports no other, seconds.
     """
@@ -65,12 +65,23 @@ class PixelOptions:
     refractory: float = 0.0
 
     def applied_to(self, model: SensorModel, white_level: float) -> SensorModel:
-        """The model with these pixels; white_level is the radiance of white.
+        """Return a sensor with these pixels.
+
+        Parameters
+        ----------
+        model
+            The sensor.
+        white_level
+            Radiance of white.
+
+        Returns
+        -------
+        The sensor with these pixels.
 
         Raises
         ------
         TaskError
-            Options that exclude or need each other.
+            Options exclude each other, or one needs another.
         SensorError
             A value is outside its range.
         """
@@ -84,7 +95,7 @@ class PixelOptions:
             cutoff_hz = cutoff_in_light(self.illuminance)
         if self.cutoff_follows_light and cutoff_hz == float("inf"):
             raise TaskError(
-                "cutoff-follows-light: expected a cutoff or an illuminance beside it, such as "
+                "cutoff-follows-light: expected a cutoff or an illuminance with it, such as "
                 "--cutoff 200"
             )
         return replace(
@@ -109,18 +120,17 @@ IDEAL_PIXEL = PixelOptions()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOptions:
-    """The way off the chip, after `sensor.Readout`; without a bus every event leaves at once.
+    """The bus on which events leave the sensor, see `sensor.Readout`; by default all leave at once.
 
     Parameters
     ----------
     bus
-        What the bus carries, million events a second; or the name of a camera that has such a bus,
-        see `eres sensors`.
+        Capacity of the bus, million events per second, or the name of a camera with such a bus, see
+        `eres sensors`.
     fifo
-        Events that can wait for the bus; one that finds it full is dropped.
+        Number of events that can wait for the bus; an event that finds the queue full is dropped.
     row_overhead
-        What it costs to open a row of pixels, seconds. Rows take turns, the one that has waited
-        longest first.
+        Time to open a row of pixels, seconds. The row that has waited longest is next.
     """
 
     bus: str | None = None
@@ -128,18 +138,18 @@ class BusOptions:
     row_overhead: float = 0.0
 
     def readout(self) -> Readout | None:
-        """The bus, or None where there is none.
+        """Return the bus, None if there is none.
 
         Raises
         ------
         TaskError
-            The bus is neither a rate nor a camera whose bandwidth is known.
+            The bus is neither a rate nor a camera with a known bandwidth.
         SensorError
             A value is outside its range.
         """
         if self.bus is None:
             if self != NO_BUS:
-                raise TaskError("fifo, row-overhead: expected a bus beside them, such as --bus 12")
+                raise TaskError("fifo, row-overhead: expected a bus with them, such as --bus 12")
             return None
         rate_mev_s: float | None
         try:
@@ -147,16 +157,16 @@ class BusOptions:
         except ValueError:
             if self.bus not in SENSORS:
                 raise TaskError(
-                    f"bus: found {self.bus!r}, which is neither a rate in million events a second, "
+                    f"bus: found {self.bus!r}, neither a rate in million events per second, "
                     f"such as --bus 12, nor a camera; {hint(self.bus)}"
                 ) from None
             rate_mev_s = SENSORS[self.bus].max_bandwidth_mev_s
         if rate_mev_s is None:
             raise TaskError(
-                f"bus: no bandwidth is known of {self.bus!r}, expected a rate in million events a "
-                "second, such as --bus 12, or another camera"
+                f"bus: the bandwidth of {self.bus!r} is unknown, expected a rate in million events "
+                "per second, such as --bus 12, or another camera"
             )
-        from sensor import Readout  # here, as Numba takes longer to load than help to be printed
+        from sensor import Readout  # here, as Numba loads more slowly than help prints
 
         return Readout(
             max_rate_hz=rate_mev_s * 1e6, fifo_depth=self.fifo, row_overhead_s=self.row_overhead

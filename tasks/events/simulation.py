@@ -1,4 +1,4 @@
-"""A file of the events that a sensor fires before a sequence."""
+"""Simulate a sensor on a sequence, and write its events."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.engine.bank import DARK_FRACTION
 from sensor.formats import find_format, write_events
 from sensor.formats.header import Value
-from sensor.optics import middle
+from sensor.optics import crop_to_aspect
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
@@ -32,16 +32,22 @@ def sensor_for(
     contrast_threshold: float | None = None,
     pixel: PixelOptions = IDEAL_PIXEL,
 ) -> SensorModel:
-    """A sensor for a sequence, its dark level a thousandth of the sequence's white.
+    """Choose a sensor for a sequence; its dark level is a thousandth of the sequence's white.
 
     Parameters
     ----------
+    sequence
+        The sequence.
     sensor, resolution
         One of them: a preset's name, or a width in pixels; the height then follows the frames'.
     contrast_threshold
-        In place of 0.2.
+        C, log units; by default that of the preset, or 0.2.
     pixel
-        What else is to be said of its pixels.
+        Other properties of the pixels.
+
+    Returns
+    -------
+    The sensor.
 
     Raises
     ------
@@ -81,36 +87,47 @@ def simulate_sequence(
     overwrite: bool = False,
     on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
-    """Write the events that a sensor fires before a sequence; returns their number.
+    """Write the events that a sensor fires on a sequence.
 
-    A sensor of another shape than the frames sees the middle of them, so that its pixels are
-    square. All events are written, those of the sequence's warm-up too; the file's origin says when
-    its window starts and ends. Warnings say so where the warm-up is short for the sensor, or frames
-    lie far apart.
+    If the sensor's shape differs from the frames', the sensor sees their center, so that its pixels
+    are square. All events are written, those of the warm-up too; the file's origin states the start
+    and end of the window. A warning says if the warm-up is short for the sensor, or if frames are
+    far apart.
 
-    If the path was given by poses whose times do not start at 0, time 0 of the sequence is that of
-    the first, at any speed.
+    If the poses of the path do not start at time 0, event times count from the same zero as the
+    poses, at any speed.
 
     Parameters
     ----------
-    sequence, model, out, seed, format
-        The light, the sensor, the file, and as for `sensor.stream` and `write_events`.
+    sequence
+        The frames.
+    model
+        The sensor.
+    out
+        The file.
     speed
-        The scene moves that much faster: frame times are divided by it.
+        Factor by which the scene moves faster than it was rendered: frame times are divided by it.
+    seed
+        Seed of everything random in the sensor.
     readout
-        The bus that the events leave by; without one, all leave when they fire. The second result
-        is then its report, else None.
+        The bus on which the events leave; None if all leave when they fire.
     truth_step_s
-        Add ground truth of the window to the file, this far apart; see `truth_to_add`.
+        Step of the ground truth that is added to the file, see `truth_to_add`; None for none.
+    format
+        As for `write_events`.
     overwrite
-        Replace the file if it exists.
+        Whether to replace an existing file.
     on_progress
-        Called as frames are done.
+        Called after each frame.
+
+    Returns
+    -------
+    The number of events, and the report of the bus, None without one.
 
     Raises
     ------
     TaskError
-        The speed is none, the file exists, or its format has no place for truth.
+        The speed is not positive, the file exists, or its format cannot hold ground truth.
     """
     check_new(out, overwrite)
     if not 0 < speed < np.inf:
@@ -131,7 +148,7 @@ def simulate_sequence(
         "window_start_us": window_us[0],
         "window_end_us": window_us[1],
     }
-    rows, columns = middle(manifest.height, manifest.width, model.height, model.width)
+    rows, columns = crop_to_aspect(manifest.height, manifest.width, model.height, model.width)
 
     def frames() -> Iterator[NDArray[np.float32]]:
         for k, frame in enumerate(sequence, start=1):

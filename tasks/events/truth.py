@@ -1,4 +1,4 @@
-"""Ground truth beside the events, in the same DSEC file."""
+"""Ground truth in the same DSEC file as the events."""
 
 from __future__ import annotations
 
@@ -21,13 +21,28 @@ AddTo = Callable[[Path], None]
 def truth_to_add(
     sequence: RadianceSequence, model: SensorModel, speed: float, step_s: float
 ) -> AddTo:
-    """Return what adds ground truth to a DSEC file of the events of a sequence.
+    """Return a function that adds ground truth to a DSEC file of events.
 
-    The file's group `truth` holds, at times `t_us` (T,) on the events' clock, from the start of the
-    sequence's window to its end, `step_s` of the sequence's time apart: `T_world_cam` (T, 4, 4),
-    `depth` (T, H, W) in metres, `flow` (T - 1, H, W, 2) in px from each time to the next with
-    `flow_valid` (T - 1, H, W), and the camera matrix `K` (3, 3). They are of what the sensor sees,
-    which is `sensor.optics.middle` of the frames, to within half a pixel of them.
+    The file's group `truth` holds, at times `t_us` (T,) on the events' clock: `T_world_cam`
+    (T, 4, 4), `depth` (T, H, W) in meters, `flow` (T - 1, H, W, 2) in px from each time to the next
+    with `flow_valid` (T - 1, H, W), and the camera matrix `K` (3, 3). They are for the view of the
+    sensor, `sensor.optics.crop_to_aspect` of the frames, to within half a pixel of the frames.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    model
+        The sensor.
+    speed
+        Factor by which the scene moves faster than it was rendered.
+    step_s
+        Step between times, from the start of the sequence's window to its end, in the sequence's
+        time.
+
+    Returns
+    -------
+    The function; it takes the path of the file.
     """
     truth = ground_truth(sequence)
     size = model.width, model.height
@@ -54,7 +69,7 @@ def truth_to_add(
 
 
 def truth_to_copy(source: Path) -> AddTo:
-    """Return what adds the truth of one DSEC file to another, whatever it consists of."""
+    """Return a function that adds all ground truth of one DSEC file to another."""
 
     def add(path: Path) -> None:
         with h5py.File(source) as old, writable(path, new=False) as (file, storage):
@@ -68,7 +83,7 @@ def truth_to_copy(source: Path) -> AddTo:
 
 
 def _copy(old: Any, parent: h5py.Group, name: str, storage: Storage) -> None:
-    """Copy a group or a dataset chunk by chunk, in memory that does not grow with it."""
+    """Copy a group or a dataset chunk by chunk, in bounded memory."""
     new: Any
     if isinstance(old, h5py.Group):
         new = parent.create_group(name)

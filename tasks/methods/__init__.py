@@ -1,4 +1,4 @@
-"""Methods: one file each, listed by task in `tasks.registry`."""
+"""Methods: one file or folder each, listed by task in `tasks.registry`."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from tasks.errors import TaskError
 from tasks.registry import TASKS, load
 
 METHODS = {task: spec.methods for task, spec in TASKS.items()}
-"""Where each method is, "module:function", by task and by the method's name."""
+"""Place of each method, "module:function", by task and name."""
 
-# Raise a method's number, 1 where it is not listed, when its results change: studies compute the
-# parts that use it again.
+# Raise a method's number when its results change (it is 1 where it is not listed): studies then
+# compute the jobs that use the method again.
 METHOD_VERSIONS = {
     "photometric_flow": 2,
     "photometric_flow_unknown_contrast": 2,
@@ -29,13 +29,23 @@ METHOD_VERSIONS = {
 
 
 def load_method(task: str, name: str) -> Callable[..., Any]:
-    """Return a method's function, by its name in `METHODS` or as "package.module:function".
+    """Import a method.
+
+    Parameters
+    ----------
+    task
+        Name of the task.
+    name
+        Name of the method in `METHODS`, or "package.module:function".
+
+    Returns
+    -------
+    The method: a function or, for video, a class.
 
     Raises
     ------
     TaskError
-        The task has no method of that name (the text gives the nearest one), or there is no such
-        function to import.
+        The task has no method of that name, or the function cannot be imported.
     """
     listed = TASKS[task].methods
     if ":" not in name and name not in listed:
@@ -47,7 +57,7 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
     import_module = importlib.import_module if name in listed else _imported
     try:
         found = getattr(import_module(module), function, None)
-    except Exception as error:  # whatever a module of the user's does when it is imported
+    except Exception as error:  # a user's module may raise anything
         said = str(error) if isinstance(error, ImportError) else f"{type(error).__name__}: {error}"
         raise TaskError(f"{task}, method {name!r}: cannot be imported: {said}") from error
     if not callable(found):
@@ -56,15 +66,14 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
 
 
 def task_of(name: str) -> str:
-    """Return the task that a method of one's own is for.
+    """Return the task of a method of the user's own, "package.module:function".
 
-    Video reconstruction takes a class; the others take a function, and the type of its first
-    parameter tells which.
+    A class is a video method; for a function, the type of its first parameter tells the task.
 
     Raises
     ------
     TaskError
-        It cannot be told.
+        The first parameter does not tell the task.
     """
     function = load_method(next(iter(TASKS)), name)
     told = _told_task(function)
@@ -78,7 +87,20 @@ def task_of(name: str) -> str:
 
 
 def check_method(task: str, name: str) -> None:
-    """Raise a TaskError if a task has no such method, or it says that it is another task's."""
+    """Check that a method exists and is for a task.
+
+    Parameters
+    ----------
+    task
+        Name of the task.
+    name
+        Name of the method in `METHODS`, or "package.module:function".
+
+    Raises
+    ------
+    TaskError
+        The task has no such method, or the method says that it is for another task.
+    """
     function = load_method(task, name)
     told = _told_task(function) if ":" in name else None
     if told not in (task, None):
@@ -92,12 +114,12 @@ def check_method(task: str, name: str) -> None:
 
 
 def _samples() -> dict[str, type]:
-    """What a method of each task takes first, where it takes something."""
+    """Return the class of the first argument of each task's methods, where there is one."""
     return {task: load(spec.sample) for task, spec in TASKS.items() if spec.sample}
 
 
 def _told_task(function: Callable[..., Any]) -> str | None:
-    """The task that a method says it is for, or None where it does not."""
+    """Return the task that a method says it is for, None if it does not say."""
     if inspect.isclass(function):
         return next(task for task, spec in TASKS.items() if spec.sample is None)
     kind = _first_type(function)
@@ -105,25 +127,41 @@ def _told_task(function: Callable[..., Any]) -> str | None:
 
 
 def _first_type(function: Callable[..., Any]) -> Any:
-    """The type of a function's first parameter, None where it has none or is not to be had."""
+    """Return the type of a function's first parameter, None if it is unknown."""
     try:
         first = next(iter(inspect.signature(function).parameters), "")
         return get_type_hints(function).get(first)
-    except Exception:  # annotations are the user's code too
+    except Exception:  # a user's annotations may raise anything
         return None
 
 
 def source_file(task: str, name: str) -> str | None:
-    """The file that a method's function was named to be in, if its module is loaded from one."""
+    """Return the file of a method.
+
+    Parameters
+    ----------
+    task
+        Name of the task.
+    name
+        Name of the method in `METHODS`, or "package.module:function".
+
+    Returns
+    -------
+    Path of the module that names the function, None if it is not loaded from a file.
+    """
     module = sys.modules.get(TASKS[task].methods.get(name, name).partition(":")[0])
     return getattr(module, "__file__", None)
 
 
 def code_of(names: Iterable[str]) -> dict[str, str]:
-    """What tells a method's code from what it was when rows were made, by the method's name.
+    """Identify the code of methods, so that a change of it is noticed.
 
-    Of ours it is the number in `METHOD_VERSIONS`. Others can change with any edit, so of them it is
-    the SHA-256 of their file.
+    Our methods have a number in `METHOD_VERSIONS` (1 if they are not listed there); a method of the
+    user's own is identified by the SHA-256 of its file.
+
+    Returns
+    -------
+    Number or digest by the method's name; methods with number 1 are left out.
     """
     found = {}
     for name in names:
@@ -136,7 +174,7 @@ def code_of(names: Iterable[str]) -> dict[str, str]:
 
 
 def _imported(module: str) -> ModuleType:
-    """Import a module of the user's, also from the working directory, as `python -m` would."""
+    """Import a user's module, also from the working directory, as `python -m` would."""
     if "" not in sys.path and os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
     return importlib.import_module(module)

@@ -1,4 +1,4 @@
-"""The do-nothing baseline of video: an image of one level."""
+"""The do-nothing baseline of video: a uniform image."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from sensor import Events
 
 
 class BlankVideo:
-    """Shows the same everywhere and always, whatever the events say."""
+    """Returns the same uniform image at any time, whatever the events are."""
 
     def __init__(self, width: int, height: int, contrast_threshold: float) -> None:
         self._shape = height, width
 
     def push(self, events: Events) -> None:
-        """Ignore them."""
+        """Ignore the events."""
 
     def image(self, t_us: int) -> NDArray[np.float64]:
-        """Zeros, (height, width)."""
+        """Return zeros, (height, width)."""
         return np.zeros(self._shape)

@@ -1,7 +1,7 @@
-"""Contrast maximisation (CM): the flow along which events pile up most sharply.
+"""Contrast Maximization (CM): the flow for which warped events form the sharpest image.
 
 Gallego, Rebecq and Scaramuzza, "A Unifying Contrast Maximization Framework" (CVPR 2018): events are
-moved along the flow to one time, and the image of where they land is sharpest for the true flow.
+moved along the flow to one time, and their image is sharpest for the true flow.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from scipy.optimize import minimize
 from tasks.flow import FlowEstimate, FlowSample
 
 MIN_EVENTS = 10
-REFERENCE_TIME = 0.5  # mid-window: no event is moved farther than it must
+REFERENCE_TIME = 0.5  # mid-window, so that events move as little as possible
 _BOUND_SIGMAS = 4.0
-_EXPOSURES = 16  # at least so many times at which the patch's own motion is sampled
+_EXPOSURES = 16  # times, at least, at which the patch's own motion is sampled
 _SMOOTHING_PX = 1.0
 _REACH_PX = 4  # of the Gaussian: four sigma
 _TAPS = np.exp(-0.5 * (np.arange(_REACH_PX + 1) / _SMOOTHING_PX) ** 2)
@@ -27,12 +27,23 @@ _G0, _G1, _G2, _G3, _G4 = (float(tap) for tap in _TAPS)
 
 
 def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
-    """Flow of the greatest contrast of the image of warped events.
+    """Estimate the flow with the greatest contrast of the image of warped events.
 
-    `objective` is "variance", or "gradient" for the mean squared gradient magnitude. No polarity,
-    bilinear votes, Gaussian of 1 px. The image is as large as any flow within the
-    bound needs, so no vote is ever lost. The search, Nelder and Mead's, stays within 4 sigma of the
-    initial flow; an answer at this bound is a failure: contrast can run away on dense texture.
+    Polarity is not used; votes are bilinear, and the image is smoothed by a Gaussian of 1 px. It is
+    large enough for any flow within the bound, so that no vote is lost. The search (Nelder-Mead)
+    stays within 4 sigma of the initial flow; an answer at this bound is a failure, since contrast
+    can run away on dense texture.
+
+    Parameters
+    ----------
+    sample
+        Events of one patch.
+    objective
+        "variance", or "gradient" for the mean squared gradient magnitude.
+
+    Returns
+    -------
+    The flow; the initial flow where the search fails.
     """
     if len(sample.t) < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
@@ -41,7 +52,7 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
 
     def loss(offset: NDArray[np.float64]) -> float:
         if max(abs(offset[0]), abs(offset[1])) > reach:
-            return 0.0  # worse than any image: squares are positive
+            return 0.0  # worse than any image, as squares are positive
         return -contrast(sample.initial + offset)
 
     size = max(0.5 * sample.initial_sigma_px, 1e-3)
@@ -58,21 +69,21 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
 
 
 class Contrast:
-    """Contrast of the image of warped events: its variance about what no texture would give.
+    """Contrast of the image of warped events: its variance around the image without texture.
 
-    A patch that stands still sees a point near its edge for part of the window only, so the image
-    of warped events fades out at its edges, and the plain variance rewards any flow that moves this
-    edge together. What events spread evenly over the patch and the window would give is therefore
-    taken off before the squares are added up. The sum then has nothing to win from patch edges, at
-    small flows or large, and the scatter of single events adds the same to it at every flow.
+    A static patch sees a point near its edge only for a part of the window. So the image of warped
+    events fades out at its edges, and the plain variance rewards any flow that moves this edge
+    together. Therefore the image of events that are spread evenly over patch and window is
+    subtracted before the squares are added up. The sum then gains nothing from patch edges, at
+    small or large flows, and the scatter of single events adds the same to it at every flow.
 
     Parameters
     ----------
     sample
-        Whose events are warped.
+        Events of one patch.
     reach_px
-        How far from the initial flow any flow asked for will be, per component: it gives all of
-        them an image of the same size.
+        Largest distance of any flow from the initial flow, per component: all flows then get
+        images of the same size.
     objective
         "variance" or "gradient".
     """
@@ -91,7 +102,7 @@ class Contrast:
         self._by_gradient = {"variance": False, "gradient": True}[objective]
 
     def __call__(self, flow: NDArray[np.float64]) -> float:
-        """Return the contrast at a flow, (2,) px a window, relative to the mean squared."""
+        """Return the contrast at a flow, (2,) px per window, relative to the mean squared."""
         return _contrast(
             self._events,
             self.exposure_t,
@@ -107,7 +118,7 @@ class Contrast:
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def _contrast(events, exposure_t, width, height, far_x, far_y, vx, vy, by_gradient):
-    """Contrast at (vx, vy) of events (N, 3), columns and rows in the image and times from mid."""
+    """Return the contrast at (vx, vy) of events (N, 3): column, row, and time from mid-window."""
     rows, columns = height + 2 * far_y, width + 2 * far_x
     image = np.zeros((rows, columns))
     for k in range(events.shape[0]):
@@ -120,7 +131,7 @@ def _contrast(events, exposure_t, width, height, far_x, far_y, vx, vy, by_gradie
         image[y0 + 1, x0] += (1.0 - fx) * fy
         image[y0 + 1, x0 + 1] += fx * fy
 
-    # A moving patch is the product of one moving interval a direction, its votes included.
+    # A moving patch with its votes is the product of a moving interval in x and one in y.
     mean = events.shape[0] / (width * height)
     for t in exposure_t:
         along_x = _interval(columns, width, far_x - vx * t)
@@ -148,7 +159,7 @@ def _contrast(events, exposure_t, width, height, far_x, far_y, vx, vy, by_gradie
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _interval(size, width, first):
-    """Bilinear votes of `width` pixels in a line, the first at `first`, (size,)."""
+    """Return the bilinear votes of `width` pixels in a line, the first at `first`, (size,)."""
     line = np.zeros(size)
     x0 = int(first)
     f = first - x0
@@ -160,7 +171,7 @@ def _interval(size, width, first):
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def _blur(image):
-    """Gaussian of 1 px; nothing lies within its reach of the edge."""
+    """Blur by a Gaussian of 1 px; the image is empty within its reach of the edge."""
     rows, columns = image.shape
     across = np.zeros((rows, columns))
     for y in range(rows):

@@ -1,4 +1,4 @@
-"""Event integration (EI), Eq. (8): add up the events, and add them to the keyframe."""
+"""Event integration (EI), Eq. (8): add the sum of the events to the keyframe."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _INTERPOLATION = {
 
 
 def reconstruct(sample: ReconstructionSample, upsampling: str = "bicubic") -> NDArray[np.float64]:
-    """Log intensity at the window's end, predicted as L_0 + U(sum of p C), Eq. (8).
+    """Predict log intensity at the window's end as L_0 + U(sum of p C), Eq. (8).
 
     Parameters
     ----------
     sample
         The keyframe, and the polarity sums of the window's events at the sensor's resolution.
     upsampling
-        U: "nearest", "bilinear" or "bicubic", with pixel centres kept aligned.
+        U: "nearest", "bilinear" or "bicubic", with pixel centers aligned.
 
     Returns
     -------

@@ -1,15 +1,15 @@
-"""High-pass filter (HF): each pixel adds up its events, and forgets.
+"""High-pass filter (HF): each pixel adds up its events, and decays.
 
 Scheerlinck, Barnes and Mahony, "Continuous-time Intensity Estimation Using Event Cameras" (ACCV
 2018), from events alone. A pixel's log intensity L follows
 
     dL/dt = -omega L + sum over its events of p C delta(t - t_k),
 
-so an event after dt multiplies L by exp(-omega dt) and adds p C: the high-pass filter with its
--3 dB point at omega rad/s of the signal that events sample. The authors' program, whose defaults
-are taken here, gives the cutoff in Hz, omega = 2 pi f, and multiplies L by exp(-d) at each event on
-top, a decay d per event without a unit. 0.06 Hz forgets with a time constant of 2.65 s, 0.06 per
-event after 17 events: for busy pixels it is the latter that counts.
+so an event after dt multiplies L by exp(-omega dt) and adds p C. This is a high-pass filter, with
+its -3 dB point at omega rad/s, of the signal that the events sample. The authors' program, which
+gives our defaults, has the cutoff in Hz, omega = 2 pi f, and also multiplies L by exp(-d) at each
+event, with a decay d per event. 0.06 Hz is a time constant of 2.65 s, 0.06 per event one of 17
+events: the latter matters more at busy pixels.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from tasks.errors import TaskError
 
 CUTOFF_HZ = 0.06
 PER_EVENT_DECAY = 0.06
-_AHEAD = 128  # events whose pixels are read together
+_AHEAD = 128  # events per group of pixels that are read ahead
 
 
 class HighPassFilter:
-    """The filter of one sensor, at rest until its first event.
+    """The filter of one sensor, at zero until its first event.
 
-    With a decay d per event no pixel's value is ever farther from 0 than C / (1 - exp(-d)).
+    With a decay d per event, a pixel's value stays within C / (1 - exp(-d)) of 0.
 
     Parameters
     ----------
     width, height
-        Of the sensor, px.
+        Size of the sensor, px.
     contrast_threshold
         C, log units.
     cutoff_hz
-        Of the high-pass; 0 never forgets.
+        Cutoff of the high-pass; 0 never decays with time.
     per_event_decay
-        Share that a pixel forgets at each event, in the exponent.
+        Decay d of a pixel at each of its events.
 
     Raises
     ------
@@ -64,8 +64,8 @@ class HighPassFilter:
         self._C = contrast_threshold
         self._per_us = 2e-6 * math.pi * cutoff_hz
         self._per_event = per_event_decay
-        self._state = np.zeros((height, width, 2))  # L after the pixel's last event, and when, us
-        self._t_us: int | None = None  # of the last event
+        self._state = np.zeros((height, width, 2))  # L after the latest event, its time in us
+        self._t_us: int | None = None  # of the latest event
 
     def push(self, events: Events) -> None:
         """Take in the next events.
@@ -73,7 +73,7 @@ class HighPassFilter:
         Raises
         ------
         TaskError
-            They are another sensor's, or begin before the last ones end.
+            The events are from a sensor of another size, or begin before the latest one.
         """
         height, width, _ = self._state.shape
         if (events.width, events.height) != (width, height):
@@ -91,12 +91,12 @@ class HighPassFilter:
         )  # fmt: skip
 
     def image(self, t_us: int) -> NDArray[np.float64]:
-        """Log intensity, (height, width), 0 where nothing has happened for long.
+        """Return log intensity, (height, width), 0 at pixels without recent events.
 
         Raises
         ------
         TaskError
-            An event after that time has been pushed already.
+            The time is before the latest event.
         """
         self._check_order(t_us)
         value, last_us = self._state[..., 0], self._state[..., 1]
@@ -111,7 +111,19 @@ class HighPassFilter:
 
 
 def without_event_decay(width: int, height: int, contrast_threshold: float) -> HighPassFilter:
-    """The filter as the paper has it: pixels forget with time alone."""
+    """Make the filter as in the paper: pixels decay with time alone.
+
+    Parameters
+    ----------
+    width, height
+        Size of the sensor, px.
+    contrast_threshold
+        C, log units.
+
+    Returns
+    -------
+    The filter.
+    """
     return HighPassFilter(width, height, contrast_threshold, per_event_decay=0.0)
 
 
@@ -126,7 +138,7 @@ def _filter(
     per_us: float,
     per_event: float,
 ) -> float:
-    # Pixels are read ahead, some at a time: loads that wait for none but memory take it together.
+    # Pixels are read ahead in groups: loads that do not depend on each other overlap.
     touched = 0.0
     for start in range(0, t_us.size, _AHEAD):
         events = range(start, min(start + _AHEAD, t_us.size))
@@ -138,4 +150,4 @@ def _filter(
                 pixel[0] *= math.exp(-(per_us * (t_us[k] - pixel[1]) + per_event))
             pixel[0] += p[k] * C
             pixel[1] = t_us[k]
-    return touched  # or the compiler would not read ahead
+    return touched  # used, so that the compiler keeps the reads

@@ -1,4 +1,4 @@
-"""The do-nothing baseline of optical flow: the flow that every search starts from."""
+"""The do-nothing baseline of optical flow: the flow from which every search starts."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from tasks.flow import FlowEstimate, FlowSample
 
 
 def estimate(sample: FlowSample) -> FlowEstimate:
-    """The initial flow, whatever the events say."""
+    """Return the initial flow, whatever the events are."""
     return FlowEstimate(sample.initial)

@@ -1,4 +1,4 @@
-"""The do-nothing baseline of pose tracking: the path that every search starts from."""
+"""The do-nothing baseline of pose tracking: the path from which every search starts."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from tasks.tracking import TrackingEstimate, TrackingSample
 
 
 def estimate(sample: TrackingSample) -> TrackingEstimate:
-    """The initial path, whatever the events say."""
+    """Return the initial path, whatever the events are."""
     return TrackingEstimate(sample.initial)

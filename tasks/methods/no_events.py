@@ -1,4 +1,4 @@
-"""The do-nothing baseline: the keyframe stands for the image at the window's end."""
+"""The do-nothing baseline of reconstruction: the keyframe itself."""
 
 from __future__ import annotations
 
@@ -9,5 +9,5 @@ from tasks.reconstruction import ReconstructionSample
 
 
 def reconstruct(sample: ReconstructionSample) -> NDArray[np.float64]:
-    """Log intensity at the window's end, predicted as the keyframe's, (H, W) float64."""
+    """Return the keyframe's log intensity, (H, W) float64."""
     return sample.log_keyframe

@@ -1,16 +1,16 @@
 """Event-based Photometric Flow (EPF), Eqs. (9) to (12).
 
-Each event says that log intensity changed by p C since the event before it at its pixel. The flow
-and the image at the window's start predict that change, Eq. (10); least squares finds the flow.
+Log intensity changed by p C between an event and the previous one at its pixel. The flow and the
+image at the window's start predict that change, Eq. (10); least squares finds the flow.
 
-The paper substitutes the best C of Eq. (12) into the objective before it minimises over v. What
-remains is the variance of p Delta L, which is 0 at v = 0, where every Delta L is 0: standing still
-explains any events perfectly. So C is taken as known, as it is in simulation. Where it is not,
+The paper substitutes the best C of Eq. (12) into the objective before it minimizes over v. The
+result is the variance of p Delta L, which is 0 at v = 0, where every Delta L is 0: no motion
+explains any events perfectly. So C is known here, as it is in simulation. Where it is unknown,
 
     min over C of  mean (p Delta L / C - 1)^2  =  1 - mean(p Delta L)^2 / mean((p Delta L)^2)
 
-is the scale-free form: the variance over C^2, on another scale. It is 1, its worst, at v = 0, since
-C is bounded below.
+is the scale-free form: the variance over C^2, rescaled. It has its largest value, 1, at v = 0, as C
+is bounded from below.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
 DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
 BOUND_SIGMAS = 4.0
-_MAX_STEPS = 1000  # fine texture under a slow sensor takes 100 to 300
+_MAX_STEPS = 1000  # fine texture and a slow sensor need 100 to 300
 _CONVERGED_PX = 1e-3
 
 
 def estimate(sample: FlowSample) -> FlowEstimate:
-    """Flow that best explains the brightness steps between consecutive events of each pixel.
+    """Find the flow that best explains the changes between consecutive events of each pixel.
 
-    Levenberg-Marquardt in two unknowns on Eq. (11) with C known. Only events with one before them
+    Levenberg-Marquardt in two unknowns on Eq. (11), with C known. Only events with an earlier one
     at their pixel in this window have a residual. An answer more than 4 sigma from the initial flow
     is a failure: the search has run away.
     """
@@ -41,14 +41,14 @@ def estimate(sample: FlowSample) -> FlowEstimate:
 
 
 def estimate_unknown_contrast(sample: FlowSample) -> FlowEstimate:
-    """The same with C as a third unknown, in the scale-free objective."""
+    """As `estimate`, with C as a third unknown in the scale-free objective."""
     return _estimate(sample, contrast_is_known=False, has_delay=False)
 
 
 def estimate_with_delay(sample: FlowSample) -> FlowEstimate:
-    """The same, C known, with one more unknown: every event is late by the same time.
+    """As `estimate`, with a delay that all events share as a third unknown.
 
-    A sensor of two poles at a = 2 pi f_cutoff delays slow changes by 2 / a.
+    A sensor with two poles at a = 2 pi f_cutoff delays slow changes by 2 / a.
     """
     return _estimate(sample, contrast_is_known=True, has_delay=True)
 
@@ -80,9 +80,9 @@ def _estimate(sample: FlowSample, *, contrast_is_known: bool, has_delay: bool) -
 def _best_gain(
     events: NDArray[np.float64], L: NDArray[np.float64], unknowns: NDArray[np.float64]
 ) -> float:
-    """1 / C of the least cost at a flow, Eq. (12) for the scale-free objective.
+    """Return 1 / C of the least cost at a flow, Eq. (12) for the scale-free objective.
 
-    The cost is a parabola in 1 / C, so one step of Newton's from any point finds its vertex.
+    The cost is a parabola in 1 / C, so one Newton step from any point finds its vertex.
     """
     _, gradient, curvature = normal_equations(events, L, unknowns)
     steepness = curvature[2, 2]
@@ -91,11 +91,23 @@ def _best_gain(
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def normal_equations(events, L, unknowns):
-    """Cost |p Delta L(v) / C - 1|^2, half its gradient (4,) and J^T J (4, 4), Eq. (11).
+    """Sum up the cost |p Delta L(v) / C - 1|^2 of Eq. (11) and its derivatives.
 
-    Delta L_k(v) = L(x_k - v t_k) - L(x_k - v (t_k - Delta t_k)), Eq. (10), with t_k - d in the
-    place of t_k for a delay d. The unknowns are v_x, v_y, 1 / C and d; `events` is (N, 5): x, y, t,
-    time of the event before, p.
+    Delta L_k(v) = L(x_k - v t_k) - L(x_k - v (t_k - Delta t_k)), Eq. (10); with a delay d, t_k - d
+    replaces t_k.
+
+    Parameters
+    ----------
+    events
+        (N, 5): x, y, t, time of the previous event at the pixel, p.
+    L
+        (h, w) float64, log intensity at the window's start.
+    unknowns
+        (4,): v_x, v_y, 1 / C and d.
+
+    Returns
+    -------
+    Cost, half its gradient (4,), and J^T J (4, 4).
     """
     vx, vy, gain, delay = unknowns
     cost = 0.0
@@ -135,12 +147,12 @@ def normal_equations(events, L, unknowns):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _levenberg_marquardt(events, L, start, lower, upper):
-    """Unknowns of the least cost within bounds, and whether the search converged."""
+    """Return the unknowns of the least cost within bounds, and whether the search converged."""
     unknowns = start.copy()
     damping = 1e-3
     cost, gradient, curvature = normal_equations(events, L, unknowns)
     for _ in range(_MAX_STEPS):
-        # An unknown at its bound that would leave is held there.
+        # An unknown at its bound stays there if the step would cross the bound.
         held = ((unknowns <= lower) & (gradient >= 0)) | ((unknowns >= upper) & (gradient <= 0))
         step, solved = _damped_step(curvature, gradient, held, damping)
         if not solved:
@@ -158,14 +170,14 @@ def _levenberg_marquardt(events, L, start, lower, upper):
                 return unknowns, True
         else:
             damping *= 5.0
-            if damping > 1e9:  # no step, however short, goes down: this is the minimum
+            if damping > 1e9:  # no step, however short, lowers the cost: this is the minimum
                 return unknowns, True
     return unknowns, False
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def _damped_step(curvature, gradient, held, damping):
-    """Solve (J^T J + damping diag) step = -gradient for what is not held, by elimination."""
+    """Solve (J^T J + damping diag) step = -gradient for the free unknowns, by elimination."""
     n = gradient.size
     A, b = curvature.copy(), -gradient
     for i in range(n):

@@ -7,10 +7,21 @@ import numba
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def sample(image, x_px, y_px):
-    """Value and gradient of an image at a point: (value, d/dx, d/dy).
+    """Interpolate an image and its gradient at a point.
 
-    Catmull-Rom in both directions, so the gradient is continuous; pixel centres are at integers +
-    0.5. Beyond the edge the outermost pixels go on.
+    Catmull-Rom in both directions, so the gradient is continuous. Beyond the edge the outermost
+    pixels continue.
+
+    Parameters
+    ----------
+    image
+        (H, W) float64.
+    x_px, y_px
+        The point, with pixel centers at integers + 0.5.
+
+    Returns
+    -------
+    Value, d/dx, d/dy.
     """
     height, width = image.shape
     column = x_px - 0.5
@@ -37,7 +48,7 @@ def sample(image, x_px, y_px):
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def _weights(f):
-    """Catmull-Rom's weights of the four pixels around, f beyond the second."""
+    """Return Catmull-Rom weights of the four pixels around a point, f beyond the second."""
     return (
         ((-0.5 * f + 1.0) * f - 0.5) * f,
         (1.5 * f - 2.5) * f * f + 1.0,
@@ -48,7 +59,7 @@ def _weights(f):
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def _slopes(f):
-    """Derivatives of the weights."""
+    """Return the derivatives of the weights."""
     return (
         (-1.5 * f + 2.0) * f - 0.5,
         (4.5 * f - 5.0) * f,

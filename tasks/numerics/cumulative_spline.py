@@ -1,4 +1,4 @@
-"""The cumulative cubic B-spline at many times, with derivatives by its control poses, jitted.
+"""The cumulative cubic B-spline at many times, with derivatives in its control poses, jitted.
 
 The spline is that of `eres_render.Trajectory` with evenly spaced knots, split SO(3) x R^3 (Mueggler
 et al., "Continuous-Time Visual-Inertial Odometry for Event Cameras", T-RO 2018, eq. 5):
@@ -7,7 +7,7 @@ et al., "Continuous-Time Visual-Inertial Odometry for Event Cameras", T-RO 2018,
     p(t) = p_0 + B_1 (p_1 - p_0) + B_2 (p_2 - p_1) + B_3 (p_3 - p_2)
 
 with Omega_j the rotation vector from control pose j - 1 to j, and control poses counted from the
-first of the four that count at t. Rotations are perturbed on the left, in the world:
+first of the four that determine the pose at t. Rotations are perturbed on the left, in the world:
 R <- Exp(delta) R. The derivatives are those of Sommer et al., "Efficient Derivative Computation for
 Cumulative B-Splines on Lie Groups" (CVPR 2020), for that side.
 """
@@ -27,7 +27,15 @@ _jit = numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="nu
 
 @_jit
 def exp(omega, R):
-    """Write the (3, 3) rotation of a rotation vector into R."""
+    """Write the rotation of a rotation vector into R.
+
+    Parameters
+    ----------
+    omega
+        (3,) rotation vector.
+    R
+        (3, 3), written.
+    """
     x, y, z = omega[0], omega[1], omega[2]
     a, b, _ = _coefficients(x * x + y * y + z * z)
     _polynomial(x, y, z, 1.0, a, b, R)
@@ -35,7 +43,7 @@ def exp(omega, R):
 
 @_jit
 def _coefficients(squared):
-    """sin(a) / a, (1 - cos(a)) / a^2, (a - sin(a)) / a^3 by a^2, by their series near 0."""
+    """Return sin(a) / a, (1 - cos(a)) / a^2, (a - sin(a)) / a^3 for a^2, by series near 0."""
     if squared < 1e-4:
         return (
             1.0 - squared / 6.0 * (1.0 - squared / 20.0),
@@ -83,23 +91,23 @@ def _multiply(A, B, out):
 
 @_jit
 def tabulate(R, p, omega, interval_us, wanted):
-    """The spline at those microseconds of its duration that are wanted.
+    """Compute the spline at the requested microseconds of its duration.
 
     Parameters
     ----------
     R, p
-        (M, 3, 3), (M, 3), the control poses' rotations and positions.
+        (M, 3, 3), (M, 3): rotations and positions of the control poses.
     omega
-        (M - 1, 3), rotation vectors of `R[j].T @ R[j + 1]`.
+        (M - 1, 3): rotation vectors of `R[j].T @ R[j + 1]`.
     interval_us
         Microseconds from knot to knot.
     wanted
-        (T,) bool, T at most M - 3 intervals. Rows of the others are left as they are in memory.
+        (T,) bool, T at most M - 3 intervals. The other rows are not initialized.
 
     Returns
     -------
     segment
-        (T,) int64, the first of the four control poses that count.
+        (T,) int64: the first of the four control poses that determine the pose.
     table
         (T, 52) float64: R(t) row by row, p(t), then for each of the four the weight w with
         dp(t) = w dp_c, then for each the (3, 3) matrix D with delta(t) = D delta_c.
@@ -116,7 +124,7 @@ def tabulate(R, p, omega, interval_us, wanted):
     )
     B = np.empty(3)
     current = -1
-    # Entry by entry, as views and array expressions would take most of the time.
+    # Entry by entry: views and array expressions would take most of the time.
     for row in range(wanted.size):
         if not wanted[row]:
             continue
@@ -144,7 +152,7 @@ def tabulate(R, p, omega, interval_us, wanted):
                 table[row, 16 + 3 * i + k] = 1.0 if i == k else 0.0
         for j in range(3):
             # M_j = S B_j J_l(B_j Omega_j) J_l^-1(Omega_j) R_(j-1)^T:
-            # how the turn of control j against control j - 1 turns R(t), in the world.
+            # how a turn of control j relative to control j - 1 turns R(t), in the world.
             x, y, z = B[j] * omega[s + j, 0], B[j] * omega[s + j, 1], B[j] * omega[s + j, 2]
             a, b, c = _coefficients(x * x + y * y + z * z)
             _polynomial(x, y, z, B[j], B[j] * b, B[j] * c, J)

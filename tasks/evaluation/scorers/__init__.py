@@ -1,1 +1,1 @@
-"""From a sensor's events to scores, one file a task."""
+"""From a sensor's events to scores, one file for each task."""

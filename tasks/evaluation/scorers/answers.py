@@ -1,8 +1,7 @@
-"""What methods answer, checked before it is scored.
+"""Run methods, and check their answers before they are scored.
 
-An answer that is not finite is a failure, and counts as one. What is no answer at all, and whatever
-a method raises, is a mistake in the method: it ends the run with a `MethodError` that says whose it
-is and where.
+An answer that is not finite counts as a failure. An answer of another type or shape, or an error in
+a method, ends the run with a `MethodError` that names the method and the line.
 """
 
 from __future__ import annotations
@@ -21,8 +20,8 @@ from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import source_file
 from tasks.tracking import TrackingEstimate, TrackingSample
 
-_INFINITE = 1e150  # px, m: the square of more has no room in a float
-_SAME_S = 1e-9  # as near as a path's end must be to that of the initial one
+_INFINITE = 1e150  # px, m: the square of a larger number overflows
+_SAME_S = 1e-9  # by how much a path may be shorter than the initial one
 
 
 def ask(
@@ -33,18 +32,18 @@ def ask(
     Parameters
     ----------
     task, name
-        Whose method it is, and its name.
+        Task and name of the method.
     function, arguments, options
         What to run.
 
     Returns
     -------
-    The answer, and the seconds of this thread's CPU time that it took.
+    The answer, and the CPU time of this thread in seconds.
 
     Raises
     ------
     MethodError
-        From whatever error the method raised; the text names the method and the line.
+        The method raised an error; the text names the method and the line.
     """
     started_s = time.thread_time()
     try:
@@ -59,7 +58,7 @@ def ask(
 
 
 def _place(error: Exception, task: str, name: str) -> str:
-    """Where the method's own file had got to, or else where the error was raised."""
+    """Return the line that raised, in the method's own file if it is there."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if frame.filename == source_file(task, name)]
     frame = (own or frames)[-1]
@@ -67,12 +66,25 @@ def _place(error: Exception, task: str, name: str) -> str:
 
 
 def flow_answer(name: str, sample: FlowSample, answer: Any) -> FlowEstimate:
-    """A flow method's answer; failed, and the initial flow, where it is not finite.
+    """Check the answer of a flow method.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    sample
+        What the method got.
+    answer
+        What it returned.
+
+    Returns
+    -------
+    The answer; a failure with the initial flow if it is not finite.
 
     Raises
     ------
     MethodError
-        It is no `FlowEstimate` of one flow.
+        The answer is not a `FlowEstimate` of one flow.
     """
     if not isinstance(answer, FlowEstimate):
         raise _refusal("flow", name, _named(answer), "a tasks.flow.FlowEstimate")
@@ -87,12 +99,25 @@ def flow_answer(name: str, sample: FlowSample, answer: Any) -> FlowEstimate:
 
 
 def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstimate:
-    """A tracking method's answer; failed, and the initial path, where it is not finite.
+    """Check the answer of a tracking method.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    sample
+        What the method got.
+    answer
+        What it returned.
+
+    Returns
+    -------
+    The answer; a failure with the initial path if it is not finite.
 
     Raises
     ------
     MethodError
-        It is no `TrackingEstimate` of a path as long as the initial one.
+        The answer is not a `TrackingEstimate` with a path as long as the initial one.
     """
     if not isinstance(answer, TrackingEstimate):
         raise _refusal("tracking", name, _named(answer), "a tasks.tracking.TrackingEstimate")
@@ -113,17 +138,25 @@ def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstim
 def image_answer(
     task: str, name: str, answer: Any, nothing: NDArray[np.float64]
 ) -> tuple[NDArray[np.floating], str]:
-    """An image and why the method failed, or ""; `nothing` in its place where it is not finite.
+    """Check an image that a method returned.
 
     Parameters
     ----------
+    task, name
+        Task and name of the method.
+    answer
+        What it returned.
     nothing
-        (H, W), the image of a method that does nothing, of the size that is expected.
+        (H, W) image of a method that does nothing, of the expected size.
+
+    Returns
+    -------
+    The image and "", or `nothing` and the reason if the image is not finite.
 
     Raises
     ------
     MethodError
-        It is no image of that size.
+        The answer is not an image of that size.
     """
     image = _numbers(answer, nothing.shape)
     if image is None:
@@ -144,10 +177,10 @@ def _refusal(task: str, name: str, found: str, expected: str) -> MethodError:
 
 
 def _numbers(found: Any, shape: tuple[int, ...]) -> NDArray[np.floating] | None:
-    """An array of real numbers of a shape, or None where it is none."""
+    """Return an array of real numbers of a shape, None if it is something else."""
     try:
         array = np.asarray(found)
-    except Exception:  # of lists of several lengths, or of a library's own arrays
+    except Exception:  # lists of different lengths, or arrays of another library
         return None
     return array if array.shape == shape and array.dtype.kind in "fiu" else None
 

@@ -1,7 +1,7 @@
 """From events to scores, one file for each task.
 
-A scorer watches one sensor. It receives all its events, batch by batch as they are simulated, keeps
-what its task needs of them, and turns that into scores at the end.
+A scorer belongs to one sensor. It takes in the sensor's events batch by batch, keeps what its task
+needs, and turns that into scores at the end.
 """
 
 from __future__ import annotations
@@ -15,7 +15,21 @@ from sensor import Events
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What a scorer says of one method on one item; with a setting it makes a `Row`."""
+    """Score of one method on one item; with a `Setting` it makes a `Row`.
+
+    Parameters
+    ----------
+    task, method, metric, value, variant, item, failure
+        As in `Row`.
+    sample
+        As in `Row`; None for that of the clip.
+    events
+        Number of events that the method got.
+    cpu_s
+        CPU time of the method.
+    copied
+        Whether the score is that of another variant, which is the same here.
+    """
 
     task: str
     method: str
@@ -24,17 +38,17 @@ class Score:
     variant: str = ""
     item: int = 0
     failure: str = ""
-    sample: int | None = None  # where it is not the job's
-    events: int = 0  # that the method was given for it
-    cpu_s: float = 0.0  # of its thread, for it
-    copied: bool = False  # from another variant, that is the same here
+    sample: int | None = None
+    events: int = 0
+    cpu_s: float = 0.0
+    copied: bool = False
 
 
 class Scorer(Protocol):
-    """Watches one sensor for one task."""
+    """Scores the methods of one task on the events of one sensor."""
 
     def push(self, events: Events) -> None:
         """Take in the next events, those of the warm-up included."""
 
     def scores(self) -> Iterator[Score]:
-        """Score every method, after the last event. Runs beside other scorers, in a thread."""
+        """Yield the scores of every method, after the last event; runs in a thread."""

@@ -1,4 +1,4 @@
-"""Optical flow: how far patches around features move over the window."""
+"""Optical flow: how far patches move over the window."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ NATIVE_PATCH = "61 px patch"
 
 
 class FlowScorer:
-    """End-point errors of all features, for each kind of patch."""
+    """Scores the end-point errors of all features, for each kind of patch."""
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Flow) -> None:
         self._reference, self._setting, self._task = reference, setting, task
         width = setting.model.width
         self._features = reference.features(task.features, task.seed).at(width)
         size = width, self._features.height
-        # The same patches at 1280 px: they are looked at once.
+        # At 1280 px both patches are the same, and are scored once.
         self._variants = {patch_px(width): [""]}
         if task.native_patch:
             self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
@@ -33,13 +33,13 @@ class FlowScorer:
         self._parts: list[Events] = []
 
     def push(self, events: Events) -> None:
-        """Keep what the patches see of the window."""
+        """Keep the window's events in the patches."""
         window = events.between(self._setting.start_us, self._setting.end_us)
         if len(window) or not self._parts:
             self._parts.append(window.where(self._kept[window.y, window.x]))
 
     def scores(self) -> Iterator[Score]:
-        """One score a kind of patch, feature and method."""
+        """Yield one score for each kind of patch, feature and method."""
         task, setting, features = self._task, self._setting, self._features
         methods = {name: load_method("flow", name) for name in task.methods}
         initial_px = features.initial_flow_px(task.initial_sigma_px)

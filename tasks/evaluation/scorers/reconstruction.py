@@ -1,4 +1,4 @@
-"""Image reconstruction: what the sum of a window's events makes of the image at its start."""
+"""Image reconstruction: the image at the window's end, from the one at its start and events."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tasks.reconstruction import ReconstructionSample, psnr_db
 
 
 class ReconstructionScorer:
-    """PSNR of the image at the window's end."""
+    """Scores the PSNR of the image at the window's end."""
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Reconstruction) -> None:
         self._reference, self._setting, self._task = reference, setting, task
@@ -32,7 +32,7 @@ class ReconstructionScorer:
             self._events += len(window)
 
     def scores(self) -> Iterator[Score]:
-        """One score a method."""
+        """Yield one score for each method."""
         reference = self._reference
         sample = ReconstructionSample(
             reference.log_start,

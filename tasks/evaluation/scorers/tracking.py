@@ -18,16 +18,16 @@ from tasks.evaluation.settings import Tracking
 from tasks.methods import load_method
 from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
 
-_PIXELS_PER_EVENT = 2  # of a method's most events: keeps what is collected small
+_PIXELS_PER_EVENT = 2  # pixels whose events are kept, per event that a method may get
 
 
 class TrackingScorer:
-    """Position error of the path, for each size of the initial error."""
+    """Scores the position error of the path, for each size of the initial error."""
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Tracking) -> None:
         self._reference, self._setting, self._task = reference, setting, task
         model = setting.model
-        # The time of the path is that of the events, which the camera runs through faster.
+        # The path is in the events' time: a faster camera runs through it sooner.
         self._truth = path_at(self._pose, 0.0)
         duration_us = round(self._truth.duration_s * 1e6)
         self._end_us = setting.start_us + duration_us + task.max_delay_us
@@ -49,7 +49,7 @@ class TrackingScorer:
             self._parts.append(early.where(self._kept[early.y, early.x]))
 
     def scores(self) -> Iterator[Score]:
-        """One score a method and size of the initial error."""
+        """Yield one score for each method and size of the initial error."""
         task, clip = self._task, self._reference.sequence.manifest.clip
         model = self._setting.model
         events = concatenate(self._parts)

@@ -17,7 +17,7 @@ from tasks.video import ImageTaker, picture, psnr_db
 
 
 class VideoScorer:
-    """PSNR of each image, which is a sample of its own."""
+    """Scores the PSNR of each image; each is one sample."""
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Video) -> None:
         self._reference, self._task = reference, task
@@ -33,12 +33,12 @@ class VideoScorer:
             self._takers[name] = ImageTaker(method, self._samples)
         self._blank = np.zeros((model.height, model.width))
         self._scores: list[Score] = []
-        # Of each method since its last image.
+        # Since each method's last image.
         self._events = dict.fromkeys(self._takers, 0)
         self._cpu_s = dict.fromkeys(self._takers, 0.0)
 
     def push(self, events: Events) -> None:
-        """Pass the events on, and score the images that are due: they are too large to keep."""
+        """Pass the events on, and score the images that are due; they are too large to keep."""
         for name, taker in self._takers.items():
             taken, cpu_s = ask("video", name, taker.push, events)
             self._cpu_s[name] += cpu_s
@@ -46,7 +46,7 @@ class VideoScorer:
             self._score(name, taken)
 
     def scores(self) -> Iterator[Score]:
-        """One score an image and method."""
+        """Yield one score for each image and method."""
         for name, taker in self._takers.items():
             taken, _ = ask("video", name, taker.finish)
             self._score(name, taken)

@@ -1,15 +1,14 @@
 """Event-based Photometric Pose Tracker (EPPT), Eqs. (13) to (15), with C known.
 
-Between two events at a pixel the light there changed by C. What the pixel saw is found in the
-reference view: its ray meets the plane, and the point is projected into the reference view, Eq.
-(13). So each event with one before it at its pixel gives one residual, Eq. (14),
+Log intensity changed by C between two events at a pixel. The reference view gives the value that
+the pixel saw: its ray meets the plane, and that point is projected into the reference view, Eq.
+(13). So each event with an earlier one at its pixel gives one residual, Eq. (14),
 
     r_k = p_k (L_l(x'_1) - L_l(x'_0)) - C ,
 
-in the control poses of the path. Their robust sum of squares, Eq. (15), is minimised with
-Levenberg-Marquardt in all six degrees of freedom of every control pose. The paper perturbs only the
-positions, but looks for the poses; a camera that turns less than a pixel in 14 ms cannot be told
-beforehand from one that moves.
+in the control poses of the path. Levenberg-Marquardt minimizes their robust sum of squares, Eq.
+(15), in all six degrees of freedom of every control pose. The paper perturbs only the positions but
+estimates the poses: within 14 ms, a rotation by less than a pixel looks like a translation.
 """
 
 from tasks.methods.photometric_tracking.accumulation import normal_equations

@@ -18,7 +18,17 @@ HUBER_IN_C = 0.5
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RobustSum:
-    """Robust cost at a path, its gradient and its Gauss-Newton Hessian, and events outside."""
+    """The robust cost of a path with its derivatives.
+
+    Parameters
+    ----------
+    cost
+        Robust sum of squares, Eq. (15).
+    gradient, hessian
+        (6 M,) and (6 M, 6 M) Gauss-Newton, in the control poses.
+    outside
+        Number of events that see a point outside the reference view.
+    """
 
     cost: float
     gradient: Float64
@@ -27,12 +37,12 @@ class RobustSum:
 
 
 def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
-    """Return the sum over a problem's events at a path.
+    """Sum up the residuals of a problem at a path.
 
     Parameters
     ----------
     problem, level
-        The events, and the reference view that they are held against.
+        The events, and the reference view.
     path
         The path.
 
@@ -69,28 +79,34 @@ def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def normal_equations(
-    x,  # (N,)
-    y,  # (N,)
-    t_us,  # (N,)
-    t_before_us,  # (N,)
-    p,  # (N,), or sums of several
-    segment,  # (T,) and
-    table,  # (T, 52), the spline at every event's microsecond, of `cumulative_spline.tabulate`
-    controls,  # M
-    rays,  # focal lengths and principal point of the sensor
-    L,  # (h, w), L_l of Eq. (13)
-    view,  # focal lengths and principal point of L, in its pixels
-    R_0,  # (3, 3), T_0
-    p_0,  # (3,)
-    plane,  # (4,): n . X = offset
-    C,
-    huber,
+    x, y, t_us, t_before_us, p, segment, table, controls, rays, L, view, R_0, p_0, plane, C, huber
 ):
-    """Robust cost of Eq. (15), its gradient and its Gauss-Newton Hessian in the control poses.
+    """Sum up the robust cost of Eq. (15) and its derivatives in the control poses.
 
-    The cost is sum rho(r_k) with Huber's rho, r^2 / 2 up to `huber` and linear beyond. An event one
-    of whose points is not in the reference view has no derivatives, and costs what a flat reference
-    view would, rho(C), so that it does not pay to look away.
+    The cost is sum rho(r_k) with Huber's rho, r^2 / 2 up to `huber` and linear beyond. An event
+    that sees a point outside the reference view has no derivatives, and costs as much as with a
+    flat reference view, rho(C), so that the search does not gain from looking away.
+
+    Parameters
+    ----------
+    x, y, t_us, t_before_us, p
+        (N,): events as in `TrackingSample`; p may be sums of several polarities.
+    segment, table
+        (T,), (T, 52): the spline at each event's microsecond, from `cumulative_spline.tabulate`.
+    controls
+        Number M of control poses.
+    rays
+        Focal lengths and principal point of the sensor, px.
+    L
+        (h, w): L_l of Eq. (13).
+    view
+        Focal lengths and principal point of L, in its pixels.
+    R_0, p_0
+        (3, 3), (3,): rotation and position of T_0.
+    plane
+        (4,): n and offset, with n . X = offset.
+    C, huber
+        Contrast threshold and Huber's bound, log units.
 
     Returns
     -------
@@ -109,7 +125,7 @@ def normal_equations(
     flat = 0.5 * C * C if huber >= C else huber * (C - 0.5 * huber)
     inside_1, L_1, s_1 = False, 0.0, 0
     for k in range(x.size):
-        # The event before at this pixel is the one that was just done.
+        # The previous event at this pixel is the one before in the arrays.
         inside_0, L_0, s_0 = inside_1, L_1, s_1
         J_0, J_1 = J_1, J_0
 
@@ -177,7 +193,7 @@ def normal_equations(
         else:
             weight = huber / size
             cost += huber * (size - 0.5 * huber)
-        # Only control poses from the first of the earlier event's to the last of this one's count.
+        # Only control poses from the earlier event's first to this one's last have derivatives.
         first, count = 6 * s_0, 6 * (s_1 - s_0) + 24
         J[:count] = 0.0
         for i in range(24):
@@ -188,7 +204,7 @@ def normal_equations(
             J_i = weight * J[i]
             gradient[first + i] += J_i * r
             row = H[first + i, first : first + count]
-            for j in range(count):  # whole rows: twice the sums of a half, in half its time
+            for j in range(count):  # whole rows: twice the sums of half rows, in half the time
                 row[j] += J_i * J[j]
     for i in range(6 * controls):
         for j in range(i):

@@ -16,16 +16,16 @@ _COARSEST_PX = 16  # of the reference view at its coarsest
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Level:
-    """A reference view, coarser or not.
+    """The reference view at one size.
 
     Parameters
     ----------
     image
         (h, w) float64, log intensity.
     intrinsics
-        Focal lengths and principal point of this view, in its pixels.
+        Focal lengths and principal point, in this view's pixels.
     events
-        How many at a pixel are taken as one.
+        Number of consecutive events at a pixel that are joined into one.
     """
 
     image: Float64
@@ -34,9 +34,22 @@ class Level:
 
 
 def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Level]:
-    """Reference views from a blur of about coarsest_px pixels down to the view itself.
+    """Yield reference views, the coarsest first.
 
-    Each level is the one below it, blurred by a Gaussian of 1 px, at half the size by area.
+    Each view is the next finer one, blurred by a Gaussian of 1 px, at half the size by area.
+
+    Parameters
+    ----------
+    log_image
+        (h, w) float64, log intensity of the reference view.
+    K
+        (3, 3) camera matrix.
+    coarsest_px
+        Blur of the coarsest view, about, in pixels of the reference view.
+
+    Yields
+    ------
+    Views, the last of which is the reference view itself.
     """
     images: list[Float64] = [log_image]
     while 2 ** len(images) <= 2 * coarsest_px and min(images[-1].shape) >= 2 * _COARSEST_PX:
@@ -52,12 +65,23 @@ def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Leve
 
 
 def gain(log_image: Float64, coarse: Float64) -> float:
-    """Factor on a blurred view with which its gradient best predicts that of the view itself.
+    """Return the factor on a blurred view with which its gradient best predicts the fine gradient.
 
-    It is the regression of the fine on the coarse gradient, at least 1. The other one, of the
-    coarse on the fine, tells how much contrast the blur takes away. To take that off C instead
-    looks the same, but what the blur hides then makes every path look too long, and the search ends
-    millimetres beside the path.
+    This is the regression of the fine gradient on the coarse one, at least 1. The regression of the
+    coarse gradient on the fine one tells how much contrast the blur removes. Reducing C by that
+    looks equivalent, but then the detail that the blur hides makes every path look too long, and
+    the search ends millimeters away from the path.
+
+    Parameters
+    ----------
+    log_image
+        (h, w) float64, the reference view.
+    coarse
+        A blurred view of any size.
+
+    Returns
+    -------
+    The factor; 1 if the blurred view has no gradient.
     """
     size = (log_image.shape[1], log_image.shape[0])
     blurred = np.asarray(cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC))
@@ -67,10 +91,10 @@ def gain(log_image: Float64, coarse: Float64) -> float:
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def _gradient_products(a, b):
-    """Sums of grad a . grad b and of |grad a|^2 over two (h, w) images, by their differences.
+    """Sum grad a . grad b and |grad a|^2 over two (h, w) images, with differences as gradients.
 
-    Added up row by row in one order: BLAS adds in another with every number of threads, and so the
-    same events would end at another path on another machine.
+    The sums run row by row in one order. BLAS adds in an order that depends on its threads, so the
+    same events would give another path on another machine.
     """
     height, width = a.shape
     both = total = 0.0

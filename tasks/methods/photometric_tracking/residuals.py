@@ -1,4 +1,4 @@
-"""Which events give a residual, and what of a sample does not change with the path."""
+"""The events that give a residual, and the data that do not change with the path."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tasks.tracking import TrackingSample
 Float64 = NDArray[np.float64]
 Intrinsics = tuple[float, float, float, float]  # focal lengths and principal point, px
 
-RESIDUALS_PER_UNKNOWN = 10  # at least, else there are too few events
-_COARSE_RESIDUALS = 8000  # are enough where the reference view is blurred
+RESIDUALS_PER_UNKNOWN = 10  # at least, or there are too few events
+_COARSE_RESIDUALS = 8000  # are enough for a blurred reference view
 
 
 def knots_us(path: Trajectory) -> tuple[int, int]:
@@ -39,7 +39,7 @@ def knots_us(path: Trajectory) -> tuple[int, int]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Problem:
-    """The events of a sample that lie in the path's duration, and what does not change with it."""
+    """Events of a sample within the path's duration, and other constants of a search."""
 
     x: NDArray[np.uint16]
     y: NDArray[np.uint16]
@@ -49,11 +49,11 @@ class Problem:
     rays: Intrinsics  # of the sensor
     reference: tuple[Float64, Float64]  # rotation and position of T_0
     plane: Float64  # (4,) n_x, n_y, n_z, offset
-    seen_us: NDArray[np.bool_]  # (T,) whether there is an event at each microsecond of the path
+    seen_us: NDArray[np.bool_]  # (T,) whether each microsecond of the path has an event
     residuals: int
     contrast_threshold: float
     interval_us: int  # from knot to knot
-    distance_m: float  # from the plane, of the reference view
+    distance_m: float  # from the reference view to the plane
 
 
 def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
@@ -70,10 +70,10 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
     -------
     The problem, and why it cannot be solved, or "".
     """
-    inside = sample.t_us < duration_us  # not all, where there are events after the path's end
+    inside = sample.t_us < duration_us  # there may be events after the end of the path
     follows = inside & (sample.t_before_us >= 0)
     residuals = int(np.count_nonzero(follows))
-    inside &= follows | np.append(follows[1:], False)  # a pixel's only event says nothing
+    inside &= follows | np.append(follows[1:], False)  # a pixel's only event gives no residual
     t_us, t_before_us = sample.t_us[inside], sample.t_before_us[inside]
     wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
     problem = Problem(
@@ -108,7 +108,7 @@ def intrinsics(K: Float64) -> Intrinsics:
 
 
 def distance_m(sample: TrackingSample) -> float:
-    """Return how far the reference view's camera is from the plane along its axis, m."""
+    """Return the distance of the reference view from the plane along its axis, m."""
     return float(sample.plane.distance(sample.T_0[:3, 3], sample.T_0[:3, 2]))
 
 

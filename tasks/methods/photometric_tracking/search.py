@@ -1,4 +1,4 @@
-"""The search for the path of the least cost, from the coarsest reference view to the finest."""
+"""Search for the path of least cost, from the coarsest reference view to the finest."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from tasks.methods.photometric_tracking.accumulation import RobustSum, accumulat
 from tasks.methods.photometric_tracking.reference_views import Level
 from tasks.methods.photometric_tracking.residuals import Float64, Problem, join_events
 
-_MAX_PASSES = 60  # on one level
-_CONVERGED_PX = 0.02  # a step of less is the last, by the control poses' root mean square
-_CONVERGED_NOISE = 0.1  # and one that gains less than so much of what noise does to the minimum
+_MAX_PASSES = 60  # per level
+_CONVERGED_PX = 0.02  # a shorter step is the last; root mean square over the control poses
+_CONVERGED_NOISE = 0.1  # so is one that gains less than this share of the noise in the minimum
 
 
 def search(
     problem: Problem, path: Trajectory, levels: Iterable[Level]
 ) -> tuple[Trajectory, RobustSum, int, bool]:
-    """Go down from level to level.
+    """Search on one reference view after the other.
 
     Parameters
     ----------
     problem
         The events.
     path
-        Where to start.
+        Start of the search.
     levels
-        The reference view, the coarsest first.
+        Reference views, the coarsest first.
 
     Returns
     -------
-    The path, its sum on the last level, passes over the events on all, and whether the search on
-    the last one converged.
+    The path, its sum on the last level, the number of passes over the events on all levels, and
+    whether the search on the last level converged.
     """
     passes, converged = 0, False
     state = RobustSum(math.nan, np.empty(0), np.empty((0, 0)), 0)
@@ -50,12 +50,12 @@ def search(
 def _levenberg_marquardt(
     problem: Problem, level: Level, path: Trajectory
 ) -> tuple[Trajectory, RobustSum, int, bool]:
-    """Go down to a minimum: the path, its sum, passes over the events, whether it converged."""
+    """Return path, sum, number of passes over the events, and whether the search converged."""
     damping = 1e-3
     state = accumulate(problem, level, path)
     for passes in range(1, _MAX_PASSES):
         diagonal = np.diag(state.hessian)
-        # A control pose that no event depends on stays where it is.
+        # A control pose on which no event depends stays where it is.
         floor = 1e-12 * diagonal.max()
         if not math.isfinite(state.cost) or floor == 0.0:
             return path, state, passes, False
@@ -71,7 +71,7 @@ def _levenberg_marquardt(
             np.mean(np.sum(step[:, :3] ** 2, axis=1)) / problem.distance_m**2
         )
         if trial.cost <= state.cost:
-            # Noise lowers a sum of N squares at its minimum by its mean for each unknown.
+            # Noise lowers the minimum of a sum of squares by their mean for each unknown.
             noise = len(state.gradient) * state.cost / problem.residuals
             small = state.cost - trial.cost < _CONVERGED_NOISE * noise
             path, state = trial_path, trial
@@ -80,23 +80,28 @@ def _levenberg_marquardt(
                 return path, state, passes + 1, True
         else:
             damping *= 8.0
-            if moved_px < 1e-3 * _CONVERGED_PX:  # no step, however short, goes down
+            if moved_px < 1e-3 * _CONVERGED_PX:  # no step, however short, lowers the cost
                 return path, state, passes + 1, True
     return path, state, _MAX_PASSES, False
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 def cholesky_solve(A, b):
-    """Solve A x = b for a positive definite A; x, and whether A is that.
+    """Solve A x = b for a positive definite A.
 
-    LAPACK does it too, but splits large matrices, those of long paths, by its number of threads.
+    LAPACK would split large matrices, those of long paths, by its number of threads, and so round
+    differently.
 
     Parameters
     ----------
     A
-        (n, n), of which the upper half is read and overwritten by that of U, A = U^T U.
+        (n, n); the upper half is read, and overwritten by U with A = U^T U.
     b
         (n,), overwritten.
+
+    Returns
+    -------
+    x, and whether A is positive definite.
     """
     n = b.size
     for k in range(n):
@@ -118,7 +123,19 @@ def cholesky_solve(A, b):
 
 
 def moved(path: Trajectory, step: Float64) -> Trajectory:
-    """Move (M, 3) positions and turn (M, 3) rotations, on the left, of the control poses."""
+    """Move and turn the control poses of a path.
+
+    Parameters
+    ----------
+    path
+        The path.
+    step
+        (M, 6): translations, then rotation vectors that are applied on the left.
+
+    Returns
+    -------
+    The new path.
+    """
     controls = path.controls.copy()
     controls[:, :3, 3] += step[:, :3]
     controls[:, :3, :3] = Rotation.from_rotvec(step[:, 3:]).as_matrix() @ controls[:, :3, :3]

@@ -1,4 +1,4 @@
-"""From a sample to an estimate, without and with a delay of the events."""
+"""Estimate a path from a sample, without and with a delay of the events."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from tasks.methods.photometric_tracking.search import search
 from tasks.tracking import TrackingDiagnostics, TrackingEstimate, TrackingSample
 
 _LEAST_INSIDE = 0.5
-_EXTRAPOLATION_PX = 1.0  # how well a path is known where it goes on beyond its events
+_EXTRAPOLATION_PX = 1.0  # error of a path that is extended beyond its events
 
 
 def estimate(sample: TrackingSample) -> TrackingEstimate:
-    """Path that best explains the brightness steps between consecutive events of each pixel.
+    """Find the path that best explains the changes between consecutive events of each pixel.
 
     Coarse to fine: the reference view is blurred and halved until the perturbation of the initial
-    path moves it by less than a pixel, then the search runs from the coarsest view to the view
-    itself. Events know nothing of the blur. So on level k, Eq. (14) is added up over 2^k events at
-    a time, whose sum carries less of the fine detail, and the blurred view is scaled by its `gain`.
+    path moves it by less than a pixel; then the search runs from the coarsest view to the view
+    itself. Events are not blurred. So on level k, Eq. (14) is summed over 2^k events at a time,
+    which carry less fine detail, and the blurred view is scaled by its `gain`.
 
     Raises
     ------
@@ -44,13 +44,12 @@ def estimate(sample: TrackingSample) -> TrackingEstimate:
 def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     """As `estimate`, with a constant delay of all events as one more unknown.
 
-    Events that are late by d are those of the path T(t - d), so events alone cannot tell a delay
-    from another path: any d is as good, with the path moved in time. What tells is that the camera
-    was at T_0 at time 0, when the reference view was taken. So the path of the late events is
-    estimated first, over the path's duration and `sample.max_delay_us`: its beginning as by
-    `estimate`, but for the finest level, and from there all of it, hardly blurred. The delay is the
-    time at which it sees what the reference view shows, by the least mean squared distance in the
-    image.
+    Events with a delay d are those of the path T(t - d), so events alone cannot separate a delay
+    from another path: for any d, a path shifted in time fits as well. But the camera was at T_0 at
+    time 0, when the reference view was taken. So the path of the late events is estimated first,
+    over the path's duration and `sample.max_delay_us`: its beginning as in `estimate`, except for
+    the finest level, and from there all of it, with little blur. The delay is the time at which
+    that path sees the reference view, by the least mean squared distance in the image.
 
     Raises
     ------
@@ -71,7 +70,7 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     path, diagnostics, failure = _solve(problem, sample, late, blur_px)
     delay_s = _delay_s(sample, path)
     diagnostics = replace(diagnostics, delay_us=1e6 * delay_s)
-    if not failure and 1e6 * delay_s >= sample.max_delay_us:  # none at all is an answer
+    if not failure and 1e6 * delay_s >= sample.max_delay_us:  # 0 is a valid answer
         failure = "the delay ended at its bound"
     if failure:
         return TrackingEstimate(sample.initial, failure, diagnostics)
@@ -80,14 +79,14 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
 
 
 def _blur_px(sample: TrackingSample) -> float:
-    """By how much the perturbation of the initial path moves the image."""
+    """Return by how much the perturbation of the initial path moves the image, px."""
     return sample.camera.focal_px * sample.initial_sigma_m / distance_m(sample)
 
 
 def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
-    """A path without delay, without the finest detail; by how many pixels of the image it is off.
+    """Estimate a path without delay and without the finest level; return it with its error in px.
 
-    It is the initial one where the search does not converge.
+    It is the initial path if the search does not converge.
     """
     problem, failure = problem_of(sample, knots_us(sample.initial)[1])
     if not failure:
@@ -102,7 +101,7 @@ def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
 def _solve(
     problem: Problem, sample: TrackingSample, path: Trajectory, blur_px: float
 ) -> tuple[Trajectory, TrackingDiagnostics, str]:
-    """Search from coarse to fine; the path, how it went, and why it failed or ""."""
+    """Search from coarse to fine; return the path, its diagnostics, and the reason of a failure."""
     levels = pyramid(sample.log_image, sample.camera.K, blur_px)
     path, state, passes, converged = search(problem, path, levels)
     diagnostics = TrackingDiagnostics(
@@ -120,9 +119,9 @@ def _solve(
 
 
 def _extended(path: Trajectory, by_us: int) -> Trajectory:
-    """The path with more control poses, going on as it went on average.
+    """Extend a path with its mean velocity.
 
-    The last control pose is replaced too: the path hardly depends on it, so a search leaves it
+    The last control pose is replaced too: the path hardly depends on it, so a search may leave it
     anywhere.
     """
     interval_us, _ = knots_us(path)
@@ -139,7 +138,7 @@ def _extended(path: Trajectory, by_us: int) -> Trajectory:
 
 
 def _delay_s(sample: TrackingSample, path: Trajectory) -> float:
-    """When the path sees what the reference view shows, to 10 us."""
+    """Return the time at which the path sees the reference view, to 10 us."""
     t_s = np.arange(0, sample.max_delay_us + 1, 10) * 1e-6
     points_px = sample.camera.grid(9)
     H = plane_homography(sample.camera.K, sample.T_0, path.pose(t_s), sample.plane)

@@ -1,4 +1,4 @@
-"""Plots as static figures, drawn by matplotlib."""
+"""Draw plots as static figures with matplotlib."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
     Parameters
     ----------
     plots
-        By the name that stands over their panels.
+        Plots by name; the name is the first part of each panel's title.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def figure_files(plots: Mapping[str, Plot]) -> dict[str, bytes]:
 
 @rc_context(_STYLE)  # type: ignore[arg-type]
 def figure(plots: Mapping[str, Plot]) -> Figure:
-    """Draw a row for each plot, with its panels side by side."""
+    """Draw a row of panels for each plot; `plots` is as in `figure_files`."""
     columns = max(len(plot.panels) for plot in plots.values())
     drawn = Figure(figsize=(3.3 * columns, 3.1 * len(plots)), layout="constrained")
     grid = drawn.subplots(len(plots), columns, sharex="row", sharey="row", squeeze=False)
@@ -64,7 +64,7 @@ def figure(plots: Mapping[str, Plot]) -> Figure:
             axes.set_axis_off()
         for axes, panel in zip(row, plot.panels, strict=False):
             _draw(axes, name, plot, panel)
-        for axes in row[: len(plot.panels)]:  # limits are those of the row once all is drawn
+        for axes in row[: len(plot.panels)]:  # the row shares its limits, so draw all of it first
             _set_ticks(axes.xaxis, plot.x, *axes.get_xlim())
             _set_ticks(axes.yaxis, plot.y, *axes.get_ylim())
     return drawn

@@ -1,4 +1,4 @@
-"""What a finished run holds: its scores, and what follows from them, each worked out once."""
+"""A finished run: its scores and all that follows from them, each computed once."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from tasks.study.results.scores import Scores, by_threshold
 
 @dataclass(frozen=True, eq=False)
 class FinishedRun:
-    """A run, as sections of the report take it.
+    """A finished run, the input of every section of the report.
 
     Attributes
     ----------
     folder
-        Where its files lie.
+        Folder of the run.
     found
-        Scores of each contrast threshold; the report is about the first.
+        Scores of each contrast threshold; the report shows the first.
     environment
-        Where and how it was computed, by name.
+        Versions, machine and command of the run, by name.
     config
-        The resolved study.
+        Resolved study.
     """
 
     folder: Path
@@ -44,66 +44,66 @@ class FinishedRun:
 
     @property
     def scores(self) -> Scores:
-        """Scores of the first contrast threshold."""
+        """Return the scores of the first contrast threshold."""
         return self.found[0]
 
     @cached_property
     def series(self) -> list[Series]:
-        """The series that are shown, by task."""
+        """Return the series that the report shows, by task."""
         return shown_series(self.scores)
 
     @cached_property
     def scenes(self) -> list[str]:
-        """Scenes of any series, in the order of the rows."""
+        """Return the scenes of all series, in the order of the rows."""
         return list(
             dict.fromkeys(s for one in self.scores.series() for s in self.scores.scenes(one))
         )
 
     @property
     def firsts(self) -> list[Series]:
-        """The first series of each task."""
+        """Return the first series of each task."""
         return list({one.task: one for one in reversed(self.series)}.values())[::-1]
 
     @cached_property
     def sample_counts(self) -> list[int]:
-        """The different numbers of samples a scene, ascending."""
+        """Return the distinct numbers of samples per scene, ascending."""
         scores = self.scores
         return sorted({scores.samples(s, at) for s in scores.series() for at in scores.scenes(s)})
 
     @cached_property
     def choices(self) -> dict[Series, Choices]:
-        """Which width to choose, by series."""
+        """Return the choice of a width for every condition, by series."""
         return {one: choose_all(self.scores, one) for one in self.series}
 
     @cached_property
     def scaling(self) -> dict[str, Scaling]:
-        """Scaling statistics by scene."""
+        """Return the scaling statistics by scene."""
         return read_scaling(self.folder / "scaling")
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
-        """The paper's claims, judged."""
+        """Return the verdicts on the paper's claims."""
         return judge_all(self.scores, self.scaling)
 
     def picture(self, name: str, reason: str) -> str:
-        """Read a PNG file in base64; `reason` says why it is expected.
+        """Read a PNG file of the run and encode it in base64.
 
         Parameters
         ----------
         name
-            Its path in the run's folder.
+            Path in the run's folder.
         reason
-            Ends the error's text.
+            Why the file is expected; ends the error text.
 
         Returns
         -------
         str
-            Its bytes in base64.
+            Content in base64.
 
         Raises
         ------
         ResultError
-            It is missing.
+            The file is missing.
         """
         path = self.folder / name
         try:
@@ -118,7 +118,7 @@ def read_run(folder: Path) -> FinishedRun:
     Raises
     ------
     ResultError
-        A file is missing or damaged, or the rows hold no method but doing nothing.
+        A file is missing or damaged, or all rows are do-nothing rows.
     """
     rows_file = folder / "rows.parquet"
     found = by_threshold(read_rows(rows_file))

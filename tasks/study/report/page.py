@@ -1,4 +1,4 @@
-"""Write the report of a run: one HTML file without network, the static figure and the tables."""
+"""Write the report of a run: one self-contained HTML file, static figures and a CSV table."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tasks.study.results.comparison import comparison_table
 from tasks.study.results.perturbation import is_main
 
 MAX_BYTES = 15_000_000
-"""A report is never larger than this."""
+"""Maximum size of a report, bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +38,15 @@ class Section:
     Attributes
     ----------
     id
-        Its anchor.
+        Anchor.
     link
-        Its name in the navigation.
+        Name in the navigation.
     title
-        Its heading.
+        Heading.
     template
-        What draws it: a file of ``templates/``, or a template of your own. Its data are ``data``.
+        File in ``templates/``, or a template of your own. It reads ``data`` and ``run``.
     data
-        Collects what the template draws; a section whose data are None is left out.
+        Function that collects ``data`` from a run. A section without data (None) is left out.
     """
 
     id: str
@@ -57,23 +57,23 @@ class Section:
 
 
 def _itself(run: FinishedRun) -> FinishedRun:
-    """The data of sections that show what the run holds as it is."""
+    """Return the run: some templates need no other data."""
     return run
 
 
 SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html", tradeoff),
     Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html", scaling),
-    Section("tables", "Tables", "Beside the paper", "comparison.html", comparisons),
-    Section("convergence", "Failures", "Where methods fail", "failures.html", failures),
+    Section("tables", "Tables", "Ours and the paper's", "comparison.html", comparisons),
+    Section("convergence", "Failures", "Failures", "failures.html", failures),
     Section("claims", "Claims", "The paper's claims", "claims.html", _itself),
     Section("choice", "Choice", "Which resolution to choose", "choice.html", choice_tables),
     Section("threshold", "Threshold", "Contrast threshold", "threshold.html", thresholds),
-    Section("previews", "Previews", "What the sensors saw", "previews.html", previews),
-    Section("costs", "Cost", "What this run took", "timings.html", timings),
+    Section("previews", "Previews", "Events of each sensor", "previews.html", previews),
+    Section("costs", "Timings", "Timings of this run", "timings.html", timings),
     Section("provenance", "Provenance", "Provenance", "provenance.html", _itself),
 )
-"""The sections of a report, in their order."""
+"""Sections of a report, in order."""
 
 
 def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
@@ -82,23 +82,23 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     Parameters
     ----------
     run_dir
-        Folder of a run, with ``rows.parquet``, ``environment.json`` (strings by name),
-        ``study.json`` (the resolved configuration) and, if the run made any,
-        ``previews/index.json`` with the PNG files that it lists, ``scaling/`` with a JSON and a
-        PNG file for each scene, and ``costs/`` with a JSON file for each part.
+        Folder of a run. It holds ``rows.parquet``, ``environment.json`` (strings by name) and
+        ``study.json`` (resolved configuration). It can also hold ``previews/`` (``index.json`` and
+        PNG files), ``scaling/`` (a JSON and a PNG file per scene) and ``costs/`` (a JSON file per
+        part).
     sections
-        What the page shows, in this order; add your own to `SECTIONS`.
+        Sections of the page, in order; append your own to `SECTIONS`.
 
     Returns
     -------
     Path
-        The report, which appears under its name only when it is whole.
+        ``report.html``. It is written whole or not at all.
 
     Raises
     ------
     ResultError
-        A file is missing or damaged, the rows contradict each other, or the report would be larger
-        than `MAX_BYTES`.
+        A file is missing or damaged, rows contradict each other, or the report exceeds
+        `MAX_BYTES`.
     """
     run = read_run(run_dir)
     page = _page(run, sections).encode()

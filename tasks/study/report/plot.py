@@ -1,4 +1,4 @@
-"""A plot as data. `report.js` draws it on the page and `tasks.study.report.figures` into files."""
+"""Describe a plot as data; `report.js` draws it on the page, `figures` draws it into files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COLORS = {
     "series-6": ("#3b7d00", "#a5d96a"),
     "series-7": ("#c2185b", "#ff8ab0"),
 }
-"""By name, on a light and on a dark page. Those of a series differ in lightness and in hue."""
+"""Colors by name, for a light and for a dark page. Series differ in lightness and in hue."""
 
 Place = tuple[float, float]
 Outline = Sequence[Place]  # corners, px, y down
@@ -46,9 +46,10 @@ class Axis:
     Attributes
     ----------
     include
-        Values that it must reach.
+        Values that the axis must reach.
     ticks
-        Sets from fine to coarse. The first is drawn of which at most `most` labels are in sight.
+        Sets of (value, label) from fine to coarse. The drawer takes the first set with at most
+        `most` labels in the visible range.
     """
 
     label: str
@@ -58,7 +59,18 @@ class Axis:
     most: int
 
     def ticks_within(self, low: float, high: float) -> Sequence[Tick]:
-        """Choose the ticks where the axis reaches from `low` to `high`."""
+        """Choose the ticks of a visible range.
+
+        Parameters
+        ----------
+        low, high
+            Ends of the range, in data units.
+
+        Returns
+        -------
+        sequence of (value, label)
+            Ticks inside the range.
+        """
         inside = [[tick for tick in ticks if low <= tick[0] <= high] for ticks in self.ticks]
         fitting = (ticks for ticks in inside if sum(bool(t[1]) for t in ticks) <= self.most)
         return next(fitting, inside[-1])
@@ -66,7 +78,7 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """How a series looks: a color of `COLORS`, and `label` is written at its first point."""
+    """Look of a series. `color` is a name in `COLORS`; `label` is drawn at the first point."""
 
     name: str
     color: str
@@ -76,7 +88,7 @@ class Key:
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """A mark, and the lines of its tooltip."""
+    """A mark with the lines of its tooltip."""
 
     x: float
     y: float
@@ -85,20 +97,20 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One series in one panel; without a path its points are joined."""
+    """A series in one panel. Without a path, the line joins the points."""
 
     points: Sequence[Point]
     path: Sequence[Place] | None = None
 
     @property
     def places(self) -> list[Place]:
-        """All that it shows."""
+        """Return the places of all points and of the path."""
         return [(point.x, point.y) for point in self.points] + list(self.path or ())
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A picture with a line for each key of its plot, and dashed lines across."""
+    """One panel: a line for each key of the plot, and dashed reference lines."""
 
     label: str
     detail: str
@@ -109,7 +121,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """Panels with the same axes and the same series; labels can stand below the first points."""
+    """Panels that share axes and series. `labels_below` puts series labels below first points."""
 
     title: str
     x: Axis
@@ -130,7 +142,28 @@ def plot(
     include_y: Sequence[float] = (),
     labels_below: bool = False,
 ) -> Plot:
-    """Make a plot over a logarithmic x axis, with ticks for all that its panels show."""
+    """Make a plot with a logarithmic x axis and compute the ticks of both axes.
+
+    Parameters
+    ----------
+    title, x_label, y_label
+        Texts; axis labels include the unit.
+    keys
+        Series, from coarse to fine.
+    panels
+        Panels; each has one line per key.
+    log_y
+        Whether the y axis is logarithmic.
+    include_y
+        Values that the y axis must reach.
+    labels_below
+        Whether series labels are below the first points.
+
+    Returns
+    -------
+    Plot
+        Description for both drawers.
+    """
     shown = [place for panel in panels for line in panel.lines for place in line.places]
     widths = [x for x, _ in shown] or [1.0]
     heights = [y for _, y in shown] + [y for panel in panels for y in panel.references]
@@ -142,7 +175,20 @@ def plot(
 
 
 def width_keys(widths: Iterable[int], *, labelled: bool = False) -> list[Key]:
-    """Give each sensor width a color and a mark, from coarse to fine."""
+    """Give each sensor width a color and a mark.
+
+    Parameters
+    ----------
+    widths
+        Sensor widths, px, from coarse to fine.
+    labelled
+        Whether the plot shows the width at the first point.
+
+    Returns
+    -------
+    list of Key
+        One key per width.
+    """
     colors = [name for name in COLORS if name.startswith("series")]
     looks = zip(cycle(colors), cycle(MARKS))
     return [
@@ -161,7 +207,7 @@ def _log_ticks(low: float, high: float) -> list[list[Tick]]:
 
 
 def _even_ticks(low: float, high: float) -> list[list[Tick]]:
-    """Steps of 1, 2 and 5, from a hundredth of the range up; they go on beyond its ends."""
+    """Return ticks at steps of 1, 2 and 5, from 1/100 of the range; they extend past its ends."""
     span = high - low or 1.0
     finest = math.floor(math.log10(span / 100))
     ladder = []

@@ -1,4 +1,4 @@
-"""A table as data; the macro `table` of the templates draws it."""
+"""Describe a table as data; the template macro `table` draws it."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from tasks.study.results.words import cutoff_detail, cutoff_label
 
 
 class Text(NamedTuple):
-    """A text, with what stands small after it; `kind` is "struck" or "over" (a limit)."""
+    """A text followed by a small text. `kind` is "", "struck" or "over" (above a limit)."""
 
     text: str
     small: str = ""
     kind: str = ""
 
 
-Cell = Sequence[Text] | Choice | None  # several texts are a change from one to the other
+Cell = Sequence[Text] | Choice | None  # an arrow joins several texts
 Rows = Mapping[Text, Sequence[Cell]]
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table, with its rows by the heading of their block; one that is empty is not shown.
+    """A table. `blocks` maps the heading of each block to its rows; "" is no heading.
 
     Attributes
     ----------
     kind
-        What the page styles it by.
+        CSS class.
     label
-        Names it to a screen reader.
+        Name for screen readers.
     """
 
     kind: str
@@ -42,10 +42,10 @@ class Table:
 
 
 def cutoff_text(cutoff_hz: float) -> Text:
-    """Name a cutoff, with its frequency."""
+    """Return the name and the frequency of a cutoff."""
     return Text(cutoff_label(cutoff_hz), cutoff_detail(cutoff_hz))
 
 
 def width_texts(widths: Sequence[int]) -> list[Text]:
-    """Name sensor widths."""
+    """Return the names of sensor widths."""
     return [Text(f"{width} px") for width in widths]

@@ -1,4 +1,4 @@
-"""Comparison tables as tidy CSV."""
+"""Write comparison tables as tidy CSV."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _CSV_COLUMNS = (
 
 
 def to_csv(tables: Iterable[ComparisonTable]) -> str:
-    """Render as tidy CSV, one line a cell; what is missing is empty."""
+    """Render tables as tidy CSV, one line per cell; missing values are empty."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(_CSV_COLUMNS)

@@ -1,4 +1,4 @@
-"""The report's templates, and how numbers are written in them."""
+"""Load the report's templates and register the functions that they call."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from jinja2.utils import htmlsafe_json_dumps
 
 from tasks.registry import TASKS
 from tasks.study.claims.verdict import threshold_note
-from tasks.study.report.answer import headline
 from tasks.study.report.sections.choice import choice_facts
 from tasks.study.results import words
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.comparison import line_label
+from tasks.study.results.headline import headline
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.metrics import METRICS
 from tasks.study.results.perturbation import REQUIRED_SUCCESS

@@ -1,4 +1,4 @@
-"""Which resolution survives its own bus: event rates beside what real cameras carry."""
+"""Compare event rates with the bus bandwidth of real cameras."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from sensor.presets import SENSORS, SensorPreset
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What a real camera's bus would have to carry.
+    """Load on the bus of a real camera.
 
     Attributes
     ----------
     camera
-        On the market; it has the width of the sensor that was simulated.
+        Camera with the width of the simulated sensor.
     rate_hz, capacity_hz
-        Events a second that its pixels would fire, and the most that its bus carries.
+        Event rate of its pixels and capacity of its bus, events/s.
     """
 
     camera: SensorPreset
@@ -26,31 +26,32 @@ class Load:
 
     @property
     def share(self) -> float:
-        """Part of the bus that is used; above 1 it saturates."""
+        """Return the load as a share of the capacity; above 1 the bus saturates."""
         return self.rate_hz / self.capacity_hz
 
     @property
     def survives(self) -> bool:
-        """Whether the bus carries the mean rate."""
+        """Return whether the bus carries the mean rate."""
         return self.share <= 1
 
 
 def bus_loads(
     rates_hz: Mapping[int, float], cameras: Mapping[str, SensorPreset] = SENSORS
 ) -> list[Load]:
-    """Set simulated event rates beside the buses of real cameras of the same widths.
+    """Compare simulated event rates with the buses of real cameras of the same widths.
 
     Parameters
     ----------
     rates_hz
-        Events a second of square sensors, by width in px.
+        Event rates of square sensors, events/s, by width in px.
     cameras
-        Those without a stated bandwidth are left out.
+        Real cameras; those without a stated bandwidth are skipped.
 
     Returns
     -------
-    A load for each camera of one of the widths, by width and bandwidth. A camera is less high than
-    wide, so its rate is that of the square sensor times its height over its width.
+    list of Load
+        One load per camera of a given width, by width and bandwidth. The rate of the square sensor
+        is scaled by the camera's height over its width.
     """
     loads = [
         Load(camera, rates_hz[size.width] * size.height / size.width, bandwidth * 1e6)
@@ -62,6 +63,6 @@ def bus_loads(
 
 
 def capacities_hz(cameras: Mapping[str, SensorPreset] = SENSORS) -> list[float]:
-    """Most events a second that buses of real cameras carry, ascending, each once."""
+    """Return the distinct bus capacities of real cameras, events/s, ascending."""
     stated = {c.max_bandwidth_mev_s for c in cameras.values()} - {None}
     return sorted(1e6 * bandwidth for bandwidth in stated if bandwidth is not None)

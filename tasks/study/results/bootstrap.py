@@ -1,4 +1,4 @@
-"""Medians of resampled samples: the bootstrap behind every interval of the study."""
+"""Bootstrap medians over samples; every interval of the study uses them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,25 @@ def resampled_medians(
     sample: NDArray[np.int64],  # (N,) index of each value's sample, 0 to S - 1
     seed: str,
 ) -> NDArray[np.float64]:
-    """Medians over samples drawn with replacement, (`DRAWS`,) float64.
+    """Return medians over samples drawn with replacement.
 
-    A sample is drawn with all its values, since those of one sample (features, trials) have its
-    frames and events in common. The draws depend on nothing but `seed` and the number of samples,
-    so those of cells with the same samples are paired.
+    A sample is drawn with all its values, because the values of one sample (features, trials) share
+    frames and events. The draws depend only on `seed` and on the number of samples, so cells with
+    the same samples have paired draws.
+
+    Parameters
+    ----------
+    values
+        (N,) float64, finite scores.
+    sample
+        (N,) int64, index of each value's sample, 0 to S - 1.
+    seed
+        Name that seeds the draws.
+
+    Returns
+    -------
+    (DRAWS,) float64
+        One median per draw.
     """
     order = np.argsort(values, kind="stable")
     return _weighted_medians(values[order], sample[order], _counts(seed, int(sample.max()) + 1))
@@ -29,7 +43,7 @@ def resampled_medians(
 
 @lru_cache(maxsize=64)
 def _counts(seed: str, samples: int) -> NDArray[np.int64]:
-    """How often each draw has each sample, (DRAWS, samples)."""
+    """Return how often each draw contains each sample, (DRAWS, samples)."""
     rng = np.random.default_rng([zlib.crc32(seed.encode()), samples])
     drawn = rng.integers(samples, size=(DRAWS, samples))
     counts = np.zeros((DRAWS, samples), np.int64)
@@ -41,7 +55,7 @@ def _counts(seed: str, samples: int) -> NDArray[np.int64]:
 def _weighted_medians(
     values: NDArray[np.float64],  # (N,) ascending
     sample: NDArray[np.int64],  # (N,)
-    counts: NDArray[np.int64],  # (D, S) how often each value of a sample is there
+    counts: NDArray[np.int64],  # (D, S) multiplicity of each sample in each draw
 ) -> NDArray[np.float64]:
     medians = np.empty(counts.shape[0])
     for draw in range(counts.shape[0]):

@@ -1,4 +1,4 @@
-"""Which resolution to choose under a condition, from the scores of a run."""
+"""Choose a resolution for a condition, from the scores of a run."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from tasks.study.results.scores import Cell, Condition, Scores
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """What the rule says of some widths: all of a run, those that a bus carries, the paper's.
+    """Result of the rule for a set of widths.
 
     Attributes
     ----------
     best
         Width with the best median, px.
     enough
-        Smallest width whose median is within the metric's negligible difference of the best, px;
-        one that beats doing nothing, if `worthwhile`.
+        Smallest width with a median within the negligible difference of the best, px. If
+        `worthwhile`, it also beats doing nothing.
     worthwhile
-        Whether `best` beats doing nothing by more than is negligible. If not, there is nothing to
-        recommend.
+        Whether `best` beats doing nothing by more than the negligible difference. If not, no width
+        is recommended.
     """
 
     best: int
@@ -37,15 +37,15 @@ class Pick:
 
 @dataclass(frozen=True, slots=True)
 class OnBus:
-    """What is enough on a bus.
+    """Width that is enough on a bus.
 
     Attributes
     ----------
     capacity_hz
-        The most events a second that it carries; the same is enough on a faster one, up to the
-        capacity of the next of these.
+        Capacity of the bus, events/s. The same width is enough on faster buses, up to the next
+        entry.
     enough
-        Of the widths whose event rate it carries; None where it carries none that is worthwhile.
+        Smallest width that the bus carries and that is enough, px; None if no width is.
     """
 
     capacity_hz: float
@@ -54,28 +54,28 @@ class OnBus:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The best width under one condition, and the smallest that does as well.
+    """Best width under one condition, and the smallest that is as good.
 
     Attributes
     ----------
     scene, cutoff_hz, speed
-        The condition.
+        Condition.
     scores, event_rates_hz
-        Median score and median event rate by width, px.
+        Median score and median event rate by width in px.
     best, enough, worthwhile
-        What the rule says of all widths, as in `Pick`.
+        Result of the rule for all widths, as in `Pick`.
     tied
-        Smallest width that the samples do not tell apart from the best: the paired 95 % interval of
-        the difference reaches zero. None where the samples are too few for an interval.
+        Smallest width that the samples do not separate from the best: the paired 95 % interval of
+        the difference contains zero. None if the samples are too few for an interval.
     on_buses
-        What the rule says of the widths that a bus carries, each by its own event rate: for the
-        slowest bus of a real camera, and for each faster one on which that is another width.
+        Result of the rule for the widths that a bus carries: for the slowest bus of a real camera,
+        and for each faster bus with another result.
     nothing
-        Median score of doing nothing at the best width, None where it was not run.
+        Median score of doing nothing at the best width; None if it was not run.
     paper
-        What `enough` is by the paper's medians, None where it does not print those of all widths.
+        `enough` from the paper's medians; None if the paper lacks one of the widths.
     metric
-        Of the scores.
+        Metric of the scores.
     """
 
     scene: str
@@ -94,28 +94,47 @@ class Choice:
 
     @property
     def loss(self) -> float:
-        """How much worse `enough` is than `best`, at least 0."""
+        """Return how much worse `enough` is than `best`, at least 0."""
         return abs(self.scores[self.best] - self.scores[self.enough])
 
     @property
     def gain(self) -> float | None:
-        """How far `best` is from doing nothing, None where that was not run."""
+        """Return the distance of `best` from doing nothing; None if that was not run."""
         return None if self.nothing is None else abs(self.scores[self.best] - self.nothing)
 
     def saving(self, width: int) -> float | None:
-        """Events at `width` for each event at `enough`, None where `enough` has no events."""
+        """Return the event rate at `width` over that at `enough`; None without events there."""
         rate = self.event_rates_hz[self.enough]
         return self.event_rates_hz[width] / rate if rate > 0 else None
 
 
 Choices = dict[tuple[str, float, float], Choice | None]
-"""Choices by scene, cutoff in Hz and speed; None where a width has not all samples."""
+"""Choices by scene, cutoff in Hz and speed; None if a width lacks samples."""
 
 
 def choose(
     scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float
 ) -> Choice | None:
-    """Choose a width for one condition, or None where a width has not all samples."""
+    """Choose a width for one condition.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Method and task.
+    scene
+        Scene of the condition.
+    cutoff_hz
+        Photoreceptor cutoff, Hz.
+    speed
+        Factor on the base speed.
+
+    Returns
+    -------
+    Choice or None
+        None if a width lacks samples.
+    """
     metric = METRICS[series.metric]
     sign = metric.sign
     cells = {}
@@ -155,9 +174,21 @@ def choose(
 
 
 def pick(medians: Mapping[int, float], nothing: Mapping[int, float], metric: Metric) -> Pick:
-    """Apply the rule to median scores by width, beside those of doing nothing where it was scored.
+    """Apply the rule to median scores.
 
-    Doing nothing is scored for each width, and each is held against its own.
+    Parameters
+    ----------
+    medians
+        Median score by width in px.
+    nothing
+        Median score of doing nothing by width in px; widths can be missing.
+    metric
+        Metric of the scores.
+
+    Returns
+    -------
+    Pick
+        Each width is compared with doing nothing at the same width.
     """
 
     def gain(width: int) -> float:
@@ -175,7 +206,7 @@ def _on_buses(
     nothing: Mapping[int, float],
     metric: Metric,
 ) -> tuple[OnBus, ...]:
-    """Apply the rule to what each capacity carries; a capacity that changes nothing is left out."""
+    """Apply the rule to the widths that each capacity carries; skip capacities without effect."""
     found: list[OnBus] = []
     for capacity_hz in capacities_hz():
         carried = {w: median for w, median in medians.items() if rates_hz[w] <= capacity_hz}
@@ -187,14 +218,27 @@ def _on_buses(
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:
-    """Whether the interval of the paired difference of medians reaches zero."""
+    """Return whether the interval of the paired difference of medians contains zero."""
     cells = {"best": best, "other": other}
     lead = estimate(cells, lambda m: np.asarray(sign * (m["best"] - m["other"])))
     return lead.low is None or lead.low <= 0
 
 
 def choose_all(scores: Scores, series: Series) -> Choices:
-    """Choose a width for every condition of a series."""
+    """Choose a width for every condition of a series.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Method and task.
+
+    Returns
+    -------
+    Choices
+        One entry per condition.
+    """
     return {
         (scene, cutoff, speed): choose(scores, series, scene, cutoff, speed)
         for scene in scores.scenes(series)
@@ -204,11 +248,10 @@ def choose_all(scores: Scores, series: Series) -> Choices:
 
 
 def answered(choices: Choices) -> list[tuple[float, float]]:
-    """The cutoff in Hz and the speed of the conditions that an answer is about.
+    """Return (cutoff in Hz, speed) of the conditions that an answer names, in order.
 
-    Every light at the lowest speed, from the most to the least, then the least light at the highest
-    speed; of conditions that all scenes have. What a report, README and docs say of a run is about
-    these, in this order.
+    They are every light at the lowest speed, from most to least light, and the least light at the
+    highest speed. Only conditions that all scenes have count.
     """
     conditions = [
         {(cutoff, speed) for place, cutoff, speed in choices if place == scene}

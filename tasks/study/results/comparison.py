@@ -1,4 +1,4 @@
-"""Median scores per condition, set beside the paper's, and the columns that tables of them have."""
+"""Compare median scores with the paper's, condition by condition."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from tasks.study.results.words import (
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """Ours and the paper's median in one place of a table."""
+    """Our median and the paper's in one place of a table."""
 
     cell: Cell
     paper: float | None
-    best: bool = False  # of the widths of this block, in this column; needs the whole column
+    best: bool = False  # of the widths in this column; False if one is missing
     paper_best: bool = False
-    beats_nothing: bool | None = None  # None: one of both was not measured
+    beats_nothing: bool | None = None  # None if either is missing
 
     @property
     def difference(self) -> float | None:
-        """Ours minus the paper's, or None where either is missing."""
+        """Return our median minus the paper's, or None if either is missing."""
         if self.cell.median is None or self.paper is None:
             return None
         return self.cell.median - self.paper
@@ -38,9 +38,9 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One width across the cutoffs, of the method or of doing nothing.
+    """One width across the cutoffs, for the method or for doing nothing.
 
-    `width` is None for the score of doing nothing where that is the same at every width.
+    `width` is None if doing nothing has the same score at every width.
     """
 
     width: int | None
@@ -50,7 +50,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """All widths on one scene at one speed; `lines` ends with doing nothing."""
+    """All widths on one scene at one speed; the last lines are those of doing nothing."""
 
     scene: str
     speed: float
@@ -59,17 +59,17 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One of the columns that every cutoff has."""
+    """A column; every cutoff has the same columns."""
 
     head: str
-    kind: str  # "ours", "paper", "difference" or "rate"; the page styles it by that
+    kind: str  # "ours", "paper", "difference" or "rate"
     text: Callable[[Series, Entry, Line], str]
-    in_terminal: bool = True  # 80 columns have no room for all
+    in_terminal: bool = True  # a terminal of 80 columns lacks room for all columns
 
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTable:
-    """Rows: scene x speed x width; columns: cutoffs; in each place ours and the paper's."""
+    """Our medians and the paper's. Rows: scene x speed x width; columns: cutoffs."""
 
     series: Series
     contrast_threshold: float
@@ -78,35 +78,35 @@ class ComparisonTable:
 
     @property
     def title(self) -> str:
-        """Title with metric, unit and the direction that is better."""
+        """Return the title with metric, unit and the better direction."""
         metric = METRICS[self.series.metric]
         name = self.series.title[0].upper() + self.series.title[1:]
         return f"{name}: median {metric.label} [{metric.unit}] {metric.arrow}"
 
     @property
     def source(self) -> str | None:
-        """The paper's table to compare with, None where it has none."""
+        """Return the name of the paper's table, or None if there is none."""
         if self.contrast_threshold != CONTRAST_THRESHOLD:
             return None
         return source(self.series.task, self.series.method)
 
     @property
     def footnote(self) -> str:
-        """What the columns and marks mean."""
+        """Return the explanation of columns and marks."""
         label = self.source
         paper = f"paper: its {label}; Δ: ours minus the paper's" if label else "not in the paper"
         if self.contrast_threshold != CONTRAST_THRESHOLD:
             paper += f" at a contrast threshold of {self.contrast_threshold:g}"
         share = TASKS[self.series.task].share_column
-        last = f"{share.head}: {share.meaning}" if share else "M/s: million events a second"
+        last = f"{share.head}: {share.meaning}" if share else "M/s: million events per second"
         return (
             f"{paper}; bold: best of the column; struck out: no better than doing nothing; {last}; "
-            f"{MISSING}: missing, or not all samples there (n of N)"
+            f"{MISSING}: not measured, or samples are missing (n of N)"
         )
 
     @property
     def columns(self) -> list[Column]:
-        """The columns that every cutoff has."""
+        """Return the columns of every cutoff."""
         share = TASKS[self.series.task].share_column
         columns = [Column("ours", "ours", _ours)]
         if self.source is not None:
@@ -119,7 +119,7 @@ class ComparisonTable:
 
 
 def main_tables(scores: Scores) -> list[ComparisonTable]:
-    """The paper's methods, and a user's own, at base speed, as in its Tables 2 and 3."""
+    """Compare main methods at base speed, as in Tables 2 and 3 of the paper."""
     return [
         comparison_table(scores, series, [base_speed(scores, series)])
         for series in shown_series(scores)
@@ -130,17 +130,22 @@ def main_tables(scores: Scores) -> list[ComparisonTable]:
 def comparison_table(
     scores: Scores, series: Series, speeds: Iterable[float] | None = None
 ) -> ComparisonTable:
-    """Set our medians beside the paper's.
+    """Compare our medians with the paper's.
 
     Parameters
     ----------
     scores
-        The rows of a run.
+        Scores of a run.
     series
-        Which method on which task.
+        Method and task.
     speeds
-        Speed factors to show, all that were run when None. ``[1.0]`` gives the layout of the
-        paper's Table 2, all of them that of its appendix tables.
+        Factors on the base speed; all if None. ``[1.0]`` gives the layout of the paper's Table 2,
+        all speeds give that of its appendix.
+
+    Returns
+    -------
+    ComparisonTable
+        One block per scene and speed.
     """
     cutoffs_hz = tuple(scores.cutoffs_hz(series))
     shown = scores.speeds(series) if speeds is None else list(speeds)
@@ -191,7 +196,7 @@ def _same(values: list[float | None]) -> bool:
 
 
 def _best(values: list[float | None], metric: str) -> int | None:
-    """Index of the best value, or None when one is missing: it could have been the best."""
+    """Return the index of the best value, or None if a value is missing."""
     present = [value for value in values if value is not None]
     if not present or len(present) < len(values):
         return None
@@ -236,7 +241,22 @@ def _rate(series: Series, entry: Entry, line: Line) -> str:
 
 
 def native_px(value: float | None, line: Line, series: Series) -> float | None:
-    """A score in pixels of the sensor, None where it is missing or not in pixels."""
+    """Convert a score to pixels of the sensor.
+
+    Parameters
+    ----------
+    value
+        Score in the unit of the metric, or None.
+    line
+        Line of the table; sets the width.
+    series
+        Method and task; sets the metric.
+
+    Returns
+    -------
+    float or None
+        Score in px, or None if it is missing or not in pixels.
+    """
     reference_px = METRICS[series.metric].reference_width_px
     if value is None or line.width is None or reference_px is None:
         return None
@@ -244,7 +264,20 @@ def native_px(value: float | None, line: Line, series: Series) -> float | None:
 
 
 def line_label(line: Line, series: Series) -> str:
-    """What a line is of: a width, or doing nothing."""
+    """Name a line of a table.
+
+    Parameters
+    ----------
+    line
+        Line of the table.
+    series
+        Method and task of the table.
+
+    Returns
+    -------
+    str
+        Width, or name of the do-nothing method.
+    """
     if not line.nothing:
         return f"{line.width} px"
     label = method_label(TASKS[series.task].baseline)

@@ -1,6 +1,6 @@
-"""How sure a number made of medians is: percentile bootstrap over samples.
+"""Compute intervals of statistics of medians by a percentile bootstrap over samples.
 
-It is paired over conditions: all cells of a scene are resampled with the same sample indices.
+The bootstrap is paired: all cells of a scene are resampled with the same sample indices.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from tasks.study.results.scores import Cell
 from tasks.study.results.words import number_text
 
 MIN_SAMPLES_FOR_INTERVAL = 6
-"""From 6 samples on, smallest and largest sample enclose the median with 95 % probability; with
-fewer, no interval made of the samples can."""
+"""With 6 or more samples, the smallest and the largest enclose the median with 95 % probability;
+with fewer, no interval between samples does."""
 
 
 Key = TypeVar("Key")
@@ -24,8 +24,10 @@ Key = TypeVar("Key")
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number made of medians, with its 95 % interval; `low` and `high` are None where the
-    samples are too few for one."""
+    """A statistic of medians with its 95 % interval.
+
+    `low` and `high` are None if the samples are too few for an interval.
+    """
 
     value: float
     low: float | None
@@ -36,7 +38,22 @@ class Estimate:
         return self.low is not None and self.high is not None and self.low <= bound <= self.high
 
     def text(self, decimals: int = 2, sign: str = "+", unit: str = "") -> str:
-        """Format as ``+3.18 [+2.90, +3.40] dB``."""
+        """Format as ``+3.18 [+2.90, +3.40] dB``.
+
+        Parameters
+        ----------
+        decimals
+            Number of decimals.
+        sign
+            "+" prints plus signs; "" prints minus signs only.
+        unit
+            Unit to append; can be empty.
+
+        Returns
+        -------
+        str
+            Value, with its interval if there is one.
+        """
 
         def number(value: float) -> str:
             return number_text(value, decimals, sign)
@@ -58,17 +75,17 @@ def estimate(
     Parameters
     ----------
     cells
-        Complete cells by any key; those of one scene hold the same samples.
+        Complete cells by any key; cells of one scene have the same samples.
     statistic
-        Takes the median of each cell, as an array of any shape, and returns that shape.
+        Function of the medians by key, each an array of any shape; returns the same shape.
     of_rates
-        Take the medians of the event rates instead of those of the scores.
+        Whether to use medians of event rates in place of scores.
 
     Returns
     -------
     Estimate
-        Seeded by the scene's name, so independent of order; without an interval if a cell has fewer
-        than `MIN_SAMPLES_FOR_INTERVAL` samples.
+        The scene's name seeds the draws, so order has no effect. There is no interval if a cell has
+        fewer than `MIN_SAMPLES_FOR_INTERVAL` samples.
     """
     value = float(
         statistic(

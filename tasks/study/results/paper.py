@@ -1,8 +1,8 @@
-"""The numbers that Gehrig and Scaramuzza published (ECCV 2022), as data.
+"""Numbers that Gehrig and Scaramuzza published (ECCV 2022).
 
-Each block below is one scene of one table of the paper: a line for each sensor width, a group of
-columns for each photoreceptor cutoff, a column for each camera speed. Every table is named by its
-label in the paper's source.
+Each block below is one scene of one table: a line per sensor width, a group of columns per
+photoreceptor cutoff, a column per camera speed. The name of a table is its label in the paper's
+LaTeX source.
 
 Our names for the paper's methods: `event_integration` is EI, `e2vid` E2VID, `high_pass_filter` HF,
 `photometric_flow` EPF, `contrast_maximization` CM, `e_raft` E-RAFT, `photometric_tracking` EPPT.
@@ -24,13 +24,13 @@ SPEEDS = (1.0, 4 / 3, 2.0)
 """Factors on the base speed. The paper prints 4/3 as 1.3 (0.9, 1.2 and 1.8 m/s on carpet)."""
 
 CONTRAST_THRESHOLD = 0.2
-"""C of all its sensors, log units ("a realistic contrast threshold of 0.2 for all experiments")."""
+"""C of all sensors, log units ("a realistic contrast threshold of 0.2 for all experiments")."""
 
 BASE_SPEED_M_PER_S = {"carpet": 0.9, "rocks": 0.7, "room": 1.2}
-"""Camera speed at factor 1, m/s, as headed in `tab:app:image_recons_ei`.
+"""Camera speed at factor 1, m/s, from the heads of `tab:app:image_recons_ei`.
 
-The pose table (`tab:pose_tracking`) is headed 1.2, 1.6, 2.4 m/s for both of its scenes, while the
-main text heads the same carpet numbers 0.9, 1.2, 1.8; its columns are read here as the factors.
+The heads of the pose table (`tab:pose_tracking`) are 1.2, 1.6 and 2.4 m/s for both scenes. The main
+text gives 0.9, 1.2 and 1.8 m/s for the same carpet numbers. We read the columns as factors.
 """
 
 EVENT_RATE_RATIO = {math.inf: 8.0, 200.0: 6.0}
@@ -38,8 +38,8 @@ EVENT_RATE_RATIO = {math.inf: 8.0, 200.0: 6.0}
 discussion of image reconstruction)."""
 
 IDEAL_MARGIN_IN_CAPTION_DB = 0.1
-"""Margin of the highest resolution in ideal light, as the caption of `tab:app:image_recons_ei` has
-it ("~0.1 dB"); the table under it says otherwise."""
+"""Margin of the highest resolution in ideal light, from the caption of `tab:app:image_recons_ei`
+("~0.1 dB"); the table itself contradicts it."""
 
 
 _NUMBERS = {
@@ -49,7 +49,7 @@ _NUMBERS = {
     "tab:app:optical_flow_sota": 9,
     "tab:pose_tracking": 10,
 }
-"""The appendix's tables, counted on from the main text's five."""
+"""Printed numbers of the appendix tables; the main text has five tables."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +266,7 @@ def published(
     speed: float,
     metric: str,
 ) -> float | None:
-    """Return the paper's median score of one cell, or None where the paper has no such cell.
+    """Return the paper's median score of one cell, or None if the paper lacks the cell.
 
     Parameters
     ----------
@@ -288,7 +288,18 @@ def published(
 
 
 def source(task: str, method: str) -> str | None:
-    """Return the paper's table for a method as it is numbered in print, or None for no table."""
+    """Return the printed name of the paper's table for a method.
+
+    Parameters
+    ----------
+    task, method
+        Names as in `tasks.row.Row`.
+
+    Returns
+    -------
+    str or None
+        As in "Table 6"; None if the paper has no such table.
+    """
     for table in _TABLES:
         if (table.task, table.method) == (task, method):
             return f"Table {_NUMBERS[table.label]}"

@@ -1,7 +1,7 @@
-"""How far off pose tracking starts, and at which distance it is judged.
+"""Select the initial perturbation of pose tracking at which claims are judged.
 
-The paper starts 20 cm off on every control pose, from where tracking does not converge; so the
-distance is a variant of the task, and a study runs several.
+The paper shifts every control pose by 20 cm. Tracking does not converge from there, so the
+perturbation is a variant of the task, and a study can run several.
 """
 
 from __future__ import annotations
@@ -18,17 +18,30 @@ from tasks.study.results.scores import Scores
 
 TRACKING = Series("tracking", "photometric_tracking", "position_error_mm")
 REQUIRED_SUCCESS = 0.8
-"""Claims are judged at the largest perturbation that succeeds at least this often."""
+"""Claims are judged at the largest perturbation with at least this share of successes."""
 
 
 def sigma_mm(variant: str) -> float | None:
-    """Standard deviation of a perturbation, mm, from a variant as "sigma 2 mm"; None for others."""
+    """Return the standard deviation in mm of a variant such as "sigma 2 mm"; None for others."""
     found = re.fullmatch(r"sigma ([0-9.]+) mm", variant)
     return float(found[1]) if found else None
 
 
 def sweep(scores: Scores, method: str) -> list[Series]:
-    """A tracking method's series by ascending perturbation."""
+    """Return the series of a tracking method by ascending perturbation.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    method
+        Name of the method.
+
+    Returns
+    -------
+    list of Series
+        One series per perturbation.
+    """
     found = [
         (sigma, one)
         for one in scores.series()
@@ -39,12 +52,22 @@ def sweep(scores: Scores, method: str) -> list[Series]:
 
 
 def ideal_success(scores: Scores, series: Series) -> float | None:
-    """Share of trials that succeed in ideal light at base speed, over all scenes, median of widths.
+    """Return the share of successful trials in ideal light at base speed, median over widths.
 
-    All widths are compared at one perturbation, so one number must do for them. It is the median
-    and not all trials together, since the coarsest sensors may be too coarse to succeed from
-    anywhere (the paper's 128 px is erratic too), which says nothing about the others: from a
-    perturbation with 80 % most widths converge. None where there are no trials.
+    Trials of all scenes count. The median over widths is used because the coarsest sensors can fail
+    from any perturbation (the paper's 128 px is erratic too).
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Tracking series of one perturbation.
+
+    Returns
+    -------
+    float or None
+        Share between 0 and 1; None without trials.
     """
     failed: dict[int, list[NDArray[np.bool_]]] = {}
     for where in scores.conditions(series):
@@ -55,10 +78,21 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
 
 
 def judged_series(scores: Scores, method: str = TRACKING.method) -> Series | None:
-    """A tracking method at the perturbation at which claims are judged, None where there is none.
+    """Return the series of a tracking method at the judged perturbation.
 
-    That is the largest from which `TRACKING` succeeds at least `REQUIRED_SUCCESS` of the time; a
-    method that was not run from there has none.
+    This is the largest perturbation from which `TRACKING` reaches `REQUIRED_SUCCESS`.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    method
+        Name of the method.
+
+    Returns
+    -------
+    Series or None
+        None if no perturbation qualifies or the method was not run at it.
     """
     enough = [
         one
@@ -72,10 +106,10 @@ def judged_series(scores: Scores, method: str = TRACKING.method) -> Series | Non
 
 
 def shown_series(scores: Scores) -> list[Series]:
-    """The series of a run by task, the paper's methods before our changes to them.
+    """Return the series that report and tables show, by task, main methods first.
 
-    Tracking is shown from the judged perturbation only; a method that was not run from there, or a
-    run where none qualifies, from the smallest.
+    Tracking appears at the judged perturbation only, or at the smallest if the method was not run
+    there or no perturbation qualifies.
     """
     order = list(TASKS)
     judged = judged_series(scores)
@@ -91,6 +125,6 @@ def shown_series(scores: Scores) -> list[Series]:
 
 
 def is_main(series: Series) -> bool:
-    """Whether a shown series is a method as the paper has it, or a user's own."""
+    """Return whether a series is a method of the paper, or a user's own."""
     usual = series._replace(variant="") if sigma_mm(series.variant) is not None else series
     return usual.of_paper

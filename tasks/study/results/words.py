@@ -1,4 +1,4 @@
-"""How conditions and numbers are written, in the terminal and in the report."""
+"""Format conditions and numbers for the terminal and the report."""
 
 from __future__ import annotations
 
@@ -11,24 +11,37 @@ MISSING = "–"
 
 
 def cutoff_label(cutoff_hz: float) -> str:
-    """Name a cutoff as the paper does: ideal, day, night; any other by its frequency."""
+    """Name a cutoff as in the paper (ideal, day, night), or by its frequency."""
     return {math.inf: "ideal", 200.0: "day", 50.0: "night"}.get(cutoff_hz, f"{cutoff_hz:g} Hz")
 
 
 def cutoff_detail(cutoff_hz: float) -> str:
-    """Frequency of a cutoff in words."""
+    """Describe the frequency of a cutoff."""
     return "no cutoff" if math.isinf(cutoff_hz) else f"cutoff {cutoff_hz:g} Hz"
 
 
 def speed_label(scene: str, speed: float) -> str:
-    """Speed factor to two digits (the paper's 1.3), with m/s where the paper states them."""
+    """Format a speed.
+
+    Parameters
+    ----------
+    scene
+        Name of the scene.
+    speed
+        Factor on the base speed.
+
+    Returns
+    -------
+    str
+        Factor to two digits, with m/s if the paper states them.
+    """
     base = BASE_SPEED_M_PER_S.get(scene)
     metres = "" if base is None else f" ({base * speed:.1f} m/s)"
     return f"speed {speed:.2g}{metres}"
 
 
 def rate_label(event_rate_hz: float | None) -> str:
-    """Event rate in Mev/s to about three digits."""
+    """Format an event rate in Mev/s to about three digits."""
     if event_rate_hz is None or not math.isfinite(event_rate_hz):
         return MISSING
     mega = event_rate_hz / 1e6
@@ -36,12 +49,27 @@ def rate_label(event_rate_hz: float | None) -> str:
 
 
 def number_text(value: float, decimals: int, sign: str = "") -> str:
-    """Format with a true minus sign, and none on a zero; `sign` "+" asks for a plus as well."""
+    """Format a number with a true minus sign, and without a sign on zero.
+
+    Parameters
+    ----------
+    value
+        Number.
+    decimals
+        Number of decimals.
+    sign
+        "+" prints plus signs too.
+
+    Returns
+    -------
+    str
+        Formatted number.
+    """
     return f"{value:{sign}z.{decimals}f}".replace("-", "−")
 
 
 def share_text(share: float | None) -> str:
-    """A share in percent; what is neither none nor all is never printed as such."""
+    """Format a share in percent; only exact 0 and 1 are printed as 0 % and 100 %."""
     if share is None:
         return MISSING
     percent = round(100 * share)
@@ -51,10 +79,23 @@ def share_text(share: float | None) -> str:
 
 
 def join_words(words: Sequence[str], last: str = "and") -> str:
-    """Join as in "carpet, rocks and room"."""
+    """Join words as in "carpet, rocks and room".
+
+    Parameters
+    ----------
+    words
+        One or more words.
+    last
+        Word before the last one.
+
+    Returns
+    -------
+    str
+        Joined text.
+    """
     return f" {last} ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def capitalized(text: str) -> str:
-    """A text with its first letter as at the start of a sentence."""
+    """Return a text with its first letter in upper case."""
     return text[:1].upper() + text[1:]

@@ -1,1 +1,1 @@
-"""The parts of the report, one file each."""
+"""Sections of the report: each module collects the data of one section."""

@@ -1,4 +1,4 @@
-"""Event rates beside what the buses of real cameras carry."""
+"""Compare event rates with the bus bandwidth of real cameras."""
 
 from __future__ import annotations
 
@@ -14,14 +14,27 @@ from tasks.study.results.words import MISSING, rate_label
 
 @dataclass(frozen=True, slots=True)
 class Buses:
-    """A table for each scene, at base speed and at the highest."""
+    """Bus loads: a table per scene, at base speed and at the highest speed."""
 
     speeds: list[float]
     tables: list[Table]
 
 
 def buses(scores: Scores, series: Series) -> Buses:
-    """Collect the loads that one series puts on the buses of real cameras."""
+    """Collect the bus loads of one series.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Series that the event rates belong to.
+
+    Returns
+    -------
+    Buses
+        Tables of the scenes that have cameras of a simulated width.
+    """
     speeds = list(dict.fromkeys([base_speed(scores, series), max(scores.speeds(series))]))
     tables = [_table(scores, series, scene, speeds) for scene in scores.scenes(series)]
     return Buses(speeds, [table for table in tables if table])

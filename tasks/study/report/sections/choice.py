@@ -1,17 +1,17 @@
-"""Which resolution to choose: tables of choices, speeds down, cutoffs across."""
+"""Choose a resolution: a table per scene, with speeds as rows and cutoffs as columns."""
 
 from __future__ import annotations
 
-from tasks.study.report.answer import times_text
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.choice import Choice, Choices
+from tasks.study.results.headline import times_text
 from tasks.study.results.metrics import Series
 from tasks.study.results.words import rate_label, share_text, speed_label
 
 
 def choice_tables(run: FinishedRun) -> dict[Series, list[Table]]:
-    """Collect a table for each scene, by series."""
+    """Collect the tables of each series."""
     return {one: _tables(found) for one, found in run.choices.items()}
 
 
@@ -30,7 +30,7 @@ def _tables(choices: Choices) -> list[Table]:
 
 
 def choice_facts(choice: Choice) -> list[str]:
-    """Say what else is to know of a choice, a line each."""
+    """Return facts about a choice, one line each."""
     metric = choice.metric
 
     def scored(value: float) -> str:

@@ -1,4 +1,4 @@
-"""Our medians next to the paper's, a table for each series."""
+"""Compare our medians with the paper's, series by series."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from tasks.study.results.scores import base_speed
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The tables of one series: at base speed, and at every speed."""
+    """Tables of one series: at base speed and at all speeds."""
 
     base: ComparisonTable
     every: ComparisonTable
 
 
 def comparisons(run: FinishedRun) -> list[Comparison]:
-    """Collect the section."""
+    """Collect the tables of every series."""
     scores = run.scores
     return [
         Comparison(

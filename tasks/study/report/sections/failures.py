@@ -1,4 +1,4 @@
-"""How far off pose tracking may start, and which methods fail."""
+"""Show from how far off pose tracking succeeds, and how often each method fails."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tasks.study.results.words import MISSING, share_text
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
-    """One tracking method from several perturbations; no plot of a single one."""
+    """One tracking method under all perturbations; `plot` is None for a single perturbation."""
 
     method: str
     plot: Plot | None
@@ -27,7 +27,7 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Failures:
-    """The section; `able` are titles of the tasks in which a method can fail."""
+    """Data of the section. `able` lists the tasks in which a method can fail."""
 
     judged: str | None
     success: dict[str, float | None]
@@ -37,7 +37,7 @@ class Failures:
 
 
 def failures(run: FinishedRun) -> Failures:
-    """Collect the section."""
+    """Collect perturbation sweeps and reasons of failures."""
     scores, judged = run.scores, judged_series(run.scores)
     methods = dict.fromkeys(one.method for one in scores.series() if one.task == TRACKING.task)
     able = [task for task, spec in TASKS.items() if spec.share_column is not None]
@@ -80,13 +80,13 @@ def _table(scores: Scores, found: list[Series], scene: str) -> Table:
         }
         for hz in scores.cutoffs_hz(found[0])
     }
-    caption = f"{scene}: trials that succeed, and the median error of all"
+    caption = f"{scene}: share of successful trials, and median error of all trials"
     heads = [Text(""), *width_texts(widths)]
     return Table("sweep", f"Perturbations, {scene}", caption, heads, blocks)
 
 
 def _plot(scores: Scores, found: list[Series], name: str) -> Plot:
-    """Success over the perturbation at base speed, a line for each width, over all scenes."""
+    """Plot success against perturbation at base speed, over all scenes."""
     widths = scores.widths(found[0])
     panels = []
     for hz in scores.cutoffs_hz(found[0]):
@@ -103,7 +103,7 @@ def _plot(scores: Scores, found: list[Series], name: str) -> Plot:
     return plot(
         f"Success over the perturbation, {name}",
         "standard deviation of the perturbation [mm]",
-        "trials that succeed [%]",
+        "successful trials [%]",
         width_keys(widths),
         panels,
         include_y=(0, 100),

@@ -1,4 +1,4 @@
-"""Pictures: the radiance of each scene, and what each sensor saw of it."""
+"""Show pictures of each scene: the radiance and the events of each sensor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tasks.study.results.previews import Preview
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A PNG picture in base64, of the radiance or of the events of a sensor."""
+    """A PNG picture in base64."""
 
     kind: str  # "frame" or "events"
     png: str
@@ -23,12 +23,12 @@ class Picture:
 
 
 def previews(run: FinishedRun) -> dict[str, list[Picture]]:
-    """Collect the section by scene; events from ideal light down, then by width.
+    """Collect the pictures of each scene, by descending cutoff, speed and width.
 
     Raises
     ------
     ResultError
-        An entry lacks a field or is of an unknown kind, or its file is missing.
+        An entry lacks a field or has an unknown kind, or its file is missing.
     """
     index = run.folder / "previews" / "index.json"
     entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()

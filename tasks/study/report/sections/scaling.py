@@ -1,4 +1,4 @@
-"""Why finer sensors fire faster: the paper's Fig. 2, for each scene."""
+"""Show why finer sensors fire faster, as in Fig. 2 of the paper."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tasks.study.results.words import cutoff_detail, cutoff_label, number_text
 
 @dataclass(frozen=True, slots=True)
 class SceneScaling:
-    """One scene: L_t as a PNG picture in base64, slope by pixel size, times between events."""
+    """One scene: picture of L_t (PNG in base64), slope by pixel size, times between events."""
 
     scene: str
     clip: int
@@ -24,12 +24,12 @@ class SceneScaling:
 
 
 def scaling(run: FinishedRun) -> list[SceneScaling]:
-    """Collect the section; scenes without statistics are left out.
+    """Collect the scenes that have scaling statistics.
 
     Raises
     ------
     ResultError
-        A scene has numbers but no picture.
+        A scene has statistics but no picture.
     """
     found = []
     for one in (run.scaling[scene] for scene in run.scenes if scene in run.scaling):
@@ -62,7 +62,7 @@ def _law_text(slopes: Slopes) -> str:
 
 
 def _intervals(one: Scaling) -> Plot:
-    """Histograms in the best light and in the worst, at base speed and at the highest."""
+    """Plot histograms: most light at base speed, least light at base and at highest speed."""
     settings = one.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
     chosen = dict.fromkeys([best_light, worst, min(settings, key=lambda s: (s[0], -s[1]))])
@@ -88,7 +88,7 @@ def _intervals(one: Scaling) -> Plot:
     return plot(
         f"Intervals between events, {one.scene}",
         "time between a pixel’s events [ms]",
-        "share of the intervals [% a bin]",
+        "share of the intervals [% per bin]",
         width_keys(widths),
         panels,
         include_y=[0],
@@ -96,6 +96,6 @@ def _intervals(one: Scaling) -> Plot:
 
 
 def _shares(histogram: Intervals) -> np.ndarray:
-    """Percent of all intervals in each bin."""
+    """Return the percentage of all intervals in each bin."""
     total = sum(histogram.counts) + histogram.shorter + histogram.longer
     return 100 * np.array(histogram.counts) / max(total, 1)

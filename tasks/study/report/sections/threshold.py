@@ -1,4 +1,4 @@
-"""The contrast threshold: scores, event rates and choices at each, series by series."""
+"""Compare scores, event rates and choices across contrast thresholds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tasks.study.results.words import MISSING, rate_label, share_text
 
 @dataclass(frozen=True, slots=True)
 class SceneThresholds:
-    """One series on one scene at base speed: a column for each threshold, ascending."""
+    """One series on one scene at base speed; columns are thresholds, ascending."""
 
     scene: str
     plot: Plot
@@ -27,7 +27,7 @@ class SceneThresholds:
 
 
 def thresholds(run: FinishedRun) -> dict[Series, list[SceneThresholds]] | None:
-    """Collect the section; None for a run of one contrast threshold."""
+    """Collect all main series; None if the run has one contrast threshold."""
     if not run.found[1:]:
         return None
     return {one: compare_thresholds(run.found, one) for one in filter(is_main, run.series)}
@@ -39,14 +39,14 @@ def compare_thresholds(found: Sequence[Scores], series: Series) -> list[SceneThr
     Parameters
     ----------
     found
-        Scores of each contrast threshold; scenes, widths and cutoffs are those of the first.
+        Scores of each contrast threshold; the first sets scenes, widths and cutoffs.
     series
-        Which method on which task.
+        Method and task.
 
     Returns
     -------
     list of SceneThresholds
-        All at base speed.
+        One entry per scene, at base speed.
     """
     ascending = sorted(found, key=lambda scores: scores.contrast_threshold)
     return [_scene(ascending, found[0], series, scene) for scene in found[0].scenes(series)]
@@ -69,10 +69,10 @@ def _scene(ascending: list[Scores], first: Scores, series: Series, scene: str) -
             for at in where
         }
     heads = [
-        Text(f"C = {s.contrast_threshold:g}", "as above" if s is first else "") for s in ascending
+        Text(f"C = {s.contrast_threshold:g}", "this page" if s is first else "") for s in ascending
     ]
     caption = (
-        f"{scene}: median {metric.label} [{metric.unit}] {metric.arrow}, and million events a "
+        f"{scene}: median {metric.label} [{metric.unit}] {metric.arrow}, and million events per "
         "second; struck out: no better than doing nothing"
     )
     by_threshold = f"by contrast threshold, {scene}"

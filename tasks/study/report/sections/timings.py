@@ -1,4 +1,4 @@
-"""What the run took: stage by stage, and method by method."""
+"""Show how long the run took, by stage and by method."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tasks.study.results.words import MISSING, join_words
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """What the parts of a run took, on which numbers of cores."""
+    """Times of all parts of a run, and their numbers of cores."""
 
     parts: int
     cores: str
@@ -26,24 +26,24 @@ class Timings:
 
 
 def timings(run: FinishedRun) -> Timings:
-    """Collect the section."""
+    """Read and sum up the times of all parts."""
     return summarize(read_timings(run.folder / "costs"))
 
 
 def summarize(costs: Sequence[JobTimings]) -> Timings:
-    """Sum up what parts took; a rate is that of the middle part."""
-    heads = [Text(head) for head in ("stage", "time", "share", "of", "rate")]
+    """Sum up the times of parts; rates are medians over parts."""
+    heads = [Text(head) for head in ("stage", "time", "share", "amount", "rate")]
     stages = {Text(""): _stages(costs) if costs else {}}
     return Timings(
         parts=len(costs),
         cores=join_words([str(n) for n in sorted({one.cores for one in costs})] or [MISSING], "or"),
-        stages=Table("stages", "Time of each stage", "Stages, all parts together", heads, stages),
+        stages=Table("stages", "Time of each stage", "Stages, sum over parts", heads, stages),
         methods=_methods(costs),
     )
 
 
 def _stages(costs: Sequence[JobTimings]) -> Rows:
-    """Time, share of all time, and for each unit of what was done how much and how fast."""
+    """Return time, share of the total, amounts and rates of each stage."""
 
     def of_parts(amount: Callable[[JobTimings], float]) -> list[float]:
         return [amount(one) for one in costs]
@@ -93,13 +93,13 @@ def _methods(costs: Sequence[JobTimings]) -> Table:
         ]
         for series, every in found.items()
     }
-    heads = [Text("method"), *width_texts(widths), Text("estimates"), Text("all of them")]
+    heads = [Text("method"), *width_texts(widths), Text("estimates"), Text("total")]
     caption = "Time of an estimate, by sensor"
     return Table("costs", "Time of each method", caption, heads, {Text(""): rows})
 
 
 def _estimate(costs: Sequence[MethodTimings]) -> Text:
-    """Time of an estimate, and for a million of the events that it is given."""
+    """Return the time of one estimate, and per million events of its input."""
     if not costs:
         return Text(MISSING)
     events = [one.median_cpu_s * one.estimates / one.events for one in costs if one.events]
@@ -112,7 +112,7 @@ def _number(value: float) -> str:
 
 
 def _time(seconds: float) -> str:
-    """Three digits, in the unit that suits."""
+    """Format a time to three digits, in a suitable unit."""
     for factor, unit, below in ((1e6, "µs", 1e-3), (1e3, "ms", 1.0), (1.0, "s", 120.0)):
         if seconds < below:
             return f"{_number(seconds * factor)} {unit}"

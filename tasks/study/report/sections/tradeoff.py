@@ -1,4 +1,4 @@
-"""Score against event rate, and what the buses of real cameras carry."""
+"""Plot scores against event rates, and compare the rates with the buses of real cameras."""
 
 from __future__ import annotations
 
@@ -23,20 +23,33 @@ from tasks.study.results.words import (
 
 @dataclass(frozen=True, slots=True)
 class Tradeoff:
-    """The plots of each series by scene, and the first series' buses."""
+    """Plots of each series by scene, and bus loads of the first series."""
 
     plots: dict[Series, dict[str, Plot]]
     buses: Buses
 
 
 def tradeoff(run: FinishedRun) -> Tradeoff:
-    """Collect the section."""
+    """Collect the plots of every series, and the bus loads."""
     plots = {one: tradeoff_plots(run.scores, one) for one in run.series}
     return Tradeoff(plots, buses(run.scores, run.series[0]))
 
 
 def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
-    """By scene, a panel for each cutoff, and a point wherever all samples are there."""
+    """Plot one series: a panel per cutoff, a point per condition that has all samples.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Method and task.
+
+    Returns
+    -------
+    dict
+        Plots by scene.
+    """
     keys = width_keys(scores.widths(series), labelled=True)
     found = {}
     for scene in scores.scenes(series):
@@ -46,7 +59,24 @@ def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
 
 
 def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence[Panel]) -> Plot:
-    """Plot scores of one series against event rates; the axis of errors is logarithmic."""
+    """Plot scores of one series against event rates; errors have a logarithmic axis.
+
+    Parameters
+    ----------
+    title
+        Title of the plot.
+    series
+        Method and task; sets the metric.
+    keys
+        One key per sensor width.
+    panels
+        One panel per cutoff; x is Mev/s, y is the score in the unit of the metric.
+
+    Returns
+    -------
+    Plot
+        Description for both drawers.
+    """
     metric = METRICS[series.metric]
     heights = [y for one in panels for line in one.lines for _, y in line.places]
     heights += [y for one in panels for y in one.references]
@@ -77,7 +107,22 @@ def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Pane
 
 
 def score_point(scores: Scores, series: Series, where: Condition) -> Point | None:
-    """Collect one point, or None where samples are missing or there were no events."""
+    """Make one point.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Method and task.
+    where
+        Condition of the point.
+
+    Returns
+    -------
+    Point or None
+        None if samples are missing or the sensor fired no events.
+    """
     cell = scores.cell(series, where)
     if cell.median is None or not cell.event_rate_hz:
         return None

@@ -1,8 +1,8 @@
 "use strict";
-// Draws each .plot from the JSON in it, shows those of the chosen method, and enlarges previews.
+// Draws each .plot from its JSON, shows the plots of the chosen method, and enlarges previews.
 
 const HEIGHT = 310, LEFT = 46, RIGHT = 12, TOP = 12, BOTTOM = 268; // of a panel; BOTTOM is the x axis
-const ROOM = 12, LABEL_ROOM = 26; // above and below the data, without and with labels of series
+const ROOM = 12, LABEL_ROOM = 26; // above and below the data, without and with series labels
 
 function svg(parent, name, attributes, text) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -24,7 +24,7 @@ const joined = (line) => line.points.map((p) => [p.x, p.y]);
 const placesOf = (line) => [...(line.path ?? []), ...joined(line)];
 const scaled = (axis, value) => (axis.log ? Math.log10(value) : value);
 
-// From the lowest to the highest value on a scaled axis, with a share of that at each end.
+// Range of the values on a scaled axis, with a share of the range added at each end.
 function domain(axis, values, share) {
   const reached = [...values, ...axis.include].map((value) => scaled(axis, value));
   if (!reached.length) return [0, 1];
@@ -33,7 +33,7 @@ function domain(axis, values, share) {
   return [low - pad, high + pad];
 }
 
-// The finest of an axis's ticks with no more labels than there is room for.
+// The finest ticks of an axis with at most `most` labels in the range.
 function ticksWithin(axis, [low, high]) {
   const inside = ([at]) => at >= low && at <= high;
   const sets = axis.ticks.map((ticks) => ticks.map(([v, label]) => [scaled(axis, v), label]).filter(inside));
@@ -61,7 +61,7 @@ class Plot {
       const caption = html(figure, "figcaption", { textContent: `${panel.label} ` });
       html(caption, "small", { textContent: panel.detail });
       const box = html(figure, "div");
-      // A tip's words are the label of the point that it is for.
+      // A screen reader reads the label of the point, which has the same words.
       return { panel, box, tip: html(figure, "div", { className: "tip", hidden: true, ariaHidden: "true" }) };
     });
     this.draw();
@@ -122,7 +122,7 @@ class Plot {
     const up = (at) => BOTTOM - ((at - yDomain[0]) / (yDomain[1] - yDomain[0])) * (BOTTOM - TOP);
     const x = (value) => across(scaled(xAxis, value)), y = (value) => up(scaled(yAxis, value));
     const dashed = panel.references.length ? `Dashed line: ${panel.reference_label}. ` : "";
-    const label = `${title}, ${panel.label} (${panel.detail}): ${yAxis.label} against ${xAxis.label}. ${dashed}Arrow keys go from point to point.`;
+    const label = `${title}, ${panel.label} (${panel.detail}): ${yAxis.label} against ${xAxis.label}. ${dashed}Arrow keys move from point to point.`;
     const root = svg(null, "svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, role: "group", "aria-label": label });
     const line = (kind, x1, x2, y1, y2, opacity = 1) => svg(root, "line", { class: kind, x1, x2, y1, y2, "stroke-opacity": opacity });
     const text = (words, x, y, anchor = "middle") => svg(root, "text", { x, y, "text-anchor": anchor }, words);
@@ -139,7 +139,7 @@ class Plot {
     text(yAxis.label, 0, 0).setAttribute("transform", `translate(11 ${(TOP + BOTTOM) / 2}) rotate(-90)`);
     for (const value of panel.references) line("baseline", LEFT, right, y(value), y(value));
     if (panel.references.length) {
-      const at = below ? TOP + 11 : BOTTOM - 9; // where no label of a series is
+      const at = below ? TOP + 11 : BOTTOM - 9; // on the side without series labels
       line("baseline", right - 30, right - 6, at, at);
       text(panel.reference_label, right - 36, at + 4, "end");
     }
@@ -167,7 +167,7 @@ class Plot {
     tip.hidden = true;
     if (!places.length) return;
 
-    // One point of a panel is a stop of the Tab key, arrow keys go on from it.
+    // The Tab key stops at one point of a panel; arrow keys move from there.
     const stopAt = (index) => {
       places[one.stop].mark.tabIndex = -1;
       one.stop = index;
@@ -223,7 +223,7 @@ const drawn = [...document.querySelectorAll(".plot")].map((root) => new Plot(roo
 const pick = document.getElementById("pick");
 const choose = () => {
   document.querySelectorAll(".plots").forEach((group, i) => (group.hidden = i !== Number(pick.value)));
-  drawn.forEach((plot) => plot.draw()); // those that were hidden had no width
+  drawn.forEach((plot) => plot.draw()); // hidden plots had no width
 };
 pick?.addEventListener("change", choose);
 if (pick) choose(); // a browser may restore an earlier choice

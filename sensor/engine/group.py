@@ -1,0 +1,228 @@
+"""Sensors with the same light on their pixels: equal size, dark level and fill factor."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.engine.frames import refuse_bad_radiance, whole_microseconds
+from sensor.engine.settings import Draw, generator, settings_of
+from sensor.engine.sorting import UnsortedEvents
+from sensor.engine.workers import Workers
+from sensor.errors import SensorError
+from sensor.events import Events, no_events
+from sensor.kernels.advance import (
+    Band,
+    Clock,
+    Resume,
+    Settings,
+    State,
+    advance_pixels,
+    room_for_block,
+)
+from sensor.kernels.comparator import outside_refractory
+from sensor.kernels.packing import FULL
+from sensor.kernels.photoreceptor import STEP, photoreceptor_step
+from sensor.kernels.radiance import BAD, Light, log_intensity
+from sensor.model import SensorModel
+from sensor.optics import integrate
+
+# Pixels of a block. Their state fits the L2 cache, and the distance of its rows is no power of two,
+# so that they do not share lines of the L1 cache.
+_BLOCK_PX = 4040
+_LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
+
+
+@dataclass(eq=False)
+class SensorGroup:
+    """Sensors with the same light, and the state of their pixels at the last frame."""
+
+    members: list[int]  # indices of the models in the bank
+    models: list[SensorModel]
+    speeds: NDArray[np.float64]  # (S,)
+    settings: Settings
+    state: State
+    held: list[Events]  # in the microsecond of the last frame, which the next chunk shares
+    ready_us: list[NDArray[np.int64] | None]  # (height, width) end of the refractory periods
+
+    @classmethod
+    def start(
+        cls,
+        members: list[int],
+        models: list[SensorModel],
+        speeds: list[float],
+        frame: NDArray[np.floating],
+        seed: int,
+    ) -> SensorGroup:
+        """Initialize the group at the first frame.
+
+        Parameters
+        ----------
+        members, models, speeds
+            Indices in the bank, models, and speed factors, S each.
+        frame
+            (H, W) linear radiance.
+        seed
+            Seed of everything random.
+
+        Returns
+        -------
+        SensorGroup
+
+        Raises
+        ------
+        SensorError
+            The radiance is invalid, or too small for a dark level of 0.
+        """
+        light = _light(frame[None], models[0], 0)
+        u = np.empty(light.radiance.size)
+        log_intensity(light.radiance[0], light.dark, u)
+        settings = settings_of(models, seed)
+        memory = np.tile(u, (len(models), 1))
+        for s, model in enumerate(models):
+            if model.random_start:
+                share = generator(seed, Draw.START).random(u.size)
+                memory[s] += settings.C_off[s] - share * (settings.C_on[s] + settings.C_off[s])
+        v = np.tile(u, (len(models), 1)) if settings.filtered.any() else memory[:, :0]
+        never_us = np.iinfo(np.int64).min
+        return cls(
+            members,
+            models,
+            np.array(speeds),
+            settings,
+            State(u, v, v.copy(), memory),
+            [no_events(m.width, m.height, m) for m in models],
+            [
+                np.full((m.height, m.width), never_us) if m.refractory_s > 0 else None
+                for m in models
+            ],
+        )
+
+    def advance(
+        self,
+        chunk: NDArray[np.floating],
+        index: int,
+        t_s: NDArray[np.float64],
+        workers: Workers,
+    ) -> Iterator[tuple[int, Events]]:
+        """Simulate a chunk of frames.
+
+        Parameters
+        ----------
+        chunk, index
+            (F, H, W) linear radiance, and index of its first frame.
+        t_s
+            (F + 1,) times of the frame before the chunk and of its frames.
+        workers
+            Threads.
+
+        Yields
+        ------
+        (int, Events)
+            Index of the model, and its next events.
+
+        Raises
+        ------
+        SensorError
+            As in `start`.
+        """
+        light = _light(chunk, self.models[0], index, workers.map)
+        t_s = t_s / self.speeds[:, None]
+        frame_us, after_us = whole_microseconds(t_s)
+        dt_s = np.diff(t_s)
+        steps = [
+            [photoreceptor_step(each, model.cutoff_hz, model.poles) for each in row]
+            for row, model in zip(dt_s, self.models, strict=True)
+        ]
+        clock = Clock(index - 1, np.array(steps, STEP), dt_s, after_us, np.diff(frame_us))
+        edges = np.linspace(0, self.state.u.size, len(workers.pools) + 1).astype(int).tolist()
+        bands = [(k, *band) for k, band in enumerate(itertools.pairwise(edges)) if len({*band}) > 1]
+
+        def advance_band(band: tuple[int, int, int]) -> NDArray[np.int64]:
+            k, start, stop = band
+            pixels = Band(self.models[0].width, start, stop, _BLOCK_PX)
+            segment = np.zeros((-(-(stop - start) // _BLOCK_PX), *dt_s.shape, 2), np.int64)
+            outcome, resume = FULL, Resume(0, 0, 0)
+            while outcome == FULL:
+                block = room_for_block(
+                    len(chunk), _BLOCK_PX, light.radiance.dtype, workers.pools[k]
+                )
+                outcome, resume = advance_pixels(
+                    light,
+                    pixels,
+                    self.state,
+                    self.settings,
+                    clock,
+                    block,
+                    resume,
+                    segment,
+                )
+                if outcome == FULL:
+                    workers.enlarge_pool(k)
+            if outcome == BAD:
+                refuse_bad_radiance(chunk, index)
+            return segment
+
+        segments = list(workers.map(advance_band, bands))
+        pools = [workers.pools[k] for k, *_ in bands]
+        counts = sum(np.diff(segment, axis=3)[..., 0].sum(axis=0) for segment in segments)
+        for s, member in enumerate(self.members):
+            unsorted = UnsortedEvents(pools, segments, counts[s], frame_us[s], s)
+            events = unsorted.sort(self.held[s], workers)
+            last_us = int(frame_us[s, -1])
+            self.held[s] = events.between(last_us, last_us + 1).copy()
+            yield member, self._reported(s, events[: len(events) - len(self.held[s])])
+
+    def finish(self) -> Iterator[tuple[int, Events]]:
+        """Yield `(index of the model, its remaining events)` after the last chunk."""
+        for s, member in enumerate(self.members):
+            yield member, self._reported(s, self.held[s])
+
+    def _reported(self, s: int, events: Events) -> Events:
+        """Remove the events within the refractory periods of the s-th member."""
+        ready_us = self.ready_us[s]
+        if ready_us is None:
+            return events
+        refractory_us = min(round(self.models[s].refractory_s * 1e6), np.iinfo(np.int64).max)
+        return events.where(outside_refractory(events.columns, refractory_us, ready_us))
+
+
+def least_bytes(model: SensorModel) -> int:
+    """Return the memory that `SensorGroup.start` allocates for one model alone, bytes."""
+    rows = 1  # the memory
+    rows += 2 * (model.cutoff_hz < math.inf)  # v1, v2
+    rows += 2 * (model.threshold_mismatch > 0)  # C_on, C_off
+    rows += model.hot_pixel_fraction > 0 and model.hot_pixel_hz > 0
+    rows += model.refractory_s > 0  # end of the refractory period
+    return 8 * rows * model.height * model.width
+
+
+def _light(
+    chunk: NDArray[np.floating],
+    model: SensorModel,
+    index: int,
+    apply: Callable[..., Iterable] = map,
+) -> Light:
+    """Average frames (F, H, W), the first with this index, over the pixels of a model."""
+    dark = model.dark_level or 0.0
+    if chunk.shape[1:] == (model.height, model.width):
+        radiance = chunk  # one sample per pixel, so the fill factor has no effect
+    else:
+        size = model.height, model.width, model.fill_factor
+        means = list(apply(lambda frame: integrate(frame, *size), chunk))
+        if any(mean is None for mean in means):
+            refuse_bad_radiance(chunk, index)
+        radiance = np.stack(means)
+    least = float(radiance.min())
+    if dark == 0 and not least >= _LEAST_LIGHT:
+        raise SensorError(
+            f"frame {index} or one soon after: found a pixel of radiance {least:g}, "
+            f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
+            "exists; give dark_level a positive value, or None"
+        )
+    return Light(radiance.reshape(len(chunk), -1), dark)

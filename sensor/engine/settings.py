@@ -1,0 +1,101 @@
+"""Sensor models as arrays for the kernels, with the random patterns of their pixels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.kernels.advance import Settings
+from sensor.model import SensorModel
+
+
+class Draw:
+    """Kinds of random numbers; each has its own stream."""
+
+    START, C_ON, C_OFF, HOT = range(4)
+
+
+def generator(seed: int, draw: int) -> np.random.Generator:
+    """Return the generator of one kind of random numbers.
+
+    Parameters
+    ----------
+    seed
+        Seed of the simulation.
+    draw
+        A member of `Draw`.
+
+    Returns
+    -------
+    Generator, the same for all models.
+    """
+    return np.random.Generator(np.random.Philox(key=[seed, draw]))
+
+
+def settings_of(models: list[SensorModel], seed: int) -> Settings:
+    """Convert models to arrays for the kernels.
+
+    Parameters
+    ----------
+    models
+        S models of one size.
+    seed
+        Seed of the fixed patterns.
+
+    Returns
+    -------
+    Settings
+    """
+    pixels = models[0].height * models[0].width
+    hot = [m.hot_pixel_fraction > 0 and m.hot_pixel_hz > 0 for m in models]
+    hot_hz = np.zeros((len(models), pixels if any(hot) else 0))
+    if any(hot):
+        share = generator(seed, Draw.HOT).random(pixels)
+        for row, model in zip(hot_hz, models, strict=True):
+            row[share < model.hot_pixel_fraction] = model.hot_pixel_hz
+    return Settings(
+        C_on=_thresholds(models, seed, Draw.C_ON),
+        C_off=_thresholds(models, seed, Draw.C_OFF),
+        hot_hz=hot_hz,
+        poles=np.array([float(m.poles) for m in models]),
+        light_a=np.array([_light_a(m) for m in models]),
+        leak_per_s=np.array([m.leak_hz * m.contrast_threshold for m in models]),
+        noise_hz=np.array([m.shot_noise_hz for m in models]),
+        noise_exponent=np.array([m.shot_noise_exponent for m in models]),
+        filtered=np.array([math.isfinite(m.cutoff_hz) for m in models]),
+        noisy=np.array([m.shot_noise_hz > 0 for m in models]) | hot,
+        leader=_leaders(models),
+        seed=np.uint64(seed),
+    )
+
+
+def _thresholds(models: list[SensorModel], seed: int, draw: int) -> NDArray[np.float64]:
+    C = np.array([[m.contrast_threshold] for m in models])
+    mismatch = np.array([[m.threshold_mismatch] for m in models])
+    if not mismatch.any():
+        return C
+    pattern = generator(seed, draw).standard_normal(models[0].height * models[0].width)
+    return np.maximum(C + mismatch * pattern, 0.1 * C)
+
+
+def _light_a(model: SensorModel) -> float:
+    reference = model.cutoff_reference
+    return 0.0 if reference is None else 2 * math.pi * model.cutoff_hz / reference
+
+
+def _leaders(models: list[SensorModel]) -> NDArray[np.int64]:
+    """Return for each model the first with the same events except for the times, usually itself.
+
+    The events of an ideal pixel between two frames depend on the light only. With a filter, leakage
+    or noise they also depend on the length of the interval.
+    """
+    first: dict[tuple, int] = {}
+    leaders = []
+    for i, m in enumerate(models):
+        timeless = m.cutoff_hz == math.inf and m.leak_hz == m.shot_noise_hz == 0
+        timeless &= m.hot_pixel_fraction == 0
+        comparator = m.contrast_threshold, m.threshold_mismatch, m.random_start
+        leaders.append(first.setdefault(comparator, i) if timeless else i)
+    return np.array(leaders)

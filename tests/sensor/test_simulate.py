@@ -1,0 +1,271 @@
+"""What `simulate` promises beyond one pixel: order, determinism, streaming, clear refusals."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sensor import EventError, Events, SensorError, SensorModel, simulate, simulate_bank, stream
+from sensor.engine import bank, group
+
+COLUMNS = ("t_us", "x", "y", "p")
+
+
+def texture_in_motion(frames=25, size=48, interval_s=1e-3, seed=0):
+    """A 1/f texture that moves by 0.7 px a frame, up and to the left."""
+    rng = np.random.default_rng(seed)
+    n = 2 * size
+    f = np.hypot(*np.meshgrid(np.fft.fftfreq(n), np.fft.fftfreq(n)))
+    f[0, 0] = 1.0
+    spectrum = np.fft.fft2(rng.standard_normal((n, n))) / f
+    shift = np.exp(2j * np.pi * 0.7 * np.add.outer(np.fft.fftfreq(n), np.fft.fftfreq(n)))
+    views = np.stack([np.fft.ifft2(spectrum * shift**k).real for k in range(frames)])
+    views *= 0.7 / views.std()
+    return np.exp(views[:, :size, :size]).astype(np.float32), np.arange(frames) * interval_s
+
+
+def assert_same(a, b):
+    for column in COLUMNS:
+        np.testing.assert_array_equal(getattr(a, column), getattr(b, column))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return texture_in_motion()
+
+
+def model(size=48, cutoff_hz=200.0, **kwargs):
+    return SensorModel(width=size, height=size, cutoff_hz=cutoff_hz, **kwargs)
+
+
+@pytest.mark.parametrize("cutoff_hz", [math.inf, 50.0])
+def test_identical_for_any_threads_and_chunks(scene, monkeypatch, cutoff_hz):
+    """Promise: neither threads nor chunks nor blocks nor a small pool change one bit."""
+    frames, t_s = scene
+    expected = simulate(frames, t_s, model(cutoff_hz=cutoff_hz), threads=1)
+    assert len(expected) > 5000
+    for threads, chunk, block in [(2, 8, 512), (3, 1, 7), (5, 3, 100), (1, 24, 5000)]:
+        monkeypatch.setattr(bank, "_CHUNK_FRAMES", chunk)
+        monkeypatch.setattr(group, "_BLOCK_PX", block)
+        got = simulate(iter(frames), t_s, model(cutoff_hz=cutoff_hz), threads=threads)
+        assert_same(got, expected)
+
+
+def test_a_full_pool_grows_and_loses_nothing():
+    """Promise: more events than the pools hold at first are neither lost nor doubled."""
+    frames = np.full((3, 64, 64), 1e-6)
+    frames[1] = np.exp(np.random.default_rng(0).uniform(-10, 10, (64, 64)))
+    t_s = [0.0, 1e-3, 2e-3]
+    fine = SensorModel(width=64, height=64, contrast_threshold=0.003, dark_level=1e-9)
+    events = simulate(frames, t_s, fine)
+    assert len(events) > 10 * (1 << 16)
+    rise = np.floor(np.log((frames[1] + 1e-9) / (1e-6 + 1e-9)) / 0.003)
+    turns = np.zeros((64, 64))
+    np.add.at(turns, (events.y, events.x), np.abs(events.p, dtype=float))
+    # All the way up and down again, but for the last threshold's width.
+    np.testing.assert_allclose(turns, 2 * np.abs(rise), atol=2)
+    assert np.abs(events.polarity_sum()).max() <= 1  # dark, bright, dark again
+
+
+@pytest.mark.parametrize("interval_s", [3e-7, 1e-3, 7e-3])
+def test_sorted_by_time_row_column(interval_s):
+    """Promise: output is sorted by time, ties by (y, x), also where frames share a microsecond."""
+    frames, t_s = texture_in_motion(interval_s=interval_s)
+    events = simulate(frames, 1.0 + t_s, model(cutoff_hz=math.inf), threads=2)
+    key = events.t_us * 10_000 + events.y.astype(np.int64) * 100 + events.x
+    assert np.all(np.diff(key) >= 0)
+    Events(events.t_us, events.x, events.y, events.p, 48, 48)  # passes its own checks
+
+
+def test_stream_is_simulate_in_parts(scene):
+    """Promise: parts join to the whole, in order, whatever the source of frames."""
+    frames, t_s = scene
+    parts = list(stream((f for f in frames), t_s, model()))
+    assert len(parts) > 2
+    whole = simulate(frames, t_s, model())
+    for column in COLUMNS:
+        joined = np.concatenate([getattr(part, column) for part in parts])
+        np.testing.assert_array_equal(joined, getattr(whole, column))
+
+
+def test_bank_equals_single_runs(scene):
+    """Promise: sharing frames among sizes, cutoffs and speeds changes no event."""
+    frames, t_s = scene
+    models = [model(s, c) for s in (48, 13, 30) for c in (math.inf, 200.0, 50.0)]
+    models.append(model(13, 50.0, contrast_threshold=0.1, random_start=True, dark_level=0.5))
+    models += [model(30, math.inf, leak_hz=3.0), model(30, math.inf, refractory_s=2e-3)]
+    models += [model(30, math.inf, shot_noise_hz=50.0), model(30, math.inf, random_start=True)]
+    speeds = [1.0, 4 / 3, 2.0] * 3 + [1.0, 0.5, 0.7, 3.0, 2.0]
+    together = simulate_bank(frames, t_s, models, speeds=speeds)
+    for m, speed, events in zip(models, speeds, together, strict=True):
+        assert_same(events, simulate(frames, t_s / speed, m))
+        assert (events.width, events.model.cutoff_hz) == (m.width, m.cutoff_hz)
+
+
+def test_ideal_events_do_not_depend_on_speed(scene):
+    """Physics: an ideal pixel sees the same levels in the same order at any speed (claim 5)."""
+    frames, t_s = scene
+    ideal = model(cutoff_hz=math.inf)
+    slow, fast = simulate_bank(frames, t_s, [ideal, ideal], speeds=[1.0, 2.0])
+    np.testing.assert_array_equal(slow.polarity_sum(), fast.polarity_sum())
+    assert len(slow) == len(fast)
+    assert abs(int(slow.t_us[-1]) - 2 * int(fast.t_us[-1])) <= 2
+
+
+def test_dark_level_defaults_to_a_thousandth_of_the_first_frames_white(scene):
+    """Promise: the dark rule is explicit and stored with the events."""
+    frames, t_s = scene
+    events = simulate(frames, t_s, model())
+    white = np.percentile(frames[0], 99.9)
+    assert events.model.dark_level == pytest.approx(1e-3 * white)
+    explicit = simulate(frames, t_s, model(dark_level=events.model.dark_level))
+    assert_same(events, explicit)
+
+
+def test_one_step_from_black_fires_as_the_dark_level_says():
+    """Physics: 0 -> 0.5 crosses floor(log((0.5 + d) / d) / C) levels, the same for any start."""
+    frames = np.array([0.0, 0.5], np.float32)[:, None, None]
+    tiny = SensorModel(width=1, height=1, dark_level=0.01)
+    assert len(simulate(frames, [0.0, 1e-3], tiny)) == math.floor(math.log(51) / 0.2)
+
+
+def test_random_start_is_seeded_and_spreads_first_events():
+    """Promise: memories start uniformly in (-C, C); the same seed gives the same events."""
+    t_s = np.array([0.0, 0.01])
+    frames = np.ones((2, 100, 100))
+    frames[1] *= math.exp(0.19999)  # just less than C: in step, no pixel would fire
+    assert len(simulate(frames, t_s, model(100, math.inf, dark_level=0.0))) == 0
+    drawn = model(100, math.inf, dark_level=0.0, random_start=True)
+    a, b = (simulate(frames, t_s, drawn, seed=s, threads=s + 1) for s in (0, 1))
+    assert_same(a, simulate(frames, t_s, drawn, seed=0, threads=2))
+    assert len(a) != len(b) or not np.array_equal(a.x, b.x)
+    assert abs(len(a) / 10_000 - 0.5) < 0.02  # memory below u(t0) by 0..C in half of the pixels
+    assert np.histogram(a.t_us, 4, (0, 10_000))[0].min() > 1000
+
+
+def test_events_know_windows_and_sums(scene):
+    """Promise: windows are half-open, and slices keep size and model."""
+    frames, t_s = scene
+    events = simulate(frames, t_s, model())
+    early, late = events.between(0, 12_000), events.between(12_000, 10**9)
+    assert len(early) + len(late) == len(events)
+    assert early.t_us[-1] < 12_000 <= late.t_us[0]
+    assert early.width == 48
+    assert early.model == events.model
+    total = np.zeros((48, 48), np.int64)
+    np.add.at(total, (events.y, events.x), events.p)
+    np.testing.assert_array_equal(events.polarity_sum(), total)
+
+
+BAD_FRAMES = {
+    "nan": (lambda f, t: (np.where(f == f[3, 5, 6], np.nan, f), t), "frame 3, pixel x=6 y=5"),
+    "negative": (lambda f, t: (np.where(f == f[0, 1, 2], -1, f), t), "frame 0, pixel x=2 y=1"),
+    "infinite": (lambda f, t: (np.where(f == f[9, 1, 2], np.inf, f), t), "frame 9, pixel x=2 y=1"),
+    "uint8": (lambda f, t: ((f * 9).astype(np.uint8), t), "uint8"),
+    "too few times": (lambda f, t: (f, t[:-1]), "expected (24, H, W)"),
+    "ends early": (lambda f, t: (iter(f[:20]), t), "ended after 20, expected 25"),
+    "too many frames": (lambda f, t: (iter(f), t[:20]), "more than 20"),
+    "changes size": (lambda f, t: ([*f[:4], f[4, 1:], *f[5:]], t), "frame 4: found shape (47, 48)"),
+    "times repeat": (lambda f, t: (f, np.where(t == t[7], t[6], t)), "t_s[7]"),
+    "times unsorted": (lambda f, t: (f, t[::-1]), "t_s[1]"),
+    "time nan": (lambda f, t: (f, np.where(t == t[2], np.nan, t)), "t_s[2]"),
+    "no frames": (lambda f, t: (iter([]), t), "found none"),
+    "one frame alone": (lambda f, t: (f[0], t), "expected (25, H, W)"),
+}
+
+
+@pytest.mark.parametrize(("size", "cutoff_hz"), [(48, math.inf), (48, 200.0), (13, math.inf)])
+@pytest.mark.parametrize("case", BAD_FRAMES)
+def test_bad_frames_are_named(scene, case, size, cutoff_hz):
+    """Promise: unusable input gives one clear error that says where, never a result."""
+    spoil, text = BAD_FRAMES[case]
+    frames, t_s = spoil(*scene)
+    with pytest.raises(SensorError) as error:
+        simulate(frames, t_s, model(size, cutoff_hz))
+    assert text in str(error.value)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_faintest_negative_light_is_refused(dtype):
+    """Promise: less than nothing is an error for an ideal pixel too, which needs no logarithm of
+    light that fires nothing."""
+    frames = np.ones((4, 3, 3), dtype)
+    frames[2, 1, 0] = -np.finfo(dtype).smallest_subnormal
+    with pytest.raises(SensorError, match="frame 2, pixel x=0 y=1"):
+        simulate(frames, np.arange(4.0), model(3, math.inf, dark_level=2.0))
+
+
+@pytest.mark.parametrize(("dtype", "decades"), [(np.float32, 37), (np.float64, 300)])
+@pytest.mark.parametrize("leak_hz", [0.0, 0.1])
+def test_ideal_pixels_fire_in_the_faintest_and_in_the_brightest_light(dtype, decades, leak_hz):
+    """Physics: |change of log intensity| / C events, whatever the light that a float can hold."""
+    rng = np.random.default_rng(0)
+    scale = 10.0 ** rng.uniform(-decades, decades, (1, 40, 40))
+    steps = np.exp(np.cumsum(rng.normal(0, 0.15, (30, 40, 40)), axis=0))
+    frames = (scale * steps).astype(dtype)
+    C = 0.2
+    events = simulate(frames, np.arange(30.0), model(40, math.inf, dark_level=0.0, leak_hz=leak_hz))
+    level = np.log(frames[0].astype(np.float64))
+    count = np.zeros((40, 40), int)
+    for k, frame in enumerate(frames[1:], 1):
+        gone = np.log(frame.astype(np.float64)) + C * leak_hz * k - level
+        fired = np.trunc(gone / C)
+        count += np.abs(fired).astype(int)
+        level += C * fired
+    ours = np.zeros((40, 40), int)
+    np.add.at(ours, (events.y, events.x), 1)
+    np.testing.assert_array_equal(ours, count)
+    assert count.sum() > 5000
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "text"),
+    [
+        ({"width": 0}, "width"),
+        ({"width": 12.0}, "width"),
+        ({"height": 70_000}, "height"),
+        ({"contrast_threshold": 0.0}, "contrast_threshold"),
+        ({"contrast_threshold": math.nan}, "contrast_threshold"),
+        ({"cutoff_hz": -1.0}, "cutoff_hz"),
+        ({"cutoff_hz": math.nan}, "cutoff_hz"),
+        ({"dark_level": -1e-3}, "dark_level"),
+    ],
+)
+def test_bad_models_are_refused(kwargs, text):
+    """Promise: a model that cannot exist is refused where it is made."""
+    with pytest.raises(SensorError, match=text):
+        SensorModel(**{"width": 4, "height": 4, **kwargs})
+
+
+def test_sensor_finer_than_frames_and_black_scenes_are_refused(scene):
+    """Promise: no upsampling of light, no logarithm of nothing."""
+    frames, t_s = scene
+    with pytest.raises(SensorError, match="finer than the frames of 48x48"):
+        simulate(frames, t_s, model(49))
+    with pytest.raises(SensorError, match="first frame is black"):
+        simulate(np.zeros_like(frames), t_s, model())
+    with pytest.raises(SensorError, match="dark_level is 0"):
+        simulate(np.zeros_like(frames), t_s, model(dark_level=0.0))
+    with pytest.raises(SensorError, match="speeds"):
+        simulate_bank(frames, t_s, [model()], speeds=[0.0])
+    with pytest.raises(SensorError, match="found none"):
+        simulate_bank(frames, t_s, [])
+
+
+def test_events_refuse_what_is_not_an_event_stream():
+    """Promise: `Events` checks dtype, shape, range and order when it is made."""
+    t = np.array([1, 2, 3])
+    x = np.array([0, 1, 2], np.uint16)
+    p = np.array([1, -1, 1], np.int8)
+    Events(t, x, x, p, 3, 3)
+    for spoiled, text in [
+        ((t[::-1].copy(), x, x, p, 3, 3), "earlier"),
+        ((t.astype(float), x, x, p, 3, 3), "t_us"),
+        ((t, x, x, p, 2, 3), "Events.x: found 2"),
+        ((t, x, x[:2], p, 3, 3), "Events.y: found 2"),
+        ((t, x, x, p * 0, 3, 3), "Events.p"),
+    ]:
+        with pytest.raises(EventError, match=text):
+            Events(*spoiled)
+    with pytest.raises(TypeError):
+        Events(t, x, x, p, 3, 3)[::2]
