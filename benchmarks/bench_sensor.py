@@ -1,15 +1,14 @@
-"""Sensor speed: M pixel-frames per second, sorted output, beside a plain numpy reading.
+"""Sensor speed: M pixel-frames per second with sorted output, compared with a NumPy logarithm.
 
     python benchmarks/bench_sensor.py [--size 1280] [--frames 60] [--runs 3]
 
 A texture with a natural spectrum and edges moves by 0.97 px a frame, frames 1 ms apart, C = 0.2.
 "dense" fires about 0.2 events a pixel and frame, "sparse" a tenth of that (frames 0.1 ms apart).
-Events come from `stream`, a part at a time: `simulate` also asks for memory for all of them, which
-on a virtual machine can take as long as the rest. Minimum of the runs; kinds are measured in turn,
-so that a busy machine troubles all of them alike. The numpy column is what it takes to read the
-same frames once and take their logarithm, `np.log(frame + dark)`. Then nine settings that share the
-frames, against nine runs: with the frames in memory, and with each run reading them from OpenEXR
-files as a render leaves them.
+Events come from `stream`, in parts: `simulate` also allocates memory for all of them, which on a
+virtual machine can take as long as the rest. The result is the minimum of the runs; kinds
+alternate, so that other load affects all of them equally. The NumPy column is the time to read the
+same frames once and compute `np.log(frame + dark)`. The second table compares nine settings that
+share the frames with nine runs: with the frames in memory, and with each run reading OpenEXR files.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from sensor import SensorModel, simulate, stream, stream_bank
 
 
 def moving_texture(size: int, frames: int, shift_px: float, seed: int = 0) -> np.ndarray:
-    """(frames, size, size) float32 radiance of a texture that moves along a diagonal."""
+    """Return radiance (frames, size, size) float32 of a texture that moves along a diagonal."""
     rng = np.random.default_rng(seed)
     n = 2 * size
     fy, fx = np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None]
@@ -102,7 +101,7 @@ def main() -> None:
 
 
 def compare_bank(frames: np.ndarray, t_s: np.ndarray, runs: int) -> None:
-    """Nine settings, three cutoffs by three speeds, together and one by one, at each width."""
+    """Measure nine settings, three cutoffs by three speeds, together and one by one."""
     frames, t_s = frames[:17], t_s[:17]
     speeds = [1.0, 4 / 3, 2.0] * 3
     print("\nbank of 9 settings, 1 thread: one by one / together, median of the runs' ratios")

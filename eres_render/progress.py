@@ -6,10 +6,16 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Called with the work in words, how much of it is done, and how much there is."""
+    """Called as long work goes on, with what is done in words, how much of it, and of how much."""
 
     def __call__(self, stage: str, done: float, total: float, /) -> None: ...
 
 
 def silent(stage: str, done: float, total: float, /) -> None:
-    """Ignore progress."""
+    """Ignore progress.
+
+    Parameters
+    ----------
+    stage, done, total
+        As a `Progress` takes them.
+    """

@@ -1,4 +1,4 @@
-"""What an event camera says about the light: linear radiance frames in, events out.
+"""Event-camera simulation: linear radiance frames in, events out.
 
 >>> model = SensorModel(width=346, height=346, contrast_threshold=0.2, cutoff_hz=200.0)
 >>> events = simulate(frames, t_s, model)  # frames (T, H, W) float32 linear radiance
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from sensor.readout import Readout, ReadoutReport, read_out
     from sensor.simulation import simulate, simulate_bank, stream, stream_bank
 
-# Names are loaded when they are asked for (PEP 562): the command line answers before SciPy, Numba
-# and what else they need has been imported.
+# Names are imported on first use (PEP 562): the command line starts without SciPy and Numba.
 _HOMES = {
     "EventError": "sensor.errors",
     "EventFormatError": "sensor.errors",

@@ -1,4 +1,4 @@
-"""`to_linear`: images as files and screens have them, turned into the light that they stand for."""
+"""`to_linear`: convert images encoded for a screen to linear radiance."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ Floats = NDArray[np.floating]
 
 
 def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
-    """Linear radiance of encoded images, as `simulate` takes it, with white at 1.
+    """Convert encoded images to linear radiance for `simulate`, with white at 1.
 
     Parameters
     ----------
     frames
-        An array of any shape, one frame or many: uint8 or uint16, whose largest number is white, or
-        floats from 0 to 1. Data of fewer bits than their type (12 in a uint16) are to be divided by
-        their own white first.
+        An array of any shape, one frame or many: uint8 or uint16, where the largest number of the
+        type is white, or floats from 0 to 1. Divide data with fewer bits than their type (12 in a
+        uint16) by their own white first.
     encoding
-        What made numbers of the light:
+        Transfer function of the numbers:
 
-        - "srgb": IEC 61966-2-1, which images and most videos for screens follow;
-        - "rec709": ITU-R BT.709, the curve of a video camera;
+        - "srgb": IEC 61966-2-1, the standard of images and most videos for screens;
+        - "rec709": ITU-R BT.709, the transfer function of a video camera;
         - "gamma:2.2", or any other positive number: a power law;
-        - "linear": none, the numbers are proportional to light already.
+        - "linear": the numbers are proportional to light.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
     Raises
     ------
     SensorError
-        There is no such encoding, or the frames are of another type or range.
+        The encoding is unknown, or the frames have another type or range.
     """
     decode = _decoder(encoding)
     values = np.asarray(frames)
@@ -61,12 +61,12 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
 
 
 def _from_srgb(v: Floats) -> Floats:
-    """IEC 61966-2-1:1999, section 5.2."""
+    """Decode sRGB, IEC 61966-2-1:1999, section 5.2."""
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
 def _from_rec709(v: Floats) -> Floats:
-    """The inverse of ITU-R BT.709-6, item 1.2, whose straight part ends at 4.5 x 0.018."""
+    """Invert ITU-R BT.709-6, item 1.2; its linear part ends at 4.5 x 0.018."""
     return np.where(v < 0.081, v / 4.5, ((v + 0.099) / 1.099) ** (1 / 0.45))
 
 

@@ -2,12 +2,12 @@
 
 
 class SensorError(ValueError):
-    """The frames, times or sensor model cannot be simulated; the text says what was found."""
+    """Frames, times or a sensor model cannot be simulated; the text says why."""
 
 
 class EventError(ValueError):
-    """Arrays that do not make a valid event stream; the text names the field."""
+    """Arrays are not a valid event stream; the text names the field."""
 
 
 class EventFormatError(EventError):
-    """A file of events is damaged, or cannot hold these events; the text names file and place."""
+    """An event file is damaged or cannot store the events; the text names file and place."""

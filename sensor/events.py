@@ -1,4 +1,4 @@
-"""`Events`: a sorted event stream that knows its sensor's size."""
+"""`Events`: a sorted event stream with the size of its sensor."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DTYPES = {"t_us": np.int64, "x": np.uint16, "y": np.uint16, "p": np.int8}
 
 
 class Columns(NamedTuple):
-    """The four arrays of `Events`, (N,) each, as kernels take them."""
+    """The four arrays of `Events`, (N,) each, for compiled functions."""
 
     t_us: NDArray[np.int64]
     x: NDArray[np.uint16]
@@ -25,12 +25,12 @@ class Columns(NamedTuple):
 
     @classmethod
     def room(cls, size: int) -> Columns:
-        """Columns for so many events, not filled."""
+        """Allocate columns for `size` events."""
         x, y = np.empty((2, size), np.uint16)
         return cls(np.empty(size, np.int64), x, y, np.empty(size, np.int8))
 
     def part(self, which: slice | NDArray[np.bool_]) -> Columns:
-        """The same of some events: views for a slice, copies for a mask."""
+        """Return the columns of some events: views for a slice, copies for a mask."""
         return Columns(self.t_us[which], self.x[which], self.y[which], self.p[which])
 
 
@@ -41,7 +41,7 @@ class Events:
     Parameters
     ----------
     t_us
-        (N,) int64, microseconds, on the frames' clock.
+        (N,) int64, microseconds, on the clock of the frames.
     x, y
         (N,) uint16, pixel column and row; (0, 0) is the top-left pixel.
     p
@@ -49,7 +49,7 @@ class Events:
     width, height
         The sensor's size in pixels.
     model
-        The model that made them, its dark level resolved to the value used; None for recordings.
+        The model that fired the events, with the dark level that was used; None for recordings.
 
     Raises
     ------
@@ -110,7 +110,19 @@ class Events:
         *,
         like: Events,
     ) -> Events:
-        """Events of the same sensor as `like`, from columns known to be valid, left unread."""
+        """Make events from columns that are known to be valid, without checks.
+
+        Parameters
+        ----------
+        t_us, x, y, p
+            (N,) columns as in `Events`.
+        like
+            Events of the same sensor.
+
+        Returns
+        -------
+        Events
+        """
         events = object.__new__(cls)
         columns = {"t_us": t_us, "x": x, "y": y, "p": p}
         rest = {"width": like.width, "height": like.height, "model": like.model}
@@ -120,22 +132,31 @@ class Events:
 
     @property
     def columns(self) -> Columns:
-        """The arrays alone."""
+        """The four arrays."""
         return Columns(self.t_us, self.x, self.y, self.p)
 
     def __getitem__(self, part: slice) -> Events:
-        """A contiguous part of the stream, as views of the same memory."""
+        """Return a contiguous part of the stream, as views of the same memory."""
         if not isinstance(part, slice) or part.step not in (None, 1):
             raise TypeError("Events are indexed by slices of step 1; mask the columns for the rest")
         return Events.trusted(*self.columns.part(part), like=self)
 
     def between(self, t_start_us: int, t_end_us: int) -> Events:
-        """Events in the half-open window [t_start_us, t_end_us), as views of the same memory.
+        """Return the events in a half-open time window, as views of the same memory.
+
+        Parameters
+        ----------
+        t_start_us, t_end_us
+            The window [t_start_us, t_end_us), whole microseconds.
+
+        Returns
+        -------
+        Events
 
         Raises
         ------
         EventError
-            A time is no integer: microseconds are whole, and what is not may be seconds.
+            A time is not an integer, so it may be in seconds.
         """
         for name, t_us in (("t_start_us", t_start_us), ("t_end_us", t_end_us)):
             if not isinstance(t_us, int | np.integer):
@@ -147,23 +168,35 @@ class Events:
         return self[first:last]
 
     def where(self, keep: NDArray[np.bool_]) -> Events:
-        """The events that an (N,) mask marks, in memory of their own."""
+        """Return a copy of the events that an (N,) mask selects."""
         return Events.trusted(*self.columns.part(keep), like=self)
 
     def copy(self) -> Events:
-        """The same events in memory of their own."""
+        """Return a copy of the events."""
         t_us, x, y, p = self.columns
         return Events.trusted(t_us.copy(), x.copy(), y.copy(), p.copy(), like=self)
 
     def polarity_sum(self) -> NDArray[np.int64]:
-        """Sum of polarities per pixel, (height, width) int64: Delta L / C of Eq. (8)."""
+        """Return the sum of polarities per pixel, (height, width) int64: Delta L / C of Eq. (8)."""
         pixel = self.y.astype(np.int64) * self.width + self.x
         total = np.bincount(pixel, weights=self.p, minlength=self.width * self.height)
         return total.astype(np.int64).reshape(self.height, self.width)
 
 
 def no_events(width: int, height: int, model: SensorModel | None) -> Events:
-    """An empty stream of a sensor."""
+    """Return an empty stream.
+
+    Parameters
+    ----------
+    width, height
+        Size of the sensor, px.
+    model
+        The sensor, or None.
+
+    Returns
+    -------
+    Events
+    """
     return Events(*Columns.room(0), width, height, model)
 
 

@@ -1,4 +1,4 @@
-"""`SensorModel`: everything that decides which events a given light makes."""
+"""`SensorModel`: all parameters that determine the events for given light."""
 
 from __future__ import annotations
 
@@ -16,13 +16,17 @@ _CUTOFF_HZ_PER_LUX = 3.0
 
 
 def cutoff_in_light(illuminance_lux: float) -> float:
-    """Photoreceptor cutoff in Hz where a scene is lit with so many lux.
+    """Return the photoreceptor cutoff in Hz for the illuminance of a scene in lux.
 
-    Bandwidth is proportional to photocurrent; a DVS128 has 3 kHz in a scene lit with 1 klux
-    (Lichtsteiner, Posch and Delbruck 2008), taken here as the corner of each pole. So 67 lux give
-    the 200 Hz that the paper calls daytime and 17 lux its 50 Hz of nighttime: indoor light, by
-    photographers' standards. Give `cutoff_reference` the radiance of white as well, and darker
-    surfaces are slower in proportion.
+    Bandwidth is proportional to photocurrent. A DVS128 has 3 kHz at 1 klux (Lichtsteiner, Posch and
+    Delbruck 2008), used here as the corner of each pole. So 67 lux give 200 Hz, the paper's
+    daytime, and 17 lux 50 Hz, its nighttime; both are usual indoor light. With `cutoff_reference`
+    at the radiance of white, darker surfaces have a proportionally lower cutoff.
+
+    Raises
+    ------
+    SensorError
+        The illuminance is not a positive number.
     """
     lux = real("illuminance_lux", illuminance_lux, "a positive number")
     if not 0 < lux < math.inf:
@@ -32,57 +36,57 @@ def cutoff_in_light(illuminance_lux: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorModel:
-    """An event camera: its pixel grid and its pixels' electronics.
+    """An event camera: its pixel grid and the electronics of its pixels.
 
     Parameters
     ----------
     width, height
-        Pixels of the sensor. Its field of view is the frames' whatever its size, so a finer sensor
-        has smaller pixels, not a wider view. Pixels are square: the frames must have the sensor's
-        shape, as nearly as whole pixels allow (346x259 and 346x260 both suit 1280x960).
+        Size in pixels. The field of view is always that of the frames, so a finer sensor has
+        smaller pixels, not a wider view. Pixels are square: frames must have the aspect ratio of
+        the sensor, to less than one pixel (346x259 and 346x260 both fit 1280x960).
     contrast_threshold
         C of Eq. (1), in units of log intensity. The paper uses 0.2.
     cutoff_hz
-        f_cutoff, the corner frequency of each of the photoreceptor's two poles; `math.inf` is the
-        ideal pixel, the paper's day is 200 Hz and its night 50 Hz. The cascade of both poles is
-        3 dB down at 0.644 f_cutoff already.
+        f_cutoff, the corner frequency of each of the two poles of the photoreceptor. `math.inf` is
+        the ideal pixel; the paper uses 200 Hz for day and 50 Hz for night. The -3 dB point of both
+        poles together is 0.644 f_cutoff.
     dark_level
-        I_dark of `u = log(I + I_dark)`, in the frames' unit of radiance. None means 1e-3 of the
-        white level, for which the first frame's 99.9th percentile stands; 0 is allowed when every
-        pixel of every frame is positive.
+        I_dark of `u = log(I + I_dark)`, in the radiance unit of the frames. None is 1e-3 of the
+        white level, the 99.9th percentile of the first frame; 0 is allowed if every pixel of every
+        frame is positive.
     random_start
-        Start each pixel's memory at a seeded uniform offset in (-C, C) from the first frame, by the
-        pixel's own thresholds, as if the sensor had been running; off, all pixels start in step, at
-        exactly the first frame.
+        Start the memory of each pixel at a random, uniform offset in (-C, C) from the first frame,
+        with the thresholds of that pixel, as if the sensor had been running before. If False, all
+        memories start exactly at the first frame.
     poles
-        Of the photoreceptor: 2, or 1 as in some simulators.
+        Number of poles of the photoreceptor: 2, or 1 as in some simulators.
     cutoff_reference
-        Radiance at which the cutoff is `cutoff_hz`; elsewhere it is proportional to I + I_dark, as
-        a photoreceptor's bandwidth is to its photocurrent (Lichtsteiner et al. 2008). None: the
-        cutoff is the same in all light.
+        Radiance at which the cutoff is `cutoff_hz`; the cutoff is proportional to I + I_dark, since
+        bandwidth is proportional to photocurrent (Lichtsteiner et al. 2008). None: the cutoff does
+        not depend on the light.
     fill_factor
-        Share of a pixel's area that sees light: a square in its middle.
+        Light-sensitive share of the area of a pixel, a square at its center.
     threshold_mismatch
-        Standard deviation of C from pixel to pixel, log units, drawn apart for ON and OFF and never
-        below a tenth of C (fixed pattern; 0.02 to 0.03 in Lichtsteiner et al. 2008 and v2e).
+        Standard deviation of C over the pixels, log units, a fixed pattern, independent for ON and
+        OFF; thresholds are at least C / 10 (0.02 to 0.03 in Lichtsteiner et al. 2008 and v2e).
     leak_hz
-        Rate of ON events of a pixel in constant light, from junction leakage in its reset switch
+        Rate of ON events of a pixel in constant light, due to junction leakage in its reset switch
         (Nozaki and Delbruck 2017; 0.1 Hz is usual).
     shot_noise_hz
-        Rate of noise events of a pixel in the dark, ON and OFF together, a Poisson process. In
-        light it is lower by ((I + I_dark) / I_dark) ** -shot_noise_exponent.
+        Rate of noise events of a pixel in the dark, ON and OFF together, a Poisson process. The
+        rate in light is lower by the factor ((I + I_dark) / I_dark) ** -shot_noise_exponent.
     shot_noise_exponent
-        0.5 by default, as the photon noise relative to the light falls.
+        0.5 by default, the exponent of photon noise relative to the light.
     hot_pixel_fraction, hot_pixel_hz
-        Share of pixels that fire noise at this rate in any light.
+        Share of hot pixels, and the rate of noise events of each, which does not depend on light.
     refractory_s
-        Time after an event in which a pixel's events are lost. Its memory moves on all the same:
-        what is lost is the report, not the measurement.
+        Time after an event in which further events of the pixel are lost. Its memory changes by C
+        all the same, as if the event had been reported.
 
     Raises
     ------
     SensorError
-        A parameter is outside its range, or no number; the text names it.
+        A parameter is outside its range, or not a number; the text names it.
     """
 
     width: int
@@ -115,7 +119,7 @@ class SensorModel:
         ) -> None:
             number = kind(f"SensorModel.{name}", getattr(self, name), expected)
             check(name, holds(number), expected)
-            object.__setattr__(self, name, number)  # Python's own: a file's JSON has no NumPy
+            object.__setattr__(self, name, number)  # a Python number, for JSON
 
         for name in ("width", "height"):
             expected = f"an integer in 1..{MAX_SIDE_PX}"

@@ -1,4 +1,4 @@
-"""Numbers that users give: Python's or NumPy's, and neither a bool, nor a string, nor NaN."""
+"""Check numbers from users: Python or NumPy numbers, but no bool, string or NaN."""
 
 from __future__ import annotations
 
@@ -8,21 +8,27 @@ import numpy as np
 
 from sensor.errors import SensorError
 
-_LONGEST = 60  # characters of a value that an error line has room for
+_LONGEST = 60  # characters of a value in an error message
 
 
 def real(name: str, value: object, expected: str) -> float:
-    """A number as Python's float; infinity is one.
+    """Return a number as a Python float; infinity is allowed.
 
     Parameters
     ----------
     name, expected
-        What an error calls the value, and what it says should have been there.
+        Name of the value and description of valid values, for the error.
+    value
+        The value to check.
+
+    Returns
+    -------
+    float
 
     Raises
     ------
     SensorError
-        The value is no number, or NaN.
+        The value is not a number, or NaN.
     """
     if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
         try:
@@ -35,14 +41,39 @@ def real(name: str, value: object, expected: str) -> float:
 
 
 def whole(name: str, value: object, expected: str) -> int:
-    """An integer as Python's int; parameters and errors as for `real`."""
+    """Return an integer as a Python int.
+
+    Parameters
+    ----------
+    name, value, expected
+        As in `real`.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    SensorError
+        The value is not an integer.
+    """
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         return int(value)
     raise refusal(name, value, expected)
 
 
 def refusal(name: str, value: object, expected: str) -> SensorError:
-    """The error for a value that is not what was expected, in one line."""
+    """Return the error for a wrong value, one line of text.
+
+    Parameters
+    ----------
+    name, value, expected
+        As in `real`.
+
+    Returns
+    -------
+    SensorError
+    """
     text = repr(value)
     if len(text) > _LONGEST or "\n" in text:
         text = f"a value of type {type(value).__name__}"

@@ -1,4 +1,4 @@
-"""The lens side of a pixel: radiance integrated exactly over each pixel's area, Eq. (3)."""
+"""Optics: integrate radiance exactly over the area of each pixel, Eq. (3)."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from sensor.kernels.radiance import Overlap, integrate_area
 
 
 def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
-    """Overlap of n_out equal pixels with n_in equal samples along one axis of the same length.
+    """Return the overlap of equal pixels with equal samples along one axis of the same length.
 
     Parameters
     ----------
+    n_in, n_out
+        Number of samples and of pixels.
     aperture
-        Share of a pixel's length that sees light, in its middle.
+        Light-sensitive share of the length of a pixel, at its center.
 
     Returns
     -------
-    first, count, weight
-        (n_out,), (n_out,), (n_out, max count): output pixel i is
-        `sum(weight[i, j] * sample[first[i] + j] for j in range(count[i]))`. Each row of weights
-        sums to 1, and fractional ratios (1280 / 346) are exact to rounding.
+    Overlap
+        Exact to rounding, also for fractional ratios (1280 / 346).
     """
-    # In units of 1/n_out of a sample all edges are integers, so no overlap is lost to rounding.
+    # In units of 1 / n_out of a sample all edges are integers, so overlaps have no rounding error.
     i = np.arange(n_out, dtype=np.int64)
     blind = 0.5 * (1.0 - aperture) * n_in
     left, right = i * n_in + blind, (i + 1) * n_in - blind
@@ -39,20 +39,29 @@ def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
 
 
 def integrate(
-    frame: NDArray[np.floating],  # (H, W) linear radiance
+    frame: NDArray[np.floating],
     height: int,
     width: int,
     fill_factor: float = 1.0,
 ) -> NDArray[np.float64] | None:
-    """Mean radiance over each pixel of a height x width sensor that sees the whole frame.
+    """Average radiance over each pixel of a sensor that sees the whole frame.
 
-    The box filter k of Eq. (3), separable, before any logarithm. With a fill factor below 1 only a
-    square in each pixel's middle counts, of that share of its area; otherwise the frame's mean is
-    conserved.
+    Applies the separable box filter k of Eq. (3) before the logarithm. The mean of the frame is
+    conserved if the fill factor is 1.
+
+    Parameters
+    ----------
+    frame
+        (H, W) linear radiance.
+    height, width
+        Size of the sensor, px.
+    fill_factor
+        Light-sensitive share of the area of a pixel, a square at its center.
 
     Returns
     -------
-    (height, width) float64, in the frame's unit; None if the frame holds what is no radiance.
+    (height, width) float64 in the unit of the frame, or None if any radiance is negative or not
+    finite.
     """
     out = np.empty((height, width))
     aperture = math.sqrt(fill_factor)
@@ -64,8 +73,22 @@ def integrate(
 def crop_to_aspect(
     height: int, width: int, sensor_height: int, sensor_width: int
 ) -> tuple[slice, slice]:
-    """Rows and columns of the largest middle of a frame that has a sensor's shape, in whole pixels.
+    """Return the largest centered crop of a frame with the aspect ratio of a sensor.
 
+    Parameters
+    ----------
+    height, width
+        Size of the frame.
+    sensor_height, sensor_width
+        Size of the sensor.
+
+    Returns
+    -------
+    rows, columns
+        Slices, whole pixels.
+
+    Examples
+    --------
     >>> crop_to_aspect(1280, 1280, 720, 1280)
     (slice(280, 1000, None), slice(0, 1280, None))
     """

@@ -11,21 +11,21 @@ from sensor.model import SensorModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorPreset:
-    """A camera on the market: its pixels as a model, and what its supplier says of it.
+    """A commercial camera: its pixels as a model, and data of its supplier.
 
     Parameters
     ----------
     supplier, camera
-        As the paper's Table 1 names them.
+        Names as in Table 1 of the paper.
     year
-        Of its appearance.
+        Year of release.
     interface
-        "USB 2", "USB 3", or None where the table has none.
+        "USB 2", "USB 3", or None if the table has no entry.
     max_bandwidth_mev_s
-        Most events that its bus carries, in millions a second; None where the table has none.
+        Maximum event rate of its bus, millions per second, or None if the table has no entry.
     model
-        Its resolution; the pixels are ideal, with the paper's threshold of 0.2, since the table
-        says nothing of them. `dataclasses.replace` gives them a cutoff.
+        Its resolution. The table has no pixel parameters, so pixels are ideal with the paper's
+        threshold of 0.2; change them with `dataclasses.replace`.
     """
 
     supplier: str
@@ -73,12 +73,12 @@ SENSORS: dict[str, SensorPreset] = {
 
 
 def find_sensor(name: str) -> SensorPreset:
-    """The preset of that name.
+    """Return the preset with this name.
 
     Raises
     ------
     SensorError
-        There is none; the text says which one comes close, or all of them.
+        The name is unknown; the text suggests a similar name or lists all.
     """
     if name in SENSORS:
         return SENSORS[name]
@@ -86,6 +86,6 @@ def find_sensor(name: str) -> SensorPreset:
 
 
 def hint(name: str) -> str:
-    """What to say of a name that no preset has: which one comes close, or all of them."""
+    """Return the advice for an unknown name: a similar one, or all names."""
     close = difflib.get_close_matches(name.lower(), SENSORS, n=1)
     return f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(SENSORS)}"

@@ -1,4 +1,4 @@
-"""The way off the chip: a bus of limited rate, a FIFO before it, rows that are read out together.
+"""Readout: a FIFO and a bus of limited rate that sends the events of a row together.
 
     parts = read_out(stream(frames, t_s, model), Readout(max_rate_hz=12e6, fifo_depth=4096))
     for events in parts: ...
@@ -8,16 +8,15 @@ The model, after the burst-mode word-serial link of Boahen (IEEE TCAS-I 2004), t
 DAVIS (Brandli et al., JSSC 2014) and the row-wise arbitration of later sensors (Finateu et al.,
 ISSCC 2020):
 
-- An event joins the FIFO when it fires. If `fifo_depth` events are there, it is dropped. Of events
-  that fire in the same microsecond, the first by (row, column) are taken.
-- When the bus is free, the row whose oldest event has waited longest gets it. All events of that
-  row that wait then are read out together: `row_overhead_s` for the row's address, then one event
-  every `1 / max_rate_hz`, oldest first. What that row fires meanwhile waits for its next turn.
-- An event's place in the FIFO is free again when it has left, and its time becomes the time when it
-  left. Nothing is random.
+- An event enters the FIFO when it fires. It is dropped if the FIFO has `fifo_depth` events. Events
+  of the same microsecond enter in the order of (row, column).
+- When the bus is free, it serves the row with the oldest waiting event. It sends all waiting events
+  of that row together: `row_overhead_s` for the address of the row, then one event every
+  `1 / max_rate_hz`, oldest first. Later events of that row wait for its next turn.
+- An event leaves the FIFO when it is sent, and gets the time at which it left. Nothing is random.
 
-A simplification: in a chip without a FIFO each pixel holds its own event until it is read and
-starts to compare anew only then, so what it loses under load is contrast, not events.
+A simplification: in a chip without a FIFO each pixel stores its event until it is read, and
+compares again only then. Under load it loses contrast, not events.
 """
 
 from __future__ import annotations
@@ -41,18 +40,18 @@ class Readout:
     Parameters
     ----------
     max_rate_hz
-        Events a second within a row, the most that the bus carries. Data sheets say Mev/s: 12e6 is
-        a DAVIS346.
+        Maximum event rate of the bus within a row, events per second. Data sheets use Mev/s: 12e6
+        is a DAVIS346.
     fifo_depth
-        Events that can wait, the one that is being sent included.
+        Maximum number of waiting events, including the one on the bus.
     row_overhead_s
-        What each opened row costs before its first event, seconds. n events a row are carried at
+        Time to open a row, seconds. With n events per row the rate is
         `n / (row_overhead_s + n / max_rate_hz)`.
 
     Raises
     ------
     SensorError
-        A parameter is outside its range, or no number; the text names it.
+        A parameter is outside its range, or not a number; the text names it.
     """
 
     max_rate_hz: float
@@ -66,7 +65,7 @@ class Readout:
             number = kind(f"Readout.{name}", getattr(self, name), expected)
             if not least <= number < math.inf:
                 raise refusal(f"Readout.{name}", getattr(self, name), expected)
-            object.__setattr__(self, name, number)  # Python's own, which a file can hold
+            object.__setattr__(self, name, number)  # a Python number, for files
 
         check("max_rate_hz", real, "a positive number of events a second", math.ulp(0.0))
         check("fifo_depth", whole, "an integer of at least 1", 1)
@@ -75,19 +74,18 @@ class Readout:
 
 @dataclass(frozen=True, slots=True)
 class ReadoutReport:
-    """What the bus did to a stream.
+    """Counts and delays of a readout.
 
     Attributes
     ----------
     fired
-        Events that the pixels fired.
+        Events of the pixels.
     dropped
-        Those that found the FIFO full.
+        Events lost because the FIFO was full.
     delayed
-        Those that left, and did so in a later microsecond than they fired.
+        Events sent in a later microsecond than they fired.
     mean_delay_s, max_delay_s
-        From firing to leaving, over the events that left, before rounding to microseconds; 0 where
-        none did.
+        Delay of the sent events, before rounding to microseconds; 0 if none was sent.
     """
 
     fired: int
@@ -98,7 +96,7 @@ class ReadoutReport:
 
     @property
     def dropped_share(self) -> float:
-        """Dropped events for each that fired; 0 where none did."""
+        """Dropped share of the fired events; 0 if none fired."""
         return self.dropped / self.fired if self.fired else 0.0
 
     def __str__(self) -> str:
@@ -111,7 +109,10 @@ class ReadoutReport:
 
 
 class ReadOut:
-    """Events as they leave the chip: iterate over the parts, once; then read the `report`."""
+    """The sent events: iterate over the parts once, then read `report`.
+
+    Parameters are those of `read_out`.
+    """
 
     def __init__(self, events: Iterable[Events], readout: Readout) -> None:
         self._source = events
@@ -126,7 +127,7 @@ class ReadOut:
         Raises
         ------
         EventError
-            A part is of another sensor than the one before it, or begins before that one's end.
+            A part has another sensor than the one before it, or starts before its end.
         """
         return self._parts
 
@@ -150,7 +151,7 @@ class ReadOut:
                 )
             end_us = int(part.t_us[-1]) if len(part) else end_us
             sent = concatenate([held, waiting.take(part, self._tally)])
-            # Events that have not left yet may share the last one's microsecond.
+            # Events that are still waiting may share the microsecond of the last one.
             final = int(np.searchsorted(sent.t_us, sent.t_us[-1])) if len(sent) else 0
             held = sent[final:].copy()
             yield _in_order(sent[:final])
@@ -159,12 +160,12 @@ class ReadOut:
 
     @property
     def report(self) -> ReadoutReport:
-        """Counts and delays of all that has been read out so far.
+        """Counts and delays of the events so far.
 
         Raises
         ------
         EventError
-            Nothing has been: the events are read out as the parts are iterated over.
+            The iteration over the parts has not started.
         """
         if not self._begun:
             raise EventError(
@@ -178,36 +179,36 @@ class ReadOut:
 
 
 def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
-    """Send events over a bus: delay them, and drop those that find the FIFO full.
+    """Send events over a bus: delay them, and drop those that do not fit into the FIFO.
 
-    The result does not depend on how the stream is cut into parts.
+    The result does not depend on the division of the stream into parts.
 
     Parameters
     ----------
     events
-        One stream, whole or in consecutive parts, as `stream` yields them. It is read as the result
-        is iterated over.
+        One stream, whole or in consecutive parts, as from `stream`. It is read during the iteration
+        over the result.
     readout
         The bus.
 
     Returns
     -------
     ReadOut
-        Yields the events that leave, each with the time when it does, in memory that grows with
-        the parts and the FIFO alone; its `report` is complete when the iteration has ended.
+        Iterate over it for the sent events with the times at which they left. Memory depends on
+        the size of the parts and of the FIFO only. `report` is complete after the iteration.
     """
     return ReadOut([events] if isinstance(events, Events) else events, readout)
 
 
 class _Queue:
-    """The waiting events of one sensor, by row, and the bus."""
+    """The FIFO and the bus of one sensor."""
 
     def __init__(self, readout: Readout, height: int) -> None:
         depth = readout.fifo_depth
         self._bus = fifo.Bus(readout.max_rate_hz / 1e6, readout.row_overhead_s * 1e6)
         state = np.zeros(fifo.STATE_SIZE, np.int64)
         state[fifo.BURST] = -1
-        next_slot = np.arange(1, depth + 1, dtype=np.int64)  # all free, one after the other
+        next_slot = np.arange(1, depth + 1, dtype=np.int64)  # a list of free slots
         next_slot[-1] = -1
         t_us, x, _, p = Columns.room(depth)
         row_first, row_last = np.full((2, height), -1)
@@ -215,19 +216,19 @@ class _Queue:
         self._fifo = fifo.Fifo(state, t_us, x, p, next_slot, row_first, row_last, row_queue)
 
     def take(self, part: Events, tally: fifo.Tally) -> Events:
-        """Let the part's events fire; return those that have left by its last one."""
+        """Add the events of a part; return the events sent until its last one."""
         sent = self._room(len(part))
         used = fifo.accept(part.columns, self._bus, self._fifo, tally, sent)
         return Events.trusted(*sent.part(slice(used)), like=part)
 
     def drain(self, like: Events, tally: fifo.Tally) -> Events:
-        """Return all that still waits, as it leaves."""
+        """Send and return all waiting events."""
         sent = self._room(0)
         fifo.advance(fifo.END_OF_TIME_US, self._bus, self._fifo, tally, sent, 0)
         return Events.trusted(*sent, like=like)
 
     def _room(self, more: int) -> Columns:
-        """Columns for all that waits and `more` events."""
+        """Allocate columns for all waiting events and `more`."""
         return Columns.room(int(self._fifo.state[fifo.WAITING]) + more)
 
 

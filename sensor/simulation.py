@@ -1,4 +1,4 @@
-"""Frames in, events out: `simulate`, `stream`, and the bank that shares frames among sensors."""
+"""`simulate` and `stream`, for one sensor or for several that see the same frames."""
 
 from __future__ import annotations
 
@@ -13,50 +13,49 @@ from sensor.model import SensorModel
 
 
 def simulate(
-    frames: Frames,  # (T, H, W) float linear radiance, or an iterable of (H, W)
-    t_s: ArrayLike,  # (T,) frame times
+    frames: Frames,
+    t_s: ArrayLike,
     model: SensorModel,
     *,
     seed: int = 0,
     threads: int | None = None,
 ) -> Events:
-    """Events that a sensor fires while it looks at the frames.
+    """Simulate the events of a sensor that sees the frames.
 
-    Log intensity is taken as linear in time between frames; everything after that is exact: area
-    integration, both photoreceptor poles, and crossing times from the filtered curve.
+    Log intensity is linear in time between frames. All else is exact: area integration, both poles
+    of the photoreceptor, and crossing times of the filtered signal.
 
     Parameters
     ----------
     frames
-        (T, H, W) linear radiance, float32 or float64, at least as large as the sensor and of its
-        shape; or any iterable of (H, W) frames, which is read once, a few frames at a time. Images
-        encoded for a screen are made linear by `to_linear`; a warning says so where the first
-        frame's values are whole numbers from 0 to 255, as theirs are.
+        (T, H, W) linear radiance, float32 or float64, at least as large as the sensor, with its
+        aspect ratio; or an iterable of (H, W) frames, which is read once, a few frames at a time.
+        Convert images encoded for a screen with `to_linear`; a warning is logged if all values of
+        the first frame are whole numbers from 0 to 255.
 
-        Shape means that pixels are square: the sensor's height is what its width and the frames'
-        shape make of it, or its width what its height does, to less than one of its pixels. So
-        both 346x259 and 346x260 can look at 1280x960, and 1280x720 cannot.
+        Pixels are square: the aspect ratio must be that of the sensor to less than one of its
+        pixels. So 346x259 and 346x260 both fit 1280x960, and 1280x720 does not.
     t_s
-        (T,) strictly increasing frame times in seconds. A warning says so where their median
-        interval is above 1 s, as it is where they are in milliseconds.
+        (T,) strictly increasing frame times in seconds. A warning is logged if the median interval
+        is above 1 s, since the times may be in milliseconds.
     model
         The sensor.
     seed
-        Of everything random in the model, 0 to 2^63 - 1; the same seed gives the same events on
+        Seed of all random parts of the model, 0 to 2^63 - 1; the same seed gives the same events on
         any machine.
     threads
-        How many to use, 1 to 1024; None for one a core. Results do not depend on it.
+        Number of threads, 1 to 1024; None is one for each core. Results do not depend on it.
 
     Returns
     -------
     Events
-        Sorted by time, ties by (y, x). Their `model` carries the dark level that was used.
+        Sorted by time, ties by (y, x). `Events.model` has the dark level that was used.
 
     Raises
     ------
     SensorError
-        Frames or times that are unusable, or do not suit the sensor; the text names the frame and
-        what was found. Or the sensor needs more memory than there is.
+        Frames or times are invalid or do not fit the sensor, or the sensor needs too much memory;
+        the text names the frame and the value.
     """
     return collect(Bank(frames, t_s, [model], None, seed, threads))[0]
 
@@ -69,7 +68,23 @@ def stream(
     seed: int = 0,
     threads: int | None = None,
 ) -> Iterator[Events]:
-    """As `simulate`, in consecutive parts, in memory that does not grow with the frames."""
+    """Simulate the events of a sensor in parts; memory does not depend on the number of frames.
+
+    Parameters
+    ----------
+    frames, t_s, model, seed, threads
+        As in `simulate`.
+
+    Yields
+    ------
+    Events
+        Consecutive parts of the stream.
+
+    Raises
+    ------
+    SensorError
+        As in `simulate`.
+    """
     for _, events in Bank(frames, t_s, [model], None, seed, threads).run():
         yield events
 
@@ -83,22 +98,28 @@ def simulate_bank(
     seed: int = 0,
     threads: int | None = None,
 ) -> list[Events]:
-    """Events of several sensors that look at the same frames, in the order of `models`.
+    """Simulate the events of several sensors that see the same frames.
 
-    Sensors of one size and dark level share one area integration and one logarithm.
+    Sensors of equal size and dark level share the area integration and the logarithm.
 
     Parameters
     ----------
     frames, t_s, seed, threads
-        As for `simulate`.
+        As in `simulate`.
     models
         The sensors.
     speeds
-        One factor a model: it sees the scene move that much faster, at times `t_s / speed`.
+        One factor for each model: its frame times are `t_s / speed`. None is 1 for all.
 
     Returns
     -------
-    One `Events` for each model, equal to what `simulate` returns for it alone.
+    list of Events
+        One for each model, equal to the result of `simulate` for that model.
+
+    Raises
+    ------
+    SensorError
+        As in `simulate`.
     """
     return collect(Bank(frames, t_s, models, speeds, seed, threads))
 
@@ -112,5 +133,21 @@ def stream_bank(
     seed: int = 0,
     threads: int | None = None,
 ) -> Iterator[tuple[int, Events]]:
-    """As `simulate_bank`, in consecutive parts `(index of the model, its next events)`."""
+    """Simulate the events of several sensors in parts; memory does not depend on the frame count.
+
+    Parameters
+    ----------
+    frames, t_s, models, speeds, seed, threads
+        As in `simulate_bank`.
+
+    Yields
+    ------
+    (int, Events)
+        Index of the model, and the next part of its stream.
+
+    Raises
+    ------
+    SensorError
+        As in `simulate`.
+    """
     yield from Bank(frames, t_s, models, speeds, seed, threads).run()

@@ -1,9 +1,9 @@
-"""What the paper's Fig. 2 counts: times between events, log-brightness slopes, their scaling law.
+"""The statistics of Fig. 2: times between events, slopes of log intensity, and their scaling law.
 
-- `event_rates_hz`: the event rate of every pixel.
+- `event_rates_hz`: the event rate of each pixel.
 - `IntervalHistogram`: times between consecutive events of a pixel, from a stream, Eq. (7).
-- `log_slope`: L_t, the slope of log intensity in time at every pixel, Eq. (5).
-- `slopes_by_pixel_size`: |L_t| at the image's edges, seen by pixels of growing size.
+- `log_slope`: L_t, the slope of log intensity in time at each pixel, Eq. (5).
+- `slopes_by_pixel_size`: |L_t| at the edges of the image for pixels of increasing size.
 - `fit_power_law`: the exponent gamma of |L_t| ~ p^-gamma, Eq. (6), with a bootstrap interval.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from sensor.events import Events
+from sensor.events import Columns, Events
 
 _NEVER = -(1 << 62)
 _DRAWS = 2000
@@ -25,9 +25,7 @@ _DRAWS = 2000
 
 @numba.njit(cache=True, nogil=True)
 def _count_intervals(
-    t_us: NDArray[np.int64],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
+    events: Columns,
     start_us: int,
     end_us: int,
     slot_of: NDArray[np.int64],  # (height,) row of last_us for each row of pixels, -1 for none
@@ -35,6 +33,7 @@ def _count_intervals(
     last_us: NDArray[np.int64],  # (rows, width) updated
     counts: NDArray[np.int64],  # (B + 2,) updated
 ) -> None:
+    t_us, x, y, _ = events
     for i in range(t_us.size):
         row = slot_of[y[i]]
         if row < 0:
@@ -46,29 +45,29 @@ def _count_intervals(
 
 
 class IntervalHistogram:
-    """Times between consecutive events of each pixel, counted as a stream goes by.
+    """Counts the times between consecutive events of each pixel in a stream.
 
-    An interval counts when its second event lies in the window; its first may lie before. So every
-    interval no longer than the stream before the window counts with its full weight, and longer
-    ones are seen ever less.
+    An interval counts if its second event is in the window; the first may be before it. So all
+    intervals up to the length of the stream before the window have full weight, and longer ones
+    have less.
 
     Parameters
     ----------
     width, height
-        The sensor's size, px.
+        Size of the sensor, px.
     edges_us
         (B + 1,) ascending bin edges, whole microseconds. Bins are half-open, [edge, next edge).
     window_us
-        (start, end) of the half-open window in which intervals end.
+        (start, end) of the half-open window.
     every_row
-        Look at every n-th row of pixels only: a sample that is fair and n times cheaper.
+        Use only every n-th row of pixels, an unbiased sample.
 
     Attributes
     ----------
     counts : (B,) int64
         Intervals in each bin.
     shorter, longer : int
-        Intervals below the first edge, and at or above the last.
+        Number of intervals below the first edge, and at or above the last.
     """
 
     def __init__(
@@ -92,9 +91,7 @@ class IntervalHistogram:
     def add(self, events: Events) -> None:
         """Count the next part of the stream."""
         _count_intervals(
-            events.t_us,
-            events.x,
-            events.y,
+            events.columns,
             *self._window_us,
             self._slot_of,
             self._bin_of,
@@ -116,7 +113,19 @@ class IntervalHistogram:
 
 
 def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np.float64]:
-    """Event rate of every pixel in the window [t_start_us, t_end_us), (height, width), 1/s."""
+    """Return the event rate of each pixel in a window.
+
+    Parameters
+    ----------
+    events
+        The stream.
+    t_start_us, t_end_us
+        The window [t_start_us, t_end_us).
+
+    Returns
+    -------
+    (height, width) float64, 1/s
+    """
     window = events.between(t_start_us, t_end_us)
     pixel = window.y.astype(np.int64) * events.width + window.x
     counts = np.bincount(pixel, minlength=events.height * events.width)
@@ -126,19 +135,41 @@ def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np
 def log_bin_edges_us(
     shortest_us: float = 10.0, longest_us: float = 1e5, per_decade: int = 10
 ) -> NDArray[np.int64]:
-    """Bin edges that are even in the logarithm, rounded to whole microseconds, (B + 1,)."""
+    """Return logarithmically spaced bin edges, rounded to whole microseconds.
+
+    Parameters
+    ----------
+    shortest_us, longest_us
+        First and last edge.
+    per_decade
+        Number of bins per decade.
+
+    Returns
+    -------
+    (B + 1,) int64
+    """
     decades = np.log10(longest_us / shortest_us)
     steps = np.arange(round(decades * per_decade) + 1) / per_decade
     return np.unique(np.round(shortest_us * 10**steps).astype(np.int64))
 
 
 def mode_us(
-    edges_us: Sequence[int] | NDArray[np.int64],  # (B + 1,)
-    counts: Sequence[int] | NDArray[np.int64],  # (B,)
+    edges_us: Sequence[int] | NDArray[np.int64],
+    counts: Sequence[int] | NDArray[np.int64],
 ) -> float | None:
-    """Where a histogram over log time is highest: the middle of that bin, or None without counts.
+    """Return the mode of a histogram over log time.
 
-    Counts are divided by their bin's width in log time, and the middle is that of the logarithm.
+    Parameters
+    ----------
+    edges_us
+        (B + 1,) bin edges.
+    counts
+        (B,) counts, which are divided by the widths of the bins in log time.
+
+    Returns
+    -------
+    float or None
+        Geometric center of the highest bin, us; None without counts.
     """
     edges = np.asarray(edges_us, dtype=np.float64)
     if not np.any(counts):
@@ -148,27 +179,41 @@ def mode_us(
 
 
 def log_slope(
-    radiance_0: NDArray[np.floating],  # (H, W) linear radiance
-    radiance_1: NDArray[np.floating],  # (H, W), dt_s later
+    radiance_0: NDArray[np.floating],
+    radiance_1: NDArray[np.floating],
     dt_s: float,
     dark_level: float,
 ) -> NDArray[np.float64]:
-    """L_t of Eq. (5), the mean slope of log(I + I_dark) between two frames, (H, W), 1/s."""
+    """Return L_t of Eq. (5), the mean slope of log(I + I_dark) between two frames.
+
+    Parameters
+    ----------
+    radiance_0, radiance_1
+        (H, W) linear radiance of the frames.
+    dt_s
+        Time between them, s.
+    dark_level
+        I_dark, in the unit of radiance.
+
+    Returns
+    -------
+    (H, W) float64, 1/s
+    """
     after, before = (f.astype(np.float64) + dark_level for f in (radiance_1, radiance_0))
     return np.log(after / before) / dt_s
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SlopesBySize:
-    """|L_t| seen by square pixels of growing size, in blocks of the image.
+    """|L_t| of square pixels of increasing size, in blocks of the image.
 
     Attributes
     ----------
     sizes_px : (P,) int64
-        Sides of the pixels, in pixels of the frames.
+        Widths of the pixels, in pixels of the frames.
     everywhere, edges : (N, P) float64
-        Mean |L_t| of each block, 1/s: over all its pixels, and over those that are edges. A block
-        without an edge is left out of `edges`.
+        Mean |L_t| of each block, 1/s: over all its pixels, and over its edge pixels. `edges` omits
+        blocks without an edge.
     edge_weights : (len(edges),) int64
         Number of edge pixels of each block in `edges`.
     """
@@ -180,8 +225,8 @@ class SlopesBySize:
 
 
 def slopes_by_pixel_size(
-    radiance_0: NDArray[np.floating],  # (H, W) linear radiance
-    radiance_1: NDArray[np.floating],  # (H, W), dt_s later
+    radiance_0: NDArray[np.floating],
+    radiance_1: NDArray[np.floating],
     dt_s: float,
     dark_level: float,
     *,
@@ -189,26 +234,32 @@ def slopes_by_pixel_size(
     edge_share: float = 0.05,
     blocks_a_side: int = 8,
 ) -> SlopesBySize:
-    """|L_t| at pixels of growing size around the same points: Fig. 2 (b).
+    """Return |L_t| for pixels of increasing size at the same points: Fig. 2 (b).
 
-    The light is averaged over each size's square, Eq. (3), before the logarithm. Motion between the
-    two frames smears what is finer than it.
+    Radiance is averaged over the square of each pixel, Eq. (3), before the logarithm. Motion
+    between the two frames blurs finer structure.
 
     Parameters
     ----------
+    radiance_0, radiance_1, dt_s, dark_level
+        As in `log_slope`.
     sizes_px
-        Odd sides, the first of which finds the edges.
+        Odd widths; the first determines the edges.
     edge_share
-        Edges are the pixels with the largest |L_t| at the first size, this share of all. Being
-        chosen for their slope at that size they fall more steeply from it than the mean does.
+        Share of pixels that count as edges, those with the largest |L_t| at the first size. Because
+        of this selection their slopes decrease more steeply from that size than the mean.
     blocks_a_side
-        The image is cut into a grid of this many blocks a side, for a bootstrap that knows that
-        neighbours are alike.
+        The image is divided into this many blocks per side, for a bootstrap over blocks, since
+        neighboring pixels are correlated.
+
+    Returns
+    -------
+    SlopesBySize
 
     Raises
     ------
     ValueError
-        A size is even, or the frames have no room for a block inside the largest one's margin.
+        A size is even, or the frames are too small for the largest size.
     """
     if any(size % 2 == 0 for size in sizes_px):
         raise ValueError(f"sizes_px: found {tuple(sizes_px)}, expected odd numbers")
@@ -242,7 +293,7 @@ def slopes_by_pixel_size(
 
 @dataclass(frozen=True, slots=True)
 class PowerLaw:
-    """value = factor * size ** -exponent, with the exponent's 95 % interval."""
+    """value = factor * size ** -exponent, with the 95 % interval of the exponent."""
 
     exponent: float
     low: float
@@ -251,14 +302,30 @@ class PowerLaw:
 
 
 def fit_power_law(
-    sizes: NDArray[np.number],  # (P,)
-    blocks: NDArray[np.float64],  # (N, P) positive
-    weights: NDArray[np.number] | None = None,  # (N,)
+    sizes: NDArray[np.number],
+    blocks: NDArray[np.float64],
+    weights: NDArray[np.number] | None = None,
     seed: int = 0,
 ) -> PowerLaw:
-    """Fit gamma of value ~ size^-gamma to the weighted mean over blocks.
+    """Fit gamma of value ~ size^-gamma, Eq. (6), to the weighted mean over blocks.
 
-    A least-squares line through the logarithms; its interval is a percentile bootstrap over blocks.
+    Fits a line to the logarithms by least squares; the interval is a percentile bootstrap over
+    blocks.
+
+    Parameters
+    ----------
+    sizes
+        (P,) sizes.
+    blocks
+        (N, P) positive values.
+    weights
+        (N,) weights of the blocks; None is 1 for all.
+    seed
+        Seed of the bootstrap.
+
+    Returns
+    -------
+    PowerLaw
 
     Raises
     ------
@@ -271,8 +338,8 @@ def fit_power_law(
         )
     weights = np.ones(len(blocks)) if weights is None else weights
     log_size = np.log(np.asarray(sizes, dtype=np.float64))
-    centred = log_size - log_size.mean()
-    line = centred / np.sum(centred**2)
+    centered = log_size - log_size.mean()
+    line = centered / np.sum(centered**2)
 
     draws = np.random.default_rng(seed).integers(len(blocks), size=(_DRAWS, len(blocks)))
     times_drawn = np.apply_along_axis(np.bincount, 1, draws, minlength=len(blocks))

@@ -3,38 +3,33 @@
 `tests/data/guards.json` holds them. An intended change comes with a raised stage version and an
 entry under "Numbers change" in CHANGELOG.md, and is stored by
 
-    python tests/test_guards.py --rewrite
+    PYTHONPATH=tests/helpers python tests/test_guards.py --rewrite
 
 Bits depend on the processor and the versions of libraries: elsewhere those tests are skipped.
 `test_study_numbers.py` holds the same scores within tolerances on any machine.
 """
 
-import hashlib
 import json
 import os
 import re
 import shutil
 import sys
 import tempfile
-from importlib.metadata import version
 from pathlib import Path
 
-import llvmlite.binding
 import pytest
 
 from eres_render import list_scenes, load_scene
+from moving_texture import texture_in_motion
 from sensor import SensorModel, simulate
-from tasks.row import Row
+from small_study import GUARDS, STUDY, digest, machine, score_digest, stored_bits
 from tasks.study.config import preset
 from tasks.study.report import write_report
 from tasks.study.run import run_study
 from tasks.study.run.jobs import jobs_of
-from test_sensor_exactness import texture_in_motion
 
-FILE = Path(__file__).parent / "data" / "guards.json"
-COMMAND = "python tests/test_guards.py --rewrite"
+COMMAND = "PYTHONPATH=tests/helpers python tests/test_guards.py --rewrite"
 PAPER_RUN = Path(__file__).parent.parent / "docs" / "results" / "paper"
-LIBRARIES = ("numpy", "numba", "scipy", "mitsuba", "opencv-python-headless", "OpenEXR")
 
 SIZE = {"width": 60, "height": 48, "dark_level": 0.01}
 MODELS = {
@@ -57,13 +52,6 @@ MODELS = {
 }
 
 
-def digest(*chunks: bytes) -> str:
-    whole = hashlib.sha256()
-    for chunk in chunks:
-        whole.update(chunk)
-    return whole.hexdigest()
-
-
 def part_keys() -> list[str]:
     study = preset("paper")
     return sorted(job.key for name in study.scenes for job in jobs_of(study, load_scene(name)))
@@ -84,32 +72,9 @@ def event_digests() -> dict[str, str]:
     return found
 
 
-def score_digest(rows: list[Row]) -> str:
-    lines = sorted(
-        f"{r.task} {r.method} {r.variant} {r.width} {r.cutoff_hz} {r.speed} {r.sample} {r.item} "
-        f"{r.metric} {r.value.hex()} {r.event_rate_hz.hex()} {r.failure}"
-        for r in rows
-    )
-    return f"{len(lines)} {digest(chr(10).join(lines).encode())}"
-
-
-def machine() -> dict[str, str]:
-    """Return what bits depend on: processor, Python and libraries."""
-    found = {"processor": llvmlite.binding.get_host_cpu_name(), "python": sys.version.split()[0]}
-    return found | {name: version(name) for name in LIBRARIES}
-
-
 @pytest.fixture(scope="module")
 def stored() -> dict:
-    return json.loads(FILE.read_text())
-
-
-def stored_bits(kind: str) -> dict[str, str] | str:
-    """What this machine must make again to the bit; skips the test on another machine."""
-    found, here = json.loads(FILE.read_text()), machine()
-    if different := [name for name in here if here[name] != found["machine"].get(name)]:
-        pytest.skip(f"bits were stored on a machine with another {', '.join(different)}")
-    return found[kind]
+    return json.loads(GUARDS.read_text())
 
 
 def test_parts_of_the_paper_preset_keep_their_names(stored):
@@ -150,8 +115,6 @@ def plain(text: str) -> str:
 
 def rewrite() -> None:
     """Store the current state."""
-    from test_study_numbers import STUDY
-
     with tempfile.TemporaryDirectory() as folder:
         os.environ["ERES_CACHE"] = f"{folder}/cache"
         found = {
@@ -161,7 +124,7 @@ def rewrite() -> None:
             "scores": score_digest(run_study(STUDY, Path(folder) / "run")),
             "machine": machine(),
         }
-    FILE.write_text(json.dumps(found, indent=1) + "\n")
+    GUARDS.write_text(json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":

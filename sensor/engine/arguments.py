@@ -1,4 +1,4 @@
-"""What `simulate` and its kin refuse before they start: sensors, and how to run them."""
+"""Check the arguments of `simulate` and related functions, except for the frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,13 @@ _MOST_THREADS = 1024
 
 
 def checked_models(models: Sequence[SensorModel]) -> list[SensorModel]:
-    """The models as a list; anything else among them is refused, as is a lack of them."""
+    """Return the models as a list.
+
+    Raises
+    ------
+    SensorError
+        There is no model, or an item is not a `SensorModel`.
+    """
     if not isinstance(models, Iterable):
         raise refusal("models", models, "a list of SensorModel")
     models = list(models)
@@ -35,7 +41,24 @@ def checked_models(models: Sequence[SensorModel]) -> list[SensorModel]:
 
 
 def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
-    """One positive factor for each of `count` models; None is 1 for all."""
+    """Return the speed factors as floats.
+
+    Parameters
+    ----------
+    speeds
+        One positive factor for each model; None is 1 for all.
+    count
+        Number of models.
+
+    Returns
+    -------
+    list of float
+
+    Raises
+    ------
+    SensorError
+        A factor is missing, or not positive and finite.
+    """
     if speeds is None:
         return [1.0] * count
     expected = f"{count} positive factors, one a model"
@@ -48,12 +71,12 @@ def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
 
 
 def checked_seed(seed: int) -> int:
-    """The seed; NumPy's generators and files of events hold no larger one exactly."""
+    """Return the seed. The limit is that of NumPy's generators and of event files."""
     return _within("seed", seed, 0, _LARGEST_SEED, "an integer in 0..2^63 - 1")
 
 
 def checked_threads(threads: int | None) -> int:
-    """How many threads; None is one a core."""
+    """Return the number of threads; None is one for each core."""
     if threads is None:
         return len(os.sched_getaffinity(0))
     expected = f"an integer in 1..{_MOST_THREADS}, or None for one a core"
@@ -61,11 +84,22 @@ def checked_threads(threads: int | None) -> int:
 
 
 def check_fit(model: SensorModel, height: int, width: int) -> None:
-    """Refuse a sensor that is finer than its frames, or would see them stretched.
+    """Check that a sensor is not finer than the frames and has their aspect ratio.
 
-    A sensor has whole pixels. So its height may differ from what its width and the frames' shape
-    make of it, or its width from what its height does, by less than one pixel: either rounding
-    will do.
+    The height may differ by less than one pixel from the width divided by the aspect ratio of the
+    frames, or the width from the height times that ratio, since a sensor has whole pixels.
+
+    Parameters
+    ----------
+    model
+        The sensor.
+    height, width
+        Size of the frames.
+
+    Raises
+    ------
+    SensorError
+        It does not fit; the text gives the crop that does.
     """
     if model.height > height or model.width > width:
         raise SensorError(
@@ -84,7 +118,13 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
 
 
 def check_memory(models: list[SensorModel]) -> None:
-    """Refuse sensors whose pixels' state alone is more than this machine's memory."""
+    """Check that the state of the pixels fits into memory.
+
+    Raises
+    ------
+    SensorError
+        It does not; the text gives both sizes.
+    """
     needed = sum(map(least_bytes, models))
     if needed > (there := memory_bytes()):
         raise SensorError(
@@ -96,7 +136,7 @@ def check_memory(models: list[SensorModel]) -> None:
 
 
 def memory_bytes() -> int:
-    """Memory of this machine, or of the container where that has less."""
+    """Return the memory of this machine, or of the container if that is less, bytes."""
     physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     try:
         return min(physical, int(Path("/sys/fs/cgroup/memory.max").read_text()))

@@ -1,4 +1,4 @@
-"""The engine behind `simulate`: many sensors, one reading of the frames."""
+"""The engine of `simulate`: simulate several sensors and read the frames once."""
 
 from __future__ import annotations
 
@@ -31,13 +31,16 @@ from sensor.events import Events, concatenate
 from sensor.kernels.packing import MAX_INTERVAL_US
 from sensor.model import SensorModel
 
-DARK_FRACTION = 1e-3  # of the white level, where a model leaves its dark level open
+DARK_FRACTION = 1e-3  # default dark level, share of the white level
 _CHUNK_FRAMES = 8
-_CHUNK_WORK = 1 << 26  # pixels x frames x settings at a time: bounds the memory of unsorted events
+_CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk; limits memory for events
 
 
 class Bank:
-    """Sensors that look at the same frames; `run` yields their events as the frames go by."""
+    """Sensors that see the same frames; checks all arguments.
+
+    Parameters and errors are those of `sensor.simulate_bank`.
+    """
 
     def __init__(
         self,
@@ -78,7 +81,7 @@ class Bank:
         return DARK_FRACTION * white
 
     def run(self) -> Iterator[tuple[int, Events]]:
-        """Yield `(index of the model, its next events)`; the parts of one model are in order."""
+        """Yield `(index of the model, its next events)`; the parts of each model are in order."""
         groups = self._groups()
         work = max(group.state.memory.size for group in groups)
         chunk_frames = max(1, min(_CHUNK_FRAMES, _CHUNK_WORK // work))
@@ -110,7 +113,7 @@ class Bank:
 
 
 def collect(bank: Bank) -> list[Events]:
-    """Run a bank to its end; one `Events` for each model."""
+    """Run a bank and return the events of each model."""
     parts: list[list[Events]] = [[] for _ in bank.models]
     for i, events in bank.run():
         parts[i].append(events)

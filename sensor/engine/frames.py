@@ -1,4 +1,4 @@
-"""Reading frames and their times: checked, a few at a time, without a copy where possible."""
+"""Read frames and times: check them, a few at a time, without a copy if possible."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ MAX_TIME_S = 9.2e12  # 2^63 us, nearly
 _log = logging.getLogger(__name__)
 
 _LONG_INTERVAL_S = 1.0
-# So many different whole numbers are an image; fewer may be a mask, a checkerboard or a wedge.
+# Fewer different whole numbers may be a mask, a checkerboard or a step wedge.
 _LEVELS_OF_AN_IMAGE = 16
 
 
 def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
-    """Frame times as (T,) float64 seconds.
+    """Return frame times as (T,) float64 seconds.
 
     Raises
     ------
     SensorError
-        They are not one finite, strictly increasing sequence; the text names the first offender.
+        The times are not finite or not strictly increasing; the text names the first wrong one.
     """
     times = np.asarray(t_s, dtype=np.float64)
     if times.ndim != 1 or times.size == 0:
@@ -45,13 +45,22 @@ def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
 
 
 def check_spans(t_s: NDArray[np.float64], max_interval_us: int, speed: float) -> None:
-    """Check that times (T,), seconds at a speed, fit into 64-bit microseconds and follow in order.
+    """Check that times fit into 64-bit microseconds.
+
+    Parameters
+    ----------
+    t_s
+        (T,) frame times divided by the speed.
+    max_interval_us
+        Longest interval between two frames.
+    speed
+        Speed factor, for the text of errors.
 
     Raises
     ------
     SensorError
-        A time is beyond +-`MAX_TIME_S`, or two frames are too far apart, or the speed leaves no
-        time between two frames.
+        A time is beyond +-`MAX_TIME_S`, an interval is too long, or the speed is so high that two
+        times are equal.
     """
     at_speed = "" if speed == 1 else f" at speed {speed:g}"
     far = np.flatnonzero(~(np.abs(t_s) <= MAX_TIME_S))
@@ -73,10 +82,10 @@ def check_spans(t_s: NDArray[np.float64], max_interval_us: int, speed: float) ->
 def whole_microseconds(
     t_s: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Times in whole microseconds, rounded half up, and how far each lies after its own, in µs.
+    """Round times to whole microseconds, half up; return them and the remainders, us.
 
-    Whole seconds are taken apart, so that at any time, such as one since 1970, neither loses a
-    digit that t_s has.
+    Whole seconds are converted apart, so that large times, such as those since 1970, keep all
+    digits of t_s.
     """
     seconds = np.floor(t_s)
     us = (t_s - seconds) * 1e6
@@ -85,7 +94,20 @@ def whole_microseconds(
 
 
 class FrameReader:
-    """Frames in order: `first`, then `chunks`, of one size and a float type."""
+    """Reads frames in order: `first`, then `chunks`, of one size and a float type.
+
+    Parameters
+    ----------
+    frames
+        (T, H, W) array, or an iterable of (H, W) arrays.
+    count
+        T.
+
+    Raises
+    ------
+    SensorError
+        There are no frames, or the first is not valid radiance.
+    """
 
     def __init__(self, frames: Frames, count: int) -> None:
         self._count = count
@@ -111,13 +133,14 @@ class FrameReader:
         refuse_bad_radiance(self.first[None], 0)
 
     def chunks(self, size: int) -> Iterator[NDArray[np.floating]]:
-        """The frames after the first as arrays (F, H, W), F at most `size`.
+        """Yield the frames after the first as arrays (F, H, W), F at most `size`.
+
+        The kernels check that radiance is finite and not negative.
 
         Raises
         ------
         SensorError
-            A frame of another size or dtype; fewer or more frames than times. Whether their
-            radiance is one is for the kernels to see, which read it anyway.
+            A frame has another size or dtype, or there are fewer or more frames than times.
         """
         done = 1
         while done < self._count:
@@ -132,7 +155,7 @@ class FrameReader:
             raise SensorError(f"frames: found more than {self._count}, the length of t_s")
 
     def _read(self, index: int, wanted: int) -> NDArray[np.floating]:
-        """The next frames, in memory that is used again for those after them."""
+        """Read the next frames into memory that the next call reuses."""
         if len(self._room) < wanted:
             self._room = np.empty((wanted, *self.shape), self.first.dtype)
         found = 0
@@ -171,12 +194,19 @@ class FrameReader:
 
 
 def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
-    """Raise for the first pixel of a chunk (F, H, W) whose radiance is negative or not finite.
+    """Raise if radiance is negative or not finite.
+
+    Parameters
+    ----------
+    chunk
+        (F, H, W) radiance.
+    index
+        Index of the first frame of the chunk.
 
     Raises
     ------
     SensorError
-        Names the frame, `index` being that of the chunk's first, the pixel and what was found.
+        Names the frame, the pixel and the value.
     """
     bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))  # NaN fails both comparisons
     if bad.size:
@@ -188,7 +218,7 @@ def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
 
 
 def warn_of_long_intervals(t_s: NDArray[np.float64]) -> None:
-    """Warn where times may be in another unit than seconds: their median interval is above 1 s."""
+    """Warn if the median interval is above 1 s: the times may not be in seconds."""
     if len(t_s) > 1 and (median_s := float(np.median(np.diff(t_s)))) > _LONG_INTERVAL_S:
         _log.warning(
             "t_s: found a median of %.6g s between two frames; are the times in ms or us? "
@@ -198,9 +228,9 @@ def warn_of_long_intervals(t_s: NDArray[np.float64]) -> None:
 
 
 def warn_of_whole_numbers(frame: NDArray[np.floating]) -> None:
-    """Warn where a frame (H, W) looks like an 8-bit image: many values, all of 0 to 255 and whole.
+    """Warn if a frame (H, W) looks like an 8-bit image: many values, all whole, from 0 to 255.
 
-    Photon counts look the same, so this is no error.
+    Photon counts look the same, so this is not an error.
     """
     highest = frame.max()
     if highest > 255 or not (_whole(frame[0]) and _whole(frame)):

@@ -1,4 +1,4 @@
-"""Sensors of one size and dark level, which share the light of their pixels."""
+"""Sensors with the same light on their pixels: equal size, dark level and fill factor."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ from sensor.kernels.radiance import BAD, Light, log_intensity
 from sensor.model import SensorModel
 from sensor.optics import integrate
 
-# Pixels taken through several frames at a time: their state fits the L2 cache, and its rows, which
-# are no power of two apart, do not fall on the same lines of the L1 cache.
+# Pixels of a block. Their state fits the L2 cache, and the distance of its rows is no power of two,
+# so that they do not share lines of the L1 cache.
 _BLOCK_PX = 4040
-_LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # below it, float64 loses digits one by one
+_LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
 
 
 @dataclass(eq=False)
 class SensorGroup:
-    """Sensors of one size and dark level, and their pixels' state at the last frame read."""
+    """Sensors with the same light, and the state of their pixels at the last frame."""
 
-    members: list[int]  # indices into the bank's models
+    members: list[int]  # indices of the models in the bank
     models: list[SensorModel]
     speeds: NDArray[np.float64]  # (S,)
     settings: Settings
     state: State
-    held: list[Events]  # of the last frame's microsecond, in which the next chunk may fire too
-    ready_us: list[NDArray[np.int64] | None]  # (height, width) when refractory pixels fire again
+    held: list[Events]  # in the microsecond of the last frame, which the next chunk shares
+    ready_us: list[NDArray[np.int64] | None]  # (height, width) end of the refractory periods
 
     @classmethod
     def start(
@@ -59,7 +59,26 @@ class SensorGroup:
         frame: NDArray[np.floating],
         seed: int,
     ) -> SensorGroup:
-        """The group at the first frame (H, W)."""
+        """Initialize the group at the first frame.
+
+        Parameters
+        ----------
+        members, models, speeds
+            Indices in the bank, models, and speed factors, S each.
+        frame
+            (H, W) linear radiance.
+        seed
+            Seed of everything random.
+
+        Returns
+        -------
+        SensorGroup
+
+        Raises
+        ------
+        SensorError
+            The radiance is invalid, or too small for a dark level of 0.
+        """
         light = _light(frame[None], models[0], 0)
         u = np.empty(light.radiance.size)
         log_intensity(light.radiance[0], light.dark, u)
@@ -86,12 +105,32 @@ class SensorGroup:
 
     def advance(
         self,
-        chunk: NDArray[np.floating],  # (F, H, W)
+        chunk: NDArray[np.floating],
         index: int,
-        t_s: NDArray[np.float64],  # (F + 1,)
+        t_s: NDArray[np.float64],
         workers: Workers,
     ) -> Iterator[tuple[int, Events]]:
-        """Look at a chunk of frames, and yield `(index of the model, events that are final)`."""
+        """Simulate a chunk of frames.
+
+        Parameters
+        ----------
+        chunk, index
+            (F, H, W) linear radiance, and index of its first frame.
+        t_s
+            (F + 1,) times of the frame before the chunk and of its frames.
+        workers
+            Threads.
+
+        Yields
+        ------
+        (int, Events)
+            Index of the model, and its next events.
+
+        Raises
+        ------
+        SensorError
+            As in `start`.
+        """
         light = _light(chunk, self.models[0], index, workers.map)
         t_s = t_s / self.speeds[:, None]
         frame_us, after_us = whole_microseconds(t_s)
@@ -140,12 +179,12 @@ class SensorGroup:
             yield member, self._reported(s, events[: len(events) - len(self.held[s])])
 
     def finish(self) -> Iterator[tuple[int, Events]]:
-        """Yield `(index of the model, its events of the last frame's microsecond)`."""
+        """Yield `(index of the model, its remaining events)` after the last chunk."""
         for s, member in enumerate(self.members):
             yield member, self._reported(s, self.held[s])
 
     def _reported(self, s: int, events: Events) -> Events:
-        """Events of the s-th member without those that fall into a refractory period."""
+        """Remove the events within the refractory periods of the s-th member."""
         ready_us = self.ready_us[s]
         if ready_us is None:
             return events
@@ -154,25 +193,25 @@ class SensorGroup:
 
 
 def least_bytes(model: SensorModel) -> int:
-    """What `SensorGroup.start` makes room for, apart from what sensors share."""
+    """Return the memory that `SensorGroup.start` allocates for one model alone, bytes."""
     rows = 1  # the memory
     rows += 2 * (model.cutoff_hz < math.inf)  # v1, v2
     rows += 2 * (model.threshold_mismatch > 0)  # C_on, C_off
     rows += model.hot_pixel_fraction > 0 and model.hot_pixel_hz > 0
-    rows += model.refractory_s > 0  # when it can fire again
+    rows += model.refractory_s > 0  # end of the refractory period
     return 8 * rows * model.height * model.width
 
 
 def _light(
-    chunk: NDArray[np.floating],  # (F, H, W)
+    chunk: NDArray[np.floating],
     model: SensorModel,
     index: int,
     apply: Callable[..., Iterable] = map,
 ) -> Light:
-    """What a model's pixels see of frames, the first of which is number `index`."""
+    """Average frames (F, H, W), the first with this index, over the pixels of a model."""
     dark = model.dark_level or 0.0
     if chunk.shape[1:] == (model.height, model.width):
-        radiance = chunk  # one sample a pixel: no part of a pixel differs from the rest
+        radiance = chunk  # one sample per pixel, so the fill factor has no effect
     else:
         size = model.height, model.width, model.fill_factor
         means = list(apply(lambda frame: integrate(frame, *size), chunk))

@@ -1,4 +1,4 @@
-"""Sensor models as the kernels take them, with the random patterns of their pixels."""
+"""Sensor models as arrays for the kernels, with the random patterns of their pixels."""
 
 from __future__ import annotations
 
@@ -12,18 +12,42 @@ from sensor.model import SensorModel
 
 
 class Draw:
-    """Which random numbers: each kind has its own stream of the seed."""
+    """Kinds of random numbers; each has its own stream."""
 
     START, C_ON, C_OFF, HOT = range(4)
 
 
 def generator(seed: int, draw: int) -> np.random.Generator:
-    """The random numbers of one kind; the same for all models of one size."""
+    """Return the generator of one kind of random numbers.
+
+    Parameters
+    ----------
+    seed
+        Seed of the simulation.
+    draw
+        A member of `Draw`.
+
+    Returns
+    -------
+    Generator, the same for all models.
+    """
     return np.random.Generator(np.random.Philox(key=[seed, draw]))
 
 
 def settings_of(models: list[SensorModel], seed: int) -> Settings:
-    """The electronics of models of one size."""
+    """Convert models to arrays for the kernels.
+
+    Parameters
+    ----------
+    models
+        S models of one size.
+    seed
+        Seed of the fixed patterns.
+
+    Returns
+    -------
+    Settings
+    """
     pixels = models[0].height * models[0].width
     hot = [m.hot_pixel_fraction > 0 and m.hot_pixel_hz > 0 for m in models]
     hot_hz = np.zeros((len(models), pixels if any(hot) else 0))
@@ -62,10 +86,10 @@ def _light_a(model: SensorModel) -> float:
 
 
 def _leaders(models: list[SensorModel]) -> NDArray[np.int64]:
-    """For each model the first that fires the same events, times apart; as a rule that is itself.
+    """Return for each model the first with the same events except for the times, usually itself.
 
-    What an ideal pixel fires between two frames depends on their light alone. A filter, a leak and
-    noise depend on the time between them as well.
+    The events of an ideal pixel between two frames depend on the light only. With a filter, leakage
+    or noise they also depend on the length of the interval.
     """
     first: dict[tuple, int] = {}
     leaders = []

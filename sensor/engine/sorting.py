@@ -1,4 +1,4 @@
-"""The kernels' events of one chunk in their final order."""
+"""Sort the events of a chunk into their final order."""
 
 from __future__ import annotations
 
@@ -14,16 +14,29 @@ from sensor.kernels.packing import gather, sort_by_time
 
 @dataclass(frozen=True)
 class UnsortedEvents:
-    """One setting's events of a chunk, where the kernels left them."""
+    """Events of one setting and chunk as the kernels return them."""
 
-    pools: list[NDArray[np.uint64]]  # one a band
-    segments: list[NDArray[np.int64]]
-    counts: NDArray[np.int64]  # (F,)
-    frame_us: NDArray[np.int64]  # (F + 1,)
+    pools: list[NDArray[np.uint64]]  # one for each band
+    segments: list[NDArray[np.int64]]  # (blocks, S, F, 2) each
+    counts: NDArray[np.int64]  # (F,) events of each interval
+    frame_us: NDArray[np.int64]  # (F + 1,) frame times
     setting: int
 
     def sort(self, held: Events, workers: Workers) -> Events:
-        """All of them after the events held back before, by time, ties by (y, x)."""
+        """Sort by time, ties by (y, x).
+
+        Parameters
+        ----------
+        held
+            Events of the chunk before that may share a microsecond with this chunk.
+        workers
+            Threads.
+
+        Returns
+        -------
+        Events
+            `held`, then the events of this chunk.
+        """
         starts = len(held) + np.concatenate(([0], np.cumsum(self.counts)))
         columns = Columns.room(int(starts[-1]))
         arrays: tuple[NDArray, ...] = columns
@@ -44,10 +57,10 @@ class UnsortedEvents:
             workers.scratch.put(room)
 
         list(workers.map(sort_interval, range(len(self.counts))))
-        # A frame's microsecond holds events of the interval before it and of the one after it.
+        # The microsecond of a frame has events of the intervals before and after it.
         for frame_us in self.frame_us[:-1]:
             tie = slice(*np.searchsorted(columns.t_us, (frame_us, frame_us + 1)))
-            order = np.lexsort((columns.x[tie], columns.y[tie]))  # stable within a pixel
+            order = np.lexsort((columns.x[tie], columns.y[tie]))  # stable
             for array in arrays:
                 array[tie] = array[tie][order]
         return Events.trusted(*columns, like=held)

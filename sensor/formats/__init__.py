@@ -1,4 +1,4 @@
-"""Events in files: DSEC HDF5, Prophesee EVT2 and EVT3, npz and text, streamed in bounded memory.
+"""Event files: DSEC HDF5, Prophesee EVT2 and EVT3, npz and text, streamed in bounded memory.
 
 >>> write_events("carpet.h5", stream(frames, t_s, model, seed=3), origin={"seed": 3})
 >>> for events in read_events("carpet.h5"): ...

@@ -1,4 +1,4 @@
-"""Parts of a stream: cut anew for writing, checked where they meet."""
+"""Divide a stream into parts of equal size for writing, and check that it is one stream."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections.abc import Iterable, Iterator
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
 
-PART_EVENTS = 1 << 20  # events in memory at a time, when reading and when writing
+PART_EVENTS = 1 << 20  # events in memory at a time
 
 
 def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
-    """The same events in parts of exactly `PART_EVENTS`, the last one what remains.
+    """Yield the same events in parts of exactly `PART_EVENTS`, except for the last one.
 
-    What a writer makes of a stream then depends on its events alone, not on how it was cut. An
-    empty stream is one empty part.
+    So a file depends on the events only, not on the original parts. An empty stream is one empty
+    part.
 
     Raises
     ------
     EventFormatError
-        There are no parts, so no size; or a part is earlier than the one before it, of another
-        sensor, or no `Events`.
+        There are no parts, or a part is earlier than the one before it, has another sensor, or is
+        not `Events`.
     """
     held: list[Events] = []
     count = 0

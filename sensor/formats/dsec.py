@@ -1,15 +1,14 @@
-"""DSEC's HDF5 layout, which its `EventSlicer` and everything built on that read.
+"""The HDF5 layout of DSEC, for its `EventSlicer` and all code that uses it.
 
-    events/t    uint32, microseconds since t_offset; int64 where t_offset is not 0, since in
-                NumPy 2 the `t + t_offset` of DSEC's slicer overflows 32 bits
+    events/t    uint32, microseconds since t_offset; int64 if t_offset is not 0, because
+                `t + t_offset` in DSEC's slicer overflows 32 bits with NumPy 2
     events/x    uint16          events/y    uint16          events/p    uint8, 0 or 1
     t_offset    int64, microseconds
     ms_to_idx   uint64, t[ms_to_idx[ms]] >= 1000 ms and t[ms_to_idx[ms] - 1] < 1000 ms, for every
                 whole millisecond from 0 to that of the last event
 
-Columns are shuffled, compressed by zstd at level 1, and checksummed. Attributes of the file say
-how it was made: `width`, `height`, and as JSON `sensor_model`, where the events have one, and
-`origin`.
+Columns are shuffled, compressed with zstd at level 1, and have checksums. Attributes of the file
+are `width`, `height`, and as JSON `origin` and, if the events have a model, `sensor_model`.
 """
 
 from __future__ import annotations
@@ -39,13 +38,27 @@ _COLUMNS: dict[str, type] = {"t": np.uint32, "x": np.uint16, "y": np.uint16, "p"
 _ATTRIBUTES = ("width", "height", "sensor_model", "origin")
 _PLACES = ("events", "t_offset", "ms_to_idx")
 _MAX_SPAN_US = 1 << 32
-# Times count from 0 as the frames do, and t_offset is 0 or the header's, unless they would soon
-# leave uint32.
+# Largest first time relative to t_offset. Later times would soon overflow uint32, so t_offset is
+# set to a time just before them.
 _MAX_START_US = 1 << 31
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write a DSEC file; returns the number of events.
+    """Write a DSEC file.
+
+    Parameters
+    ----------
+    path
+        The new file.
+    header
+        Size, model, origin and start of the clock.
+    parts
+        Consecutive parts of one stream.
+
+    Returns
+    -------
+    int
+        Number of events.
 
     Raises
     ------
@@ -53,7 +66,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
         The events start before 2^31 us and end after 2^32 us (71 minutes), or h5py or hdf5plugin is
         not installed.
     OSError
-        The disk does not take it; HDF5 lets go of the file all the same.
+        A write failed, for example on a full disk; HDF5 closes the file in any case.
     """
     h5py = load_h5py()
     import hdf5plugin
@@ -61,7 +74,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     with writable(path, new=True) as (file, storage):
         file.attrs["width"] = header.width
         file.attrs["height"] = header.height
-        # Texts of fixed length: those of variable length lie where HDF5 has no checksum.
+        # Texts have a fixed length: HDF5 has no checksum for texts of variable length.
         file.attrs["origin"] = np.bytes_(origin_to_json(header.origin).encode())
         if header.model is not None:
             file.attrs["sensor_model"] = np.bytes_(model_to_json(header.model).encode())
@@ -100,10 +113,10 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             _append(columns["p"], part.p > 0)
             count += len(part)
             storage.check()
-        # Kept in the dataset's own header, where HDF5 has a checksum.
+        # Stored in the header of the dataset, which has a checksum.
         compact = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         compact.set_layout(h5py.h5d.COMPACT)
-        compact.set_obj_track_times(False)  # the file depends on its events alone
+        compact.set_obj_track_times(False)  # the file must depend on its events only
         scalar = h5py.h5s.create(h5py.h5s.SCALAR)
         t_offset = h5py.h5d.create(file.id, b"t_offset", h5py.h5t.STD_I64LE, scalar, compact)
         t_offset.write(h5py.h5s.ALL, h5py.h5s.ALL, np.array(offset_us, np.int64))
@@ -111,7 +124,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
 
 def _offset_us(header: Header, first: Events) -> int:
-    """Return t_offset: what the header says if that suits the events, else a time before them."""
+    """Return t_offset: that of the header if it suits the events, or else a time before them."""
     start_us = int(first.t_us[0]) if len(first) else header.t_offset_us
     if 0 <= start_us - header.t_offset_us < _MAX_START_US:
         return header.t_offset_us
@@ -126,7 +139,7 @@ def _append(dataset: Any, values: np.ndarray) -> None:
 
 @contextmanager
 def _said(where: str) -> Iterator[None]:
-    """Say in our words, and where, what h5py says of damage in its own."""
+    """Convert errors of h5py about damage to `EventFormatError` with the place."""
     try:
         yield
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
@@ -145,12 +158,12 @@ def _opened(path: Path) -> Iterator[Any]:
 
 
 def read_header(path: Path) -> Header:
-    """Read a DSEC file's size, model, origin and t_offset, of which DSEC's own have only that.
+    """Read size, model, origin and t_offset; the files of DSEC itself have only t_offset.
 
     Raises
     ------
     EventFormatError
-        It is no HDF5 file, or an attribute is damaged or of another kind.
+        The file is not HDF5, or an attribute is damaged or has another type.
     """
     with _opened(path) as file:
         found: dict[str, Any] = {}
@@ -191,12 +204,25 @@ def _text(value: Any) -> str:
 
 
 def read(path: Path, header: Header) -> Iterator[Events]:
-    """Yield the events of a DSEC file, at least one part, on the clock that t_offset sets.
+    """Read the events of a DSEC file; t_offset is added to the times.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+
+    Yields
+    ------
+    Events
+        At least one part.
 
     Raises
     ------
     EventFormatError
-        A dataset is missing, of another kind or length, damaged, or not a valid stream.
+        A dataset is missing, damaged, or has another type or length, or the events are not a
+        valid stream.
     """
     width, height = header.width or 0, header.height or 0
     with _opened(path) as file:
@@ -236,7 +262,7 @@ def _column(file: Any, name: str) -> Any:
 
 
 def _checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: Header) -> Events:
-    """A part as `Events`, its values within range; `start` is the number of its first event."""
+    """Convert a part to `Events` and check its values; `start` is the index of its first event."""
     limits = {"t": 1 << 62, "x": header.width or 0, "y": header.height or 0, "p": 2}
     for name, limit in limits.items():
         column = values[name]

@@ -1,15 +1,15 @@
-"""Prophesee RAW files: the text header, and words in and out; `evt2` and `evt3` know the words.
+"""Prophesee RAW files: the text header and the stream of words; `evt2` and `evt3` code the words.
 
-    % event_count 1234                 ours: how many events follow, so that a cut file is noticed
+    % event_count 1234                 ours: number of events, to detect truncated files
     % evt 3.0
     % format EVT3;height=720;width=1280
     % geometry 1280x720
-    % sensor_model {"width": 1280, ...}     ours: where the events have a model
+    % sensor_model {"width": 1280, ...}     ours: if the events have a model
     % origin {"seed": 3}                    ours
-    % t0 1600000000000000                   faery's: what to add to all times, microseconds
+    % t0 1600000000000000                   faery's: offset of all times, microseconds
     % end
 
-Lines are `% key value`; readers pass over keys that they do not know. Words follow, little-endian.
+Lines are `% key value`; readers ignore unknown keys. Words follow, little-endian.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from sensor.formats.header import (
 logger = logging.getLogger(__name__)
 
 MAX_SIDE_PX = 1 << 11  # coordinates have 11 bits
-MAX_TIME_US = 1 << 40  # the clock wraps sooner; reaching 12.7 days takes a megabyte of its words
-_MAX_START_US = MAX_TIME_US // 2  # of times without an offset, which the stream might outrun
+MAX_TIME_US = 1 << 40  # 12.7 days, after a megabyte of words of the clock
+_MAX_START_US = MAX_TIME_US // 2  # largest first time without an offset
 _READ_WORDS = 1 << 18
 _WRITE_WORDS = 1 << 16
 _COUNT_DIGITS = 20
@@ -50,21 +50,26 @@ _FIELDS = {
     *("event_count", "sensor_model", "origin", "t0"),
 }
 
-# What a decoder found when it stopped; see `decode` of `evt2` and `evt3`.
+# Reasons why a decoder stopped; see `decode` in `evt2` and `evt3`.
 DONE, FULL, BAD_X, BAD_Y, BACKWARDS, BAD_WORD, NO_BASE = range(7)
 
-# A codec's state, int64. Each codec uses what it needs.
+# Entries of the state of a codec. Each codec uses those that it needs.
 HIGH, LOW, Y, BASE_X, BASE_P, LAST_US, SKIPPED, FOUND = range(8)
 STATE_SIZE = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Codec:
-    """One version's words.
+    """The word format of one version.
 
-    `encode(columns, width, state, words)` returns (events taken, words made) and stops when `words`
-    is full; `decode(words, width, height, state, columns)` returns (words taken, events made, what
-    it found).
+    Parameters
+    ----------
+    name, version
+        Names in the header, such as EVT3 and 3.0.
+    word
+        Type of the words.
+    encode, decode
+        As `encode` and `decode` in `evt2`.
     """
 
     name: str
@@ -81,12 +86,28 @@ def _new_state() -> np.ndarray:
 
 
 def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> int:
-    """Write a RAW file; returns the number of events.
+    """Write a RAW file.
+
+    Parameters
+    ----------
+    path
+        The new file.
+    header
+        Size, model, origin and start of the clock.
+    parts
+        Consecutive parts of one stream.
+    codec
+        EVT2 or EVT3.
+
+    Returns
+    -------
+    int
+        Number of events.
 
     Raises
     ------
     EventFormatError
-        The sensor has more than 2048 pixels a side, or times are negative or 2^40 us and later.
+        The sensor has more than 2048 pixels a side, or a time is outside [0, 2^40) us.
     """
     width, height = header.width or 0, header.height or 0
     if max(width, height) > MAX_SIDE_PX:
@@ -137,7 +158,7 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
 
 
 def _start_us(header: Header, first: Events) -> int:
-    """Return the header line `t0`: where the clock starts if its words cannot say the times."""
+    """Return `t0`: the start of the clock if the times are too large without it."""
     too_late = len(first) and first.t_us[0] >= _MAX_START_US
     return max(0, header.t_offset_us) if too_late else 0
 
@@ -148,21 +169,21 @@ def _count_line(count: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class _Raw:
-    """What the text header says."""
+    """Content of the text header."""
 
     version: str | None  # of the words, "evt2" or "evt3"
     header: Header
     count: int | None
-    length: int  # bytes, up to the first word
+    length: int  # bytes before the first word
 
 
 def read_version(path: Path) -> str:
-    """Which of `evt2` and `evt3` a RAW file is.
+    """Return the version of a RAW file, `evt2` or `evt3`.
 
     Raises
     ------
     EventFormatError
-        Its header does not say, or says another one.
+        The header has no version or another one.
     """
     try:
         with path.open("rb") as file:
@@ -178,7 +199,24 @@ def read_version(path: Path) -> str:
 
 
 def read_header(path: Path, codec: Codec) -> Header:
-    """Size, model and origin of a RAW file of this version."""
+    """Read the header of a RAW file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    codec
+        EVT2 or EVT3.
+
+    Returns
+    -------
+    Header
+
+    Raises
+    ------
+    EventFormatError
+        The header is damaged or has another version.
+    """
     with path.open("rb") as file:
         return _of_version(_read_raw(file), codec).header
 
@@ -250,7 +288,7 @@ def _version(fields: dict[str, str]) -> str | None:
 
 
 def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
-    """Width and height by `geometry` and by `format`, which must agree."""
+    """Return width and height from `geometry` and `format`, which must be equal."""
     said = set()
     if "geometry" in fields:
         match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", fields["geometry"], re.ASCII)
@@ -266,16 +304,30 @@ def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
 
 
 def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
-    """Yield the events of a RAW file, at least one part.
+    """Read the events of a RAW file.
 
-    Events before the first word of time, or whose row is not known yet, have no place: they are
-    skipped, as in Prophesee's own decoders, and the log says how many.
+    Events before the first word with a time or a row are skipped, as in Prophesee's decoders; the
+    log reports their number.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+    codec
+        EVT2 or EVT3.
+
+    Yields
+    ------
+    Events
+        At least one part.
 
     Raises
     ------
     EventFormatError
-        A word is unknown, its event is outside the sensor or earlier than the one before it, the
-        last word is cut off, or there are not as many events as the header says.
+        A word is unknown, an event is outside the sensor or earlier than the one before it, the
+        last word is truncated, or the number of events differs from that in the header.
     """
     width, height = header.width or 0, header.height or 0
     size = np.dtype(codec.word).itemsize
@@ -289,7 +341,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
         yield none
         while data := file.read(size * _READ_WORDS):
             words = np.frombuffer(data, f"<u{size}", len(data) // size)
-            words = words.astype(codec.word, copy=False)  # where the machine is big-endian
+            words = words.astype(codec.word, copy=False)  # on a big-endian machine
             while len(words):
                 room = min(batching.PART_EVENTS, 12 * len(words))  # no word makes more than 12
                 columns = Columns.room(room)

@@ -1,22 +1,18 @@
-"""Prophesee EVT2: one 32-bit word an event, times in two parts.
+"""Prophesee EVT2: one 32-bit word for each event, times in two parts.
 
     31..28  27..22      21..11  10..0
     0 / 1   t, low 6    x       y       an event, darker / brighter
     8       t, high 28                  microseconds / 64, modulo 2^28
 
-Words of triggers (A), others (E) and continuations (F) are passed over. See
+Words of triggers (A), others (E) and continuations (F) are ignored. See
 https://docs.prophesee.ai/stable/data/encoding_formats/evt2.html.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from pathlib import Path
-
 import numba
 import numpy as np
 
-from sensor.events import Events
 from sensor.formats import evt
 from sensor.formats.evt import (
     BACKWARDS,
@@ -30,19 +26,27 @@ from sensor.formats.evt import (
     LAST_US,
     SKIPPED,
 )
-from sensor.formats.header import Header
 
 _WRAP = 1 << 28  # values of the high part
 
 
 @numba.njit(cache=True, nogil=True)
-def encode(
-    events,  # Columns
-    width,
-    state,
-    words,  # (m,) uint32 out
-):
-    """Return (events taken, words made)."""
+def encode(events, width, state, words):
+    """Encode events until `words` is full.
+
+    Parameters
+    ----------
+    events, width
+        `Columns`, and width of the sensor.
+    state
+        (STATE_SIZE,) int64, updated.
+    words
+        (m,) uint32 output.
+
+    Returns
+    -------
+    events taken, words made
+    """
     t, x, y, p = events
     made = 0
     high = state[HIGH]
@@ -52,7 +56,7 @@ def encode(
             if made == words.size:
                 state[HIGH] = high
                 return i, made
-            # The first is 0, and no turn of the clock is left out: readers count them.
+            # Start at 0 and write every turn of the clock, since readers count them.
             if high < 0 or high % _WRAP == _WRAP - 1:
                 high += 1
             else:
@@ -70,14 +74,24 @@ def encode(
 
 
 @numba.njit(cache=True, nogil=True)
-def decode(
-    words,  # (m,) uint32
-    width,
-    height,
-    state,
-    events,  # Columns, out
-):
-    """Return (words taken, events made, what was found)."""
+def decode(words, width, height, state, events):
+    """Decode words until `events` is full or a word is wrong.
+
+    Parameters
+    ----------
+    words
+        (m,) uint32.
+    width, height
+        Size of the sensor.
+    state
+        (STATE_SIZE,) int64, updated.
+    events
+        `Columns`, output.
+
+    Returns
+    -------
+    words taken, events made, why it stopped (DONE, FULL, ...)
+    """
     t, x, y, p = events
     made = 0
     high = state[HIGH]
@@ -132,19 +146,4 @@ def decode(
     return i, made, found
 
 
-_CODEC = evt.Codec("EVT2", "2.0", np.uint32, encode, decode)
-
-
-def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write an EVT2 file; see `evt.write`."""
-    return evt.write(path, header, parts, _CODEC)
-
-
-def read_header(path: Path) -> Header:
-    """Read an EVT2 file's header; see `evt.read_header`."""
-    return evt.read_header(path, _CODEC)
-
-
-def read(path: Path, header: Header) -> Iterator[Events]:
-    """Read an EVT2 file; see `evt.read`."""
-    return evt.read(path, header, _CODEC)
+CODEC = evt.Codec("EVT2", "2.0", np.uint32, encode, decode)

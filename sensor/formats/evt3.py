@@ -1,29 +1,25 @@
-"""Prophesee EVT3: 16-bit words that say only what has changed since the word before.
+"""Prophesee EVT3: 16-bit words with the changes since the word before.
 
     15..12  11      10..0
-    0               y           row of what follows
+    0               y           row of the next events
     2       p       x           an event
-    3       p       x           where the vectors that follow start
+    3       p       x           start of the next vectors
     4       12 bits             vector: an event at start + i for each set bit i; start += 12
     5       8 bits              vector: the same with 8; start += 8
     6       t, low 12           microseconds
     8       t, high 12          microseconds / 4096, modulo 4096
 
-Words of triggers (A), inertial data (D), others (E) and continuations (7, F) are passed over.
-Vectors are written in groups of 12, 12 and 8 within the sensor's width, as cameras do and OpenEB's
-decoder takes for granted, where that is shorter than single events. See
+Words of triggers (A), inertial data (D), others (E) and continuations (7, F) are ignored. Vectors
+are written in groups of 12, 12 and 8 within the width of the sensor, if that is shorter than single
+events. Cameras do the same, and OpenEB's decoder requires it. See
 https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from pathlib import Path
-
 import numba
 import numpy as np
 
-from sensor.events import Events
 from sensor.formats import evt
 from sensor.formats.evt import (
     BACKWARDS,
@@ -42,21 +38,29 @@ from sensor.formats.evt import (
     SKIPPED,
     Y,
 )
-from sensor.formats.header import Header
 
 _WRAP = 1 << 12  # values of the high part
-_STRIDE = 1 << 10  # how far the high part moves at most in one word: some decoders refuse leaps
+_STRIDE = 1 << 10  # largest step of the high part in one word: some decoders refuse larger ones
 _MOST_WORDS = 6  # for one event or one group of vectors: time, row, start, three vectors
 
 
 @numba.njit(cache=True, nogil=True)
-def encode(
-    events,  # Columns
-    width,
-    state,
-    words,  # (m,) uint16 out
-):
-    """Return (events taken, words made)."""
+def encode(events, width, state, words):
+    """Encode events until `words` is full.
+
+    Parameters
+    ----------
+    events, width
+        `Columns`, and width of the sensor.
+    state
+        (STATE_SIZE,) int64, updated.
+    words
+        (m,) uint16 output.
+
+    Returns
+    -------
+    events taken, words made
+    """
     t, x, y, p = events
     made = 0
     i = 0
@@ -64,7 +68,7 @@ def encode(
         high = state[HIGH]
         target = t[i] >> 12
         if high < target:
-            # The first is 0, and no turn of the clock is left out: readers count them.
+            # Start at 0 and write every turn of the clock, since readers count them.
             if high < 0 or high % _STRIDE == _STRIDE - 1:
                 high += 1
             else:
@@ -86,7 +90,7 @@ def encode(
             state[Y] = row
         first = np.int64(x[i])
         polarity = np.int64(p[i] > 0)
-        # Events that one group of vectors can hold: from left to right, within 32 pixels.
+        # Events for one group of vectors: from left to right, within 32 pixels.
         bits = np.int64(1)
         after = i + 1
         if first + 32 <= width:
@@ -120,14 +124,24 @@ def encode(
 
 
 @numba.njit(cache=True, nogil=True)
-def decode(
-    words,  # (m,) uint16
-    width,
-    height,
-    state,
-    events,  # Columns, out
-):
-    """Return (words taken, events made, what was found)."""
+def decode(words, width, height, state, events):
+    """Decode words until `events` is full or a word is wrong.
+
+    Parameters
+    ----------
+    words
+        (m,) uint16.
+    width, height
+        Size of the sensor.
+    state
+        (STATE_SIZE,) int64, updated.
+    events
+        `Columns`, output.
+
+    Returns
+    -------
+    words taken, events made, why it stopped (DONE, FULL, ...)
+    """
     t, x, y, p = events
     made = 0
     high = state[HIGH]
@@ -222,19 +236,4 @@ def decode(
     return i, made, found
 
 
-_CODEC = evt.Codec("EVT3", "3.0", np.uint16, encode, decode)
-
-
-def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write an EVT3 file; see `evt.write`."""
-    return evt.write(path, header, parts, _CODEC)
-
-
-def read_header(path: Path) -> Header:
-    """Read an EVT3 file's header; see `evt.read_header`."""
-    return evt.read_header(path, _CODEC)
-
-
-def read(path: Path, header: Header) -> Iterator[Events]:
-    """Read an EVT3 file; see `evt.read`."""
-    return evt.read(path, header, _CODEC)
+CODEC = evt.Codec("EVT3", "3.0", np.uint16, encode, decode)

@@ -1,9 +1,8 @@
-"""HDF5 files that can be closed whatever the disk does.
+"""HDF5 files that close also after a failed write.
 
-HDF5 cannot let go of a file whose last bytes the disk does not take: it tries again when the
-process ends, on memory that it has freed, and that is a segmentation fault. So HDF5 is never told.
-What is not taken stays in memory, where HDF5 finds it again, until the file is closed; what went
-wrong is raised by us.
+If the last write to a file fails, HDF5 cannot close it: it tries again when the process ends, on
+freed memory, which is a segmentation fault. So HDF5 never sees a failure. After the first one, all
+writes stay in memory, where HDF5 reads them, until the file is closed; then the error is raised.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from sensor.errors import EventFormatError
 
 
 def load_h5py() -> Any:
-    """Return h5py; hdf5plugin adds its filters to it.
+    """Return h5py with the filters of hdf5plugin.
 
     Raises
     ------
     EventFormatError
-        One of them is not installed.
+        h5py or hdf5plugin is not installed.
     """
     try:
         import h5py
@@ -36,44 +35,54 @@ def load_h5py() -> Any:
 
 
 class Storage:
-    """The bytes of a file on disk, as h5py's driver for Python objects wants them.
+    """A file on disk as a file object for h5py.
 
-    Nothing fails here but `check`, which must be asked often: from the first failure on, all that
-    is written is kept in memory.
+    Only `check` raises errors; call it often, since all writes after a failure stay in memory.
     """
 
     def __init__(self, path: Path, *, new: bool) -> None:
         self._file = path.open("w+b" if new else "r+b", buffering=0)
         self._at = 0
         self._failure: BaseException | None = None
-        self._not_taken: list[tuple[int, bytes]] = []  # place and bytes, in order
+        self._not_taken: list[tuple[int, bytes]] = []  # position and bytes, in order
 
     def check(self) -> None:
-        """Raise what went wrong first, if anything has."""
+        """Raise the first failure, if there is one."""
         if self._failure is not None:
             raise self._failure
 
     def close(self) -> None:
-        """Close the file, which HDF5 has closed before."""
+        """Close the file after HDF5 has closed it."""
         self._file.close()
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """Go to a place in the file; HDF5 asks for its end only when it opens the file."""
+        """Set the position in the file.
+
+        Parameters
+        ----------
+        offset, whence
+            As in `io.IOBase.seek`; HDF5 uses only the start and the end.
+
+        Returns
+        -------
+        int
+            The position.
+        """
         self._at = offset if whence == os.SEEK_SET else self._file.seek(offset, whence)
         return self._at
 
     def tell(self) -> int:
-        """Return the place in the file."""
+        """Return the position in the file."""
         return self._at
 
     def read(self, size: int) -> bytes:
-        """Return bytes from here on."""
+        """Read bytes from the position."""
         data = bytearray(size)
         self.readinto(data)
         return bytes(data)
 
     def readinto(self, buffer: Any) -> int:
-        """Fill a buffer from here on, with zeros where nothing was written."""
+        """Fill a buffer from the position, with zeros where nothing was written."""
         view = memoryview(buffer)
         view[:] = bytes(len(view))
         self._file.seek(self._at)
@@ -89,7 +98,7 @@ class Storage:
         return len(view)
 
     def write(self, data: Any) -> int:
-        """Write from here on."""
+        """Write at the position."""
         view = memoryview(data)
         if self._failure is None:
             try:
@@ -97,7 +106,7 @@ class Storage:
                 done = 0
                 while done < len(view):
                     done += self._file.write(view[done:])
-            except BaseException as error:  # Ctrl-C too: to HDF5 it would be a failure
+            except BaseException as error:  # Ctrl-C too, which HDF5 would see as a failure
                 self._failure = error
         if self._failure is not None:
             self._not_taken.append((self._at, bytes(view)))
@@ -114,24 +123,36 @@ class Storage:
         return size
 
     def flush(self) -> None:
-        """Do nothing: nothing is held back."""
+        """Do nothing, since writes are not buffered."""
 
 
 @contextmanager
 def writable(path: Path, *, new: bool) -> Iterator[tuple[Any, Storage]]:
-    """Open an HDF5 file to write, a new one or one that is there; gives `h5py.File` and storage.
+    """Open an HDF5 file to write.
+
+    Parameters
+    ----------
+    path
+        The file.
+    new
+        Create it, or else change an existing one.
+
+    Yields
+    ------
+    h5py.File, Storage
+        The file, and its storage to `check`.
 
     Raises
     ------
     EventFormatError
         h5py or hdf5plugin is not installed.
     OSError
-        The disk does not take it; raised by the storage's `check`, or at the end.
+        A write failed; raised by `Storage.check`, or at the end.
     """
     h5py = load_h5py()
     storage = Storage(path, new=new)
     try:
-        # From version 1.10 on HDF5 has checksums on its own structures too.
+        # Since version 1.10 HDF5 has checksums for its own structures too.
         with h5py.File(storage, "w" if new else "r+", libver=("v110", "v110")) as file:
             yield file, storage
         storage.check()

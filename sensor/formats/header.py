@@ -1,4 +1,4 @@
-"""`Header`: what a file says besides its events, and its form as JSON."""
+"""`Header`: the content of an event file except for the events, and its JSON form."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ _KEY = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What a file says besides its events.
+    """The content of an event file except for the events.
 
     Parameters
     ----------
     width, height
-        The sensor's size in pixels; None where the file does not store it.
+        Size of the sensor in pixels; None if the file does not store it.
     model
-        The sensor that made the events; None for recordings and where it is not stored.
+        The sensor that fired the events; None for recordings and if it is not stored.
     origin
-        Whatever else says how the events were made: seed, speed, sequence. Names are lower-case
-        words joined by underscores; values are strings, integers or finite floats.
+        Other facts about the origin of the events, such as seed, speed and sequence. Names are
+        lower-case words joined by underscores; values are strings, integers or finite floats.
     t_offset_us
-        Where the file's own clock starts, microseconds on that of the events, if it says so.
+        Start of the clock of the file, microseconds on the clock of the events.
     others
-        Names of what else the file holds: data, attributes, header lines. They are not read.
+        Names of other data, attributes and header lines in the file, which are not read.
 
     Raises
     ------
     EventFormatError
-        The size or an entry of `origin` is not of that form; the text names it.
+        The size or an entry of `origin` is invalid; the text names it.
     """
 
     width: int | None
@@ -66,12 +66,12 @@ class Header:
                 )
 
     def with_size(self, size: tuple[int, int] | None) -> Header:
-        """The same with a size given by the user, for files that do not store it.
+        """Return the header with a size from the user, for files that do not store it.
 
         Raises
         ------
         EventFormatError
-            Neither the file nor the user says it, or they contradict each other.
+            There is no size, or the user's size differs from that of the file.
         """
         if self.width is None or self.height is None:
             if size is None:
@@ -88,7 +88,7 @@ class Header:
 
 
 def model_to_json(model: SensorModel) -> str:
-    """A model as one line of JSON; infinity is the string "inf", which JSON has no number for."""
+    """Convert a model to one line of JSON; infinity becomes the string "inf"."""
     table = {
         name: "inf" if value == math.inf else value
         for name, value in dataclasses.asdict(model).items()
@@ -97,13 +97,12 @@ def model_to_json(model: SensorModel) -> str:
 
 
 def model_from_json(text: str) -> SensorModel:
-    """A model from `model_to_json`'s line; parameters that it does not name have their defaults.
+    """Convert the line of `model_to_json` to a model; missing parameters have their defaults.
 
     Raises
     ------
     EventFormatError
-        It is not JSON, names a parameter that `SensorModel` does not have, or has a value that is
-        none.
+        The text is not JSON, or has an unknown parameter or an invalid value.
     """
     table = _table(text, "sensor_model")
     kinds = typing.get_type_hints(SensorModel)
@@ -126,17 +125,17 @@ def model_from_json(text: str) -> SensorModel:
 
 
 def origin_to_json(origin: Mapping[str, Value]) -> str:
-    """An origin as one line of JSON."""
+    """Convert an origin to one line of JSON."""
     return json.dumps(dict(origin))
 
 
 def origin_from_json(text: str) -> dict[str, Value]:
-    """An origin from `origin_to_json`'s line, its entries not checked yet.
+    """Convert the line of `origin_to_json` to an origin, without a check of its entries.
 
     Raises
     ------
     EventFormatError
-        It is not a JSON object.
+        The text is not a JSON object.
     """
     return _table(text, "origin")
 

@@ -1,7 +1,7 @@
-"""npz: the columns as numpy arrays, uncompressed, for `numpy.load`.
+"""npz: the columns as uncompressed NumPy arrays, for `numpy.load`.
 
 `t_us` int64, `x` and `y` uint16, `p` int8 (+1, -1), `width`, `height`, and as JSON text
-`sensor_model` (where the events have one) and `origin`.
+`origin` and, if the events have a model, `sensor_model`.
 """
 
 from __future__ import annotations
@@ -39,14 +39,28 @@ _COLUMNS: dict[str, np.dtype[Any]] = {
 _ENTRIES = {*_COLUMNS, "width", "height", "sensor_model", "origin"}
 _MAX_TEXT_BYTES = 1 << 20
 _COPY_BYTES = 1 << 20
-_DATE = (1980, 1, 1, 0, 0, 0)  # zip's first: the file depends on its events alone
+_DATE = (1980, 1, 1, 0, 0, 0)  # the first in zip: the file must depend on its events only
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write an npz file; returns the number of events.
+    """Write an npz file.
 
-    The columns go to nameless temporary files beside it first, since a stream has no length before
-    it ends and an array's length stands before its values: twice the file's space is needed.
+    The length of an array precedes its values, and that of a stream is unknown before its end. So
+    the columns are first written to temporary files, which need as much disk space again.
+
+    Parameters
+    ----------
+    path
+        The new file.
+    header
+        Size, model, origin and start of the clock.
+    parts
+        Consecutive parts of one stream.
+
+    Returns
+    -------
+    int
+        Number of events.
     """
     count = 0
     with ExitStack() as stack:
@@ -151,7 +165,7 @@ def read_header(path: Path) -> Header:
     Raises
     ------
     EventFormatError
-        It is no zip file, or one of these entries is damaged.
+        The file is not zip, or one of these entries is damaged.
     """
     with _opened(path) as archive:
         width, height = (_read_scalar(archive, name, "iu") for name in ("width", "height"))
@@ -167,12 +181,25 @@ def read_header(path: Path) -> Header:
 
 
 def read(path: Path, header: Header) -> Iterator[Events]:
-    """Yield the events of an npz file, at least one part.
+    """Read the events of an npz file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+
+    Yields
+    ------
+    Events
+        At least one part.
 
     Raises
     ------
     EventFormatError
-        A column is missing, of another dtype or length, damaged, or not a valid stream.
+        A column is missing, damaged, or has another dtype or length, or the events are not a
+        valid stream.
     """
     width, height = header.width or 0, header.height or 0
     with _opened(path) as archive, ExitStack() as stack:
@@ -214,6 +241,6 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             done += count
             yield part
         for name, entry in entries.items():
-            with _said(f"entry {name}"):  # reading on to the end compares its checksum
+            with _said(f"entry {name}"):  # reading to the end checks the checksum
                 if entry.read(1):
                     raise EventFormatError(f"entry {name}: goes on after {length} values")

@@ -1,4 +1,4 @@
-"""Which formats there are, and reading and writing in whichever a file's name asks for."""
+"""The event formats, and functions that read and write files in any of them."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from sensor.errors import EventFormatError
@@ -21,10 +22,22 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One way to keep events in a file.
+    """A file format for events; add one to `FORMATS` to use it everywhere.
 
-    `write(path, header, parts)` returns the number of events; `read(path, header)` yields at least
-    one part and needs a header with a size.
+    Parameters
+    ----------
+    name, title
+        Short name for options, and name for texts.
+    suffixes
+        File extensions, with the dot.
+    write
+        `write(path, header, parts)` writes a stream and returns the number of events.
+    read_header
+        `read_header(path)` returns the `Header` of a file.
+    read
+        `read(path, header)` yields the events, at least one part; the header has a size.
+    keeps_origin
+        Whether the format stores the sensor model and the origin.
     """
 
     name: str
@@ -33,22 +46,33 @@ class Format:
     write: Callable[[Path, Header, Iterable[Events]], int]
     read_header: Callable[[Path], Header]
     read: Callable[[Path, Header], Iterator[Events]]
-    keeps_origin: bool = True  # and the sensor model
+    keeps_origin: bool = True
 
     def loses(self, header: Header) -> list[str]:
-        """Return names of what a header says and such a file cannot."""
+        """Return the names of the parts of a header that the format does not store."""
         if self.keeps_origin:
             return []
         model = ["sensor model"] if header.model is not None else []
         return [*model, *(["origin"] if header.origin else [])]
 
 
+def _raw_format(codec: evt.Codec) -> Format:
+    return Format(
+        codec.name.lower(),
+        f"Prophesee {codec.name}",
+        (".raw",),
+        partial(evt.write, codec=codec),
+        partial(evt.read_header, codec=codec),
+        partial(evt.read, codec=codec),
+    )
+
+
 FORMATS: dict[str, Format] = {
     f.name: f
     for f in (
         Format("dsec", "DSEC HDF5", (".h5", ".hdf5"), dsec.write, dsec.read_header, dsec.read),
-        Format("evt3", "Prophesee EVT3", (".raw",), evt3.write, evt3.read_header, evt3.read),
-        Format("evt2", "Prophesee EVT2", (".raw",), evt2.write, evt2.read_header, evt2.read),
+        _raw_format(evt3.CODEC),
+        _raw_format(evt2.CODEC),
         Format("npz", "numpy arrays", (".npz",), npz.write, npz.read_header, npz.read),
         Format(
             "text",
@@ -64,15 +88,25 @@ FORMATS: dict[str, Format] = {
 
 
 def find_format(path: str | Path, name: str | None = None, *, new: bool = False) -> Format:
-    """The format called `name`, or else the one that the file's name, or its header, stands for.
+    """Return the format with a name, or the format of a file.
 
-    A `.raw` file that exists is of the version that its header says; a new one, which may replace
-    it, is EVT3.
+    Parameters
+    ----------
+    path
+        The file. The header of an existing `.raw` file determines its version.
+    name
+        A name in `FORMATS`; None uses the extension of the file.
+    new
+        The file will be written, so `.raw` is EVT3.
+
+    Returns
+    -------
+    Format
 
     Raises
     ------
     EventFormatError
-        There is none of that name or for that extension.
+        The name or the extension is unknown.
     """
     path = Path(path)
     if name is not None:
@@ -101,35 +135,36 @@ def write_events(
     t_offset_us: int = 0,
     add: Callable[[Path], object] | None = None,
 ) -> int:
-    """Write a stream to a file, which appears under its name only when it is whole.
+    """Write a stream to a file, which gets its name only when it is complete.
 
-    A warning names what the format cannot hold.
+    Logs a warning with the names of everything that the format does not store.
 
     Parameters
     ----------
     path
-        Its extension chooses the format: .h5 or .hdf5, .raw (EVT3), .npz, .txt.
+        The file; its extension determines the format: .h5 or .hdf5, .raw (EVT3), .npz, .txt.
     parts
-        Consecutive parts of one stream, as `sensor.stream` yields them, or one `Events`. A few are
-        in memory at a time. Their size and model are stored with them, where the format can.
+        Consecutive parts of one stream, as from `sensor.stream`, or one `Events`. A few are in
+        memory at a time. The file stores their size and model if the format can.
     format
-        A name in `FORMATS`, in place of the extension's.
+        A name in `FORMATS`; None uses the extension.
     origin
-        What else to store on how the events were made, such as the seed; see `Header`.
+        Other facts about the origin of the events, such as the seed; see `Header`.
     t_offset_us
-        Where the events' own clock starts, if that is not 0: a DSEC file says so, and an EVT file
-        of times that its words cannot hold. The times of `parts` are absolute all the same.
+        Start of the clock of the events. DSEC files store it, and EVT files if the times are too
+        large for their words. The times of `parts` are absolute in any case.
     add
-        Called with the file before it gets its name, to add to it.
+        Function that is called with the file before it gets its name, to add data.
 
     Returns
     -------
-    Number of events written.
+    int
+        Number of events.
 
     Raises
     ------
     EventFormatError
-        The format cannot hold these events, or the parts are not one stream.
+        The format cannot store these events, or the parts are not one stream.
     OSError
         The file cannot be written; the error names it.
     """
@@ -159,12 +194,20 @@ def write_events(
 
 
 def _named(error: OSError, path: Path) -> OSError:
-    """The same error with the file's name, which those of reading and writing lack."""
+    """Return the error with the name of the file, which errors of reads and writes lack."""
     return OSError(error.errno or errno.EIO, error.strerror or str(error), str(path))
 
 
 def warn_of_loss(path: Path, format: Format, names: Sequence[str]) -> None:
-    """Warn that something is not in a file, since its format has no place for it."""
+    """Warn that a format does not store something.
+
+    Parameters
+    ----------
+    path, format
+        The file and its format.
+    names
+        Names of the lost parts; no warning if empty.
+    """
     if names:
         _log.warning(
             "%s: without %s, for which %s has no place", path, ", ".join(names), format.title
@@ -172,17 +215,28 @@ def warn_of_loss(path: Path, format: Format, names: Sequence[str]) -> None:
 
 
 def read_header(path: str | Path, *, format: str | None = None) -> Header:
-    """What a file says besides its events.
+    """Read the header of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    format
+        A name in `FORMATS`; None uses the extension, or the header of a .raw file.
+
+    Returns
+    -------
+    Header
 
     Raises
     ------
     EventFormatError
-        The file is damaged or of another format; the text says where.
+        The file is damaged or has another format; the text says where.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     path = Path(path)
-    path.open("rb").close()  # the system's own words for what is missing or not allowed
+    path.open("rb").close()  # raises the error of the system if it is missing or not allowed
     chosen = find_format(path, format)
     try:
         return chosen.read_header(path)
@@ -193,28 +247,29 @@ def read_header(path: str | Path, *, format: str | None = None) -> Header:
 def read_events(
     path: str | Path, *, format: str | None = None, size: tuple[int, int] | None = None
 ) -> Iterator[Events]:
-    """Read a file part by part, in memory that does not grow with it.
+    """Read a file in parts; memory does not depend on its size.
 
     Parameters
     ----------
     path
-        The file; its extension, or for .raw its header, says the format.
+        The file.
     format
-        A name in `FORMATS`, in place of the extension's.
+        A name in `FORMATS`; None uses the extension, or the header of a .raw file.
     size
         (width, height) of the sensor, for files that do not store it.
 
     Returns
     -------
-    At least one part, each with the model that the file stores; the first may be empty.
+    iterator of Events
+        At least one part, each with the model that the file stores; the first may be empty.
 
     Raises
     ------
     EventFormatError
-        The file is damaged, of another format, or its size is neither stored nor given. What is
-        wrong beyond the header is raised when the iteration comes to it, never passed over.
+        The file is damaged or has another format, or its size is neither stored nor given. Damage
+        after the header is raised when the iteration reaches it, never skipped.
     OSError
-        It cannot be read.
+        The file cannot be read.
     """
     path = Path(path)
     header = read_header(path, format=format)
@@ -237,5 +292,20 @@ def _parts(path: Path, chosen: Format, header: Header) -> Iterator[Events]:
 def load_events(
     path: str | Path, *, format: str | None = None, size: tuple[int, int] | None = None
 ) -> Events:
-    """Read a whole file into memory; parameters and errors as for `read_events`."""
+    """Read a whole file into memory.
+
+    Parameters
+    ----------
+    path, format, size
+        As in `read_events`.
+
+    Returns
+    -------
+    Events
+
+    Raises
+    ------
+    EventFormatError, OSError
+        As in `read_events`.
+    """
     return concatenate(list(read_events(path, format=format, size=size)))

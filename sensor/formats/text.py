@@ -1,8 +1,7 @@
-"""Text as in the RPG datasets: a line `width height`, then one line `t x y p` an event.
+"""Text as in the RPG datasets: a line `width height`, then a line `t x y p` for each event.
 
-t is in seconds with six decimals, p is 0 or 1. Files without the first line are read too, when the
-sensor's size is given, and so are more decimals, which are
-rounded to microseconds.
+t is in seconds with six decimals, p is 0 or 1. Files without the first line need the size of the
+sensor. Further decimals are rounded to microseconds.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from sensor.formats.header import Header
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
 _READ_BYTES = 1 << 22
-_MAX_LINE_BYTES = 256  # read; what is longer is no line of events
+_MAX_LINE_BYTES = 256  # longest line read
 _SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
 
 _DONE, _FULL, _BAD_LINE, _BAD_X, _BAD_Y, _BAD_P, _BACKWARDS = range(7)
@@ -38,7 +37,7 @@ _TAB, _NEWLINE, _RETURN, _SPACE, _MINUS, _POINT, _ZERO, _NINE = (ord(c) for c in
 
 @numba.njit(cache=True, nogil=True)
 def _put_digits(out, at, value, digits):
-    """Write the decimal digits of `value`, at least so many; return where they end."""
+    """Write `value` in decimal with at least `digits` digits; return the end position."""
     power = np.int64(1)
     count = 1
     while count < digits or (count < 19 and value // power >= 10):
@@ -85,7 +84,7 @@ def _skip_blanks(data, at):
 
 @numba.njit(cache=True, nogil=True)
 def _integer(data, at, most):
-    """Parse digits; return their value, -1 if there are none or it is above `most`, and the end."""
+    """Parse digits; return their value (-1 if missing or above `most`) and the end position."""
     value = np.int64(0)
     start = at
     while _ZERO <= data[at] <= _NINE:
@@ -100,7 +99,7 @@ def _integer(data, at, most):
 def _parse_lines(data, width, height, last, events):
     """Parse (n,) uint8 that ends with a newline into columns of events.
 
-    Return (bytes taken, events made, what was found, the last time).
+    Return (bytes taken, events made, why it stopped, the last time).
     """
     t, x, y, p = events
     made = 0
@@ -167,7 +166,21 @@ def _parse_lines(data, width, height, last, events):
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
-    """Write a text file; returns the number of events. Model and origin are not stored.
+    """Write a text file, without model and origin.
+
+    Parameters
+    ----------
+    path
+        The new file.
+    header
+        Size, model, origin and start of the clock.
+    parts
+        Consecutive parts of one stream.
+
+    Returns
+    -------
+    int
+        Number of events.
 
     Raises
     ------
@@ -191,7 +204,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
 
 def read_header(path: Path) -> Header:
-    """Read the sensor's size from a text file's first line, if that holds it.
+    """Read the size of the sensor from the first line, if the file has it.
 
     Raises
     ------
@@ -202,7 +215,7 @@ def read_header(path: Path) -> Header:
 
 
 def _read_first_line(path: Path) -> tuple[Header, int]:
-    """The header, and where the events start."""
+    """Return the header and the byte at which the events start."""
     with path.open("rb") as file:
         line = file.readline(_MAX_LINE_BYTES)
     words = line.split()
@@ -216,9 +229,21 @@ def _read_first_line(path: Path) -> tuple[Header, int]:
 
 
 def read(path: Path, header: Header) -> Iterator[Events]:
-    """Yield the events of a text file, at least one part.
+    """Read the events of a text file.
 
-    A file that was cut off between two lines cannot be told from a whole one.
+    A file that is truncated between two lines looks complete.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+
+    Yields
+    ------
+    Events
+        At least one part.
 
     Raises
     ------

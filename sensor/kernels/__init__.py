@@ -1,13 +1,13 @@
-"""Every jitted kernel of the sensor: the paper's equations, one step of the physics a file.
+"""The compiled kernels of the sensor: the paper's equations, one file for each step of the physics.
 
-Between two frames the log intensity u is a straight line in time. One *setting* is a pixel's
-electronics together with a time axis: contrast threshold C, photoreceptor poles a = 2 pi f_cutoff,
-and the frames' times. A pixel's state at a frame time, float64:
+Between two frames the log intensity u is linear in time. A *setting* is one sensor's electronics
+and time axis: contrast threshold C, photoreceptor poles a = 2 pi f_cutoff, and the frame times.
+The state of a pixel at a frame time, float64:
 
 u      log intensity, log(I + I_dark)
 v1, v2 outputs of the photoreceptor's two poles; v2 is the voltage L of Eq. (1)
-memory the level that v2 is compared with
+memory the level that the comparator compares v2 with
 
-`advance` walks over the pixels and calls the rest: `radiance`, `photoreceptor`, `silence`,
-`comparator` with `crossings`, `noise`, `packing`. `fifo` is the bus behind them.
+`advance` loops over the pixels and calls the other files: `radiance`, `photoreceptor`, `silence`,
+`comparator` with `crossings`, `noise`, `packing`. `fifo` models the readout bus.
 """

@@ -1,7 +1,7 @@
-"""A band of pixels through a chunk of frame intervals: the kernels one after the other.
+"""Advance a band of pixels through a chunk of frame intervals; calls the other kernels in order.
 
-Kernels walk over blocks of pixels and take each block through several frame intervals of every
-setting before going on, so that a block's state stays in the second-level cache.
+The outer loop is over blocks of pixels. Each block goes through all frame intervals and settings of
+the chunk before the next one, so that its state stays in the second-level cache.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ from sensor.kernels.silence import (
     set_light_band,
 )
 
-DONE = 0  # or else FULL or BAD
+DONE = 0  # outcome of `advance_pixels`; the others are FULL and BAD
 
 
 class Band(NamedTuple):
-    """The pixels that a call is for, in raster order."""
+    """The range of pixels of one call, in raster order."""
 
     width: int  # of the sensor
     start: int
@@ -48,68 +48,84 @@ class Band(NamedTuple):
 
 
 class State(NamedTuple):
-    """The state of all pixels at the first interval's start; updated to the last one's end."""
+    """State of all pixels at a frame time; updated from the first to the last of the chunk."""
 
     u: NDArray[np.float64]  # (height * width,) log intensity
-    v1: NDArray[np.float64]  # (S, height * width), or (S, 0) where no setting has a filter
+    v1: NDArray[np.float64]  # (S, height * width), or (S, 0) without a filter
     v2: NDArray[np.float64]
     memory: NDArray[np.float64]  # (S, height * width)
 
 
 class Settings(NamedTuple):
-    """The electronics of S settings, (S,) each but for what pixels differ in."""
+    """The electronics of S settings; arrays are (S,) unless noted."""
 
-    C_on: NDArray[np.float64]  # (S, height * width) contrast thresholds, or (S, 1) for all pixels
+    C_on: NDArray[np.float64]  # (S, height * width) contrast thresholds, or (S, 1) if uniform
     C_off: NDArray[np.float64]
-    hot_hz: NDArray[np.float64]  # (S, height * width) noise of hot pixels, or (S, 0)
-    poles: NDArray[np.float64]
-    light_a: NDArray[np.float64]  # a for each unit of I + I_dark, or 0 where a is the same in all
-    leak_per_s: NDArray[np.float64]  # what the memory sinks by
-    noise_hz: NDArray[np.float64]  # in the dark
+    hot_hz: NDArray[np.float64]  # (S, height * width) rate of hot pixels, or (S, 0) without
+    poles: NDArray[np.float64]  # 1 or 2
+    light_a: NDArray[np.float64]  # a / (I + I_dark), or 0 if a does not depend on the light
+    leak_per_s: NDArray[np.float64]  # fall of the memory, log units per second
+    noise_hz: NDArray[np.float64]  # rate of shot noise in the dark
     noise_exponent: NDArray[np.float64]
-    filtered: NDArray[np.bool_]
-    noisy: NDArray[np.bool_]
-    leader: NDArray[np.int64]  # the first setting that fires as this one does, but for the times
+    filtered: NDArray[np.bool_]  # cutoff_hz is finite
+    noisy: NDArray[np.bool_]  # shot noise or hot pixels
+    leader: NDArray[np.int64]  # first setting with the same events except for the times, or itself
     seed: np.uint64
 
 
 class Clock(NamedTuple):
-    """The frame intervals on each setting's clock, (S, F) each, as in `Interval` and `Step`."""
+    """The F frame intervals of a chunk on the clock of each setting."""
 
-    first_frame: int  # number of the first interval since the start, for the draws
-    steps: NDArray[np.void]
-    dt_s: NDArray[np.float64]
+    first_frame: int  # index of the first interval since the first frame, for random numbers
+    steps: NDArray[np.void]  # (S, F) of dtype STEP
+    dt_s: NDArray[np.float64]  # (S, F), this and the rest as in `Interval`
     start_us: NDArray[np.float64]
     length_us: NDArray[np.int64]
 
 
 class Resume(NamedTuple):
-    """Where to go on after the pool was enlarged."""
+    """The place at which `advance_pixels` stopped."""
 
     block: int
     setting: int
-    used: int  # how much of the pool is used there
+    used: int  # used size of the pool
 
 
 class Block(NamedTuple):
-    """A block's pixels of one setting, and room for their work."""
+    """State of one block and setting, and scratch memory."""
 
-    u: NDArray[np.float64]  # (F + 1, block)
-    v1: NDArray[np.float64]  # (2, block): at an interval's start and end, in turn
+    u: NDArray[np.float64]  # (F + 1, block) log intensity at all frames of the chunk
+    v1: NDArray[np.float64]  # (2, block) at the start and the end of an interval, in turn
     v2: NDArray[np.float64]
-    x: NDArray[np.float64]  # (block,) a dt and exp(-a dt) of pixels with their own cutoff
-    e: NDArray[np.float64]
-    lines: NDArray[np.float64]  # (2, block) of the flagged ideal ones, u at an interval's ends
-    light: NDArray[np.floating]  # (block,) of the flagged
-    flag: NDArray[np.bool_]  # whole words, and one that ends the last
-    flagged: NDArray[np.int64]
+    x: NDArray[np.float64]  # (block,) a dt of each pixel, if its cutoff depends on the light
+    e: NDArray[np.float64]  # (block,) exp(-a dt)
+    lines: NDArray[np.float64]  # (2, block) u0 and u1 of the flagged ideal pixels
+    light: NDArray[np.floating]  # (block,) radiance of the flagged pixels
+    flag: NDArray[np.bool_]  # padded to whole 8-byte words
+    flagged: NDArray[np.int64]  # indices of the flagged pixels
     comparators: Comparators
     light_band: LightBand
     work: Work
 
 
 def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.uint64]) -> Block:
-    """Room for `size` pixels, with light of a float type and events that go to a pool."""
+    """Allocate a block.
+
+    Parameters
+    ----------
+    intervals
+        F, frame intervals of the chunk.
+    size
+        Pixels of the block.
+    dtype
+        Type of the radiance.
+    pool
+        (capacity,) memory for packed events.
+
+    Returns
+    -------
+    Block
+    """
     words = (size + 15) // 8 * 8
     return Block(
         _aligned((intervals + 1, size)),
@@ -134,7 +150,7 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
 
 
 def _aligned(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray:
-    """An array that starts with a line of the cache: vectors across two of them cost more."""
+    """Allocate an array that starts at a cache line, since vectors across two lines are slower."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     room = np.empty(size + 64, np.uint8)
     start = -room.ctypes.data % 64
@@ -143,14 +159,28 @@ def _aligned(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDA
 
 @jit
 def copy(source, out):
-    """Copy an array; NumPy's own assignment looks for overlaps, which takes long to compile."""
+    """Copy an array. Numba's slice assignment also checks for overlap, which compiles slowly.
+
+    Parameters
+    ----------
+    source, out
+        (n,) input and output.
+    """
     for i in range(out.size):
         out[i] = source[i]
 
 
 @inlined
 def load(s, pixels, state, settings, block):
-    """Take the state and thresholds of a setting's pixels into the block."""
+    """Copy state and thresholds of one setting into the block.
+
+    Parameters
+    ----------
+    s, pixels
+        Setting, and slice of the pixels.
+    state, settings, block
+        Input, input and output.
+    """
     memory, C_on, C_off = block.comparators
     n = pixels.stop - pixels.start
     if settings.C_on.shape[1] > 1:
@@ -169,7 +199,24 @@ def load(s, pixels, state, settings, block):
 
 @inlined
 def ideal_interval(f, pixels, light, interval, leaked, alike, block, used):
-    """Fire the ideal pixels of a block over one interval. Returns used, FULL or BAD."""
+    """Fire the ideal pixels of a block over one interval.
+
+    Parameters
+    ----------
+    f, pixels
+        Interval of the chunk, and slice of the pixels.
+    light, interval
+        Radiance, and the clock of the leading setting.
+    leaked
+        Fall of the memory since `set_light_band`.
+    alike, block, used
+        Settings with equal events except for the times, state, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, FULL or BAD.
+    """
     radiance = light.radiance[f, pixels]
     kind = radiance.dtype.type
     fade = exp(-leaked - interval.drift)
@@ -191,7 +238,22 @@ def ideal_interval(f, pixels, light, interval, leaked, alike, block, used):
 
 @inlined
 def filtered_interval(s, f, n, settings, step, interval, block, used):
-    """Fire the n filtered pixels of a block over one interval. Returns used, or FULL."""
+    """Fire the filtered pixels of a block over one interval.
+
+    Parameters
+    ----------
+    s, f, n
+        Setting, interval of the chunk, and number of pixels.
+    settings, step, interval
+        Electronics, coefficients of the poles, and clock.
+    block, used
+        State, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
+    """
     now, end = f & 1, (f & 1) ^ 1
     ends = block.u[f], block.u[f + 1], block.v1[now], block.v2[now], block.v1[end], block.v2[end]
     response = Response(*ends, settings.poles[s])
@@ -213,14 +275,30 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
 
 @jit
 def advance_pixels(light, band, state, settings, clock, block, resume, segment):
-    """Take a band of pixels through F frame intervals of S settings.
+    """Advance a band of pixels through F frame intervals of S settings.
 
-    Returns an outcome and where it came about. When the pool is FULL, nothing of that block and
-    setting has been changed, and the call can be repeated from there with a larger pool.
+    Parameters
+    ----------
+    light, band
+        Radiance of the chunk, and range of pixels.
+    state, settings, clock
+        Of all pixels and settings; the state is updated.
+    block
+        Memory, with the pool that receives the events.
+    resume
+        Place to start at; `Resume(0, 0, 0)` in the first call.
+    segment
+        (blocks, S, F, 2) int64 output: START and STOP in the pool.
+
+    Returns
+    -------
+    outcome, resume
+        DONE; FULL if the pool is too small: repeat the call with `resume` and a larger pool; or BAD
+        if radiance is negative or not finite.
     """
     F = light.radiance.shape[0]
     memory = block.comparators.memory
-    # Ideal pixels that are silent need no logarithm before the chunk's end.
+    # Ideal pixels without events need no logarithm before the last frame of the chunk.
     first_u = 0 if settings.filtered.any() or settings.noisy.any() else F - 1
     used = resume.used
     for b in range(resume.block, segment.shape[0]):
@@ -239,7 +317,7 @@ def advance_pixels(light, band, state, settings, clock, block, resume, segment):
             if members.size == 0:
                 continue
             used_before = used
-            leaked = 0.0  # what the memory has sunk by since the band of light was set
+            leaked = 0.0  # fall of the memory since `set_light_band`
             load(s, pixels, state, settings, block)
             for f in range(F):
                 drift = settings.leak_per_s[s] * clock.dt_s[s, f]

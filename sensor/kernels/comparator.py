@@ -1,4 +1,4 @@
-"""The comparator, Eq. (1): which levels the flagged pixels cross, and the events of that."""
+"""The comparator, Eq. (1): find the levels that the flagged pixels cross, and fire the events."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ from sensor.kernels.elementary import jit
 from sensor.kernels.packing import FULL, POLARITY_SHIFT, START, STOP, pack
 from sensor.kernels.silence import BOUND_MARGIN, light_bound
 
-# A level that an ideal pixel crosses, one column each: u is LEVEL_RISE above the interval's start
-# there, of WHOLE_RISE over all of it.
+# Rows of `Work.todo` for ideal pixels, one column for each crossing: rise of u from the start of
+# the interval to the level, and over the whole interval.
 LEVEL_RISE, WHOLE_RISE = range(2)
 
 
 class Work(NamedTuple):
-    """Where events are listed and solved, and the pool that they go to."""
+    """Memory for the crossings of a block, and the pool that receives the events."""
 
-    position: NDArray[np.uint64]  # of each pixel of the block, packed
+    position: NDArray[np.uint64]  # (block,) packed row and column
     curve: NDArray[np.float64]  # (CURVE_SIZE, block)
     todo: NDArray[np.float64]  # (CROSSING_SIZE, CROSSING_BATCH)
     todo_words: NDArray[np.uint64]  # (CROSSING_BATCH,) polarity and position
@@ -51,27 +51,35 @@ class Work(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """The flagged ideal pixels over one interval: log intensity is a straight line."""
+    """Log intensity of the flagged ideal pixels over one interval, straight lines in time."""
 
-    u0: NDArray[np.float64]  # at the interval's ends; overwritten
-    u1: NDArray[np.float64]
-    drift: float  # what the memory sinks by over it
-    leaked: float  # and has sunk by since the band of light was set
+    u0: NDArray[np.float64]  # (flagged,) at the start of the interval; overwritten
+    u1: NDArray[np.float64]  # and at its end; overwritten
+    drift: float  # fall of the memory over the interval
+    leaked: float  # fall of the memory since `set_light_band`
 
 
 class Alike(NamedTuple):
-    """Settings that fire alike but for the times, which are their own; over one interval."""
+    """Settings with equal events except for the times, over one interval."""
 
-    members: NDArray[np.int64]  # which of the S settings
-    dt_s: NDArray[np.float64]  # (S,) their interval, as in `Interval`
+    members: NDArray[np.int64]  # indices of these settings
+    dt_s: NDArray[np.float64]  # (S,) as in `Interval`
     start_us: NDArray[np.float64]
     length_us: NDArray[np.int64]
-    segment: NDArray[np.int64]  # (S, 2) out: where in the pool each one's events start and stop
+    segment: NDArray[np.int64]  # (S, 2) output: START and STOP of each setting in the pool
 
 
 @jit
 def fire_lines(count, alike, work):
-    """Append the listed levels as events to the part of the pool of each setting that fires so."""
+    """Append the listed crossings as events to the pool, for each setting with its own times.
+
+    Parameters
+    ----------
+    count
+        Number of listed crossings.
+    alike, work
+        Settings, and crossings in `todo`.
+    """
     todo, todo_words = work.todo, work.todo_words
     for m in alike.members:
         dt_us = alike.dt_s[m] * 1e6
@@ -86,16 +94,27 @@ def fire_lines(count, alike, work):
 
 @jit
 def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
-    """Fire the flagged ideal pixels over one interval, for all settings that fire alike.
+    """Fire the flagged ideal pixels over one interval, for all settings with equal crossings.
 
-    What time a line crosses a level is the only thing in which those settings differ. Returns how
-    much of the pool is used, or FULL.
+    Parameters
+    ----------
+    flagged
+        Indices of the pixels.
+    lines, comparators, light_band
+        Log intensity; memory and thresholds; the bounds on the light. The last two are updated.
+    alike, work, used
+        Settings, memory, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
     """
     u0, u1, drift, leaked = lines
     memory, C_on, C_off = comparators
     darkest, brightest = light_band
     todo, todo_words = work.todo, work.todo_words
-    # Settings that fire alike fill parts of the pool side by side, so these need an end.
+    # Several settings fill adjacent parts of the pool, so each part needs a size in advance.
     room = work.pool.size - used
     if alike.members.size > 1:
         room = 0
@@ -113,7 +132,7 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
         level = memory[i]
         v_low, v_high = u0[k], u1[k] + drift
         sign = math.copysign(1.0, v_high - level)
-        on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+        on, off = C_on[i], C_off[i]  # read both to avoid a branch
         C = on if sign > 0.0 else off
         word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
         while (v_high - level) * sign >= C:
@@ -143,7 +162,20 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
 
 @jit
 def fire(count, interval, work, used):
-    """Solve the listed crossings and append them to the pool as events. Returns used, or FULL."""
+    """Solve the listed crossings and append them to the pool as events.
+
+    Parameters
+    ----------
+    count
+        Number of listed crossings.
+    interval, work, used
+        Clock, crossings in `todo`, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
+    """
     todo, todo_words, pool = work.todo, work.todo_words, work.pool
     if used + count > pool.size:
         return FULL
@@ -155,9 +187,8 @@ def fire(count, interval, work, used):
     return used + count
 
 
-# A flagged pixel's v2 over an interval, one column each, in the terms of a crossing. WHOLE = a dt;
-# SHAPED is where the transient ends or else the interval does, FLAT where before that v2's slope
-# has its own turning point, or else SHAPED.
+# Rows of `Work.curve`, one column for each flagged filtered pixel. WHOLE = a dt; SHAPED is the end
+# of the transient, at most WHOLE; FLAT is the turning point of the slope of v2, at most SHAPED.
 U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
 CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
 CURVE_SIZE = 16
@@ -165,7 +196,17 @@ CURVE_SIZE = 16
 
 @jit
 def describe_curves(curve, count, poles, drift):
-    """From the state of the first `count` columns to their curves, in vectors."""
+    """Compute the curve of v2 of each flagged pixel from its state, in a vectorized loop.
+
+    Parameters
+    ----------
+    curve
+        (CURVE_SIZE, block), updated.
+    count
+        Number of flagged pixels.
+    poles, drift
+        1 or 2, and fall of the memory over the interval.
+    """
     u0, u1, v1, v2 = curve[U_START], curve[U_END], curve[V1_START], curve[V2_START]
     v1_end, v2_end, whole = curve[V1_STOP], curve[V2_STOP], curve[WHOLE]
     second = poles - 1.0
@@ -201,11 +242,26 @@ def describe_curves(curve, count, poles, drift):
 
 @jit
 def events_of_curves(flagged, response, interval, comparators, work, used):
-    """Fire the flagged filtered pixels over one interval: v2 is a curve.
+    """Fire the flagged filtered pixels over one interval.
 
-    The interval is cut where v2 turns, at most twice, and where its transient has died away; the
-    levels that each monotone piece crosses are listed, and `fire` finds the times. WHOLE of the
-    curves is there already. Returns how much of the pool is used, or FULL.
+    The interval is split at the turning points of v2, at most two, and at the end of its transient.
+    The levels that each monotone piece crosses are listed, and `fire` computes the times.
+
+    Parameters
+    ----------
+    flagged
+        Indices of the pixels.
+    response, interval
+        v1, v2 and u at both ends, and the clock.
+    comparators
+        Memory and thresholds; the memory is updated.
+    work, used
+        Memory with the row WHOLE of `curve` filled in, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
     memory, C_on, C_off = comparators
@@ -223,7 +279,7 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
         A, B, short = curve[CURVE_A, k], curve[CURVE_B, k], curve[CURVE_SHORT, k]
         shape = Curve(start, rise, A, B, short)
         whole, shaped, flat = curve[WHOLE, k], curve[SHAPED, k], curve[FLAT, k]
-        # v2's slope has at most one turning point of its own; on both sides it is monotone.
+        # The slope of v2 has at most one turning point; it is monotone on both sides.
         cut_0, cut_1 = 0.0, shaped
         if curve[TURNS_BEFORE, k] != 0.0:
             cut_0 = turning_point(0.0, flat, shape)
@@ -239,7 +295,7 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
             at_end = high == whole
             v_high = curve[V2_STOP, k] if at_end else v2_at(high, shape)
             sign = math.copysign(1.0, v_high - level)
-            on, off = C_on[i], C_off[i]  # both read, so that the choice is no branch
+            on, off = C_on[i], C_off[i]  # read both to avoid a branch
             C = on if sign > 0.0 else off
             word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
             while (v_high - level) * sign >= C:
@@ -270,9 +326,20 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
 
 @jit
 def outside_refractory(events, refractory_us, ready_us):
-    """Mark which of a pixel's events come at least the refractory period after its last kept one.
+    """Mark the events that come at least the refractory period after the pixel's last marked one.
 
-    ready_us, (height, width) int64, is when each pixel can fire again; updated.
+    Parameters
+    ----------
+    events
+        `Columns` of N events in order.
+    refractory_us
+        Refractory period.
+    ready_us
+        (height, width) int64, the time at which each pixel can fire again; updated.
+
+    Returns
+    -------
+    (N,) bool
     """
     t_us, x, y, _ = events
     keep = np.empty(t_us.size, np.bool_)

@@ -1,4 +1,4 @@
-"""When the voltage within an interval crosses a level: Eq. (1) solved for t."""
+"""Solve Eq. (1) for t: the times at which the voltage crosses a level within an interval."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import NamedTuple
 
 from sensor.kernels.elementary import exp_parts, inlined, jit
 
-# Beyond y = a t = TRANSIENT nothing is left of a transient: y^2 e^{-y} < 1e-24.
+# A transient is negligible beyond y = a t = TRANSIENT: y^2 e^{-y} < 1e-24.
 TRANSIENT = 64.0
 
-# Up to this a dt a curve is written in its short form.
+# Largest a dt of a curve in the short form.
 SHORT_X = 0.25
 
-# v2 within an interval, in y = a t. With S = s/a and k poles it is, in its long form,
+# v2 within an interval as a function of y = a t. With S = s/a and k poles, the long form is
 #
 #   v2(y) = (u0 - k S) + S y + (B + A y) e^{-y}, A = (k - 1) (v1 - u0 + S), B = v2 - u0 + k S
 #
-# and the same in its short form, for a dt so small that S would cancel the rest away:
+# and the short form, for small a dt, where the terms in S would cancel, is
 #
 #   v2(y) = v2 + v2'(0) y - A y^2 + (B + A y) (e^{-y} - 1 + y).
 #
-# Both are start + rise y - short A y^2 + (B + A y) decay(y, short). What the memory leaks comes
-# on top of the slope.
+# Both are start + rise y - short A y^2 + (B + A y) decay(y, short). Leakage of the memory adds to
+# the slope.
 
 
 class Curve(NamedTuple):
@@ -35,30 +35,52 @@ class Curve(NamedTuple):
     short: float  # 1 in the short form, 0 in the long
 
 
-# A crossing to be solved, one column each: v2(y) = LEVEL for y in [LOW, HIGH], v2 monotone there.
-# US is what a unit of y takes in microseconds, SLACK what y may be off by.
+# Rows of `Work.todo`, one column for each crossing to solve: v2(y) = LEVEL for y in [LOW, HIGH],
+# where v2 is monotone. US is the length of y = 1 in microseconds, SLACK the allowed error of y.
 START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH, US, SLACK, ROOT = range(13)
 CROSSING_SIZE = 13
-CROSSING_BATCH = 520  # no power of two: the columns must not fall on the same lines of the cache
+CROSSING_BATCH = 520  # no power of two, so that the rows do not share lines of the cache
 
 
 @inlined
 def decay(y, short):
-    """e^{-y} where short is 0; where it is 1, for y < ln(2) / 2, e^{-y} - 1 + y to all digits."""
+    """Return e^{-y}, or e^{-y} - 1 + y to full precision.
+
+    Parameters
+    ----------
+    y
+        a t; less than ln(2) / 2 in the short form.
+    short
+        0 for the first, 1 for the second.
+    """
     scale, r, tail = exp_parts(-y)
     return scale * (tail + (1.0 - short) * (1.0 + r))
 
 
 @inlined
 def v2_at(y, curve):
-    """v2 at y = a t."""
+    """Return v2 at y.
+
+    Parameters
+    ----------
+    y
+        a t.
+    curve
+        `Curve` of the pixel.
+    """
     start, rise, A, B, short = curve
     return start + y * (rise - short * A * y) + (B + A * y) * decay(y, short)
 
 
 @inlined
 def v2_and_slopes_at(y, curve):
-    """v2 and its first three derivatives by y at y = a t."""
+    """Return v2 and its first three derivatives with respect to y.
+
+    Parameters
+    ----------
+    y, curve
+        As in `v2_at`.
+    """
     start, rise, A, B, short = curve
     E = decay(y, short)
     E1 = short * y - E
@@ -73,11 +95,18 @@ def v2_and_slopes_at(y, curve):
 
 @jit
 def turning_point(low, high, curve):
-    """Root of v2's slope between low and high, where it changes its sign exactly once.
+    """Return the root of the slope of v2 between low and high.
 
-    Halley's method, kept inside a shrinking bracket, which is halved where a step is outside of it
-    or is not half as long as the one before. v2 is flat here: an error of 1e-8 in the root leaves
-    one of 1e-16 in v2.
+    The method is Halley's inside a shrinking bracket, with bisection where a step leaves the
+    bracket or is more than half as long as the one before. v2 is flat at the root: an error of 1e-8
+    in y is one of 1e-16 in v2.
+
+    Parameters
+    ----------
+    low, high
+        The bracket in y; the slope changes its sign in it exactly once.
+    curve
+        `Curve` of the pixel.
     """
     slope_low = v2_and_slopes_at(low, curve)[1]
     slope_high = v2_and_slopes_at(high, curve)[1]
@@ -103,12 +132,23 @@ def turning_point(low, high, curve):
 
 @inlined
 def halley(y, curve, level, slack):
-    """One step of Halley's method towards v2(y) = level. Returns (next y, error, near).
+    """Do one step of Halley's method towards v2(y) = level.
 
-    Near means that the next y is off by less than the slack. With d = error / slope, about the
-    distance left, the step leaves at most about d^3 (bend^2 + |third|), the second and the third
-    derivative over the first. The step's own length would not do: it is short near any turn of v2,
-    wherever the level is.
+    With d = error / slope, the remaining distance, the error after the step is at most about
+    d^3 (bend^2 + |third|), with the second and the third derivative divided by the first. The
+    length of the step cannot tell this: it is short near any turning point of v2.
+
+    Parameters
+    ----------
+    y, curve
+        As in `v2_at`.
+    level, slack
+        The level, and the allowed error of y.
+
+    Returns
+    -------
+    better, error, near
+        Next y; v2(y) - level; whether the next y is within the slack.
     """
     v, slope, curvature, third = v2_and_slopes_at(y, curve)
     error = v - level
@@ -122,12 +162,19 @@ def halley(y, curve, level, slack):
 
 @jit
 def crossing(curve, level, low, high, v_low, v_high, slack):
-    """y in [low, high] at which v2, monotone there, takes the level: slowly, but surely.
+    """Return the y in [low, high] at which v2 crosses the level; always converges.
 
-    Halley's method kept inside a shrinking bracket, which is halved where a step is outside of it
-    or is not half as long as the one before. It starts where the chord crosses the level, or, if
-    that comes first, where an exponential tail would: along a tail, Halley's own steps are no
-    longer than 2.
+    The method is that of `turning_point`. It starts where the chord crosses the level or, if that
+    is earlier, where an exponential tail would: along a tail, Halley's steps are at most 2 long.
+
+    Parameters
+    ----------
+    curve, level
+        `Curve` of the pixel, and the level.
+    low, high, v_low, v_high
+        The bracket in y, in which v2 is monotone, and v2 at its ends.
+    slack
+        Allowed error of y.
     """
     share = (level - v_low) / (v_high - v_low)
     if low >= TRANSIENT:  # a straight line
@@ -154,10 +201,16 @@ def crossing(curve, level, low, high, v_low, v_high, slack):
 
 @jit
 def solve_crossings(todo, count):
-    """Fill in the roots of the first `count` columns: three steps for all at once, in vectors.
+    """Solve the listed crossings: three steps of Halley's method in a vectorized loop.
 
-    The few that have not converged by then, near a turn of v2 or far down a tail, are solved one by
-    one.
+    `crossing` solves those that have not converged, near a turning point of v2 or far down a tail.
+
+    Parameters
+    ----------
+    todo
+        (CROSSING_SIZE, n); the row ROOT is the output.
+    count
+        Number of crossings.
     """
     start, rise, A, B, short = todo[START_V], todo[RISE], todo[POLE_A], todo[POLE_B], todo[SHORT]
     low, high, v_low, v_high = todo[LOW], todo[HIGH], todo[V_LOW], todo[V_HIGH]
@@ -170,7 +223,7 @@ def solve_crossings(todo, count):
         better, _, _ = halley(y, curve, level[k], slack[k])
         y = min(max(better, low[k]), high[k])
         better, _, near = halley(y, curve, level[k], slack[k])
-        # A root is a number of at least 0: less marks what is still to be done.
+        # Roots are at least 0; -1 marks a crossing that has not converged.
         root[k] = min(max(better, low[k]), high[k]) if near else -1.0
     for k in range(count):
         if not root[k] >= 0.0:

@@ -1,4 +1,4 @@
-"""Logarithm and exponential in forms that vectorize, and how every kernel is compiled."""
+"""Logarithm and exponential that LLVM vectorizes, and the decorators that compile the kernels."""
 
 from __future__ import annotations
 
@@ -15,20 +15,23 @@ from numba.extending import intrinsic
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
-# Numba keeps what it has compiled until the function's own file changes. A kernel holds the code of
-# the kernels that it calls, so here any file of the folder counts.
+# Numba caches a compiled function until its own file changes. A kernel contains the code of the
+# kernels that it calls, so the cache of each must depend on all files of the folder.
 _FOLDER = hashlib.sha256(
     b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))
 ).hexdigest()
 
 
 def jit(kernel: _Kernel) -> _Kernel:
-    """Compile a kernel; "contract" lets a * b + c become one rounding, nothing else is relaxed."""
+    """Compile a kernel. "contract" allows fused multiply-add; no other fast math."""
     return _of_this_folder(numba.njit(**_OPTIONS)(kernel))
 
 
 def inlined(kernel: _Kernel) -> _Kernel:
-    """As `jit`, for what is called in loops that must become vectors: a call would end them."""
+    """Compile a kernel and paste it into its callers: a call in a loop prevents vectorization.
+
+    Numba pastes before it infers types, so that LLVM optimizes the code only once.
+    """
     return _of_this_folder(numba.njit(**_OPTIONS, inline="always")(kernel))
 
 
@@ -41,7 +44,7 @@ _OPTIONS: dict[str, Any] = {
 
 
 def _of_this_folder(compiled: Any) -> Any:
-    if isinstance(compiled, Dispatcher):  # else Numba is told not to compile
+    if isinstance(compiled, Dispatcher):  # not if Numba is disabled
         kept: Any = compiled
         index = kept._cache._cache_file
         index._source_stamp = (index._source_stamp, _FOLDER)
@@ -66,7 +69,7 @@ def _float_of(typingctx, bits):
 
 @jit
 def log(x):
-    """Natural logarithm of a positive, normal float64, to 1 ulp, in a form that vectorises.
+    """Return the natural logarithm of a positive, normal float64, to 1 ulp.
 
     The reduction and polynomial of FreeBSD's msun e_log.c: x = 2^k (1 + f), sqrt(1/2) <= 1 + f <
     sqrt(2), s = f / (2 + f).
@@ -94,10 +97,10 @@ def log(x):
 
 @inlined
 def exp_parts(x):
-    """(scale, r, tail) with exp(x) = scale (1 + r + tail); beyond |x| = 700, of exp(+-700).
+    """Return (scale, r, tail) with exp(x) = scale (1 + r + tail); x is limited to +-700.
 
-    exp(x) = 2^k exp(r) with k an integer and |r| <= ln(2) / 2; the tail of exp(r), from r^2 / 2 on,
-    by its Taylor series. Where |x| < ln(2) / 2, r is x and the scale is 1.
+    exp(x) = 2^k exp(r) with k an integer and |r| <= ln(2) / 2. The tail is the Taylor series of
+    exp(r) from r^2 / 2. For |x| < ln(2) / 2, r is x and the scale is 1.
     """
     x = max(min(x, 700.0), -700.0)
     shifted = x * 1.4426950408889634 + 6755399441055744.0  # k in the lowest bits
@@ -119,6 +122,6 @@ def exp_parts(x):
 
 @inlined
 def exp(x):
-    """exp(x) for |x| <= 700, to 1 ulp or so, in a form that vectorizes; beyond, exp(+-700)."""
+    """Return exp(x) to about 1 ulp; x is limited to +-700."""
     scale, r, tail = exp_parts(x)
     return scale * (1.0 + (r + tail))

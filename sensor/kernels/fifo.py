@@ -1,8 +1,8 @@
-"""The jitted kernels of the readout: one bus, a FIFO, and rows that are served oldest first.
+"""The compiled kernels of the readout: one bus, one FIFO, and rows in order of their oldest event.
 
-The bus is busy without a break from `BUSY_START_US` on. Since then it has opened `ROWS` rows and
-sent `SENT` events, so its clock stands at `BUSY_START_US + SENT / rate + ROWS * overhead`: nothing
-is accumulated, and a recording of any length ends as exactly as it began.
+The bus has been busy since `BUSY_START_US`. Since then it has opened `ROWS` rows and sent `SENT`
+events, so its time is `BUSY_START_US + SENT / rate + ROWS * overhead`. No rounding error
+accumulates, whatever the length of the recording.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from sensor.events import Columns
 
-# Nothing is relaxed: the same float64 operations in the same order on any machine.
+# No fast math: the same float64 operations in the same order on any machine.
 jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
-# The integer state; a slot of the FIFO or a row of the sensor is -1 where nothing is there.
+# Entries of `Fifo.state`. -1 is no slot or no row.
 BUSY_START_US, SENT, ROWS, WAITING, FREE, BURST, BURST_ROW, QUEUE_START, QUEUED = range(9)
 STATE_SIZE = 9
-# What is counted.
+# Entries of `Tally.counts` and `Tally.delay_us`.
 FIRED, DROPPED, LEFT, DELAYED = range(4)
 COUNTS_SIZE = 4
 DELAY_SUM_US, DELAY_MAX_US = range(2)
@@ -30,27 +30,27 @@ END_OF_TIME_US = 1 << 62
 
 
 class Bus(NamedTuple):
-    """How fast the bus is."""
+    """Speed of the bus."""
 
-    rate_per_us: float  # events a microsecond within a row
-    overhead_us: float  # of opening a row
+    rate_per_us: float  # events per microsecond within a row
+    overhead_us: float  # time to open a row
 
 
 class Fifo(NamedTuple):
-    """Events that wait, in slots, and the rows that wait for their turn; updated."""
+    """Waiting events, in slots, and waiting rows; updated."""
 
     state: NDArray[np.int64]  # (STATE_SIZE,)
-    t_us: NDArray[np.int64]  # (depth,) when each waiting event fired
+    t_us: NDArray[np.int64]  # (depth,) time at which each waiting event fired
     x: NDArray[np.uint16]
     p: NDArray[np.int8]
-    next_slot: NDArray[np.int64]  # (depth,) next event of the same row, or next free slot
-    row_first: NDArray[np.int64]  # (height,) oldest event of each row that waits for its turn
-    row_last: NDArray[np.int64]  # (height,) and its youngest
-    row_queue: NDArray[np.int64]  # (height,) ring: those rows, oldest first
+    next_slot: NDArray[np.int64]  # (depth,) slot of the next event of the row, or next free slot
+    row_first: NDArray[np.int64]  # (height,) slot of the oldest event of each waiting row
+    row_last: NDArray[np.int64]  # (height,) slot of its newest event
+    row_queue: NDArray[np.int64]  # (height,) ring buffer of waiting rows, oldest first
 
 
 class Tally(NamedTuple):
-    """What is counted; updated."""
+    """Counts and delays; updated."""
 
     counts: NDArray[np.int64]  # (COUNTS_SIZE,)
     delay_us: NDArray[np.float64]  # (DELAYS_SIZE,)
@@ -58,7 +58,21 @@ class Tally(NamedTuple):
 
 @jit
 def advance(until_us: int, bus: Bus, fifo: Fifo, tally: Tally, sent: Columns, used: int) -> int:
-    """Send what leaves no later than `until_us`, opening rows only before it. Returns used."""
+    """Send the events that leave no later than `until_us`; open rows only before it.
+
+    Parameters
+    ----------
+    until_us
+        End of the time span.
+    bus, fifo, tally
+        Speed, state and counts; the last two are updated.
+    sent, used
+        Output, and its used size.
+
+    Returns
+    -------
+    New used size of `sent`.
+    """
     rate_per_us, overhead_us = bus
     state, slot_t_us, slot_x, slot_p, next_slot, row_first, _, row_queue = fifo
     counts, delay_us = tally
@@ -96,7 +110,21 @@ def advance(until_us: int, bus: Bus, fifo: Fifo, tally: Tally, sent: Columns, us
 
 @jit
 def accept(fired: Columns, bus: Bus, fifo: Fifo, tally: Tally, sent: Columns) -> int:
-    """Take events into the FIFO one by one, sending what leaves before each. Returns how many."""
+    """Put events into the FIFO one by one, and send the events that leave before each.
+
+    Parameters
+    ----------
+    fired
+        Events in order.
+    bus, fifo, tally
+        Speed, state and counts; the last two are updated.
+    sent
+        Output with space for all waiting events and `fired`.
+
+    Returns
+    -------
+    Used size of `sent`.
+    """
     fired_t_us, fired_x, fired_y, fired_p = fired
     state, slot_t_us, slot_x, slot_p, next_slot, row_first, row_last, row_queue = fifo
     counts, used = tally.counts, 0
@@ -126,7 +154,7 @@ def accept(fired: Columns, bus: Bus, fifo: Fifo, tally: Tally, sent: Columns) ->
 
 @jit
 def order_ties(events: Columns) -> None:
-    """Sort the events of each microsecond by (y, x); one pixel's events keep their order."""
+    """Sort the events of each microsecond by (y, x), in place and stable."""
     t_us, x, y, p = events
     start = 0
     while start < t_us.size:

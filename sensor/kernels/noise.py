@@ -1,4 +1,4 @@
-"""Noise events of a pixel, from random numbers that depend on their indices alone."""
+"""Noise events, from random numbers that depend only on seed, pixel, frame and draw."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ from sensor.kernels.packing import FULL, PLACE_MASK, POLARITY_SHIFT, pack
 
 @jit
 def random_bits(seed, pixel, frame, draw):
-    """64 random bits that depend on nothing but their four indices (SplitMix64, chained)."""
+    """Return 64 random bits (SplitMix64, chained over the indices).
+
+    Parameters
+    ----------
+    seed, pixel, frame, draw
+        The four indices that the bits depend on.
+    """
     bits = np.uint64(seed)
     for index in (np.uint64(pixel), np.uint64(frame), np.uint64(draw)):
         bits = (bits ^ index) + np.uint64(0x9E3779B97F4A7C15)
@@ -26,22 +32,37 @@ def random_bits(seed, pixel, frame, draw):
 
 @jit
 def uniform(seed, pixel, frame, draw):
-    """A random number in [0, 1)."""
+    """Return a random number in [0, 1).
+
+    Parameters
+    ----------
+    seed, pixel, frame, draw
+        As in `random_bits`.
+    """
     return np.float64(random_bits(seed, pixel, frame, draw) >> np.uint64(11)) * 2.0**-53
 
 
-# Mean of a Poisson process that is drawn at once, and room for the draws of its events.
+# Largest mean of one Poisson draw, and bits for the draws of its events.
 MOST_NOISE = 64.0
 DRAWS_SHIFT = 20
 
 
 @jit
 def poisson(mean, left):
-    """Number of events of a Poisson process by inversion: mean at most MOST_NOISE, left in [0, 1).
+    """Draw the number of events of a Poisson process, by inversion.
 
-    `left` is what remains of the cumulated probability; rounding may leave 1e-16 of it.
+    Parameters
+    ----------
+    mean
+        At most MOST_NOISE.
+    left
+        Random number in [0, 1), from which the cumulated probability is subtracted.
+
+    Returns
+    -------
+    int
     """
-    if left < 1.0 - mean:  # exp(-mean) is not less: as a rule, nothing happens
+    if left < 1.0 - mean:  # exp(-mean) is at least this: the usual case
         return 0
     probability = math.exp(-mean)
     count = 0
@@ -53,23 +74,38 @@ def poisson(mean, left):
 
 
 class NoiseSource(NamedTuple):
-    """What decides on the noise of a block's pixels."""
+    """Parameters of the noise of a block."""
 
     dark_hz: float  # rate in the dark
-    exponent: float  # of its fall with the light
+    exponent: float  # of the decrease of the rate with light
     dark: float  # I_dark
-    hot_hz: NDArray[np.float64]  # each hot pixel's own rate, or empty
+    hot_hz: NDArray[np.float64]  # (block,) additional rate of hot pixels, or empty
     seed: np.uint64
-    first_pixel: int  # number of the block's first pixel
+    first_pixel: int  # index of the block's first pixel
 
 
 @jit
 def noise_events(source, u0, frame, interval, work, begin, used):
-    """Add a Poisson process of events of either polarity to pixels over one interval.
+    """Add Poisson noise of both polarities to the events of a block over one interval.
 
-    The rate is dark_hz ((I + I_dark) / I_dark)^-exponent at the interval's start, and a hot pixel's
-    own. The interval's events so far, from `begin`, and these are merged in raster order. Returns
-    how much of the pool is used, or FULL.
+    The rate is dark_hz ((I + I_dark) / I_dark)^-exponent at the start of the interval, plus hot_hz.
+    The events stay in raster order.
+
+    Parameters
+    ----------
+    source
+        `NoiseSource`.
+    u0
+        (block,) log intensity at the start of the interval.
+    frame, interval
+        Index of the interval since the first frame, and its clock.
+    work, begin, used
+        Memory, and the range of the pool with the events of the interval so far.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
     """
     dark_hz, exponent, dark, hot_hz, seed, first_pixel = source
     log_dark = math.log(dark)
@@ -81,7 +117,7 @@ def noise_events(source, u0, frame, interval, work, begin, used):
         if dark_hz > 0.0:
             rate_hz += dark_hz * math.exp(-exponent * (u0[i] - log_dark))
         mean = rate_hz * dt_s
-        # Parts of the interval are Poisson processes of their own, each of a mean that exp holds.
+        # Split the interval, so that the mean of each part is at most MOST_NOISE.
         parts = np.int64(mean * (1.0 / MOST_NOISE)) + 1
         part_us = dt_s * 1e6 / parts
         for part in range(parts):

@@ -1,4 +1,4 @@
-"""Events as sortable words, and the sort."""
+"""Pack events into sortable 64-bit words, and sort them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from sensor.kernels.elementary import jit
 
-# An event while it waits to be sorted, in one uint64: microseconds since the rounded start of its
-# frame interval, polarity, row, column.
+# Layout of an unsorted event in one uint64: microseconds since the rounded start of its frame
+# interval, polarity, row, column.
 TIME_SHIFT = np.uint64(33)
 POLARITY_SHIFT = np.uint64(32)
 ROW_SHIFT = np.uint64(16)
@@ -18,9 +18,9 @@ COORDINATE_MASK = np.uint64(0xFFFF)
 PLACE_MASK = np.uint64(0xFFFFFFFF)
 MAX_INTERVAL_US = (1 << 31) - 2
 
-# Where the events of one block, setting and interval lie in the pool.
+# Columns of a segment: the range of the pool that holds the events of one block, setting, interval.
 START, STOP = range(2)
-# In place of how much of the pool is used: it has no room for the events.
+# Returned instead of the used size of the pool when the pool is full.
 FULL = -1
 
 
@@ -28,14 +28,24 @@ class Interval(NamedTuple):
     """One frame interval of one setting."""
 
     dt_s: float
-    drift: float  # what the memory sinks by over it, log units
-    start_us: float  # how far its start lies after a whole microsecond, or before it
-    length_us: int  # whole microseconds from its start to its end, both rounded
+    drift: float  # fall of the memory over the interval by leakage, log units
+    start_us: float  # exact start minus rounded start
+    length_us: int  # rounded end minus rounded start
 
 
 @jit
 def place(start, width, position):
-    """Write rows and columns of pixels in raster order, from the pixel `start` on."""
+    """Write the packed positions of consecutive pixels in raster order.
+
+    Parameters
+    ----------
+    start
+        Index of the first pixel.
+    width
+        Width of the sensor, px.
+    position
+        (n,) uint64 output, row and column in the low 32 bits.
+    """
     y, x = start // width, start % width
     for i in range(position.size):
         position[i] = np.uint64(y) << ROW_SHIFT | np.uint64(x)
@@ -47,10 +57,20 @@ def place(start, width, position):
 
 @jit
 def pack(since_us, start_us, length_us, polarity_and_position):
-    """One event as a sortable word; the one place where a float time becomes microseconds.
+    """Pack one event into a sortable word; only here is a time rounded to whole microseconds.
 
-    The event comes `since_us` after its interval starts. Rounding never takes it out of the
-    interval.
+    Parameters
+    ----------
+    since_us
+        Time since the start of the interval; the rounded time stays within the interval.
+    start_us, length_us
+        As in `Interval`.
+    polarity_and_position
+        The low 33 bits.
+
+    Returns
+    -------
+    uint64
     """
     t_us = np.int64(math.floor(start_us + since_us + 0.5))
     return (np.uint64(min(max(t_us, 0), length_us)) << TIME_SHIFT) | polarity_and_position
@@ -58,7 +78,22 @@ def pack(since_us, start_us, length_us, polarity_and_position):
 
 @jit
 def gather(pool, segment, s, f, words, used):
-    """Append one setting's and interval's events in one band, in raster order. Returns used."""
+    """Append the events of one setting, interval and band to `words`, in raster order.
+
+    Parameters
+    ----------
+    pool, segment
+        The events of the band, and the ranges (blocks, S, F, 2) that hold them.
+    s, f
+        Setting and interval.
+    words, used
+        Output, and its used size.
+
+    Returns
+    -------
+    int
+        New used size of `words`.
+    """
     for block in range(segment.shape[0]):
         for j in range(segment[block, s, f, START], segment[block, s, f, STOP]):
             words[used] = pool[j]
@@ -68,10 +103,18 @@ def gather(pool, segment, s, f, words, used):
 
 @jit
 def sort_by_time(words, other, interval_us, start_us, columns):
-    """Sort packed events by time, keeping raster order within a microsecond, and unpack them.
+    """Sort packed events by time, keep raster order within a microsecond, and unpack them.
 
-    A stable counting sort, digit by digit: one pass for intervals up to 4 ms. `other` is room for
-    as many words again.
+    The method is a stable radix sort: one pass for intervals up to 4 ms.
+
+    Parameters
+    ----------
+    words, other
+        (N,) packed events of one interval, and scratch memory of the same size; overwritten.
+    interval_us, start_us
+        Length and start of the interval, whole microseconds.
+    columns
+        `Columns` of N events, output.
     """
     bits = 1
     while interval_us >> bits:

@@ -1,4 +1,4 @@
-"""The photoreceptor's poles, taken exactly over one frame interval."""
+"""The poles of the photoreceptor, advanced exactly over one frame interval."""
 
 from __future__ import annotations
 
@@ -10,51 +10,64 @@ from numpy.typing import NDArray
 
 from sensor.kernels.elementary import jit
 
-# Below the least a dt a pole stands still, above the greatest it lags by nothing: to float64, both
-# are exact. No cutoff and no light overflows.
+# Limits of a dt. In float64 a pole does not move below the first and does not lag above the second.
+# So no cutoff and no light overflows.
 LEAST_X = 1e-30
 GREATEST_X = 1e16
 
 
 class Step(NamedTuple):
-    """What takes the poles over one frame interval; all 0 where there is no filter."""
+    """Coefficients of both poles over one frame interval; all 0 without a filter."""
 
     x: float = 0.0  # a dt
     e: float = 0.0  # exp(-x)
-    v1_u0: float = 0.0  # share of the first frame's u in v1 at the end, and so on
+    v1_u0: float = 0.0  # weight of u at the start in v1 at the end, and so on
     v1_u1: float = 0.0
     v2_v1: float = 0.0
     v2_u0: float = 0.0
     v2_u1: float = 0.0
 
 
-STEP = np.dtype([(name, np.float64) for name in Step._fields])  # of arrays of steps
+STEP = np.dtype([(name, np.float64) for name in Step._fields])  # dtype of an array of steps
 
 
 class Response(NamedTuple):
-    """A block's photoreceptors over one interval: what comes in, and what comes out."""
+    """Input and output of a block's photoreceptors over one interval, (block,) each."""
 
-    u0: NDArray[np.float64]  # log intensity at the interval's ends
-    u1: NDArray[np.float64]
-    v1: NDArray[np.float64]  # outputs of the poles at its start
+    u0: NDArray[np.float64]  # log intensity at the start of the interval
+    u1: NDArray[np.float64]  # and at its end
+    v1: NDArray[np.float64]  # outputs of the poles at the start
     v2: NDArray[np.float64]
-    v1_end: NDArray[np.float64]  # and at its end
+    v1_end: NDArray[np.float64]  # and at the end
     v2_end: NDArray[np.float64]
     poles: float
 
 
 @jit
 def within_float(x):
-    """x = a dt, held where float64 holds what is computed from it."""
+    """Limit x = a dt to the range in which float64 does not overflow."""
     return min(max(x, LEAST_X), GREATEST_X)
 
 
 def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
-    """Coefficients that take the poles exactly over one frame interval.
+    """Return the coefficients that advance the poles exactly over one frame interval.
 
     For the input u0 + s t, with x = a dt, e = exp(-x) and phi = (1 - e) / x, the closed forms
     v1(dt) = u0 + s dt - s/a + A e and v2(dt) = u0 + s dt - 2 s/a + (B + A x) e are linear in the
-    state and in both frames' u. With a single pole, v2 follows v1's form.
+    state and in u at both ends. With a single pole, v2 has the form of v1.
+
+    Parameters
+    ----------
+    dt_s
+        Length of the interval, s.
+    cutoff_hz
+        Corner frequency of each pole; inf for no filter.
+    poles
+        1 or 2.
+
+    Returns
+    -------
+    Step
     """
     if math.isinf(cutoff_hz):
         return Step()
@@ -70,7 +83,17 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
 
 @jit
 def poles_to_end(n, response, step):
-    """Take the poles over one interval."""
+    """Advance the poles of n pixels over one interval.
+
+    Parameters
+    ----------
+    n
+        Number of pixels.
+    response
+        `Response`; its `v1_end` and `v2_end` are the output.
+    step
+        An entry of an array of `STEP`.
+    """
     u0, u1, v1, v2 = response.u0, response.u1, response.v1, response.v2
     v1_end, v2_end = response.v1_end, response.v2_end
     e, v1_u0, v1_u1 = step.e, step.v1_u0, step.v1_u1
@@ -82,10 +105,21 @@ def poles_to_end(n, response, step):
 
 @jit
 def poles_to_end_in_own_light(n, response, light_a, dt_s, x, e):
-    """As `poles_to_end`, for a cutoff proportional to the light: a = light_a (I + I_dark).
+    """Advance the poles of n pixels with a cutoff proportional to the light.
 
-    Over an interval the cutoff is held at that of the middle of its log intensity, which sets each
-    pixel's own x and e.
+    a = light_a (I + I_dark), constant over an interval: the value at the mean of the log
+    intensities at both ends.
+
+    Parameters
+    ----------
+    n, response
+        As in `poles_to_end`.
+    light_a
+        a for each unit of I + I_dark.
+    dt_s
+        Length of the interval, s.
+    x, e
+        (n,) output: a dt and exp(-a dt) of each pixel.
     """
     u0, u1, v1, v2 = response.u0, response.u1, response.v1, response.v2
     v1_end, v2_end = response.v1_end, response.v2_end

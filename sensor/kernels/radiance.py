@@ -1,4 +1,4 @@
-"""From radiance to log intensity: Eq. (3) and the dark level."""
+"""Radiance to log intensity: Eq. (3) and the dark level."""
 
 from __future__ import annotations
 
@@ -9,38 +9,45 @@ from numpy.typing import NDArray
 
 from sensor.kernels.elementary import jit, log
 
-# In place of how much of the pool is used: there is radiance that is negative or not finite.
+# Returned instead of the used size of the pool when radiance is negative or not finite.
 BAD = -2
 
 
 class Light(NamedTuple):
-    """What the pixels see over a chunk of frame intervals."""
+    """The light on the pixels over a chunk of frame intervals."""
 
-    radiance: NDArray[np.floating]  # (F, height * width) linear radiance at the intervals' ends
+    radiance: NDArray[np.floating]  # (F, height * width) linear, at the ends of the intervals
     dark: float  # I_dark
 
 
 class Overlap(NamedTuple):
-    """Overlap of n equal pixels with the samples along one axis.
+    """Overlap of n equal pixels with the samples of a frame along one axis.
 
-    Pixel i is `sum(weight[i, j] * sample[first[i] + j] for j in range(samples[i]))`.
+    The value of pixel i is `sum(weight[i, j] * sample[first[i] + j] for j in range(samples[i]))`.
     """
 
     first: NDArray[np.int64]  # (n,)
     samples: NDArray[np.int64]  # (n,)
-    weight: NDArray[np.float64]  # (n, most samples) rows sum to 1
+    weight: NDArray[np.float64]  # (n, max(samples)), each row sums to 1
 
 
 @jit
-def integrate_area(
-    frame,  # (H, W)
-    rows,  # Overlap of the sensor's rows with the frame's
-    columns,
-    out,  # (height, width) out
-):
-    """I = k * E, Eq. (3): the mean over each pixel's area, rows first.
+def integrate_area(frame, rows, columns, out):
+    """Average the radiance over the area of each pixel: I = k * E, Eq. (3).
 
-    Returns whether all radiance is finite and at least 0.
+    Parameters
+    ----------
+    frame
+        (H, W) linear radiance.
+    rows, columns
+        `Overlap` of the sensor's rows and columns with those of the frame.
+    out
+        (height, width) output.
+
+    Returns
+    -------
+    bool
+        True if all radiance is finite and at least 0.
     """
     good = True
     height, width = out.shape
@@ -62,12 +69,23 @@ def integrate_area(
 
 
 @jit
-def log_intensity(
-    radiance,  # (n,) linear radiance
-    dark,  # I_dark
-    u,  # (n,) out
-):
-    """u = log(I + I_dark). Returns whether all radiance is finite and at least 0."""
+def log_intensity(radiance, dark, u):
+    """Compute the log intensity u = log(I + I_dark).
+
+    Parameters
+    ----------
+    radiance
+        (n,) linear radiance I.
+    dark
+        I_dark.
+    u
+        (n,) output.
+
+    Returns
+    -------
+    bool
+        True if all radiance is finite and at least 0.
+    """
     good = True
     for i in range(u.size):
         good &= (radiance[i] >= 0.0) & (radiance[i] < np.inf)
@@ -77,7 +95,22 @@ def log_intensity(
 
 @jit
 def log_of_flagged(flagged, radiance, dark, light, u):
-    """u = log(I + I_dark) of the flagged pixels. Returns whether their radiance is radiance."""
+    """Compute the log intensity of the flagged pixels only.
+
+    Parameters
+    ----------
+    flagged
+        (n,) indices into `radiance`.
+    radiance, dark
+        As in `log_intensity`.
+    light, u
+        Scratch memory of at least n entries, and the (n,) output.
+
+    Returns
+    -------
+    bool
+        True if the radiance of all flagged pixels is finite and at least 0.
+    """
     for k in range(flagged.size):
         light[k] = radiance[flagged[k]]
     return log_intensity(light[: flagged.size], dark, u)

@@ -1,4 +1,4 @@
-"""Which pixels cannot fire over an interval: most, and those cost next to nothing."""
+"""Find the few pixels that may fire over an interval; the others cost almost nothing."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from sensor.kernels.elementary import exp, jit
 
-# Float32 bounds on the light are drawn in by this much, and held within what float32 does well.
+# Relative safety margin of the float32 bounds on the light, and the range of these bounds.
 BOUND_MARGIN = 1e-6
 LEAST_BOUND = 1e-30
 GREATEST_BOUND = 1e38
 
 
 class Comparators(NamedTuple):
-    """The levels that a block's pixels compare v2 with, and how far off it is when they fire."""
+    """The comparators of a block; a pixel fires when v2 is memory + C_on or memory - C_off."""
 
     memory: NDArray[np.float64]
     C_on: NDArray[np.float64]
@@ -26,7 +26,7 @@ class Comparators(NamedTuple):
 
 
 class LightBand(NamedTuple):
-    """Between which I + I_dark a block's ideal pixels keep silent while their memory stands."""
+    """The range of I + I_dark in which the ideal pixels of a block do not fire, without leakage."""
 
     darkest: NDArray[np.float32]
     brightest: NDArray[np.float32]
@@ -34,7 +34,19 @@ class LightBand(NamedTuple):
 
 @jit
 def light_bound(log_light, margin):
-    """exp(log_light) (1 + margin) in float32: a bound that errs towards a flag."""
+    """Return exp(log_light) (1 + margin) in float32, a bound that rather flags too many pixels.
+
+    Parameters
+    ----------
+    log_light
+        Logarithm of I + I_dark.
+    margin
+        Positive for a lower bound, negative for an upper one.
+
+    Returns
+    -------
+    float32
+    """
     light = exp(log_light) * (1.0 + margin)
     if margin > 0.0:
         return np.float32(max(light, LEAST_BOUND))
@@ -43,7 +55,15 @@ def light_bound(log_light, margin):
 
 @jit
 def set_light_band(n, comparators, light_band):
-    """Set the band of light in which ideal pixels keep silent from their memory."""
+    """Compute the light band of n ideal pixels from their memory.
+
+    Parameters
+    ----------
+    n
+        Number of pixels.
+    comparators, light_band
+        Input and output.
+    """
     memory, C_on, C_off = comparators
     darkest, brightest = light_band
     for i in range(n):
@@ -53,9 +73,18 @@ def set_light_band(n, comparators, light_band):
 
 @jit
 def flag_ideal(radiance, dark, fade, light_band, flag):
-    """Flag ideal pixels whose light is not within their band, or is no light; no logarithm needed.
+    """Flag ideal pixels with light outside their band, or with invalid light, without a logarithm.
 
-    `fade` is what the leaks since the band was set have left of its bounds.
+    Parameters
+    ----------
+    radiance, dark
+        (n,) linear radiance at the end of the interval, and I_dark.
+    fade
+        Factor on the bounds by leakage since `set_light_band`.
+    light_band
+        The bounds.
+    flag
+        (n,) output.
     """
     darkest, brightest = light_band
     for i in range(radiance.size):
@@ -65,7 +94,15 @@ def flag_ideal(radiance, dark, fade, light_band, flag):
 
 
 def each(value, i):
-    """The i-th pixel's of an array, or the number that all pixels share."""
+    """Return the value of pixel i: an entry of an array, or the number that all pixels share.
+
+    Parameters
+    ----------
+    value
+        (n,) array, or a number.
+    i
+        Index of the pixel.
+    """
 
 
 @overload(each)
@@ -79,16 +116,27 @@ def _each(value, i):
 def flag_filtered(n, response, x, e, drift, comparators, flag):
     """Flag the pixels where v2 may leave (memory - C_off, memory + C_on) during an interval.
 
-    v2 can leave the band in mid-interval and come back, so its end alone does not decide; but it
-    has not if any of three bounds keeps it inside. With y = a t, the n-th derivative of v2, n > 1,
-    is (-1)^n (B - n A + A y) e^{-y}, hence
+    A pixel without a flag has no event. v2 can leave the band within the interval and return, so
+    its value at the end is not enough. It stays inside if one of three bounds holds. With y = a t,
+    the n-th derivative of v2, n > 1, is (-1)^n (B - n A + A y) e^{-y}, hence
 
     1. v2 is monotone when neither its slope nor its curvature changes sign between the ends,
-    2. it stays within x^2 / 8 times its largest curvature of its chord,
-    3. and within x^4 / 384 times its largest 4th derivative of its cubic Hermite interpolant,
-       which stays between the least and the greatest of its Bezier points.
+    2. it differs from its chord by at most x^2 / 8 times its largest curvature,
+    3. and from its cubic Hermite interpolant by at most x^4 / 384 times its largest 4th derivative;
+       the interpolant stays between the least and the greatest of its Bezier points.
 
-    No flag is proof of no event.
+    Parameters
+    ----------
+    n, response
+        Number of pixels, and `Response` with `v2_end`.
+    x, e
+        a dt and exp(-a dt): (n,), or one number for all pixels.
+    drift
+        Fall of the memory over the interval, log units.
+    comparators
+        Memory and thresholds.
+    flag
+        Output, padded with False to whole 8-byte words.
     """
     u0, u1, v1, v2, _, v2_end, poles = response
     memory, C_on, C_off = comparators
@@ -128,9 +176,20 @@ def flag_filtered(n, response, x, e, drift, comparators, flag):
 
 @jit
 def list_flagged(flag, n, index):
-    """Indices of the flagged ones of n pixels, in `index`. No branch to mispredict.
+    """Return the indices of the flagged pixels, without branches that the processor mispredicts.
 
-    `flag` is padded with False to whole words.
+    Parameters
+    ----------
+    flag
+        Flags of n pixels, padded with False to whole 8-byte words.
+    n
+        Number of pixels.
+    index
+        Memory for the result.
+
+    Returns
+    -------
+    (count,) part of `index`
     """
     words = flag.view(np.uint64)
     count = 0

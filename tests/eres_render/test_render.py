@@ -1,0 +1,282 @@
+"""Frames where the camera model says they are, the same every time, and clips that survive."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from another_process import run_python
+from eres_render import (
+    Clip,
+    Renderer,
+    RenderError,
+    SequenceError,
+    load_scene,
+    open_sequence,
+    render_clip,
+    render_scene,
+)
+from light_scenes import DOTS_M, dots_folder, light_evenly, small_carpet_folder, tilted_pose
+
+ROOT = Path(__file__).parents[2]
+CLIP = Clip(0, 0.24, 0.25, 0.29)
+
+
+@pytest.fixture(scope="module")
+def small_carpet(tmp_path_factory):
+    """A carpet that loads in a fraction of a second, on any machine."""
+    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
+    return load_scene(light_evenly(folder, "carpet", 3.0))
+
+
+@pytest.fixture(scope="module")
+def dots(tmp_path_factory):
+    folder = dots_folder(tmp_path_factory.mktemp("scenes") / "dots")
+    return load_scene(light_evenly(folder, "floor", 0.0))
+
+
+@pytest.fixture(scope="module")
+def renderer(small_carpet):
+    return Renderer(small_carpet, 64, 9)
+
+
+@pytest.fixture(scope="module")
+def pose(small_carpet):
+    return small_carpet.trajectory().pose(1.0)
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(renderer, tmp_path_factory):
+    return render_clip(renderer, CLIP, tmp_path_factory.mktemp("whole") / "clip", 0.25)
+
+
+def frames_equal(a, b):
+    return len(a) == len(b) and all(map(np.array_equal, a, b))
+
+
+@pytest.mark.parametrize("integrator", ["baked", "path"])
+@pytest.mark.parametrize("size", [(256, 256), (320, 180)])
+def test_bright_dots_land_where_the_camera_model_projects_them(dots, size, integrator):
+    """Centroids agree with `Camera.project` to 0.1 px, whichever way an axis could be flipped."""
+    camera = dots.camera(*size)
+    renderer, T = Renderer(dots, spp=64, integrator=integrator, camera=camera), tilted_pose()
+    frame = renderer.frame(T)
+    expected = renderer.camera.project((DOTS_M - T[:3, 3]) @ T[:3, :3])
+    y, x = np.mgrid[: size[1], : size[0]] + 0.5
+    expected = expected[np.all((expected > 9) & (expected < np.array(size) - 9), axis=1)]
+    assert len(expected) > 2
+    for u, v in expected:
+        near = np.where((abs(x - u) < 9) & (abs(y - v) < 9), frame, 0)
+        assert near.sum() > 5
+        centroid = np.array([(near * x).sum(), (near * y).sum()]) / near.sum()
+        np.testing.assert_allclose(centroid, (u, v), atol=0.1)
+
+
+def test_the_same_pose_gives_the_identical_frame(renderer, pose):
+    """Common random numbers: nothing flickers while the camera rests, so no false events."""
+    np.testing.assert_array_equal(renderer.frame(pose), renderer.frame(pose))
+
+
+def test_a_frame_does_not_depend_on_the_frames_before(small_carpet, renderer, pose):
+    """Where the samples lie is kept from frame to frame, but not for another seed or `spp`."""
+    fresh = Renderer(small_carpet, 64, 9).frame(pose)
+    _ = renderer.frame(pose, seed=1), renderer.at(spp=4).frame(pose)
+    assert np.array_equal(renderer.frame(pose), fresh)
+    assert np.array_equal(renderer.at(spp=9).frame(pose), fresh)
+    assert not np.array_equal(renderer.frame(pose, seed=1), fresh)
+
+
+def test_radiance_changes_continuously_with_the_pose(renderer, pose):
+    """A hundredfold smaller motion makes a far smaller change; fresh noise would not shrink."""
+
+    def change(distance_m):
+        moved = pose.copy()
+        moved[0, 3] += distance_m
+        return np.abs(np.log(renderer.frame(moved)) - np.log(renderer.frame(pose))).mean()
+
+    small, tiny = change(1e-3), change(1e-5)
+    assert 0 < tiny < small / 30
+
+
+def test_seeds_differ_only_by_noise(small_carpet, renderer, pose):
+    other = Renderer(small_carpet, 64, 9, seed=1).frame(pose)
+    frame = renderer.frame(pose)
+    assert not np.array_equal(other, frame)
+    assert other.mean() == pytest.approx(frame.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("spp", [-4, 0, 7])
+def test_samples_that_cannot_be_laid_out_are_refused(small_carpet, spp):
+    """Mitsuba would end the process, raise an error of its own, or take another number."""
+    with pytest.raises(RenderError, match=f"spp: found {spp}, expected a square"):
+        Renderer(small_carpet, 16, spp)
+
+
+def test_the_sampler_lays_out_what_is_let_through(small_carpet):
+    for spp in (1, 2, 4, 6, 8, 12, 16, 20):
+        assert Renderer(small_carpet, 4, spp)._sensor.sampler().sample_count() == spp
+
+
+@pytest.mark.parametrize("seed", [-1, 1 << 32])
+def test_seeds_that_the_sampler_does_not_take_are_refused(small_carpet, seed):
+    with pytest.raises(RenderError, match=f"seed: found {seed}, expected 0 to"):
+        Renderer(small_carpet, 16, 4, seed=seed)
+
+
+def test_white_is_a_property_of_the_scene_not_of_the_clip(renderer, small_carpet):
+    """It does not depend on the samples, or when it is first asked for."""
+    assert renderer.white_level == Renderer(small_carpet, 64, 9).white_level
+    assert renderer.white_level == Renderer(small_carpet, 64, 1).white_level
+    assert renderer.white_level == Renderer(small_carpet, 64, 9).at(spp=4).white_level
+    frame = renderer.frame(small_carpet.trajectory().pose(0.0))
+    assert 0.5 < renderer.white_level / frame.max() < 2
+
+
+def test_a_scalar_machine_does_the_whole_job(tmp_path):
+    """No LLVM at all: scalar rendering with the packaged lightmap, agreeing with this machine."""
+    code = (
+        "import sys; from pathlib import Path; from eres_render import *;"
+        "r = Renderer(load_scene('carpet'), 24, 64); assert r.variant == 'scalar_rgb';"
+        "render_clip(r, Clip(0, 0.24, 0.25, 0.26), Path(sys.argv[1]), 1.0)"
+    )
+    clip = tmp_path / "clip"
+    run_python(code, clip, timeout_s=600, DRJIT_LIBLLVM_PATH="/nonexistent")
+    scalar = open_sequence(clip)
+    assert scalar.manifest.variant == "scalar_rgb"
+    here = Renderer(load_scene("carpet"), 24, 64).frame(scalar.T_world_cam[0])
+    # A pixel averages some thousand contrasty texels by 64 samples: 5 % of noise each.
+    error = np.log(scalar.frame(0)) - np.log(here)
+    assert abs(error.mean()) < 0.01
+    assert error.std() < 0.12
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cannot ask for one core")
+def test_one_core_renders_the_same_frame_and_white(small_carpet, renderer, pose):
+    """Another process, on a single core: bit by bit the same, and Mitsuba does not lock up."""
+    code = (
+        "import os, sys; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "from eres_render import *\n"
+        "r = Renderer(load_scene(sys.argv[1]), 64, 9)\n"
+        "print(r.white_level.hex(), r.frame(r.trajectory.pose(1.0)).tobytes().hex())"
+    )
+    run = run_python(code, small_carpet.folder, timeout_s=600)
+    white, frame = run.stdout.split()
+    assert white == renderer.white_level.hex()
+    assert frame == renderer.frame(pose).tobytes().hex()
+
+
+def test_a_clip_holds_what_was_asked_for(uninterrupted, renderer):
+    sequence = uninterrupted
+    assert len(sequence) > 5
+    assert {0.24, 0.25, 0.29} <= set(sequence.t_s.tolist())
+    assert sequence.window_s == (0.25, 0.29)
+    assert sequence.camera == renderer.camera
+    assert sequence.white_level == renderer.white_level
+    expected = renderer.frame(renderer.scene.trajectory().pose(sequence.t_s[3]))
+    np.testing.assert_array_equal(sequence.frame(3), expected.astype(np.float16))
+    assert sorted(p.name for p in sequence.folder.iterdir()) == [
+        "SHA256SUMS",
+        "frames",
+        "manifest.json",
+        "path.txt",
+        "poses.txt",
+    ]
+
+
+def test_a_render_killed_in_the_middle_goes_on_and_ends_up_the_same(
+    tmp_path, renderer, uninterrupted
+):
+    """kill -9 after the fourth frame; then only the missing ones are rendered."""
+    code = (
+        "import sys; from pathlib import Path; from eres_render import *\n"
+        "def told(stage, done, total):\n"
+        "    print(done, flush=True)\n"
+        "    if done == 4: sys.stdin.readline()\n"
+        "r = Renderer(load_scene(sys.argv[1]), 64, 9)\n"
+        "render_clip(r, Clip(0, 0.24, 0.25, 0.29), Path(sys.argv[2]), 0.25, told)\n"
+    )
+    clip = tmp_path / "clip"
+    victim = subprocess.Popen(
+        [sys.executable, "-c", code, str(renderer.scene.folder), str(clip)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert victim.stdout is not None
+    try:
+        assert [victim.stdout.readline() for _ in range(4)] == ["1\n", "2\n", "3\n", "4\n"]
+    finally:
+        victim.send_signal(signal.SIGKILL)
+        victim.communicate()
+
+    with pytest.raises(SequenceError, match=r"frames/.*exr: missing, .* render again"):
+        open_sequence(clip)
+    # As a kill in mid-write would leave them: a half-written temporary, a damaged last frame.
+    (clip / "frames" / ".000004.exr.123.unfinished").write_bytes(b"half")
+    (clip / "frames" / "000001.exr").write_bytes(b"")
+    progress = []
+    resumed = render_clip(renderer, CLIP, clip, 0.25, lambda *at: progress.append(at))
+    assert 3 <= progress[0][1] <= 4
+    assert progress[-1] == ("rendering", len(resumed), len(resumed))
+    assert frames_equal(resumed, uninterrupted)
+    assert not list((clip / "frames").glob(".*"))
+
+
+def test_a_finished_clip_is_not_rendered_again(renderer, uninterrupted, monkeypatch):
+    monkeypatch.setattr(renderer, "frame", None)  # any rendering would fail
+    again = render_clip(renderer, CLIP, uninterrupted.folder, 0.25)
+    assert frames_equal(again, uninterrupted)
+
+
+def test_a_folder_with_other_settings_is_left_alone(small_carpet, renderer, uninterrupted):
+    before = (uninterrupted.folder / "manifest.json").read_bytes()
+    with pytest.raises(RenderError, match="found a sequence with spp 9, not 4; remove it, or"):
+        render_clip(Renderer(small_carpet, 64, 4), CLIP, uninterrupted.folder, 0.25)
+    with pytest.raises(RenderError, match="found a sequence with other frame times"):
+        render_clip(renderer, CLIP, uninterrupted.folder, 0.125)
+    assert (uninterrupted.folder / "manifest.json").read_bytes() == before
+
+
+def test_a_place_that_is_no_folder_is_refused(tmp_path, renderer):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RenderError, match=r"file/clip: cannot be written: Not a directory"):
+        render_clip(renderer, CLIP, tmp_path / "file" / "clip", 0.25)
+
+
+def test_a_full_disk_ends_the_render_and_leaves_nothing_half_written(
+    tmp_path, renderer, uninterrupted
+):
+    """A limit on file size stands in for the full disk; afterwards the render goes on."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    clip = tmp_path / "clip"
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))
+    try:
+        with pytest.raises(RenderError, match=r"frames/000000\.exr: cannot be written"):
+            render_clip(renderer, CLIP, clip, 0.25)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list((clip / "frames").iterdir()) == []
+    assert json.loads((clip / "manifest.json").read_text())["complete"] is False
+    assert frames_equal(render_clip(renderer, CLIP, clip, 0.25), uninterrupted)
+
+
+def test_render_scene_makes_one_folder_per_clip(tmp_path, small_carpet):
+    made = render_scene(
+        small_carpet,
+        tmp_path,
+        resolution=16,
+        spp=4,
+        duration_s=2.0,
+        max_displacement_px=1.0,
+        samples=2,
+    )
+    assert [sequence.folder.name for sequence in made] == ["clip_000", "clip_001"]
+    assert made[0].white_level == made[1].white_level
+    assert made[1].window_s == (0.75, 0.8)

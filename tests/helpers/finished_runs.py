@@ -1,0 +1,57 @@
+"""Folders of finished runs, as the report reads them."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tasks.evaluation.timings import JobTimings, MethodTimings
+from tasks.row import Row, write_rows
+from tasks.study.results.paper import WIDTHS
+
+
+def make_run(folder: Path, rows: list[Row]) -> Path:
+    write_rows(folder / "rows.parquet", rows)
+    environment = {"command": "eres study --preset quick", "Mitsuba variant": "llvm <mono>"}
+    (folder / "environment.json").write_text(json.dumps(environment))
+    (folder / "study.json").write_text(json.dumps({"render": {"spp": 16}}))
+    return folder
+
+
+def add_previews(folder: Path) -> None:
+    (folder / "previews").mkdir()
+    index = []
+    for width in WIDTHS:
+        file = f"{width}.png"
+        cv2.imwrite(str(folder / "previews" / file), np.full((8, 8, 3), 200, np.uint8))
+        entry = {"file": file, "scene": "carpet", "width": width, "cutoff_hz": "inf", "speed": 1.0}
+        index.append({**entry, "kind": "events", "caption": f"{width} px of events"})
+    index.append({**index[0], "kind": "frame", "caption": "the radiance"})
+    (folder / "previews" / "index.json").write_text(json.dumps(index))
+
+
+FLOW = MethodTimings("flow", "photometric_flow", "", 640, 20, 400_000, cpu_s=2.0, median_cpu_s=0.05)
+
+
+NOTHING = MethodTimings("flow", "initial_flow", "", 640, 20, 400_000, cpu_s=0.1, median_cpu_s=0.0)
+
+
+JOB = JobTimings(
+    scene="carpet",
+    sample=0,
+    cores=2,
+    frames=100,
+    resolution=1280,
+    spp=4,
+    reading_s=2.0,
+    sensors=1,
+    pixel_frames=300_000_000,
+    events=60_000_000,
+    simulating_s=3.0,
+    collecting_s=0.5,
+    scoring_s=2.5,
+    methods=(FLOW, NOTHING),
+    rendered_frames=50,
+    rendering_s=12.0,
+)

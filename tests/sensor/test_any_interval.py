@@ -1,0 +1,217 @@
+"""Events at any frame interval, cutoff, leak and time, against bisection in 200-bit arithmetic.
+
+What is drawn covers all that a user can ask for, not what our own studies ask for: a dt, the frame
+interval in time constants of the photoreceptor, goes from 1e-9 to 1e6.
+"""
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from exact_sensor import Pixel, exact_events
+from sensor import SensorError, SensorModel, simulate, simulate_bank
+
+PIXELS = 20  # of a drawn sensor; they share its electronics and times, not their light
+TOO_NEAR = 1e-12  # log units
+KINDS = ("any", "video", "still", "leak", "half microseconds", "since 1970", "own light")
+
+
+def walk(rng, frames, roughness):
+    """Log intensity that goes anywhere, (frames, PIXELS)."""
+    return np.cumsum(rng.normal(0, roughness, (frames, PIXELS)), axis=0)
+
+
+def drawn_times(rng, kind):
+    """(frame times in seconds, cutoff in Hz) of one kind of recording."""
+    if kind == "video":  # 24 to 240 frames a second, cutoffs from night to full sun
+        return np.arange(6) / rng.uniform(24, 240), 10 ** rng.uniform(0, 4)
+    interval_s = 10 ** rng.uniform(-5, 0.5)
+    x = 10 ** rng.uniform(-9, 6)
+    if kind == "half microseconds":
+        interval_s = round(interval_s * 1e6 + 1) * 1e-6
+        return np.arange(6) * interval_s + 0.5e-6, 200.0 if rng.random() < 0.5 else math.inf
+    intervals = interval_s * rng.uniform(0.3, 1.7, 5)
+    if kind == "still":  # a step, however short, then nothing
+        intervals[0] = 10 ** rng.uniform(-9, -3)
+    return np.concatenate(([0.0], np.cumsum(intervals))), x / interval_s / (2 * math.pi)
+
+
+def drawn(seed):
+    """One sensor, its frames and times, from a seed alone: (kind, radiance, t_s, Pixel)."""
+    rng = np.random.default_rng(seed)
+    kind = ("any", "video", "still", "leak", "half microseconds", "since 1970", "own light")[
+        seed % 7
+    ]
+    t_s, cutoff_hz = drawn_times(rng, kind)
+    if rng.random() < 0.15 and kind != "own light":
+        cutoff_hz = math.inf
+    C = float(rng.choice([0.05, 0.2, 0.5]))
+    u = walk(rng, len(t_s), C * 10 ** rng.uniform(-1, 0.8))
+    interval_s = float(np.median(np.diff(t_s)))
+    leak_hz = 0.0
+    if kind == "still":
+        u[1:] = u[1]
+    if kind == "video":  # a bar over a still background
+        held = rng.random(u.shape) < 0.5
+        for k in range(1, len(u)):
+            u[k] = np.where(held[k], u[k - 1], u[k])
+    if kind in ("leak", "half microseconds") or rng.random() < 0.2:
+        leak_hz = rng.uniform(0.1, 4) / interval_s
+    if kind in ("leak", "half microseconds") and rng.random() < 0.7:
+        # A period that divides the interval, or is divided by it: levels fall on frame times, but
+        # not on the last one, after which nobody could say whether the event still comes.
+        n = int(rng.integers(1, 5))
+        t_s = np.arange(len(t_s)) * interval_s + (t_s[0] if kind != "leak" else 0.0)
+        t_s[-1] += 0.37 * interval_s
+        leak_hz = float(rng.choice([n / interval_s, 1 / (n * interval_s)]))
+        if rng.random() < 0.5:
+            u[:] = u[0]
+    if kind == "since 1970" or rng.random() < 0.1:
+        t_s = t_s + float(rng.choice([1.6e9, -3e3, 4.6e9, 10 ** rng.uniform(3, 12)]))
+        t_s = t_s[np.concatenate(([True], np.diff(t_s) > 0))]
+        u = u[: len(t_s)]
+    pixel = Pixel(C=C, cutoff_hz=cutoff_hz, poles=int(rng.integers(1, 3)), leak_hz=leak_hz)
+    if kind == "own light":
+        reference = float(10 ** rng.uniform(-3, 3))
+        pixel = Pixel(C, cutoff_hz, pixel.poles, leak_hz, 0.01, reference)
+    return kind, np.exp(u), t_s, pixel
+
+
+def compare(seed):
+    """How the pixels of one drawn sensor fare: a `Counter` of "right", "too near" and "wrong"."""
+    kind, radiance, t_s, pixel = drawn(seed)
+    model = SensorModel(
+        width=PIXELS,
+        height=1,
+        contrast_threshold=pixel.C,
+        cutoff_hz=pixel.cutoff_hz,
+        poles=pixel.poles,
+        leak_hz=pixel.leak_hz,
+        dark_level=pixel.dark,
+        cutoff_reference=pixel.cutoff_reference,
+    )
+    events = simulate(radiance[:, None, :], t_s, model, threads=1)
+    assert np.all(np.diff(events.t_us) >= 0)
+    outcome = Counter()
+    for x in range(PIXELS):
+        exact = exact_events(radiance[:, x], t_s, pixel)
+        mine = events.x == x
+        t_us, p = events.t_us[mine], events.p[mine]
+        right = p.tolist() == exact.p and all(
+            abs(int(ours) - theirs) <= 1 for ours, theirs in zip(t_us, exact.t_us, strict=True)
+        )
+        if min(exact.margin, TOO_NEAR / max(exact.worst_slowness_us, 1e-300)) < TOO_NEAR:
+            outcome["too near"] += 1
+        elif right:
+            outcome["right"] += 1
+            outcome["events"] += len(p)
+        else:
+            outcome["wrong"] += 1
+            print(f"seed {seed} ({kind}), pixel {x}: {pixel}, intervals {np.diff(t_s)} s")
+    return outcome
+
+
+def check(seeds):
+    total = sum((compare(seed) for seed in seeds), Counter())
+    pixels = len(seeds) * PIXELS
+    print(dict(total), f"of {pixels} pixels")
+    assert total["wrong"] == 0
+    assert total["too near"] < 0.05 * pixels
+    assert total["events"] > pixels
+
+
+def test_two_thousand_pixels_are_exact_at_any_interval():
+    """Promise: count, polarity and order of every event are exact, its time within 1 us, whatever
+    the frame interval, the cutoff, the leak and the clock; but where the exact voltage itself comes
+    within 1e-12 of a level without crossing it, or takes a microsecond for as little."""
+    check(range(100))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("part", range(10))
+def test_a_hundred_thousand_pixels_are_exact_at_any_interval(part):
+    """As above, in ten parts."""
+    check(range(1000 + 500 * part, 1500 + 500 * part))
+
+
+def one_pixel(u, t_s, seed=0, **electronics):
+    """Return the events of a pixel with log intensity u at the times."""
+    frames = np.exp(np.asarray(u, dtype=np.float64))[:, None, None]
+    model = SensorModel(width=1, height=1, **{"dark_level": 0.0} | electronics)
+    return simulate(frames, t_s, model, seed=seed, threads=1)
+
+
+@pytest.mark.parametrize("still_s", [0.05, 0.5, 50.0, 2000.0])
+def test_a_step_before_a_long_still_interval_has_its_own_times(still_s):
+    """Physics: after a unit step v2 = 1 - (1 + y) e^{-y}, y = a t, however long nothing follows."""
+    events = one_pixel([0.0, 1.0, 1.0], [0.0, 1e-9, still_s], cutoff_hz=200.0)
+    y = 2 * math.pi * 200.0 * events.t_us * 1e-6
+    assert events.p.tolist() == [1, 1, 1, 1]
+    np.testing.assert_allclose(1 - (1 + y) * np.exp(-y), [0.2, 0.4, 0.6, 0.8], atol=1e-3)
+
+
+def test_a_cutoff_beyond_any_circuit_is_an_ideal_pixel():
+    """Physics: a filter without a lag changes nothing, even where 2 pi f_cutoff overflows."""
+    rng = np.random.default_rng(0)
+    u, t_s = np.cumsum(rng.normal(0, 0.3, 40)), np.arange(40) * 1e-3
+    ideal = one_pixel(u, t_s)
+    for cutoff_hz in (1e15, 1e308):
+        fast = one_pixel(u, t_s, cutoff_hz=cutoff_hz)
+        np.testing.assert_array_equal(fast.p, ideal.p)
+        assert np.abs(fast.t_us - ideal.t_us).max() <= 1
+    assert len(one_pixel(u, t_s, cutoff_hz=1e-300)) == 0
+
+
+@pytest.mark.parametrize("start_s", [0.0, 0.5e-6, 1.6e9 + 0.5e-6, 4.6e9, -4.6e9, 9e12])
+@pytest.mark.parametrize("interval_s", [1e-3, 1 / 30])
+def test_leak_levels_that_fall_on_frame_times_are_each_met_once(start_s, interval_s):
+    """Physics: a leak fires at equal intervals, also where these end on frame times, of which
+    float64 then only has the nearest; none is lost, doubled, or out of order."""
+    t_s = start_s + np.arange(41) * (interval_s if abs(start_s) < 1e12 else 1.0)
+    period_s = 4 * (t_s[1] - t_s[0])
+    lights = np.append(np.linspace(0.1, 9, 200), 2.606532663316583)
+    model = SensorModel(width=lights.size, height=1, dark_level=0.0, leak_hz=1 / period_s)
+    events = simulate(np.tile(lights, (41, 1, 1)), t_s, model, threads=1)
+    assert np.all(np.diff(events.t_us) >= 0)
+    since_us = (events.t_us - math.floor(start_s) * 1_000_000) - (start_s % 1) * 1e6
+    resolution_us = np.spacing(abs(t_s[-1])) * 1e6 * 41
+    for x in range(lights.size):
+        mine = since_us[events.x == x]
+        assert mine.size in (9, 10)  # the tenth falls on the last frame
+        expected_us = np.arange(1, mine.size + 1) * period_s * 1e6
+        assert np.all(np.abs(mine - expected_us) <= 1 + resolution_us)
+
+
+@pytest.mark.parametrize(
+    ("t_s", "speed", "expected"),
+    [
+        ([0.0, 1e13], 1.0, r"t_s\[1\]: found 1e\+13 s"),
+        ([-1e13, 0.0], 1.0, r"t_s\[0\]: found -1e\+13 s"),
+        ([0.0, 2000.0], 0.5, "4000 s between two frames at speed 0.5"),
+        ([0.0, 1.0], 1e-13, r"found 1e\+13 s at speed 1e-13"),
+        ([0.0, 1e-3], 1e321, "positive factors"),
+        ([1.9, math.nextafter(1.9, 2)], 1.8, "leaves no time between two frames"),
+    ],
+)
+def test_times_without_microseconds_are_refused(t_s, speed, expected):
+    """Promise: what int64 microseconds cannot hold is named, never wrapped around."""
+    model = SensorModel(width=1, height=1, dark_level=0.0)
+    with pytest.raises(SensorError, match=expected):
+        simulate_bank(np.ones((2, 1, 1)), t_s, [model], speeds=[speed])
+
+
+@pytest.mark.parametrize("light", [0.0, 5e-324, 1e-310])
+def test_light_below_what_float64_holds_is_refused_without_a_dark_level(light):
+    """Promise: a logarithm that has lost its digits is refused; with a dark level it has them."""
+    frames = np.array([1.0, light])[:, None, None]
+    with pytest.raises(SensorError, match=r"found a pixel of radiance .*dark_level"):
+        simulate(frames, [0.0, 1e-3], SensorModel(width=1, height=1, dark_level=0.0))
+    assert len(simulate(frames, [0.0, 1e-3], SensorModel(width=1, height=1, dark_level=0.01))) == 23
+
+
+def test_the_least_light_of_float64_has_its_events():
+    """Physics: log intensity is exact down to the least normal number."""
+    u = [math.log(2.3e-308), math.log(2.3e-308) + 1.01]
+    assert len(one_pixel(u, [0.0, 1e-3])) == 5

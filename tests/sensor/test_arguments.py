@@ -1,0 +1,413 @@
+"""What a user may hand to the sensor by mistake: an error that names it, or a warning."""
+
+import dataclasses
+import logging
+import math
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sensor import (
+    EventError,
+    Readout,
+    SensorError,
+    SensorModel,
+    cutoff_in_light,
+    read_out,
+    simulate,
+    simulate_bank,
+    stream,
+)
+from sensor.engine import arguments, group
+from sensor.formats.header import model_from_json, model_to_json
+from sensor.optics import crop_to_aspect
+
+T_S = [0.0, 0.01]
+MODEL = SensorModel(width=4, height=4)
+NO_NUMBERS = [None, "200", math.nan, True, np.bool_(True), [1.0], 1j, np.ones((9, 9)), {}]
+
+
+def frames(dtype=np.float32, size=(4, 4)):
+    light = np.ones((2, *size), dtype)
+    light[1] *= 3
+    return light
+
+
+def one_line(error, *texts):
+    text = str(error.value)
+    assert "\n" not in text
+    assert len(text) < 250
+    for part in texts:
+        assert part in text
+
+
+# Numbers
+
+
+# Every field of a model that is a number, with a value that it may have.
+FIELDS = {
+    field.name: {"width": 3, "height": 3, "poles": 1, "cutoff_hz": 200.0}.get(field.name, 0.5)
+    for field in dataclasses.fields(SensorModel)
+    if field.name != "random_start"
+}
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+@pytest.mark.parametrize("name", FIELDS)
+def test_a_model_of_no_numbers_is_refused(name, value):
+    """Promise: every field that is a number is refused by name where it is none."""
+    if value is None and name in ("dark_level", "cutoff_reference"):
+        return  # which means something there
+    with pytest.raises(SensorError) as error:
+        SensorModel(**{"width": 4, "height": 4, "cutoff_hz": 50.0, name: value})
+    one_line(error, f"SensorModel.{name}: found ", "expected ")
+
+
+@pytest.mark.parametrize("value", [None, "no", 1, 0.0, math.nan])
+def test_a_switch_is_on_or_off(value):
+    """Promise: `random_start="no"` is not a yes."""
+    with pytest.raises(SensorError, match=r"SensorModel.random_start: found .*, expected True"):
+        SensorModel(width=4, height=4, random_start=value)
+
+
+def test_an_integer_beyond_all_floats_is_refused():
+    with pytest.raises(SensorError) as error:
+        SensorModel(width=4, height=4, contrast_threshold=10**400)
+    one_line(error, "SensorModel.contrast_threshold: found a value of type int")
+
+
+@pytest.mark.parametrize(("name", "value"), FIELDS.items())
+def test_numbers_of_numpy_are_numbers(name, value):
+    """Promise: what comes out of an array works, equals Python's own, and can be stored."""
+    rest = {"width": 3, "height": 3, "cutoff_hz": 200.0}
+    plain = SensorModel(**{**rest, name: value})
+    kinds = [np.int64, np.uint8, np.int32] if isinstance(value, int) else [np.float64, np.float32]
+    for kind in kinds:
+        model = SensorModel(**{**rest, name: kind(value)})
+        assert model == plain
+        assert hash(model) == hash(plain)
+        assert type(getattr(model, name)) is type(value)
+        assert model_from_json(model_to_json(model)) == plain
+    assert SensorModel(width=3, height=3, random_start=np.bool_(True)).random_start is True
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
+@pytest.mark.parametrize("name", ["max_rate_hz", "fifo_depth", "row_overhead_s"])
+def test_a_bus_of_no_numbers_is_refused(name, value):
+    """Promise: as of a model; and NumPy's numbers are numbers here too."""
+    right = {"max_rate_hz": 1e6, "fifo_depth": 2, "row_overhead_s": 0.0}
+    with pytest.raises(SensorError) as error:
+        Readout(**{**right, name: value})
+    one_line(error, f"Readout.{name}: found ", "expected ")
+    assert Readout(**{**right, name: np.asarray(right[name])[()]}) == Readout(**right)
+
+
+@pytest.mark.parametrize("value", [*NO_NUMBERS, 0, -1.0, math.inf], ids=repr)
+def test_light_in_lux_is_a_positive_number(value):
+    with pytest.raises(SensorError, match=r"^illuminance_lux: found .*, expected a positive"):
+        cutoff_in_light(value)
+
+
+# How to run
+
+
+@pytest.mark.parametrize("value", [-1, 1 << 63, 1 << 64, 0.0, 1.5, "7", None, True, math.nan])
+def test_a_seed_that_is_none_is_refused(value):
+    """Promise: a seed is used as it is or not at all."""
+    for run in (simulate, lambda *a, **k: list(stream(*a, **k))):
+        with pytest.raises(SensorError) as error:
+            run(frames(), T_S, MODEL, seed=value)
+        one_line(error, f"seed: found {value!r}, expected an integer in 0..2^63 - 1")
+
+
+def test_any_seed_there_is_works():
+    """Promise: the largest too, whether Python's or NumPy's; and it is not its neighbour."""
+    largest = (1 << 63) - 1
+    drawn = SensorModel(width=40, height=40, random_start=True)
+    light = frames(size=(40, 40))
+    a, b, other = (
+        simulate(light, T_S, drawn, seed=seed)
+        for seed in (largest, np.int64(largest), np.uint32(largest & 0xFFFF_FFFF))
+    )
+    np.testing.assert_array_equal(a.t_us, b.t_us)
+    assert not np.array_equal(a.t_us, other.t_us)
+    assert not np.array_equal(a.t_us, simulate(light, T_S, drawn, seed=largest - 1).t_us)
+
+
+@pytest.mark.parametrize("value", [0, -1, 10**6, 2.0, "2", True, math.nan])
+def test_threads_that_cannot_be_are_refused(value):
+    """Promise: no number of threads is read as another one: 0 is not all cores."""
+    with pytest.raises(SensorError) as error:
+        simulate(frames(), T_S, MODEL, threads=value)
+    one_line(error, f"threads: found {value!r}, expected an integer in 1..1024, or None")
+    assert len(simulate(frames(), T_S, MODEL, threads=np.int32(2))) == 16 * 5  # log(3) / 0.2
+
+
+@pytest.mark.parametrize(
+    "model", [{"width": 4, "height": 4}, None, "davis346", (4, 4), SensorModel, np.ones(2)]
+)
+def test_what_is_no_model_is_refused(model):
+    """Promise: a table of settings is not taken for a sensor, alone or among sensors."""
+    name = type(model).__name__
+    with pytest.raises(SensorError) as error:
+        simulate(frames(), T_S, model)
+    one_line(error, f"model: found a {name}, expected a SensorModel")
+    with pytest.raises(SensorError) as error:
+        simulate_bank(frames(), T_S, [MODEL, model])
+    one_line(error, f"models[1]: found a {name}, expected a SensorModel")
+
+
+@pytest.mark.parametrize("models", [MODEL, None, 3])
+def test_models_are_several(models):
+    with pytest.raises(SensorError, match=r"^models: found .*, expected a list of SensorModel"):
+        simulate_bank(frames(), T_S, models)
+
+
+@pytest.mark.parametrize(
+    "speeds", [2.0, [None, 1.0], ["2", 1.0], [math.nan, 1.0], [True, 1.0], [1.0], [0.0, 1.0]]
+)
+def test_speeds_are_positive_numbers(speeds):
+    with pytest.raises(SensorError, match=r"^speeds: found .*, expected 2 positive factors"):
+        simulate_bank(frames(), T_S, [MODEL, MODEL], speeds=speeds)
+    fast, _ = simulate_bank(frames(), T_S, (MODEL, MODEL), speeds=np.array([2, 1]))
+    assert fast.t_us[-1] <= 5000
+
+
+# Shape
+
+SIDE = st.integers(1, 400)
+
+
+@given(height=SIDE, width=SIDE, sensor_height=SIDE, sensor_width=SIDE)
+def test_a_sensor_of_another_shape_is_refused(height, width, sensor_height, sensor_width):
+    """Physics: pixels are square. What whole pixels leave is allowed, less than one of them along
+    one axis, and what the error says to crop to is accepted."""
+    sensor_height, sensor_width = min(height, sensor_height), min(width, sensor_width)
+    model = SensorModel(width=sensor_width, height=sensor_height)
+    off_px = min(
+        abs(sensor_height - Fraction(sensor_width * height, width)),
+        abs(sensor_width - Fraction(sensor_height * width, height)),
+    )
+    if off_px < 1:
+        arguments.check_fit(model, height, width)
+    else:
+        rows, columns = crop_to_aspect(height, width, sensor_height, sensor_width)
+        with pytest.raises(SensorError) as error:
+            arguments.check_fit(model, height, width)
+        cut = f"[{rows.start}:{rows.stop}, {columns.start}:{columns.stop}]"
+        one_line(error, f"frames of {width}x{height} px; crop them to frame{cut}, or choose")
+        cropped = np.empty((height, width))[rows, columns].shape
+        assert sensor_height <= cropped[0]
+        assert sensor_width <= cropped[1]
+        arguments.check_fit(model, *cropped)
+        said = str(error.value).rpartition("choose a sensor of ")[2].removesuffix(" px")
+        alike = SensorModel(
+            **dict(zip(("width", "height"), map(int, said.split("x")), strict=True))
+        )
+        arguments.check_fit(alike, height, width)
+
+
+@given(height=SIDE, width=SIDE, data=st.data())
+def test_a_sensor_of_the_frames_shape_is_accepted(height, width, data):
+    """Promise: a width and the height that goes with it, rounded up or down, and the other way."""
+    for long, short in ((width, height), (height, width)):
+        side = data.draw(st.integers(1, long))
+        exact = Fraction(side * short, long)
+        for other in {max(1, math.floor(exact)), math.ceil(exact)}:
+            w, h = (side, other) if (long, short) == (width, height) else (other, side)
+            arguments.check_fit(SensorModel(width=w, height=h), height, width)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "frame", "text"),
+    [
+        ((346, 260), (1280, 960), ""),
+        ((346, 259), (1280, 960), ""),
+        ((346, 346), (1280, 1280), ""),
+        ((1280, 720), (1280, 1280), "frame[280:1000, 0:1280], or choose a sensor of 1280x1280 px"),
+        ((346, 261), (1280, 960), "frame[0:960, 3:1276], or choose a sensor of 346x260 px"),
+        ((64, 4), (64, 64), "frame[30:34, 0:64], or choose a sensor of 64x64 px"),
+    ],
+)
+def test_light_is_not_stretched(sensor, frame, text):
+    """Promise: `simulate` refuses what it would stretch, and says what to do, whatever the
+    source of the frames."""
+    model = SensorModel(width=sensor[0], height=sensor[1])
+    light = np.broadcast_to(np.float32(1), (2, *frame[::-1]))
+    for source in (light, iter(light)):
+        if text:
+            with pytest.raises(SensorError) as error:
+                simulate(source, T_S, model)
+            one_line(error, f"sensor of {sensor[0]}x{sensor[1]} px is of another shape", text)
+        else:
+            assert len(simulate(source, T_S, model)) == 0
+
+
+# Times and light of another unit
+
+
+@pytest.mark.parametrize(
+    ("t_s", "median"),
+    [
+        (np.arange(5) * 33.3, "33.3 s"),  # milliseconds
+        (np.arange(5) * 1000.0, "1000 s"),  # microseconds
+        (np.array([0.0, 1.5]), "1.5 s"),
+        (np.arange(5) * 1.0, None),
+        (np.array([0.0, 0.1, 0.2, 50.0]), None),  # a pause
+        (np.zeros(1), None),
+    ],
+)
+def test_times_that_may_not_be_seconds_are_warned_of(t_s, median, caplog):
+    """Promise: a median frame interval above 1 s is named; one long pause is not."""
+    with caplog.at_level(logging.WARNING):
+        simulate(np.ones((len(t_s), 2, 2)), t_s, SensorModel(width=2, height=2))
+    if median is None:
+        assert caplog.messages == []
+    else:
+        (message,) = caplog.messages
+        assert f"t_s: found a median of {median} between two frames" in message
+        assert "ms or us?" in message
+
+
+def gradient(levels, highest):
+    """Return a frame (16, 32) with `levels` values from 0 to the highest."""
+    return np.resize(np.linspace(0, highest, levels), (16, 32))
+
+
+@pytest.mark.parametrize(
+    ("light", "said"),
+    [
+        (gradient(256, 255), "whole numbers from 0 to 255, 256 different ones"),
+        (gradient(16, 15), "whole numbers from 0 to 15, 16 different ones"),
+        (gradient(15, 14), None),  # a step wedge
+        (gradient(2, 1), None),  # a checkerboard
+        (gradient(2, 255), None),
+        (gradient(256, 1), None),  # an image divided by 255
+        (gradient(256, 255) ** 2.2 / 255, None),
+        (gradient(256, 255) + 0.25, None),
+        (gradient(257, 256), None),  # more than 8 bits
+        (np.ones((16, 32)), None),
+        (np.zeros((16, 32)), None),
+    ],
+)
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_frames_that_may_be_an_8_bit_image_are_warned_of(light, said, dtype, caplog):
+    """Promise: an image read as floats is not taken for light without a word; synthetic light of a
+    few levels, and light that is not whole, is."""
+    model = SensorModel(width=32, height=16, dark_level=0.1)
+    with caplog.at_level(logging.WARNING):
+        simulate(np.repeat(light.astype(dtype)[None], 2, axis=0), T_S, model)
+    if said is None:
+        assert caplog.messages == []
+    else:
+        (message,) = caplog.messages
+        assert said in message
+        assert "sensor.to_linear(frames.astype(np.uint8), 'srgb')" in message
+
+
+# Events and the bus
+
+
+@pytest.mark.parametrize("name", ["t_start_us", "t_end_us"])
+@pytest.mark.parametrize("value", [0.005, 5000.0, np.float64(5000), np.float32(0), "0", None])
+def test_a_window_in_seconds_is_refused(name, value):
+    """Promise: windows are whole microseconds, so that 0.05 s is not an empty window."""
+    events = simulate(frames(), T_S, MODEL)
+    with pytest.raises(EventError) as error:
+        events.between(**{"t_start_us": 0, "t_end_us": 10, name: value})
+    one_line(error, f"Events.between: found {name} = {value!r}, expected whole microseconds")
+
+
+@pytest.mark.parametrize("kind", [int, np.int64, np.int32, np.uint32, np.uint64])
+def test_a_window_of_any_integers_is_right(kind):
+    """Promise: NumPy's integers are integers; the window is half-open."""
+    events = simulate(frames(), T_S, MODEL)
+    first_us, last_us = np.unique(events.t_us)[[1, 3]]
+    window = events.between(kind(first_us), kind(last_us))
+    np.testing.assert_array_equal(
+        window.t_us, events.t_us[(events.t_us >= first_us) & (events.t_us < last_us)]
+    )
+    assert len(window) == 2 * 16
+
+
+def test_a_bus_has_no_report_before_it_ran():
+    """Promise: no zeros that look like a bus with nothing to do; then counts as they come."""
+    events = simulate(frames(), T_S, MODEL)
+    parts = read_out([events[:30], events[30:]], Readout(max_rate_hz=1e6, fifo_depth=8))
+    with pytest.raises(EventError) as error:
+        _ = parts.report
+    one_line(error, "ReadOut.report: ", "parts.report")
+    next(iter(parts))
+    assert parts.report.fired == 30
+    for _ in parts:
+        pass
+    assert parts.report.fired == len(events) == 80
+    none = read_out([], Readout(max_rate_hz=1e6, fifo_depth=8))
+    assert list(none) == []
+    assert none.report.fired == 0
+
+
+# Memory
+
+DEMANDING = {
+    "ideal": {},
+    "filtered": {"cutoff_hz": 50.0},
+    "uneven": {"threshold_mismatch": 0.02},
+    "hot": {"hot_pixel_fraction": 0.1},
+    "tired": {"refractory_s": 1e-3},
+    "everything": {
+        "cutoff_hz": 50.0,
+        "threshold_mismatch": 0.02,
+        "hot_pixel_fraction": 0.1,
+        "refractory_s": 1e-3,
+    },
+}
+
+
+@pytest.mark.parametrize("options", DEMANDING.values(), ids=DEMANDING)
+def test_sensors_larger_than_memory_are_refused(options, monkeypatch):
+    """Promise: by what the pixels' state takes, to the byte, both numbers said; before anything of
+    that size is made."""
+    model = SensorModel(width=50, height=40, dark_level=1.0, **options)
+    light = np.ones((2, 40, 50))
+    one = group.SensorGroup.start([0], [model], [1.0], light[0], 0)
+    state = [one.state.memory, one.state.v1, one.state.v2, one.settings.hot_hz, *one.ready_us]
+    if model.threshold_mismatch:
+        state += [one.settings.C_on, one.settings.C_off]
+    needed = sum(array.nbytes for array in state if array is not None)
+    monkeypatch.setattr(arguments, "memory_bytes", lambda: 3 * needed)
+    simulate_bank(light, T_S, [model] * 3)
+    monkeypatch.setattr(arguments, "memory_bytes", lambda: 3 * needed - 1)
+    monkeypatch.setattr(group.SensorGroup, "start", None)
+    with pytest.raises(SensorError) as error:
+        simulate_bank(light, T_S, [model] * 3)
+    one_line(error, "3 sensors of up to 50x40 px", f"{3 * needed / 1e9:.1f} GB", "this machine has")
+
+
+def test_a_sensor_of_sixteen_gigapixels_is_refused_here():
+    """Promise: the machine's own memory is what counts: 65536 x 65536 filtered pixels take 103 GB
+    of state, more than this machine has or, where it has more, as many sensors as it takes."""
+    model = SensorModel(width=1 << 16, height=1 << 16, cutoff_hz=50.0)
+    there = arguments.memory_bytes()
+    assert 1e8 < there < 1e15
+    count = math.ceil((there + 1) / (24 * (1 << 32)))
+    with pytest.raises(SensorError, match=rf"and this machine has {there / 1e9:.1f} GB of memory"):
+        arguments.check_memory([model] * count)
+
+
+@pytest.mark.parametrize("name", ["leak_hz", "shot_noise_hz", "hot_pixel_hz"])
+def test_rates_above_one_event_a_microsecond_are_refused(name):
+    """Promise: a rate that event times cannot hold is refused; its events would fill all memory."""
+    SensorModel(width=1, height=1, **{name: 1e6})
+    with pytest.raises(SensorError, match=rf"{name}: found 1e\+300, expected Hz from 0 to 1e\+06"):
+        SensorModel(width=1, height=1, **{name: 1e300})
+
+
+@pytest.mark.parametrize("dark_level", [1e-310, 5e-324, 1e301])
+def test_dark_levels_that_float64_does_not_add_are_refused(dark_level):
+    """Promise: I + I_dark has all its digits and its logarithm exists, whatever the light."""
+    with pytest.raises(SensorError, match="dark_level"):
+        SensorModel(width=1, height=1, dark_level=dark_level)

@@ -1,0 +1,477 @@
+"""`eres simulate`, `convert`, `info` and `sensors`: from a render to any file of events."""
+
+import logging
+import shutil
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from eres_render import ground_truth, load_scene, render_scene, window_times
+from event_streams import SUFFIXES, assert_same, make_events, random_events
+from light_scenes import small_carpet_folder
+from sensor import Readout, SensorModel, presets, read_out, simulate
+from sensor.events import concatenate
+from sensor.formats import FORMATS, load_events, read_header, write_events
+from sensor.optics import crop_to_aspect
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    """A rendered clip of 64 x 64 px."""
+    folder = tmp_path_factory.mktemp("clip")
+    scene = load_scene(small_carpet_folder(folder / "carpet"))
+    return render_scene(
+        scene, folder / "r", resolution=64, spp=1, max_displacement_px=1.0, samples=1
+    )[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "model", "speed"),
+    [
+        (
+            ["--resolution", 40, "--cutoff", 50, "--threshold", 0.15, "--speed", 2, "--seed", 4],
+            SensorModel(width=40, height=40, cutoff_hz=50.0, contrast_threshold=0.15),
+            2.0,
+        ),
+        (["--resolution", 64], SensorModel(width=64, height=64), 1.0),
+    ],
+)
+def test_simulate_writes_what_the_library_simulates(
+    eres, sequence, tmp_path, arguments, model, speed
+):
+    """Promise: the file holds `sensor.simulate`'s events, and says how they were made."""
+    out = tmp_path / "out.h5"
+    code, printed, err = eres("simulate", sequence.folder, "--out", out, *arguments)
+    assert (code, err) == (0, "")  # no terminal, no progress
+    dark = replace(model, dark_level=1e-3 * sequence.white_level)
+    expected = simulate(np.stack(list(sequence)), sequence.t_s / speed, dark)
+    assert len(expected) > 500
+    assert_same(load_events(out), expected)
+    assert f"out.h5: {len(expected)} events" in printed
+    header = read_header(out)
+    assert header.model == dark
+    said = header.origin
+    assert (said["scene"], said["clip"], said["speed"]) == (sequence.manifest.scene, 0, speed)
+    assert said["seed"] == (4 if "--seed" in arguments else 0)
+    assert said["window_end_us"] == round(1e6 * sequence.window_s[1] / speed)
+
+
+def test_noise_and_bus_reach_the_sensor(eres, sequence, tmp_path):
+    """Promise: every option of pixels and bus does what the library does with it, is stored in the
+    file, and what the bus delayed and dropped is said."""
+    options = {
+        "--resolution": 32,
+        "--illuminance": 20.0,
+        "--poles": 1,
+        "--fill-factor": 0.5,
+        "--threshold-mismatch": 0.02,
+        "--leak": 0.5,
+        "--shot-noise": 3.0,
+        "--shot-noise-exponent": 0.4,
+        "--hot-pixels": 0.01,
+        "--hot-pixel-rate": 70.0,
+        "--refractory": 2e-4,
+        "--bus": 0.05,
+        "--fifo": 2,
+        "--row-overhead": 1e-6,
+        "--seed": 6,
+    }
+    flags = [word for pair in options.items() for word in pair]
+    out = tmp_path / "out.h5"
+    code, printed, err = eres(
+        "simulate",
+        sequence.folder,
+        "--out",
+        out,
+        "--random-start",
+        "--cutoff-follows-light",
+        *flags,
+    )
+    assert (code, err) == (0, "")
+    white = sequence.white_level
+    model = SensorModel(
+        width=32,
+        height=32,
+        dark_level=1e-3 * white,
+        cutoff_hz=60.0,
+        cutoff_reference=white,
+        poles=1,
+        random_start=True,
+        fill_factor=0.5,
+        threshold_mismatch=0.02,
+        leak_hz=0.5,
+        shot_noise_hz=3.0,
+        shot_noise_exponent=0.4,
+        hot_pixel_fraction=0.01,
+        hot_pixel_hz=70.0,
+        refractory_s=2e-4,
+    )
+    fired = simulate(np.stack(list(sequence)), sequence.t_s, model, seed=6)
+    bus = Readout(max_rate_hz=5e4, fifo_depth=2, row_overhead_s=1e-6)
+    parts = read_out(fired, bus)
+    expected = concatenate(list(parts))
+    assert_same(load_events(out), expected)
+    header = read_header(out)
+    assert header.model == model
+    assert header.origin["readout_max_rate_hz"] == 5e4
+    report = parts.report
+    assert 0 < report.dropped < report.fired
+    assert f"{report.fired} events fired, {report.dropped} dropped" in printed
+    assert f"{report.delayed} delayed, by" in printed
+
+
+def test_a_cameras_bus_by_name(eres, sequence, tmp_path):
+    """Promise: --bus davis346 is 12 Mev/s, for whatever sensor."""
+    out = tmp_path / "out.npz"
+    arguments = ["--resolution", 64, "--bus", "davis346"]
+    assert eres("simulate", sequence.folder, "--out", out, *arguments)[0] == 0
+    assert read_header(out).origin["readout_max_rate_hz"] == 12e6
+
+
+def test_truth_in_the_same_file(eres, sequence, tmp_path):
+    """Promise: --truth adds depth, flow and poses on the events' clock, and changes no event."""
+    plain, out = tmp_path / "plain.h5", tmp_path / "out.h5"
+    arguments = ["--resolution", 16, "--speed", 2]
+    assert eres("simulate", sequence.folder, "--out", plain, *arguments)[0] == 0
+    assert eres("simulate", sequence.folder, "--out", out, "--truth", 0.02, *arguments)[0] == 0
+    assert_same(load_events(out), load_events(plain))
+    truth, times_s = ground_truth(sequence), window_times(sequence, 0.02)
+    assert len(times_s) == 4
+    with h5py.File(out) as file:
+        group = file["truth"]
+        np.testing.assert_allclose(group["t_us"][:], times_s / 2 * 1e6, atol=0.5)
+        origin = read_header(out).origin
+        ends = [origin["window_start_us"], origin["window_end_us"]]
+        assert group["t_us"][[0, -1]].tolist() == ends
+        np.testing.assert_array_equal(group["T_world_cam"], truth.trajectory.pose(times_s))
+        np.testing.assert_array_equal(group["K"], truth.camera(16).K)
+        np.testing.assert_array_equal(group["depth"][1], truth.depth(times_s[1], 16))
+        flow = truth.flow(times_s[1], times_s[2], 16)
+        np.testing.assert_array_equal(group["flow"][1], flow.flow_px)
+        np.testing.assert_array_equal(group["flow_valid"][1], flow.valid)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.h5", "plain.h5"]
+
+
+def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkeypatch):
+    """Promise: a sensor that is wider than the frames are has square pixels all the same."""
+    wide = presets.SensorPreset(
+        supplier="",
+        camera="",
+        year=2026,
+        interface=None,
+        max_bandwidth_mev_s=None,
+        model=SensorModel(width=32, height=18, contrast_threshold=0.1),
+    )
+    monkeypatch.setitem(presets.SENSORS, "wide", wide)
+    out = tmp_path / "out.h5"
+    arguments = ["--out", out, "--sensor", "wide", "--truth", 1]
+    assert eres("simulate", sequence.folder, *arguments)[0] == 0
+    frames = np.stack([frame[14:50] for frame in sequence])
+    events = load_events(out)
+    assert events.model.contrast_threshold == 0.1
+    assert_same(events, simulate(frames, sequence.t_s, events.model))
+    with h5py.File(out) as file:
+        depth = file["truth"]["depth"][0]
+    whole = ground_truth(sequence).depth(sequence.window_s[0], 64)[14:50]
+    of_four = whole.reshape(18, 2, 32, 2).mean(axis=(1, 3))
+    np.testing.assert_allclose(depth, of_four, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((50, "--speed", 2), None),  # what clips are rendered for
+        ((50, "--speed", 4), "warm-up, 9.55 ms, is 3 time constants of a 50 Hz filter, expected 6"),
+        ((10,), "warm-up, 38.2 ms, is 2.4 time constants of a 10 Hz filter, expected 6"),
+    ],
+)
+def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, arguments, said):
+    """Promise: events that still depend on where the clip starts do not go by unnoticed."""
+    caplog.set_level(logging.WARNING, "tasks")
+    asked = ["--resolution", 16, "--cutoff", *arguments]
+    assert eres("simulate", sequence.folder, "--out", tmp_path / "a.npz", *asked)[0] == 0
+    evaluated = ("evaluate", sequence.folder, "--task", "reconstruction", *asked)
+    assert eres(*evaluated)[0] == 0
+    assert len(caplog.messages) == (0 if said is None else 2)
+    assert all(said in message for message in caplog.messages)
+
+
+def test_middle():
+    """Promise: the largest middle of the sensor's shape, to a whole pixel."""
+    assert crop_to_aspect(1280, 1280, 720, 1280) == np.s_[280:1000, 0:1280]
+    assert crop_to_aspect(1280, 1280, 260, 346) == np.s_[159:1121, 0:1280]
+    assert crop_to_aspect(480, 640, 100, 100) == np.s_[0:480, 80:560]
+    assert crop_to_aspect(3, 5, 3, 5) == np.s_[0:3, 0:5]
+
+
+@pytest.mark.parametrize("name", list(FORMATS))
+def test_convert_there_and_back(eres, tmp_path, name):
+    """Promise: from DSEC to any format and back, events, model and origin are kept."""
+    model = SensorModel(width=640, height=480, cutoff_hz=200.0)
+    events = random_events(500, model=None if name == "text" else model)
+    first, there, back = (tmp_path / f for f in ("a.h5", f"b{SUFFIXES[name]}", "c.h5"))
+    write_events(first, events, origin={} if name == "text" else {"seed": 3})
+    code, out, _ = eres("convert", first, there, "--format", name)
+    assert (code, "500 events" in out) == (0, True)
+    assert eres("convert", there, back)[0] == 0
+    assert back.read_bytes() == first.read_bytes()
+
+
+def test_truth_is_kept_from_dsec_to_dsec(eres, sequence, tmp_path, caplog):
+    """Promise: nothing that the file to write can hold is lost, nor is any of it changed."""
+    a, b = tmp_path / "a.h5", tmp_path / "b.hdf5"
+    arguments = ["--resolution", 16, "--truth", 0.02]
+    assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
+    with h5py.File(a, "r+") as file:
+        file["truth"].attrs["made by"] = "hand"
+        file["truth"].create_group("more")["empty"] = h5py.Empty("f4")
+        # Seven rows of two chunks, the second of them not full.
+        more = np.arange(35, dtype=np.int16).reshape(7, 5)
+        file["truth/more"].create_dataset("odd", data=more, chunks=(1, 3), fletcher32=True)
+    caplog.clear()
+    assert eres("convert", a, b)[0] == 0
+    assert caplog.messages == []
+    assert_same(load_events(a), load_events(b))
+    with h5py.File(a) as before, h5py.File(b) as after:
+        names = []
+        before["truth"].visit(names.append)
+        assert len(names) == 9
+        assert dict(after["truth"].attrs) == {"made by": "hand"}
+        for name in names:
+            old, new = before["truth"][name], after["truth"][name]
+            if isinstance(old, h5py.Group):
+                continue
+            assert (new.dtype, new.shape, new.chunks) == (old.dtype, old.shape, old.chunks)
+            assert (new.fletcher32, new.shuffle) == (old.fletcher32, old.shuffle)
+            if old.shape is not None:
+                np.testing.assert_array_equal(new[...], old[...])
+
+
+def test_damaged_truth_is_not_copied(eres, sequence, tmp_path):
+    """Promise: a checksum that does not hold is an error that names the file, and none appears."""
+    a, b = tmp_path / "a.h5", tmp_path / "b.h5"
+    arguments = ["--resolution", 16, "--truth", 0.02]
+    assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
+    with h5py.File(a) as file:
+        chunk = file["truth/depth"].id.get_chunk_info(1)
+    data = bytearray(a.read_bytes())
+    data[chunk.byte_offset + chunk.size // 2] ^= 1
+    a.write_bytes(data)
+    code, _, err = eres("convert", a, b)
+    assert (code, f"{a}: truth: cannot be read" in err) == (1, True)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
+    """Promise: a warning names all that a conversion leaves out."""
+    events = random_events(9, model=SensorModel(width=640, height=480))
+    dsec, raw, npz, text = (tmp_path / f"a.{end}" for end in ("h5", "raw", "npz", "txt"))
+    write_events(dsec, events, origin={"seed": 3})
+    with h5py.File(dsec, "r+") as file:
+        file["truth/depth"] = [1.0]
+        file["imu"], file["events/z"] = [1.0], [2.0]
+        file.attrs["camera"] = "mine"
+
+    def convert(source, out):
+        caplog.clear()
+        assert eres("convert", source, out)[0] == 0
+        return caplog.messages
+
+    assert "also holds    camera, imu, truth, events/z" in eres("info", dsec)[1]
+    assert convert(dsec, tmp_path / "b.h5") == [
+        f"{tmp_path / 'b.h5'}: without camera, imu, events/z, for which DSEC HDF5 has no place"
+    ]
+    assert convert(dsec, npz) == [
+        f"{npz}: without camera, imu, truth, events/z, for which numpy arrays has no place"
+    ]
+    assert convert(npz, raw) == []
+    assert convert(raw, text) == [
+        f"{text}: without sensor model, origin, for which text, t x y p has no place"
+    ]
+    assert convert(text, tmp_path / "c.raw") == []
+    header, words = raw.read_bytes().split(b"% end\n", 1)
+    raw.write_bytes(header + b"% serial_number 12\n% end\n" + words)
+    assert convert(raw, tmp_path / "d.raw") == [
+        f"{tmp_path / 'd.raw'}: without serial_number, for which Prophesee EVT3 has no place"
+    ]
+    with np.load(npz) as columns:
+        np.savez(tmp_path / "e.npz", **columns, extra=np.zeros(3))
+    assert convert(tmp_path / "e.npz", tmp_path / "f.npz") == [
+        f"{tmp_path / 'f.npz'}: without extra, for which numpy arrays has no place"
+    ]
+
+
+@pytest.mark.parametrize("how", ["itself", "relative", "symlink", "hardlink"])
+def test_convert_in_place_is_refused(eres, tmp_path, monkeypatch, how):
+    """Promise: a command never overwrites the file that it reads, with --overwrite or without."""
+    source = tmp_path / "a.h5"
+    write_events(source, random_events(500))
+    before = source.read_bytes()
+    out = source if how == "itself" else tmp_path / "b.h5"
+    if how == "relative":
+        monkeypatch.chdir(tmp_path)
+        out = "../" + tmp_path.name + "/a.h5"
+    elif how == "symlink":
+        out.symlink_to(source)
+    elif how == "hardlink":
+        out.hardlink_to(source)
+    for also in ([], ["--overwrite"]):
+        code, _, err = eres("convert", source, out, *also)
+        assert (code, "itself" in err) == (1, True)
+    assert source.read_bytes() == before
+
+
+def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
+    """Promise: simulate and convert replace a file only with --overwrite, and then do."""
+    source, out = tmp_path / "a.npz", tmp_path / "b.h5"
+    write_events(source, random_events(500))
+    arguments = {
+        "simulate": [sequence.folder, "--out", out, "--resolution", 16],
+        "convert": [source, out],
+    }
+    for command, words in arguments.items():
+        out.write_bytes(b"precious")
+        code, _, err = eres(command, *words)
+        assert (code, f"{out}: exists already; add --overwrite" in err) == (1, True)
+        assert out.read_bytes() == b"precious"
+        assert eres(command, *words, "--overwrite")[0] == 0
+        assert len(load_events(out)) > 0
+
+
+def test_convert_asks_for_a_size(eres, tmp_path):
+    """Promise: --size WIDTH HEIGHT for files that store none; the error says so."""
+    source, out = tmp_path / "a.txt", tmp_path / "b.npz"
+    source.write_text("0.5 3 4 1\n")
+    code, _, err = eres("convert", source, out)
+    assert (code, "--size WIDTH HEIGHT" in err, out.exists()) == (1, True, False)
+    assert eres("convert", source, out, "--size", 346, 260)[0] == 0
+    assert_same(load_events(out), make_events([500_000], [3], [4], [1], 346, 260))
+
+
+@pytest.mark.parametrize("name", list(FORMATS))
+def test_info(eres, tmp_path, name):
+    """Promise: format, size, count, time, rate and polarities of any file, and its model."""
+    t, zeros = [1_000_000, 1_250_000, 1_500_000, 3_000_000], [0, 1, 2, 3]
+    model = SensorModel(width=346, height=260, cutoff_hz=50.0)
+    events = make_events(t, zeros, zeros, [1, 1, 1, 0], 346, 260, model)
+    path = tmp_path / f"a{SUFFIXES[name]}"
+    write_events(path, events, format=name, origin={"seed": 9})
+    code, out, _ = eres("info", path)
+    said = dict(line.split(None, 1) for line in out.strip().splitlines())
+    assert code == 0
+    assert said["format"].strip() == FORMATS[name].title
+    assert said["sensor"].strip() == "346x260 px" or name != "text"
+    assert said["events"].strip() == "4"
+    assert said["time"].strip() == "1.000000 to 3.000000 s"
+    assert said["rate"].strip() == "2e-06 Mev/s"
+    assert said["brighter"].strip() == "75.00 % of the events"
+    if name != "text":
+        assert '"cutoff_hz": 50.0' in out
+        assert said["seed"].strip() == "9"
+
+
+def test_info_without_size_and_without_events(eres, tmp_path):
+    """Promise: info needs no size, and an empty file is described too."""
+    (tmp_path / "a.txt").write_text("0.5 3 4 1\n")
+    assert "size not stored" in eres("info", tmp_path / "a.txt")[1]
+    write_events(tmp_path / "b.npz", make_events([], [], [], []))
+    code, out, _ = eres("info", tmp_path / "b.npz")
+    assert (code, "640x480 px" in out) == (0, True)
+
+
+def test_sensors(eres):
+    """Promise: `eres sensors` lists every preset with its table's facts."""
+    code, out, _ = eres("sensors")
+    assert code == 0
+    line = next(line for line in out.splitlines() if "gen4-cd" in line)
+    assert " ".join(line.split()) == "gen4-cd Prophesee Gen4 CD 2020 1280x720 USB 3 1066"
+    assert len(out.splitlines()) == 15
+
+
+@pytest.mark.parametrize("command", ["simulate", "convert", "sensors", "info"])
+def test_commands_explain_themselves(eres, command):
+    """Promise: help exits 0 and says what the command does."""
+    code, out, _ = eres(command, "--help")
+    assert (code, len(out.splitlines()) > 3) == (0, True)
+
+
+SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/a.h5"],
+            1,
+            "found neither, expected one of them: --sensor NAME, as in `eres sensors`, or "
+            "--resolution WIDTH",
+        ),
+        ([*SIMULATE, "--sensor", "davis346"], 1, "found both, expected one of them: --sensor NAME"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "davis34"], 1, "'davis346'?"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "finer than"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.dat", "--resolution", "64"], 1, "'.dat'"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/no/a.h5", "--resolution", "64"],
+            1,
+            "no such folder",
+        ),
+        (["simulate", "{seq}", "--out", "{tmp}", "--resolution", "64"], 1, "extension ''"),
+        (["simulate", "{tmp}/none", "--out", "{tmp}/a.h5", "--resolution", "9"], 1, "none"),
+        (["simulate", "{seq}", "--resolution", "64"], 2, "--out"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8", "--speed", "0"],
+            1,
+            "speed: found 0",
+        ),
+        ([*SIMULATE, "--cutoff", "9", "--illuminance", "9"], 1, "both cutoff and illuminance"),
+        ([*SIMULATE, "--cutoff-follows-light"], 1, "expected a cutoff or an illuminance"),
+        ([*SIMULATE, "--illuminance", "0"], 1, "illuminance_lux: found 0"),
+        ([*SIMULATE, "--leak", "-1"], 1, "leak_hz: found -1"),
+        ([*SIMULATE, "--poles", "3"], 1, "poles: found 3"),
+        ([*SIMULATE, "--bus", "davis34"], 1, "did you mean 'davis346'"),
+        (
+            [*SIMULATE, "--bus", "foo"],
+            1,
+            "bus: found 'foo', neither a rate in million events per second, such as --bus "
+            "12, nor a camera; expected one of dvs128",
+        ),
+        ([*SIMULATE, "--bus", "atis"], 1, "the bandwidth of 'atis' is unknown"),
+        ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),
+        ([*SIMULATE, "--fifo", "9"], 1, "expected a bus with them"),
+        ([*SIMULATE, "--truth", "0"], 1, "step_s: found 0"),
+        (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "dvs128"], 1, "finer"),
+        (
+            ["simulate", "{seq}", "--out", "{tmp}/a.npz", "--resolution", "8", "--truth", "1"],
+            1,
+            "truth has a place in DSEC's format",
+        ),
+        (["convert", "{tmp}/none.h5", "{tmp}/a.raw"], 1, "none.h5: No such file"),
+        (["convert", "{tmp}/bad.raw", "{tmp}/a.h5"], 1, "bad.raw: byte 0"),
+        (["convert", "{tmp}/bad.raw", "{tmp}/a.h5", "--input-format", "x"], 1, "found 'x'"),
+        (["info", "{tmp}/bad.raw"], 1, "bad.raw: byte 0: found no header"),
+    ],
+)
+def test_mistakes_get_one_clear_line(eres, sequence, tmp_path, arguments, code, said):
+    """Promise: exit code 1 with one line, 2 for usage; nothing is left behind."""
+    (tmp_path / "bad.raw").write_bytes(b"nothing of the kind")
+    filled = [a.format(seq=sequence.folder, tmp=tmp_path) for a in arguments]
+    got, out, err = eres(*filled)
+    assert got == code
+    assert said in out + err
+    if code == 1:
+        assert len(err.strip().splitlines()) == 1, err
+        assert [p.name for p in tmp_path.iterdir()] == ["bad.raw"]
+
+
+def test_a_damaged_frame_leaves_no_file(eres, sequence, tmp_path):
+    """Promise: when the light ends half-way, so does the command, and no half a file is left."""
+    folder = shutil.copytree(sequence.folder, tmp_path / "sequence")
+    frame = sorted((folder / "frames").iterdir())[-1]
+    frame.write_bytes(frame.read_bytes()[:100])
+    out = tmp_path / "a.raw"
+    code, _, err = eres("simulate", folder, "--out", out, "--resolution", 16)
+    assert (code, frame.name in err) == (1, True)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["sequence"]

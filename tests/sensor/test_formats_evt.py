@@ -1,0 +1,229 @@
+"""Prophesee RAW: checked against faery's codecs both ways, and word by word against the format."""
+
+import logging
+
+import numpy as np
+import pytest
+from faery import evt as faery_evt
+
+from event_streams import assert_same, bars, make_events, random_events
+from sensor import EventFormatError
+from sensor.formats import load_events, read_events, write_events
+
+BOTH = pytest.mark.parametrize("name", ["evt2", "evt3"])
+
+STREAMS = {
+    "dense": lambda: random_events(30_000, mean_us=0.01),
+    "usual": lambda: random_events(30_000, mean_us=2),
+    "sparse": lambda: random_events(3_000, mean_us=30_000),
+    "late": lambda: random_events(3_000, start_us=80_000_000_000, mean_us=9),
+    "around a turn of EVT3's clock": lambda: random_events(9_000, start_us=(1 << 24) - 4500),
+    "around a turn of EVT2's clock": lambda: random_events(9_000, start_us=(1 << 34) - 4500),
+    "bars": lambda: bars(40),
+    "narrow bars": lambda: bars(40, width=45),
+    "long pauses": lambda: make_events(
+        [0, 1 << 24, (1 << 24) + 1, 5 << 24, 5 << 36], range(5), range(5), [1, 0, 1, 0, 1]
+    ),
+    "one": lambda: make_events([4095], [2047], [2047], [1], 2048, 2048),
+}
+
+
+def by_faery(path):
+    """(version, events) of a RAW file as faery decodes it."""
+    with faery_evt.Decoder(path, None, None) as decoder:
+        found = [p["events"].copy() for p in decoder if p and "events" in p]
+        all_of_them = np.concatenate(found)
+        columns = [all_of_them[name] for name in ("t", "x", "y", "on")]
+        return decoder.version, make_events(*columns, *decoder.dimensions)
+
+
+@BOTH
+@pytest.mark.parametrize("kind", STREAMS)
+def test_an_independent_decoder_reads_what_we_write(name, kind, tmp_path):
+    """Promise: faery decodes every event of our files, its time above all."""
+    events = STREAMS[kind]()
+    write_events(tmp_path / "a.raw", events, format=name)
+    version, decoded = by_faery(tmp_path / "a.raw")
+    assert version == name
+    assert_same(decoded, events)
+
+
+@BOTH
+def test_times_of_the_clock_of_the_day_have_an_offset(name, tmp_path):
+    """Promise: what words of EVT cannot say is said as faery says it, and faery reads it."""
+    events = random_events(3_000, start_us=1_600_000_000_123_457, mean_us=9)
+    write_events(tmp_path / "a.raw", events, format=name, t_offset_us=1_600_000_000_000_000)
+    assert b"% t0 1600000000000000\n" in (tmp_path / "a.raw").read_bytes()
+    assert_same(by_faery(tmp_path / "a.raw")[1], events)
+    assert_same(load_events(tmp_path / "a.raw"), events)
+    with pytest.raises(EventFormatError, match="subtract an offset first"):
+        write_events(tmp_path / "b.raw", events, format=name)
+
+
+@BOTH
+@pytest.mark.parametrize("from_zero", [False, True])
+@pytest.mark.parametrize("kind", STREAMS)
+def test_we_read_what_an_independent_encoder_writes(name, kind, from_zero, tmp_path):
+    """Promise: every event of faery's files is read, also where its header holds an offset `t0`."""
+    events = STREAMS[kind]()
+    path = tmp_path / "a.raw"
+    size = events.width, events.height
+    with faery_evt.Encoder(path, name, from_zero, size, True) as encoder:
+        packet = np.empty(len(events), [("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
+        packet["t"], packet["x"], packet["y"] = events.t_us, events.x, events.y
+        packet["on"] = events.p > 0
+        encoder.write({"events": packet})
+    assert_same(load_events(path), events)
+
+
+def words_of(path, dtype):
+    data = path.read_bytes()
+    start = data.index(b"% end\n") + len(b"% end\n")
+    return np.frombuffer(data[start:], dtype)
+
+
+def test_evt2_word_by_word(tmp_path):
+    """Format: type in bits 31..28, low time 27..22, x 21..11, y 10..0; time high from 0."""
+    events = make_events([3, 64, 64 * 5 + 63], [5, 6, 639], [7, 8, 479], [1, 0, 1])
+    write_events(tmp_path / "a.raw", events, format="evt2")
+    assert [f"{w:08x}" for w in words_of(tmp_path / "a.raw", "<u4")] == [
+        "80000000",
+        f"{1 << 28 | 3 << 22 | 5 << 11 | 7:08x}",
+        "80000001",
+        f"{6 << 11 | 8:08x}",
+        "80000005",
+        f"{1 << 28 | 63 << 22 | 639 << 11 | 479:08x}",
+    ]
+
+
+def test_evt3_word_by_word(tmp_path):
+    """Format: each word says what changed; five neighbours and more are one group of vectors."""
+    x = [5, 9, 10, 12, 13, 14, 20, 40, 600]
+    events = make_events([3] * 8 + [5000], x, [7] * 9, [0] + [1] * 8)
+    write_events(tmp_path / "a.raw", events, format="evt3")
+    assert [f"{w:04x}" for w in words_of(tmp_path / "a.raw", "<u2")] == [
+        "8000",
+        "6003",
+        "0007",
+        f"{2 << 12 | 5:04x}",
+        f"{3 << 12 | 1 << 11 | 9:04x}",
+        f"{4 << 12 | 0b100000111011:04x}",
+        f"{4 << 12:04x}",
+        f"{5 << 12 | 1 << 7:04x}",
+        "8001",
+        f"{6 << 12 | 5000 - 4096:04x}",
+        f"{2 << 12 | 1 << 11 | 600:04x}",
+    ]
+
+
+@pytest.mark.parametrize("width", [640, 45, 31])
+def test_vectors_are_as_prophesees_decoder_expects_them(width, tmp_path):
+    """Promise: vectors come as 12, 12, 8 and lie within the sensor: OpenEB drops all others."""
+    events = bars(40, width=width)
+    write_events(tmp_path / "a.raw", events)
+    words = words_of(tmp_path / "a.raw", "<u2")
+    kinds = words >> 12
+    firsts = np.flatnonzero(kinds == 4)[::2]
+    assert (len(firsts) > 0) == (width >= 32)
+    assert len(words) < 0.8 * len(events) or width < 640
+    assert np.all(kinds[firsts[:, None] + np.arange(3)] == [4, 4, 5])
+    assert np.count_nonzero(kinds == 5) == len(firsts)
+    base = -1
+    for word, kind in zip(words.tolist(), kinds.tolist(), strict=True):
+        if kind == 3:
+            base = word & 0x7FF
+        elif kind in (4, 5):
+            assert base + (12 if kind == 4 else 8) <= width
+            base += 12 if kind == 4 else 8
+
+
+HEADER = b"% evt 3.0\n% format EVT3;height=480;width=640\n% end\n"
+
+
+def raw(path, header, words, dtype="<u2"):
+    path.write_bytes(header + np.array(words, dtype).tobytes())
+    return path
+
+
+def test_evt3_of_a_camera(tmp_path):
+    """Format: repeated times, lone vectors, triggers and unknown masters, a clock that turns."""
+    words = [0x8FFF, 0x6001, 0x0005, 0x280A, 0x8FFF, 0xA001, 0xE014, 0xF123, 0x7004]
+    words += [0x3064, 0x5081, 0x4801, 0x6001, 0x8000, 0x200B, 0x6002, 0x0805, 0x2805]
+    events = load_events(raw(tmp_path / "a.raw", HEADER, words))
+    last = 0xFFF001
+    assert events.t_us.tolist() == [last, last, last, last, last, 1 << 24, (1 << 24) + 2]
+    assert events.x.tolist() == [10, 100, 107, 108, 119, 11, 5]
+    assert events.p.tolist() == [1, -1, -1, -1, -1, -1, 1]
+    assert set(events.y.tolist()) == {5}
+
+
+def test_a_stream_that_starts_in_the_middle(tmp_path, caplog):
+    """Promise: what comes before the first time and row is left out, and the log says how much."""
+    words = [0x2001, 0x3002, 0x4003, 0x8001, 0x2003, 0x6001, 0x0004, 0x2005]
+    with caplog.at_level(logging.WARNING):
+        events = load_events(raw(tmp_path / "a.raw", HEADER, words))
+    assert (events.t_us.tolist(), events.x.tolist()) == ([4097], [5])
+    assert "skipped 4 events" in caplog.text
+
+
+def test_headers_of_other_writers(tmp_path):
+    """Promise: size by `geometry` or `format`, no `% end`, no size at all; the version if given."""
+    words = [0x8000, 0x0001, 0x2002]
+    for header in (b"% evt 3.0\n% geometry 640x480\n", b"% format EVT3;width=640;height=480\n"):
+        assert len(load_events(raw(tmp_path / "a.raw", header, words))) == 1
+    bare = raw(tmp_path / "a.raw", b"% Date 2014-02-28\n", words)
+    with pytest.raises(EventFormatError, match="does not say which version"):
+        load_events(bare)
+    with pytest.raises(EventFormatError, match="does not store the sensor's size"):
+        load_events(bare, format="evt3")
+    assert len(load_events(bare, format="evt3", size=(640, 480))) == 1
+
+
+@pytest.mark.parametrize(
+    ("header", "words", "said"),
+    [
+        (b"", [], "byte 0: found no header"),
+        (b"% evt 3.0", [], "byte 9: the header breaks off within a line"),
+        (b"% evt \xff\n", [], "expected a line of text"),
+        (b"% evt 4.0\n", [], "found version '4.0', expected EVT2 or EVT3"),
+        (b"% evt 2.0\n% format EVT3;width=640;height=480\n", [], "'evt2 and evt3'"),
+        (b"% geometry 64x48\n" + HEADER, [], "two sizes, [(64, 48), (640, 480)]"),
+        (b"% geometry wide\n" + HEADER, [], "geometry: found 'wide'"),
+        (b"% geometry 0x0\n% evt 3.0\n", [], "width: found 0"),
+        (b"% endianness big\n" + HEADER, [], "endianness"),
+        (
+            b"% event_count 2\n" + HEADER,
+            [0x8000, 0x0001, 0x2001],
+            "ends after 1 events, expected 2",
+        ),
+        (b"% event_count x\n" + HEADER, [], "event_count: found 'x'"),
+        (b"% event_count 2\n% evt 3.0\n", [], "breaks off before '% end'"),
+        (b'% sensor_model {"width": 2}\n' + HEADER, [], "sensor_model: "),
+        (b'% sensor_model {"widht": 2}\n' + HEADER, [], "sensor_model.widht: unknown"),
+        (b'% sensor_model {"width": "2"}\n' + HEADER, [], "sensor_model.width: found '2'"),
+        (b"% origin []\n" + HEADER, [], "origin: found '[]', expected a JSON object"),
+        (HEADER, [0x8000, 0x0001, 0x2FFF], "byte 55, word 0x2fff: found x = 2047, outside"),
+        (HEADER, [0x8000, 0x01E0, 0x2001], "byte 55, word 0x2001: found y = 480, outside"),
+        (HEADER, [0x8000, 0x0001, 0x327F, 0x5003], "word 0x5003: found x = 640, outside"),
+        (HEADER, [0x8000, 0x0001, 0x4003], "word 0x4003: found a vector of events before"),
+        (HEADER, [0x8000, 0x1001], "word 0x1001: found a word of a type that the format does not"),
+        (HEADER, [0x8001, 0x0001, 0x2001, 0x8000, 0x2001], "found time 0 us after 4096 us"),
+    ],
+)
+def test_damage_is_named(header, words, said, tmp_path):
+    """Promise: an error in a RAW file names the byte."""
+    path = raw(tmp_path / "a.raw", header, words)
+    with pytest.raises(EventFormatError) as error:
+        load_events(path)
+    assert said in str(error.value)
+    assert str(error.value).startswith(str(path))
+
+
+def test_a_word_cut_in_two_is_an_error_after_the_events_before_it(tmp_path):
+    """Promise: nothing is lost in silence, and what came before can still be had."""
+    words = np.array([0x8000, 0x0001, 0x2002], "<u2").tobytes()
+    (tmp_path / "a.raw").write_bytes(HEADER + words + b"\x02")
+    parts = read_events(tmp_path / "a.raw")
+    assert [len(next(parts)), len(next(parts))] == [0, 1]
+    with pytest.raises(EventFormatError, match="byte 57: the file ends within a word of 2 bytes"):
+        next(parts)

@@ -1,0 +1,295 @@
+"""What every event format promises: all events come back, in bounded memory, or a clear refusal."""
+
+import itertools
+import time
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from event_streams import SUFFIXES, assert_same, make_events, random_events, streams
+from sensor import EventError, EventFormatError, SensorModel, simulate, stream
+from sensor.formats import (
+    FORMATS,
+    evt,
+    find_format,
+    load_events,
+    read_events,
+    read_header,
+    text,
+    write_events,
+)
+from sensor.formats import (
+    batching as parts,
+)
+
+EVERY = pytest.mark.parametrize("name", list(FORMATS))
+QUICK = settings(max_examples=60)
+
+
+def file_of(folder, name):
+    return folder / f"events{SUFFIXES[name]}"
+
+
+def in_parts(events, cuts):
+    edges = [0, *sorted(c % (len(events) + 1) for c in cuts), len(events)]
+    return [events[a:b] for a, b in itertools.pairwise(edges)]
+
+
+@EVERY
+@QUICK
+@given(events=streams(), cuts=st.lists(st.integers(0, 40), max_size=3))
+def test_every_event_comes_back(name, events, cuts, tmp_path):
+    """Promise: written in any parts, read in parts, the columns, size and model are the same."""
+    path = file_of(tmp_path, name)
+    assert write_events(path, in_parts(events, cuts), format=name) == len(events)
+    back = load_events(path, format=name)
+    assert_same(back, events)
+    header = read_header(path, format=name)
+    assert (header.width, header.height) == (events.width, events.height)
+    if name != "text":  # which has no place for it
+        assert back.model == events.model == header.model
+
+
+@EVERY
+def test_files_depend_on_the_events_not_on_how_they_were_cut(name, tmp_path, monkeypatch):
+    """Promise: the same stream in other parts makes the same bytes; many parts read as one."""
+    monkeypatch.setattr(parts, "PART_EVENTS", 1000)
+    events = random_events(4321)
+    files = []
+    for k, cuts in enumerate([[], [1, 2, 3000], range(0, 4321, 7)]):
+        if name == "dsec" and k == 2:
+            time.sleep(1.1)  # HDF5 can note times, in seconds
+        files.append(tmp_path / f"{k}{SUFFIXES[name]}")
+        write_events(files[-1], in_parts(events, cuts), format=name, origin={"seed": 3})
+    assert len({file.read_bytes() for file in files}) == 1
+    read = list(read_events(files[0], format=name))
+    assert len(read) > 4
+    assert max(map(len, read)) <= 1000
+    assert_same(load_events(files[0], format=name), events)
+
+
+@EVERY
+def test_memory_does_not_grow_with_the_stream(name, tmp_path, monkeypatch):
+    """Promise: ten times the events, read and written, take no more memory."""
+    monkeypatch.setattr(parts, "PART_EVENTS", 1 << 12)
+    monkeypatch.setattr(evt, "_READ_WORDS", 1 << 12)
+    monkeypatch.setattr(text, "_READ_BYTES", 1 << 14)
+    chunk = random_events(1 << 12)
+
+    def many(count):
+        step_us = int(chunk.t_us[-1]) + 1
+        for k in range(count):
+            later = chunk.t_us + k * step_us
+            yield replace(chunk, t_us=later)
+
+    def peak(count):
+        path = file_of(tmp_path, name)
+        tracemalloc.start()
+        write_events(path, many(count), format=name)
+        got = sum(len(part) for part in read_events(path, format=name))
+        used = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert got == count * len(chunk)
+        return used
+
+    peak(1)  # imports and compilation
+    few, many_more = peak(20), peak(200)
+    assert many_more < few + (1 << 19)  # the longer stream takes 9 MB as arrays
+
+
+@EVERY
+def test_simulated_streams_go_straight_to_files(name, tmp_path):
+    """Promise: `stream` into a file and back is `simulate`, with the model that was used."""
+    y, x = np.mgrid[:24, :32]
+    t_s = np.arange(60) * 1e-3
+    frames = np.exp(np.sin(x / 3 + y / 5 + 90 * t_s[:, None, None]))
+    model = SensorModel(width=32, height=24, cutoff_hz=200.0)
+    path = file_of(tmp_path, name)
+    count = write_events(path, stream(frames, t_s, model), format=name, origin={"seed": 0})
+    expected = simulate(frames, t_s, model)
+    assert count == len(expected) > 1000
+    back = load_events(path, format=name)
+    assert_same(back, expected)
+    if name != "text":
+        assert back.model == expected.model
+        assert read_header(path, format=name).origin == {"seed": 0}
+
+
+@EVERY
+def test_empty_streams_are_files_too(name, tmp_path):
+    """Promise: a stream without events keeps its size and reads as one empty part."""
+    path = file_of(tmp_path, name)
+    empty = make_events([], [], [], [], 33, 21)
+    assert write_events(path, [empty, empty], format=name) == 0
+    assert_same(load_events(path, format=name), empty)
+
+
+@EVERY
+def test_origin_says_how_it_was_made(name, tmp_path):
+    """Promise: files store seed, speed and sequence with the model, in any language."""
+    origin = {"seed": 7, "speed": 4 / 3, "scene": 'carpet, "größer" \u2192 %', "clip": 0}
+    path = file_of(tmp_path, name)
+    write_events(path, random_events(10), format=name, origin=origin)
+    assert read_header(path, format=name).origin == ({} if name == "text" else origin)
+
+
+@EVERY
+def test_a_file_appears_whole_or_not_at_all(name, tmp_path):
+    """Promise: a stream that fails leaves the old file as it was, and nothing else."""
+    path = file_of(tmp_path, name)
+    write_events(path, random_events(5), format=name)
+    before = path.read_bytes()
+
+    def failing():
+        yield random_events(100)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_events(path, failing(), format=name)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def too_wide():
+    return make_events([0], [2048], [0], [1], 2049, 10)
+
+
+LATE, EARLY = (make_events([t], [0], [0], [1]) for t in (1 << 40, -1))
+CANNOT = {
+    "evt2 x": ("evt2", [too_wide()], "2049x10 px, expected at most 2048x2048"),
+    "evt3 x": ("evt3", [too_wide()], "2049x10 px, expected at most 2048x2048"),
+    "evt2 late": ("evt2", [LATE], "found time 1099511627776 us, expected 0 to 1099511627775"),
+    "evt3 late": ("evt3", [LATE], "found time 1099511627776 us, expected 0 to 1099511627775"),
+    "evt2 early": ("evt2", [EARLY], "found time -1 us"),
+    "evt3 early": ("evt3", [EARLY], "found time -1 us"),
+    "dsec span": ("dsec", [make_events([5, 1 << 32], [0, 0], [0, 0], [1, 1])], "4294967296 us"),
+    "text": ("text", [make_events([(1 << 63) - 1], [0], [0], [1])], "9000000000000 s"),
+    "none": ("npz", [], "found none, expected at least one"),
+    "order": ("npz", [LATE, EARLY], "part 1: starts at -1 us, expected no earlier"),
+    "sensor": ("npz", [EARLY, random_events(1, width=320)], "part 1: found a sensor of 320x480"),
+    "kind": ("npz", [np.zeros(3)], "part 0: found ndarray, expected Events"),
+}
+
+
+@pytest.mark.parametrize("case", CANNOT)
+def test_what_a_format_cannot_hold_is_refused(case, tmp_path):
+    """Promise: no event is bent to fit a format; the error says what was found, no file is left."""
+    name, stream_parts, said = CANNOT[case]
+    with pytest.raises(EventFormatError) as error:
+        write_events(file_of(tmp_path, name), stream_parts, format=name)
+    assert said in str(error.value)
+    assert not list(tmp_path.iterdir())
+    assert isinstance(error.value, EventError)
+
+
+@pytest.mark.parametrize("origin", [{"Seed": 1}, {"a b": 1}, {"x": None}, {"x": float("nan")}])
+def test_origins_that_no_file_could_say_are_refused(origin, tmp_path):
+    """Promise: entries of an origin are named values, or an error."""
+    with pytest.raises(EventFormatError, match="origin"):
+        write_events(tmp_path / "a.npz", random_events(1), origin=origin)
+
+
+def test_the_extension_chooses_the_format(tmp_path):
+    """Promise: .h5 .hdf5 .raw .npz .txt in any case; a .raw that exists says its version."""
+    for suffix, name in [("h5", "dsec"), ("HDF5", "dsec"), ("npz", "npz"), ("txt", "text")]:
+        assert find_format(f"a.{suffix}").name == name
+    path = tmp_path / "a.raw"
+    assert find_format(path).name == "evt3"
+    write_events(path, random_events(9), format="evt2")
+    assert find_format(path).name == "evt2"
+    assert len(load_events(path)) == 9
+    write_events(path, random_events(9))
+    assert find_format(path).name == "evt3"
+    with pytest.raises(EventFormatError, match=r"words of version evt3, expected EVT2"):
+        load_events(path, format="evt2")
+    with pytest.raises(EventFormatError, match=r"extension '.dat', expected one of .h5"):
+        write_events(tmp_path / "a.dat", random_events(9))
+    with pytest.raises(EventFormatError, match="'evt4', expected one of dsec, evt3"):
+        load_events(path, format="evt4")
+
+
+def test_sizes_are_stored_or_given_and_never_guessed(tmp_path):
+    """Promise: a file without a size needs one; one that contradicts the file is refused."""
+    bare = tmp_path / "bare.txt"
+    bare.write_text("0.5 3 4 1\n1.25 5 6 0\n")
+    with pytest.raises(EventFormatError, match="does not store the sensor's size"):
+        load_events(bare)
+    given = load_events(bare, size=(346, 260))
+    assert_same(given, make_events([500_000, 1_250_000], [3, 5], [4, 6], [1, 0], 346, 260))
+    sized = tmp_path / "sized.npz"
+    write_events(sized, given)
+    assert_same(load_events(sized, size=(346, 260)), given)
+    with pytest.raises(EventFormatError, match="found a size of 346x260, expected 640x480"):
+        load_events(sized, size=(640, 480))
+
+
+def test_missing_files_and_folders_are_the_systems_errors(tmp_path):
+    """Promise: the error names the missing file or folder before anything is written."""
+    for suffix in SUFFIXES.values():
+        with pytest.raises(FileNotFoundError) as error:
+            read_events(tmp_path / f"none{suffix}")
+        assert error.value.filename == str(tmp_path / f"none{suffix}")
+        with pytest.raises(FileNotFoundError) as error:
+            write_events(tmp_path / "no" / f"a{suffix}", random_events(1))
+        assert error.value.filename == str(tmp_path / "no")
+
+
+def test_numpy_reads_npz(tmp_path):
+    """Promise: an npz file is what `numpy.load` expects; one that numpy compressed reads too."""
+    events = random_events(50)
+    write_events(tmp_path / "a.npz", events, origin={"seed": 1})
+    with np.load(tmp_path / "a.npz") as arrays:
+        np.testing.assert_array_equal(arrays["t_us"], events.t_us)
+        np.testing.assert_array_equal(arrays["p"], events.p)
+        assert (int(arrays["width"]), str(arrays["origin"])) == (640, '{"seed": 1}')
+    columns = {name: getattr(events, name) for name in ("t_us", "x", "y", "p")}
+    np.savez_compressed(tmp_path / "b.npz", **columns)
+    assert_same(load_events(tmp_path / "b.npz", size=(640, 480)), events)
+
+
+def test_text_is_seconds_and_zero_or_one(tmp_path):
+    """Promise: text is `t x y p`; other files' decimals, blanks and line ends read as well."""
+    t_us = [-1_500_000, 0, 7, 123_456_789]
+    events = make_events(t_us, [0, 1, 2, 639], [0, 0, 9, 479], [0, 1, 0, 1])
+    path = tmp_path / "a.txt"
+    write_events(path, events)
+    assert path.read_text() == (
+        "640 480\n-1.500000 0 0 0\n0.000000 1 0 1\n0.000007 2 9 0\n123.456789 639 479 1\n"
+    )
+    path.write_bytes(b"0.003811000 96 133 0\r\n 1\t2  3 1\n\n2.0000006 0 0 1 \n2.0000015 0 0 1")
+    read = load_events(path, size=(240, 180))
+    assert read.t_us.tolist() == [3811, 1_000_000, 2_000_001, 2_000_002]
+    assert read.x.tolist() == [96, 2, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "byte 0: found b''"),
+        ("640 480", "byte 0: found b'640 480'"),
+        ("640 480 3\n", "byte 0"),
+        ("640 480\n0.5 1 2 1\n0.4 1 2 1\n", "byte 18: found b'0.4 1 2 1': the time is earlier"),
+        ("640 480\n0.5 640 2 1\n", "x is outside the sensor"),
+        ("640 480\n0.5 1 480 1\n", "y is outside the sensor"),
+        ("640 480\n0.5 1 2 -1\n", "expected p to be 0 or 1"),
+        ("640 480\n0.5 1 2 2\n", "expected p to be 0 or 1"),
+        ("640 480\n0.5 1 2\n", "then x, y and p"),
+        ("640 480\n5e-1 1 2 1\n", "a time in seconds as a plain decimal"),
+        ("640 480\n0.5 1 2 1 9\n", "a time in seconds as a plain decimal"),
+        ("640 480\nnan 1 2 1\n", "a time in seconds as a plain decimal"),
+        ("640 480\n99999999999999 1 2 1\n", "a time in seconds as a plain decimal"),
+        ("640 480\n" + "1" * 600, "a line without end"),
+    ],
+)
+def test_text_that_is_not_events_is_refused(text, said, tmp_path):
+    """Promise: the error shows a line that is not an event of this sensor, with its byte."""
+    path = tmp_path / "a.txt"
+    path.write_text(text)
+    with pytest.raises(EventFormatError) as error:
+        load_events(path)
+    assert said in str(error.value)
+    assert str(path) in str(error.value)

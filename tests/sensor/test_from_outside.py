@@ -1,0 +1,69 @@
+"""Sensors and event formats from outside need only public names and less than 20 lines each."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+from sensor import Events, SensorModel, simulate
+from sensor.formats import FORMATS, Format, Header, load_events, read_header, write_events
+from sensor.presets import SENSORS, SensorPreset, find_sensor
+
+T_S = np.arange(30) * 1e-3
+FRAMES = 1.1 + np.sin(np.arange(40) + 90 * T_S[:, None, None]) * np.ones((30, 30, 40))
+
+
+def own_sensor():
+    return SensorPreset(
+        supplier="Ours",
+        camera="Event 1",
+        year=2026,
+        interface="USB 3",
+        max_bandwidth_mev_s=20,
+        model=SensorModel(width=40, height=30, cutoff_hz=120.0, dark_level=0.01),
+    )
+
+
+def own_format():
+    def write(path, header, parts):
+        rows = [np.stack(part.columns, axis=1) for part in parts]
+        np.savetxt(path, np.vstack([(header.width, header.height, 0, 0), *rows]), "%d")
+        return sum(map(len, rows))
+
+    def read_header(path):
+        width, height, *_ = np.loadtxt(path, int, max_rows=1)
+        return Header(int(width), int(height))
+
+    def read(path, header):
+        t_us, x, y, p = np.loadtxt(path, int, skiprows=1, ndmin=2).T
+        columns = t_us, x.astype(np.uint16), y.astype(np.uint16), p.astype(np.int8)
+        yield Events(*columns, header.width, header.height)
+
+    return Format("rows", "a row for each event", (".rows",), write, read_header, read, False)
+
+
+@pytest.mark.parametrize("written", [own_sensor, own_format])
+def test_it_takes_less_than_20_lines(written):
+    """Promise: a sensor or an event format from outside needs less than 20 lines of Python."""
+    assert len(inspect.getsource(written).splitlines()) < 20
+
+
+def test_a_sensor_from_outside_is_one_like_any_other(monkeypatch, tmp_path):
+    """Promise: with an entry in SENSORS it has a name, fires events, and files store it."""
+    monkeypatch.setitem(SENSORS, "event1", own_sensor())
+    events = simulate(FRAMES, T_S, find_sensor("event1").model)
+    assert len(events) > 1000
+    write_events(tmp_path / "events.h5", events)
+    assert load_events(tmp_path / "events.h5").model == own_sensor().model
+
+
+def test_a_format_from_outside_is_one_like_any_other(monkeypatch, tmp_path, caplog):
+    """Promise: with an entry in FORMATS its extension works, and a warning names what is lost."""
+    monkeypatch.setitem(FORMATS, "rows", own_format())
+    events = simulate(FRAMES, T_S, own_sensor().model)
+    file = tmp_path / "events.rows"
+    assert write_events(file, events) == len(events) > 1000
+    assert "without sensor model, for which a row for each event has no place" in caplog.text
+    assert (read_header(file).width, read_header(file).height) == (40, 30)
+    for column, written in zip(load_events(file).columns, events.columns, strict=True):
+        np.testing.assert_array_equal(column, written)

@@ -1,0 +1,151 @@
+"""Statistics against histograms made the slow way, and against fields of known scaling."""
+
+import math
+from collections import defaultdict
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sensor import Events, SensorModel, simulate
+from sensor.statistics import (
+    IntervalHistogram,
+    event_rates_hz,
+    fit_power_law,
+    log_bin_edges_us,
+    log_slope,
+    mode_us,
+    slopes_by_pixel_size,
+)
+
+
+def drawn_events(seed, n, width, height, span_us):
+    rng = np.random.default_rng(seed)
+    t_us = np.sort(rng.integers(0, span_us, n))
+    x = rng.integers(0, width, n).astype(np.uint16)
+    y = rng.integers(0, height, n).astype(np.uint16)
+    return Events(t_us, x, y, rng.choice([-1, 1], n).astype(np.int8), width, height)
+
+
+@settings(max_examples=40)
+@given(
+    seed=st.integers(0, 1000),
+    n=st.integers(0, 600),
+    every_row=st.sampled_from([1, 2, 3]),
+    cut=st.integers(0, 600),
+)
+def test_intervals_are_those_of_each_pixel(seed, n, every_row, cut):
+    """Promise: per pixel, consecutive, ending in the window, in half-open bins, part by part."""
+    events = drawn_events(seed, n, 5, 7, 20_000)
+    edges = np.array([10, 100, 300, 1000, 4000])
+    histogram = IntervalHistogram(5, 7, edges, (6_000, 15_000), every_row)
+    histogram.add(events[:cut])
+    histogram.add(events[cut:])
+
+    times = defaultdict(list)
+    for t, x, y in zip(events.t_us.tolist(), events.x, events.y, strict=True):
+        if y % every_row == 0:
+            times[x, y].append(t)
+    found = [t1 - t0 for row in times.values() for t0, t1 in pairwise(row) if 6_000 <= t1 < 15_000]
+    expected = np.histogram(np.array([f for f in found if f < 4000]), edges)[0]
+    np.testing.assert_array_equal(histogram.counts, expected)
+    assert histogram.shorter == sum(f < 10 for f in found)
+    assert histogram.longer == sum(f >= 4000 for f in found)
+
+
+def test_a_steady_ramp_has_one_interval():
+    """Physics: log intensity rising at s fires every C / s, Eq. (7); s is doubled, it is halved."""
+    t_s = np.linspace(0, 0.2, 5)
+    modes = []
+    for s in (40.0, 80.0):
+        frames = np.exp(s * t_s)[:, None, None] * np.ones((1, 4, 4))
+        model = SensorModel(width=4, height=4, contrast_threshold=0.2, dark_level=0.0)
+        histogram = IntervalHistogram(4, 4, log_bin_edges_us(), (0, 200_000))
+        histogram.add(simulate(frames, t_s, model))
+        assert np.count_nonzero(histogram.counts) == 1
+        modes.append(mode_us(histogram.edges_us, histogram.counts))
+    assert modes[0] == pytest.approx(0.2 / 40 * 1e6, rel=0.13)  # half a bin
+    assert modes[1] == pytest.approx(0.2 / 80 * 1e6, rel=0.13)
+
+
+def test_bins_are_even_in_log_time_and_the_mode_allows_for_rounded_edges():
+    """Promise: 10 bins per decade, whole microseconds; a wide bin is not higher for its width."""
+    edges = log_bin_edges_us()
+    assert (edges[0], edges[-1], len(edges)) == (10, 100_000, 41)
+    assert np.all(np.diff(np.log10(edges[10:])) == pytest.approx(0.1, abs=0.005))
+    assert mode_us([10, 20, 80], [100, 150]) == pytest.approx(math.sqrt(200))
+    assert mode_us([10, 20, 80], [0, 0]) is None
+
+
+def test_rates_are_counts_over_the_window():
+    """Promise: each pixel's events in the half-open window over its length."""
+    events = drawn_events(3, 5000, 5, 7, 20_000)
+    rates = event_rates_hz(events, 5_000, 15_000)
+    slow = np.zeros((7, 5))
+    for t, x, y in zip(events.t_us, events.x, events.y, strict=True):
+        slow[y, x] += (5_000 <= t < 15_000) / 0.01
+    np.testing.assert_allclose(rates, slow)
+
+
+def test_log_slope_is_the_derivative():
+    """Physics: light that grows as e^{s t} on a dark level of 0 has L_t = s everywhere."""
+    frame = np.random.default_rng(0).uniform(0.1, 5, (6, 8))
+    np.testing.assert_allclose(log_slope(frame, frame * math.exp(30 * 2e-3), 2e-3, 0.0), 30)
+
+
+def test_an_exact_power_law_is_found_exactly():
+    """Promise: the fit returns the exponent and factor of p^-gamma, with an interval of no width
+    where all blocks agree and one that covers it where they scatter."""
+    p = np.array([1.0, 2.0, 5.0, 10.0])
+    blocks = np.outer([1.0, 3.0, 9.0], 7 * p**-0.8)
+    law = fit_power_law(p, blocks, np.array([1, 1, 2]))
+    assert law.exponent == pytest.approx(0.8)
+    assert law.low == pytest.approx(0.8)
+    assert law.high == pytest.approx(0.8)
+    assert law.factor == pytest.approx(7 * (1 + 3 + 18) / 4)
+    rng = np.random.default_rng(0)
+    noisy = fit_power_law(p, 7 * p**-0.8 * np.exp(rng.normal(0, 0.3, (64, 4))))
+    assert noisy.low < 0.8 < noisy.high
+    assert noisy.high - noisy.low < 0.2
+    with pytest.raises(ValueError, match="expected at least 2"):
+        fit_power_law(p[:1], blocks[:, :1])
+
+
+def moving_field(exponent, size=256, shift_px=0.05):
+    """Two frames, 1 ms apart, of a faint random field with spectrum f^-exponent that moves."""
+    rng = np.random.default_rng(1)
+    fy, fx = np.fft.fftfreq(size)[:, None], np.fft.fftfreq(size)[None]
+    radius = np.hypot(fx, fy)
+    radius[0, 0] = np.inf
+    spectrum = np.fft.fft2(rng.standard_normal((size, size))) * radius**-exponent
+    frames = [np.fft.ifft2(spectrum * np.exp(2j * np.pi * fx * d)).real for d in (0, shift_px)]
+    return [np.exp(0.05 * f / frames[0].std()) for f in frames]
+
+
+def test_white_noise_and_smooth_light_scale_as_theory_says():
+    """Physics: a moving square of white light gains and loses a column of p independent values, in
+    a mean over p^2: |L_t| ~ sqrt(p) / p^2. Light that is smooth over the square keeps its slope."""
+    white = slopes_by_pixel_size(*moving_field(0.0), 1e-3, 0.0, sizes_px=(7, 9, 13, 19))
+    law = fit_power_law(white.sizes_px, white.everywhere)
+    assert law.exponent == pytest.approx(1.5, abs=0.1)
+    smooth = slopes_by_pixel_size(*moving_field(4.0), 1e-3, 0.0, sizes_px=(1, 3, 5))
+    assert fit_power_law(smooth.sizes_px, smooth.everywhere).exponent == pytest.approx(0, abs=0.02)
+
+
+def test_edges_are_the_steepest_pixels_and_blocks_weigh_what_they_hold():
+    """Promise: the edge share is kept, and the weighted mean over blocks is that over pixels."""
+    first, second = moving_field(1.0)
+    sizes = (1, 3)
+    found = slopes_by_pixel_size(first, second, 1e-3, 0.1, sizes_px=sizes, blocks_a_side=8)
+    inside = np.abs(log_slope(first, second, 1e-3, 0.1))[1:-1, 1:-1]
+    edge = inside >= np.quantile(inside, 0.95)
+    assert found.edge_weights.sum() == edge.sum()
+    assert len(found.everywhere) == 64
+    mean = np.average(found.edges[:, 0], weights=found.edge_weights)
+    assert mean == pytest.approx(inside[edge].mean())
+    with pytest.raises(ValueError, match="odd"):
+        slopes_by_pixel_size(first, second, 1e-3, 0.1, sizes_px=(2,))
+    with pytest.raises(ValueError, match="no room"):
+        slopes_by_pixel_size(first[:20, :20], second[:20, :20], 1e-3, 0.1, sizes_px=(1, 19))

@@ -1,0 +1,164 @@
+"""What a run answers is the same in its report, in README and in the docs."""
+
+import html
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drawn import answer_html
+from study_rows import EI, EPF, HF, nothing_rows, paper_rows
+from tasks.row import Row, write_rows
+from tasks.study.report.answer import choices_of, details, main, overview, with_answers
+from tasks.study.results.choice import Choices, answered, choose_all
+from tasks.study.results.headline import headline
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Scores
+
+ROOT = Path(__file__).parents[2]
+RUN = ROOT / "docs" / "results" / "paper"
+PAGE = "Before.\n\n<!-- answer: {} -->\nold\n<!-- end of answer --> After."
+
+
+@pytest.fixture(scope="module")
+def of_the_paper() -> dict[Series, Choices]:
+    return choices_of(RUN)
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
+def test_what_the_pages_say_is_what_the_run_says(
+    of_the_paper: dict[Series, Choices], page: str
+) -> None:
+    """Promise: the answers in README and docs are those of docs/results/paper, to the letter; if
+    not, `make answers` writes them anew."""
+    text = (ROOT / page).read_text()
+    assert with_answers(text, of_the_paper) == text
+
+
+def test_readme_and_report_give_one_answer(of_the_paper: dict[Series, Choices]) -> None:
+    """Promise: README has the headline of the report word for word, and every condition that a
+    headline names is a column of its table with the same widths."""
+    report = (RUN / "report.html").read_text()
+    heads, *rows = re.findall(r"^\| (.*) \|$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    table = {row.split(" | ")[0]: row.split(" | ")[1:] for row in rows}
+    columns = heads.split(" | ")[1:]
+    seen = 0
+    for series, choices in of_the_paper.items():
+        if answer_html(choices, series, named=True) in report:
+            seen += 1
+        words = headline(choices, series)
+        for light, column in (("ideal light", "ideal"), ("night", "night, 50 Hz")):
+            for speed in re.findall(rf"{light} and speed (\S+),", words):
+                place = columns.index(f"{column}, speed {speed}")
+                cell = next(cells for name, cells in table.items() if named(name, series))[place]
+                sentence = re.search(rf"{light} and speed {speed}, (.*?)\.(?= |$)", words)[1]
+                assert set(re.findall(r"\*\*(\d+) px\*\*", sentence)) == numbers(cell)
+                assert ("no resolution beats" in sentence) == ("none" in cell)
+    assert seen == 4  # tasks, each with its first method
+    first, choices = next(iter(of_the_paper.items()))
+    assert headline(choices, first) in " ".join((ROOT / "README.md").read_text().split())
+
+
+def named(line: str, series: Series) -> bool:
+    """Whether a line of a table is that of a series; what follows its title are scenes."""
+    return re.fullmatch(rf"{re.escape(series.title)}, (\w+)( / \w+)*", line) is not None
+
+
+def numbers(cell: str) -> set[str]:
+    return set(re.findall(r"\d+", cell))
+
+
+def choices(rows: list[Row], *series: Series) -> dict[Series, Choices]:
+    return {one: choose_all(Scores(rows), one) for one in series or (EI,)}
+
+
+def test_the_conditions_of_an_answer() -> None:
+    """Every light at the lowest speed, then the least light at the highest; what only one scene
+    has, here a speed of 10 on the carpet, is not among them."""
+    found = choices(paper_rows(EPF), EPF)[EPF]
+    assert answered(found) == [(math.inf, 1.0), (200.0, 1.0), (50.0, 1.0), (50.0, 2.0)]
+    slow = {where: choice for where, choice in found.items() if where[2] == 1.0}
+    assert answered(slow) == [(math.inf, 1.0), (200.0, 1.0), (50.0, 1.0)]
+    one = {where: choice for where, choice in slow.items() if where[1] == 200.0}
+    assert answered(one) == [(200.0, 1.0)]
+    assert headline(one, EPF).count("speed") == 1
+
+
+def test_the_table_has_a_line_for_each_method() -> None:
+    """Images are best at 1280 px but at night, where at speed 2 no width on the carpet beats doing
+    nothing; the filter is on the carpet only. Scenes that agree share a number, and the paper
+    stands beside ours."""
+    images = paper_rows(scenes=("carpet", "rocks"))
+    rows = images + nothing_rows(images, 14.3) + paper_rows(HF, scenes=("carpet",))
+    text = overview(choices(rows, EI, HF))
+    assert text.startswith("Reconstruction by event integration. In ideal light and speed 1, ")
+    lines = [line.strip("| ").split(" | ") for line in text.split("\n") if line.startswith("| ")]
+    assert lines[2] == [
+        "reconstruction by event integration, carpet / rocks",
+        *("1280", "1280", "1280", "1280", "346 / 240", "346 / 240", "none / 128", "128"),
+    ]
+    assert lines[3][0] == "video reconstruction by high-pass filter, carpet"
+    assert len({len(line) for line in lines[2:]}) == 1
+
+
+def test_without_the_paper_there_is_no_column_for_it() -> None:
+    """Another width than the paper's, and a lost sample: no column of the paper, and a dash."""
+    rows = [replace(r, width=r.width + 1, cutoff_hz=2 * r.cutoff_hz) for r in paper_rows()]
+    lost = [r for r in rows if (r.scene, r.width, r.cutoff_hz, r.sample) != ("room", 347, 100.0, 3)]
+    text = details(choices(lost))
+    assert "aper" not in text
+    assert "| ideal, speed 1 | 400 Hz, speed 1 | 100 Hz, speed 1 | 100 Hz, speed 2 |" in text
+    assert "| reconstruction by event integration, room | 1281 | 1281 | – | – |" in text
+    assert "Speed 1 is 0.9 m/s on carpet, 0.7 m/s on rocks and 1.2 m/s on room." in " ".join(
+        text.split()
+    )
+
+
+def test_what_the_samples_do_not_tell_apart_is_in_brackets() -> None:
+    """At night 640 px lead 128 px by 1 dB in five samples and trail in four: 128 px are tied."""
+    lead = (2.0, 2.0, 2.0, 2.0, 2.0, -1.0, -1.0, -1.0, -1.0)
+    rows = [
+        Row("x", *EI[:2], w, 50.0, 0.2, 1.0, i, "psnr_db", 20.0 + (w == 640) * d, 1e6)
+        for w in (128, 640)
+        for i, d in enumerate(lead)
+    ]
+    assert details(choices(rows)).endswith("| reconstruction by event integration, x | 640 (128) |")
+    assert overview(choices(rows)).endswith("| reconstruction by event integration, x | 640 |")
+
+
+def test_pages_are_written_anew_or_left_as_they_are(tmp_path: Path) -> None:
+    """What is around the comments stays, what is between them is replaced, also when run again; a
+    page without a place, or with one for something else, is named and not touched."""
+    write_rows(tmp_path / "rows.parquet", paper_rows(scenes=("carpet",)))
+    page = tmp_path / "page.md"
+    page.write_text(PAGE.format("overview, of a run"))
+    for _ in range(2):
+        main([str(tmp_path), str(page)])
+        text = page.read_text()
+        assert text.startswith(
+            "Before.\n\n<!-- answer: overview, of a run -->\n\nReconstruction by"
+        )
+        assert text.endswith("|\n\n<!-- end of answer --> After.")
+        assert "old" not in text
+        assert " ".join(text.split()).count("it takes all **1280 px**") == 1
+    for content, fault in (
+        ("Nothing.\n", "no place for an answer; expected <!-- answer: overview -->"),
+        (PAGE.format("summary"), "found <!-- answer: summary -->, expected <!-- answer: overview"),
+    ):
+        page.write_text(content)
+        with pytest.raises(SystemExit, match=re.escape(f"error: {page}: {fault}")):
+            main([str(tmp_path), str(page)])
+        assert page.read_text() == content
+    with pytest.raises(SystemExit, match=r"error: .*rows\.parquet"):
+        main([str(tmp_path / "none"), str(page)])
+
+
+def test_words_of_the_report_are_escaped() -> None:
+    """A scene of that name stays text, and what is bold in Markdown is bold in HTML."""
+    rows = [replace(r, scene="<i>x") for r in paper_rows(scenes=("carpet",))]
+    page = answer_html(choices(rows)[EI], EI)
+    assert "&lt;i&gt;x" in page
+    assert "<b>1280&nbsp;px</b>" in page
+    assert "*" not in html.unescape(page)

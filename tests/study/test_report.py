@@ -1,0 +1,290 @@
+"""A report is one file that says what the rows say, and nothing more."""
+
+import html
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drawn import without_space
+from finished_runs import add_previews, make_run
+from study_rows import CM, EI, EPF, EPPT, HF, nothing_rows
+from study_rows import paper_rows as task_rows
+from tasks.errors import ResultError
+from tasks.row import Row
+from tasks.study.report import write_report
+from tasks.study.report.page import MAX_BYTES, SECTIONS, Section
+from tasks.study.report.templating import TEMPLATES
+from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
+from tasks.study.run.previews import PREVIEW_S
+
+ROOT = Path(__file__).parents[2]
+
+
+def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
+    """Carpet with the paper's medians; the event rate grows with the cube of the width."""
+    rows = []
+    for width in WIDTHS:
+        for cutoff in CUTOFFS_HZ:
+            for speed in SPEEDS:
+                median = published("carpet", *EI[:2], width, cutoff, speed, EI.metric)
+                assert median is not None
+                for i in range(samples):
+                    at = (width, cutoff, 0.2, speed, i, "psnr_db")
+                    shift = i - samples // 2
+                    rows.append(Row("carpet", *EI[:2], *at, median + shift, speed * width**3))
+                    rows.append(Row("carpet", EI.task, "no_events", *at, nothing_db + shift, 0.0))
+    return rows
+
+
+def html_of(folder: Path, rows: list[Row]) -> str:
+    return without_space(write_report(make_run(folder, rows)).read_text())
+
+
+def plots_of(page: str) -> list[dict]:
+    """The plots as the page's script reads them."""
+    found = re.findall(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)
+    return [json.loads(plot) for plot in found]
+
+
+def answer_of(page: str) -> str:
+    found = re.search(r'<p class="answer">(.*?)</p>', page)
+    assert found
+    return html.unescape(re.sub(r"<[^>]*>", "", found[1])).replace("\xa0", " ")
+
+
+def test_a_run_with_scores_that_are_no_numbers_still_has_a_report(tmp_path: Path) -> None:
+    """Promise: a method all of whose values are NaN is shown as missing, beside the others."""
+    rows = task_rows(EPF, samples=3, scenes=["carpet"])
+    lost = [replace(row, method="mine.flow:lost", value=np.nan) for row in rows]
+    page = html_of(tmp_path, [*rows, *lost, *nothing_rows(rows, 3.5)])
+    assert "mine.flow:lost</th><td>0 of 0</td><td>–</td>" in page
+
+
+def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
+    """Nothing is loaded from elsewhere, the file is small, and no half file stays behind."""
+    run = make_run(tmp_path, paper_rows())
+    add_previews(run)
+    report = write_report(run)
+    page = report.read_text()
+    assert report == tmp_path / "report.html"
+    assert len(report.read_bytes()) < MAX_BYTES
+    assert not re.search(r"""(src|href|srcset|action)\s*=\s*["']?\s*(https?:)?//""", page)
+    assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|<link", page)
+    assert page.count("data:image/png;base64,") == 6
+    assert {p.name for p in tmp_path.iterdir()} == {
+        *("rows.parquet", "environment.json", "study.json", "previews"),
+        *("report.html", "tables.csv", "figures"),
+    }
+
+
+def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
+    """Tables, plot data, claims and provenance all made it into the page, escaped."""
+    page = html_of(tmp_path, paper_rows())
+    for width in WIDTHS:
+        assert f">{width} px<" in page
+    for text in ("ideal", "day", "night", "24.09", "no events", "claim 9", "--preset quick"):
+        assert text in page
+    assert "llvm &lt;mono&gt;" in page
+    (plot,) = plots_of(page)
+    assert [key["label"] for key in plot["keys"]] == [str(width) for width in WIDTHS]
+    for panel in plot["panels"]:
+        assert [len(line["points"]) for line in panel["lines"]] == [3] * 5
+        assert panel["references"] == [12.0]
+
+
+def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
+    """The figure as PNG and SVG, and the tables as CSV, a line a cell."""
+    html_of(tmp_path, paper_rows())
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {
+        *("tradeoff_event_integration.png", "tradeoff_event_integration.svg")
+    }
+    assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6
+
+
+def test_the_answer_follows_from_the_rows(tmp_path: Path) -> None:
+    """The paper's medians: ideal light takes 1280 px; at night 346 px is within 0.1 dB of the best
+    at speed 1, and 128 px at speed 2. Each sentence says which light and which speed."""
+    answer = answer_of(html_of(tmp_path, paper_rows()))
+    assert answer == (
+        "On carpet, in ideal light and speed 1, it takes all 1280 px (12.09 dB better than doing "
+        "nothing). At night and speed 1, 346 px is enough (within 0.1 dB of the best, which is "
+        "3.72 dB better than doing nothing), with 51 times fewer events than 1280 px. At night and "
+        "speed 2, 128 px is enough (within 0.1 dB of the best, which is 2.33 dB better than doing "
+        "nothing), with 1000 times fewer events than 1280 px."
+    )
+
+
+def test_the_answer_names_the_scenes_where_there_are_several(tmp_path: Path) -> None:
+    """Carpet and the same 1 dB better as room, without do-nothing rows: both named, no gain."""
+    carpet = [r for r in paper_rows() if r.method != "no_events"]
+    room = [replace(r, scene="room", value=r.value + 1) for r in carpet]
+    answer = answer_of(html_of(tmp_path, carpet + room))
+    assert answer.startswith(
+        "In ideal light and speed 1, it takes all 1280 px on carpet and room. At night and speed "
+        "1, 346 px is enough on carpet and room (within 0.1 dB of the best), with 51 times fewer "
+        "events than 1280 px. At night and speed 2, 128 px is enough on carpet and room (within"
+    )
+
+
+def test_scores_below_doing_nothing_recommend_nothing(tmp_path: Path) -> None:
+    """Where the image without events is better, the answer says that no resolution helps."""
+    page = html_of(tmp_path, paper_rows(nothing_db=15.0))
+    assert "At night and speed 2, no resolution beats doing nothing." in answer_of(page)
+    assert 'class="worthless"' in page
+
+
+def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
+    """One lost sample of one width: that condition is not measured in full, in answer and table."""
+    lost = (240, 50.0, 2.0, 3)
+    rows = [
+        r
+        for r in paper_rows()
+        if (r.width, r.cutoff_hz, r.speed, r.sample) != lost or r.method == "no_events"
+    ]
+    page = html_of(tmp_path, rows)
+    assert "At night and speed 2, not all samples are measured." in answer_of(page)
+    assert "– (6 of 7)" in page
+
+
+def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:
+    """Two samples make a report that says how little that is; seven need no such words."""
+    caution = "too few for confidence intervals"
+    assert caution in html_of(tmp_path, paper_rows(samples=2))
+    assert caution not in html_of(tmp_path, paper_rows(samples=7))
+
+
+def test_the_pictures_are_explained(tmp_path: Path) -> None:
+    """What the colours mean, over which time, and that the radiance is tone-mapped."""
+    run = make_run(tmp_path, paper_rows(samples=1))
+    add_previews(run)
+    page = without_space(write_report(run).read_text())
+    assert "Blue: brighter, red: darker" in page
+    assert f"over the last {PREVIEW_S * 1e3:g} ms" in page
+    assert "<figcaption>the radiance, tone-mapped</figcaption>" in page
+    assert "<figcaption>128 px of events</figcaption>" in page
+
+
+def test_a_run_without_previews_says_so(tmp_path: Path) -> None:
+    """Previews are optional, their absence is told."""
+    assert "This run has no previews." in html_of(tmp_path, paper_rows())
+
+
+def test_a_scene_with_markup_in_its_name_stays_text(tmp_path: Path) -> None:
+    """Names from outside neither break the page nor its data."""
+    rows = [replace(r, scene="</script><b>x") for r in paper_rows()]
+    page = html_of(tmp_path, rows)
+    assert "</script><b>x" not in page
+
+
+@pytest.mark.parametrize("file", ["rows.parquet", "environment.json", "study.json"])
+def test_a_missing_file_is_named(tmp_path: Path, file: str) -> None:
+    """Without one of its files a run has no report, and the error names the file."""
+    make_run(tmp_path, paper_rows(samples=1))
+    (tmp_path / file).unlink()
+    with pytest.raises(ResultError, match=re.escape(file)):
+        write_report(tmp_path)
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_damaged_files_are_named(tmp_path: Path) -> None:
+    """No JSON, a lost preview, an entry without caption or of another kind: each is told."""
+    make_run(tmp_path, paper_rows(samples=1))
+    add_previews(tmp_path)
+    index = tmp_path / "previews" / "index.json"
+    entries = json.loads(index.read_text())
+
+    (tmp_path / "previews" / "346.png").unlink()
+    with pytest.raises(ResultError, match=r"346\.png: no such file"):
+        write_report(tmp_path)
+    index.write_text(json.dumps([{**entries[0], "kind": "video"}]))
+    with pytest.raises(ResultError, match="found 'video'"):
+        write_report(tmp_path)
+    index.write_text(json.dumps([{k: v for k, v in entries[0].items() if k != "caption"}]))
+    with pytest.raises(ResultError, match=r"\[0\]\.caption: missing"):
+        write_report(tmp_path)
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(ResultError, match=r"study\.json: not JSON"):
+        write_report(tmp_path)
+
+
+def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:
+    """A run with nothing but the do-nothing rows is refused."""
+    rows = [r for r in paper_rows(samples=1) if r.method == "no_events"]
+    with pytest.raises(ResultError, match="only do-nothing rows"):
+        write_report(make_run(tmp_path, rows))
+
+
+def all_tasks() -> list[Row]:
+    """One sample of everything; tracking from 2 mm succeeds, from 20 mm 240 px does not."""
+    rows = [r for one in (EI, HF, EPF, CM) for r in task_rows(one, samples=1, scenes=["carpet"])]
+    rows += task_rows(EPF._replace(variant="61 px patch"), samples=1, scenes=["carpet"])
+    rows += task_rows(EPF, samples=1, scenes=["carpet"], method="photometric_flow_with_delay")
+    for variant in ("sigma 2 mm", "sigma 20 mm"):
+        for r in task_rows(EPPT._replace(variant=variant), samples=1, scenes=["carpet"]):
+            lost = variant == "sigma 20 mm" and r.width != 240
+            rows.append(replace(r, failure="no convergence in 9 passes" if lost else ""))
+    once = {one.method for one in (EI, HF, EPF, EPPT)}  # a method of each task
+    return rows + nothing_rows([r for r in rows if r.method in once], 1.0)
+
+
+def test_every_task_has_its_place(tmp_path: Path) -> None:
+    """A selector with the plots of all but one hidden, answers, tables, failures; few figures."""
+    page = html_of(tmp_path, all_tasks())
+    options = re.findall(r'<option value="(\d+)">([^<]*)</option>', page)
+    assert [name for _, name in options] == [
+        *("event integration", "high-pass filter", "photometric flow", "contrast maximization"),
+        *("photometric flow, 61 px patch", "photometric flow with delay"),
+        "photometric tracking, sigma 2 mm",
+    ]
+    assert [int(value) for value, _ in options] == list(range(len(options)))
+    assert page.count('<div class="plots" hidden>') == len(options) - 1
+    assert page.count('<div class="plot">') == len(plots_of(page)) == len(options) + 1  # the sweep
+    assert page.count('<p class="answer several">') == 4
+    for _, name in options:
+        assert len(re.findall(rf"<summary>[^<]* by {re.escape(name)}</summary>", page)) == 2
+    assert "2 mm: 100\u202f%, 20 mm: 0\u202f%" in page
+    assert "no convergence in n passes (36)" in page
+    assert {p.stem for p in (tmp_path / "figures").iterdir()} == {
+        f"tradeoff_{one.method}" for one in (EI, HF, EPF, CM, EPPT)
+    }
+
+
+def test_a_run_of_one_task_needs_no_selector(tmp_path: Path) -> None:
+    """Event integration alone: its plots are shown, and nothing is said to choose from."""
+    page = html_of(tmp_path, paper_rows(samples=1))
+    assert "<select" not in page
+    assert '<div class="plots" hidden>' not in page
+    assert "no optical flow and no pose tracking" in page
+
+
+def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:
+    """The report's size has a limit, and the error says what to do."""
+    make_run(tmp_path, paper_rows(samples=1))
+    add_previews(tmp_path)
+    (tmp_path / "previews" / "128.png").write_bytes(bytes(MAX_BYTES))
+    with pytest.raises(ResultError, match="list fewer previews"):
+        write_report(tmp_path)
+
+
+def test_a_section_of_your_own(tmp_path: Path) -> None:
+    """Promise: an entry with its data and its template adds a section and its link, from outside
+    of the package."""
+    template = TEMPLATES.from_string("<p>{{ data|join(', ') }}</p>{{ MISSING }}")
+    mine = Section("mine", "Mine", "What I see", template, lambda run: ["<a>", *run.scenes])
+    none = Section("none", "None", "Nothing to see", template, lambda run: None)
+    make_run(tmp_path, paper_rows(samples=1))
+    page = without_space(write_report(tmp_path, sections=[*SECTIONS, mine, none]).read_text())
+    assert '<a href="#mine">Mine</a>' in page
+    assert '<section id="mine" aria-labelledby="h-mine"><h2 id="h-mine">What I see</h2>' in page
+    assert "<p>&lt;a&gt;, carpet</p>–" in page
+    assert "Nothing to see" not in page
+
+
+def test_python_holds_no_tags() -> None:
+    """Promise: HTML is written in templates alone."""
+    for path in (ROOT / "tasks").rglob("*.py"):
+        assert not re.search(r"</?[a-z]+[ >]", path.read_text()), path

@@ -1,0 +1,225 @@
+"""A report in a real browser: nothing fails, all is readable on a phone and usable by keyboard."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from finished_runs import JOB, add_previews, make_run
+from study_rows import EI, EPF, EPPT, nothing_rows
+from study_rows import paper_rows as task_rows
+from tasks.evaluation.timings import timings_file
+from tasks.row import Row
+from tasks.study.report import write_report
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
+)
+PHONE, DESK = (390, 844), (1280, 2000)
+OPEN_ALL = "document.querySelectorAll('details').forEach((one) => (one.open = true))"
+
+# Ratio of WCAG 2.1 for every text that is shown, against what is painted behind it; those below
+# 4.5. A canvas turns any CSS colour into sRGB.
+LOW_CONTRAST = """(() => {
+  const brush = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
+  const rgba = (colour) => {
+    brush.clearRect(0, 0, 1, 1);
+    brush.fillStyle = colour;
+    brush.fillRect(0, 0, 1, 1);
+    return [...brush.getImageData(0, 0, 1, 1).data].map((part) => part / 255);
+  };
+  const over = ([r, g, b, a], under) => [r, g, b].map((c, k) => c * a + under[k] * (1 - a));
+  const behind = (element) => {
+    if (!element) return [1, 1, 1];
+    const frame = element.ownerSVGElement?.querySelector(".frame");
+    if (frame) return rgba(getComputedStyle(frame).fill);
+    return over(rgba(getComputedStyle(element).backgroundColor), behind(element.parentElement));
+  };
+  const luminance = (colour) => colour
+    .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0);
+  const low = [];
+  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  while (texts.nextNode()) {
+    const text = texts.currentNode.textContent.trim(), element = texts.currentNode.parentElement;
+    if (!text || !element.checkVisibility() || element.closest("script, noscript")) continue;
+    const style = getComputedStyle(element), ground = behind(element).slice(0, 3);
+    const paint = over(rgba(element.ownerSVGElement ? style.fill : style.color), ground);
+    const [dark, light] = [luminance(paint), luminance(ground)].sort((a, b) => a - b);
+    const ratio = (light + 0.05) / (dark + 0.05);
+    if (ratio < 4.5) low.push(`${text.slice(0, 30)}: ${ratio.toFixed(2)}`);
+  }
+  return low;
+})()"""
+
+# What is focused, in words, and whether that can be seen; nothing once all have had their turn.
+FOCUSED = """(() => {
+  const one = document.activeElement, style = getComputedStyle(one);
+  if (one === document.body || one.dataset.reached) return null;
+  one.dataset.reached = true;
+  const ring = one.ownerSVGElement?.querySelector(".ring");
+  const seen = ring ? ring.getAttribute("visibility") === "visible"
+    : style.outlineStyle !== "none" && parseFloat(style.outlineWidth) > 0;
+  const name = one.ariaLabel || one.textContent.trim() || one.querySelector("img")?.alt;
+  return { kind: ring ? "point" : one.localName, seen, name };
+})()"""
+
+# What a mouse can press or a wheel can scroll; of a panel's points the Tab key reaches one.
+STOPS = """[...document.querySelectorAll("a, button, select, summary, .scroll, .panel")]
+  .filter((one) => one.checkVisibility() && !one.matches("dialog *"))
+  .filter((one) => !one.matches(".panel") || one.querySelector(".mark")).length"""
+
+
+def some_rows() -> list[Row]:
+    """A sample of each task of Fig. 3."""
+    every = (EI, EPF, EPPT)
+    rows = [r for one in every for r in task_rows(one, samples=1, scenes=["carpet"])]
+    return rows + nothing_rows(rows, 1.0)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = make_run(tmp_path_factory.mktemp("run"), some_rows())
+    add_previews(folder)
+    (folder / "costs").mkdir()
+    (folder / "costs" / "part.json").write_bytes(timings_file(JOB))
+    with pytest.MonkeyPatch.context() as patch:  # static figures take longer than all the rest
+        patch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
+        return write_report(folder)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[sync_api.Browser]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def page(chromium: sync_api.Browser, report: Path) -> Iterator[sync_api.Page]:
+    """The report on a desk; whatever it complains of fails the test."""
+    page = chromium.new_page(viewport=dict(zip(("width", "height"), DESK, strict=True)))
+    complaints = watched(page)
+    page.goto(report.as_uri())
+    yield page
+    page.close()
+    assert complaints == []
+
+
+def watched(page: sync_api.Page) -> list[str]:
+    """What a page complains of from now on."""
+    complaints: list[str] = []
+    page.on(
+        "console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None
+    )
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    return complaints
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [PHONE, DESK])
+def test_it_opens_without_complaint_and_network(
+    chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str
+) -> None:
+    """Promise: no error or warning, no address but its own, nothing wider than the window, and
+    every text has the contrast of WCAG AA, with all that can be unfolded open."""
+    viewport = dict(zip(("width", "height"), size, strict=True))
+    page = chromium.new_page(viewport=viewport, color_scheme=scheme, is_mobile=size == PHONE)
+    complaints, addresses = watched(page), set()
+    page.on("request", lambda request: addresses.add(request.url))
+    page.goto(report.as_uri())
+    page.evaluate(OPEN_ALL)
+    page.wait_for_function("document.querySelectorAll('.plots:not([hidden]) .mark').length === 45")
+    assert {url for url in addresses if not url.startswith("data:")} == {report.as_uri()}
+    assert page.evaluate("document.documentElement.scrollWidth") == size[0]
+    assert page.evaluate(LOW_CONTRAST) == []
+    page.close()
+    assert complaints == []
+
+
+def test_tab_reaches_everything(page: sync_api.Page) -> None:
+    """Promise: without a mouse each link, button, choice, folded part, wide table and panel is
+    reached, has a name, and shows that it has the focus."""
+    count = page.evaluate(STOPS)
+    assert count > 30
+    reached = []
+    for _ in range(count + 5):
+        page.keyboard.press("Tab")
+        if (focused := page.evaluate(FOCUSED)) is None:
+            break
+        reached.append(focused)
+    assert [one for one in reached if not (one["seen"] and one["name"])] == []
+    kinds = [one["kind"] for one in reached]
+    assert kinds.count("select") == 1
+    assert kinds.count("point") == 3
+    assert len(reached) == count
+
+
+def test_arrow_keys_read_the_points(page: sync_api.Page) -> None:
+    """Promise: the points of a panel are read one after the other, as their tooltips are shown."""
+    page.locator(".mark").first.focus()
+    lines = []
+    for _ in range(15):
+        name = page.evaluate("document.activeElement.ariaLabel")
+        assert ", ".join(page.locator(".tip:visible > *").all_inner_texts()) == name
+        lines.append(name)
+        page.keyboard.press("ArrowRight")
+    assert page.evaluate("document.activeElement.ariaLabel") == lines[0]
+    assert len(set(lines)) == 15
+    assert lines[0].startswith("128 px, ideal, speed 1 (0.9 m/s), PSNR 15.39 dB")
+    page.keyboard.press("Escape")
+    assert page.locator(".tip:visible").count() == 0
+
+
+def test_a_series_is_hidden_and_a_panel_zoomed(page: sync_api.Page) -> None:
+    """Promise: without 1280 px the axis of the others is drawn larger, and each panel can have an
+    axis of its own; ticks are those of the data in the page."""
+    plot = page.locator(".plot").first
+
+    def ticks() -> list[list[str]]:
+        texts = "all => all.map(one => [...one.querySelectorAll('text[text-anchor=end]')]"
+        return plot.locator(".panel svg").evaluate_all(f"{texts}.map(text => text.textContent))")
+
+    first = ticks()
+    assert first[0] == first[1] == first[2]
+    plot.get_by_role("button", name="1280 px").click()
+    assert plot.locator(".mark").count() == 3 * 12
+    assert ticks()[0] != first[0]
+    plot.get_by_role("button", name="Zoom each panel").click()
+    ideal, _, night = ticks()
+    assert ideal != night
+
+
+def test_the_picker_and_a_preview_by_keyboard(page: sync_api.Page) -> None:
+    """Promise: typing chooses another method's plots; Enter enlarges a preview, Escape closes it
+    and the focus is where it was."""
+    shown = page.locator(".plots:not([hidden])")
+    assert shown.locator("h3").inner_text() == "carpet, reconstruction by event integration"
+    page.focus("#pick")
+    page.keyboard.press("ArrowDown")
+    assert shown.locator("h3").inner_text() == "carpet, optical flow by photometric flow"
+    assert shown.locator(".mark").count() > 40
+
+    page.locator(".shot").first.focus()
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.getElementById('zoom').open")
+    page.keyboard.press("Escape")
+    assert not page.evaluate("document.getElementById('zoom').open")
+    assert page.evaluate("document.activeElement.matches('.shot')")
+
+
+def test_a_screen_reader_finds_names(page: sync_api.Page) -> None:
+    """Promise: nothing that is announced as a picture, control or region is without a name."""
+    page.evaluate(OPEN_ALL)
+    roles = {"image", "img", "button", "link", "combobox", "region", "DisclosureTriangle"}
+    nodes = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")["nodes"]
+    told = [n for n in nodes if not n["ignored"] and n["role"]["value"] in roles]
+    assert {"button", "link", "combobox", "region"} <= {n["role"]["value"] for n in told}
+    assert sum(n["role"]["value"] in ("image", "img") for n in told) > 40
+    assert [n["role"]["value"] for n in told if not n["name"]["value"]] == []

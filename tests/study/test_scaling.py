@@ -1,0 +1,161 @@
+"""Claims 1 and 2, and the section on scaling, say what the statistics say and nothing more."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drawn import section
+from sensor.statistics import PowerLaw, log_bin_edges_us
+from study_rows import paper_rows
+from tasks.errors import ResultError
+from tasks.study.claims.judge import judge_all
+from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.report.finished_run import FinishedRun
+from tasks.study.report.sections.scaling import scaling
+from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
+from tasks.study.results.scaling import Intervals, Scaling, Slopes, read_scaling
+from tasks.study.results.scores import Scores
+from tasks.study.run.scaling import scaling_files
+
+EDGES_US = log_bin_edges_us()
+
+
+def slopes(exponent: float) -> Slopes:
+    law = PowerLaw(exponent, exponent - 0.1, exponent + 0.1, 100.0)
+    return Slopes(tuple(100.0 * p**-exponent for p in (1, 3, 9)), law)
+
+
+def peak(mode_us: float) -> tuple[int, ...]:
+    """Counts with their mode in the bin of `mode_us`."""
+    at = int(np.searchsorted(EDGES_US, mode_us, side="right")) - 1
+    return tuple(max(1, 1000 - 50 * abs(k - at)) for k in range(len(EDGES_US) - 1))
+
+
+def made(scene: str = "carpet", exponent: float = 0.9, intervals: int = 15) -> Scaling:
+    """Modes at 10 ms for 128 px, falling as 1 / width, at two speeds in three lights."""
+    return Scaling(
+        scene=scene,
+        clip=0,
+        sizes_px=(1, 3, 9),
+        everywhere=slopes(exponent),
+        edges=slopes(exponent + 0.4),
+        edges_us=tuple(EDGES_US.tolist()),
+        intervals=tuple(
+            Intervals(width, cutoff, speed, peak(1.28e6 / width / speed), 0, 7)
+            for cutoff in CUTOFFS_HZ
+            for speed in (1.0, 2.0)
+            for width in WIDTHS
+        ),
+    )
+
+
+def verdicts(scaling: Scaling | None, **kwargs) -> tuple[Verdict, Verdict]:
+    found = {scaling.scene: scaling} if scaling else {}
+    first, second, *_ = judge_all(paper_rows(scenes=("carpet",), **kwargs), found)
+    return first, second
+
+
+def test_what_the_paper_says_holds() -> None:
+    """Rates that grow faster than the pixels, a falling |L_t| and falling modes: both hold."""
+    one, two = verdicts(made())
+    assert (one.number, one.status) == (1, Status.HOLDS)
+    assert (two.number, two.status) == (2, Status.HOLDS)
+    assert "γ = 0.90 [0.80, 1.00] everywhere, 1.30 [1.20, 1.40] at edges" in one.ours
+    assert "γ = 1.00 [1.00, 1.00]; |L_t|" in one.ours  # rates as width^3: 1 more than the pixels
+    assert "128,000 → 240,000 → 346,000 → 640,000 → 1,280,000 events/s a pixel" in one.ours
+    assert "night, speed 2: 4.5 → 2.8 → 1.8 → 1.1 → 0.45 ms" in two.ours
+
+
+def test_a_pixel_rate_that_does_not_rise_fails_claim_1() -> None:
+    """Rates that only follow the pixel count, or a slope that may be flat: does not hold."""
+    one, _ = verdicts(made(), rate=lambda width, cutoff_hz: float(width) ** 2)
+    assert one.status is Status.DOES_NOT_HOLD
+    one, _ = verdicts(made(exponent=0.05))
+    assert one.status is Status.DOES_NOT_HOLD
+    one, _ = verdicts(made(), rate=lambda width, cutoff_hz: 0.0)
+    assert one.status is Status.NOT_MEASURED
+
+
+@pytest.mark.parametrize(("cutoff", "speed"), [(math.inf, 1.0), (50.0, 2.0)])
+def test_one_mode_that_rises_fails_claim_2(cutoff: float, speed: float) -> None:
+    """In any light and at any speed that was measured."""
+    scaling = made()
+    rising = tuple(
+        replace(one, counts=peak(8_000))
+        if (one.width, one.cutoff_hz, one.speed) == (640, cutoff, speed)
+        else one
+        for one in scaling.intervals
+    )
+    _, two = verdicts(replace(scaling, intervals=rising))
+    assert two.status is Status.DOES_NOT_HOLD
+    assert two.ours.count("(not monotone)") == 1
+
+
+def test_not_measured_is_never_holds() -> None:
+    """No statistics, one speed, one light, or a width or its events missing: not measured."""
+    assert [v.status for v in verdicts(None)] == [Status.NOT_MEASURED] * 2
+    scaling = made()
+    for kept in (
+        [one for one in scaling.intervals if one.speed == 1.0],
+        [one for one in scaling.intervals if math.isinf(one.cutoff_hz)],
+        [one for one in scaling.intervals if (one.width, one.speed) != (346, 2.0)],
+    ):
+        assert verdicts(replace(scaling, intervals=tuple(kept)))[1].status is Status.NOT_MEASURED
+    silent = replace(scaling.intervals[0], counts=(0,) * (len(EDGES_US) - 1))
+    _, two = verdicts(replace(scaling, intervals=(silent, *scaling.intervals[1:])))
+    assert two.status is Status.NOT_MEASURED
+    assert "not measured at 128 px, ideal, speed 1" in two.ours
+
+
+def write_made(folder: Path) -> None:
+    slope = np.random.default_rng(0).normal(size=(64, 64))
+    for name, data in scaling_files(made(), slope).items():
+        (folder / name).write_bytes(data)
+
+
+def test_numbers_survive_the_disk(tmp_path: Path) -> None:
+    """What is written is read again, and a damaged file is named."""
+    write_made(tmp_path)
+    assert read_scaling(tmp_path) == {"carpet": made()}
+    assert read_scaling(tmp_path / "none") == {}
+    (tmp_path / "carpet.json").write_text(json.dumps({"scene": "carpet"}))
+    with pytest.raises(ResultError, match=r"carpet\.json: clip: missing"):
+        read_scaling(tmp_path)
+
+
+def section_of(folder: Path) -> str:
+    """The section of a run on the carpet, whose numbers lie in `folder` / scaling."""
+    run = FinishedRun(folder, [Scores(paper_rows(scenes=("carpet",)))], {}, {})
+    return section("scaling.html", data=scaling(run))
+
+
+def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:
+    """The picture, the law, and a histogram in the best light and at night at both speeds."""
+    assert "no scaling statistics" in section_of(tmp_path)
+    folder = tmp_path / "scaling"
+    folder.mkdir()
+    write_made(folder)
+    for file in list(folder.iterdir()):  # another scene, of which there are no scores
+        (folder / file.name.replace("carpet", "room")).write_bytes(
+            file.read_bytes().replace(b"carpet", b"room")
+        )
+    page = section_of(tmp_path)
+    slopes, intervals = map(json.loads, re.findall(r'json">(.*?)</script>', page))
+    assert page.count("<img") == 1
+    assert len(slopes["panels"]) == 1
+    assert [panel["label"] for panel in intervals["panels"]] == ["(c) ideal", *["(c) night"] * 2]
+    assert slopes["keys"][1]["name"] == "everywhere: γ = 0.90 [0.80, 1.00]"
+    assert [key["name"] for key in intervals["keys"]] == [f"{width} px" for width in WIDTHS]
+    (mode,) = intervals["panels"][0]["lines"][0]["points"]
+    assert mode["lines"][:2] == ["128 px", "mode: 11 ms"]
+    assert "room" not in page
+    (folder / "carpet.png").unlink()
+    with pytest.raises(ResultError, match=r"carpet\.png: no such file"):
+        section_of(tmp_path)

@@ -1,0 +1,346 @@
+"""A study on many machines, and its resilience: same rows, whoever computes them and dies of it."""
+
+import logging
+import os
+import pickle
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+
+import pytest
+from distributed import LocalCluster
+
+from another_process import environment
+from eres_render import load_scene
+from eres_render.storage.cache import cache_dir
+from light_scenes import small_carpet_folder
+from small_study import tiny_study
+from tasks.errors import StudyError
+from tasks.row import read_rows
+from tasks.study.config import (
+    Evaluate,
+    Flow,
+    Render,
+    Simulate,
+    Tracking,
+    Video,
+    with_method,
+)
+from tasks.study.run import cluster as cluster_module
+from tasks.study.run import local as local_module
+from tasks.study.run import run_study
+from tasks.study.run.compute import ComputedJob
+from tasks.study.run.jobs import QueuedJob, jobs_of
+from tasks.study.run.scheduler import open_scheduler
+
+# Dask complains of a disk that takes a second to make a folder.
+pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """A scheduler on a busy machine may be slow to answer."""
+    monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
+
+
+@pytest.fixture(scope="module")
+def scene_folder(tmp_path_factory):
+    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
+
+
+@contextmanager
+def local_cluster(**options):
+    here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": ":0", "memory_limit": 0}
+    options = here | options
+    with LocalCluster(silence_logs=logging.CRITICAL, **options) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Two workers, each a process of one thread that is started anew when it dies."""
+    with local_cluster(n_workers=2, threads_per_worker=1, processes=True) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def one_worker():
+    """A worker in this process, so that tests can change what it does."""
+    with local_cluster(n_workers=1, threads_per_worker=1, processes=False) as cluster:
+        yield cluster
+
+
+def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
+    """Promise: rows and pictures are those of a local run, byte by byte, in every task.
+
+    Workers' linear algebra has one thread, that of a local run one for each core, which join in
+    where a view has more than 10,000 px.
+    """
+    study = replace(
+        tiny_study(scene_folder),
+        render=Render(resolution=128, spp=1, max_displacement_px=0.5, samples=2),
+        simulate=Simulate(widths=(32, 128), cutoffs_hz=(50.0,), speeds=(1.0,)),
+        evaluate=Evaluate(
+            flow=Flow(features=2),
+            tracking=Tracking(methods=("photometric_tracking",), sigmas_mm=(20.0,)),
+            video=Video(methods=("high_pass_filter",), duration_s=0.1, run_in_s=0.05),
+        ),
+    )
+    rows = run_study(study, tmp_path / "here")
+    assert {row.task for row in rows} == {"reconstruction", "flow", "tracking", "video"}
+    there = tmp_path / "there"
+    assert run_study(study, there, cluster.scheduler_address) == rows
+    for file in (tmp_path / "here").rglob("*.*"):
+        if file.suffix in (".parquet", ".png") or file.parent.name == "scaling":
+            assert (there / file.relative_to(tmp_path / "here")).read_bytes() == file.read_bytes()
+
+
+def test_a_killed_worker_costs_its_job_only(cluster, scene_folder, tmp_path):
+    """Promise: SIGKILL in the middle of a job; others go on, and the rows are the same."""
+    study = tiny_study(scene_folder, seed=1, samples=5)
+    before, killed, over = frames_begun(cache_dir()), [], threading.Event()
+
+    def kill():
+        while not killed and not over.wait(0.01):
+            if frames_begun(cache_dir()) <= before:
+                continue
+            for nanny in list(cluster.workers.values()):
+                state = cluster.scheduler.workers.get(nanny.worker_address)
+                if state is not None and (working_on := list(state.processing)):
+                    killed.extend(task.key for task in working_on)
+                    os.kill(nanny.pid, signal.SIGKILL)
+                    return
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        rows = run_study(study, tmp_path / "there", cluster.scheduler_address)
+    finally:
+        over.set()
+        killer.join()
+    assert any(job.key in killed[0] for job in jobs_of(study, load_scene(scene_folder)))
+    assert rows == run_study(study, tmp_path / "here")
+
+
+def frames_begun(cache):
+    """Clips in a cache of which there is a frame."""
+    return {file for file in cache.glob("frames/*/SHA256SUMS") if file.stat().st_size}
+
+
+def kill_and_resume(study, folder, moments, *options):
+    """Start the study in processes, each killed at its moment; returns the study's final rows."""
+    code = (
+        "from pathlib import Path; from small_study import tiny_study; from tasks.study.run import "
+        f"run_study; run_study(tiny_study({study.scenes[0]!r}, {study.render.seed}, "
+        f"{study.render.samples}), Path({str(folder)!r}), *{options!r})"
+    )
+    for moment in moments:
+        (folder / "study.json").unlink(missing_ok=True)
+        process = subprocess.Popen([sys.executable, "-c", code], env=environment())
+        while not moment():
+            assert process.poll() is None or moment(), "the run ended before it could be killed"
+            time.sleep(0.01)
+        process.kill()
+        process.wait()
+    return run_study(study, folder, *options)
+
+
+def random_moments(folder, count):
+    """Moments to kill at, up to 1.5 s from when study.json is written, before the first job."""
+
+    def moment(delay_s):
+        if not (folder / "study.json").exists():
+            return False
+        time.sleep(delay_s)
+        return True
+
+    rng = random.Random(count)
+    return [partial(moment, rng.uniform(0, 1.5)) for _ in range(count)]
+
+
+def test_a_run_that_is_killed_resumes_to_the_same_rows(scene_folder, tmp_path, monkeypatch):
+    """Promise: killed in mid-render and between two jobs, a run ends as an unbroken one does."""
+    study = tiny_study(scene_folder, seed=2)
+    rows = run_study(study, tmp_path / "unbroken")
+    cache, broken = tmp_path / "cache", tmp_path / "broken"
+    monkeypatch.setenv("ERES_CACHE", str(cache))
+    moments = (lambda: frames_begun(cache)), (lambda: list(broken.glob("parts/*.parquet")))
+    assert kill_and_resume(study, broken, moments) == rows
+    assert read_rows(broken / "rows.parquet") == rows
+
+
+@pytest.mark.slow
+def test_a_run_that_is_killed_often(scene_folder, tmp_path, monkeypatch):
+    """Promise: kill -9 at any moment, run again, and the rows are those of an unbroken run."""
+    study = tiny_study(scene_folder, seed=3, samples=15)
+    rows = run_study(study, tmp_path / "unbroken")
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    broken = tmp_path / "broken"
+    assert kill_and_resume(study, broken, random_moments(broken, 12)) == rows
+
+
+@pytest.mark.slow
+def test_a_client_that_is_killed_resumes_with_what_workers_had_done(
+    cluster, scene_folder, tmp_path
+):
+    """Promise: jobs are written as they come, so a killed client loses no more than those."""
+    study = tiny_study(scene_folder, seed=4, samples=15)
+    options = (cluster.scheduler_address,)
+    broken = tmp_path / "broken"
+    rows = kill_and_resume(study, broken, random_moments(broken, 4), *options)
+    assert rows == run_study(study, tmp_path / "unbroken")
+
+
+@pytest.mark.slow
+def test_a_job_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monkeypatch):
+    """Promise: it is given up after some workers, by name, and what others did is kept."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "deadly.py").write_text(
+        "import os\nfrom tasks.reconstruction import ReconstructionSample\n"
+        "def reconstruct(sample: ReconstructionSample):\n    os._exit(1)\n"
+    )
+    study = with_method(tiny_study(scene_folder, samples=1), "deadly:reconstruct")
+    with local_cluster(n_workers=1, threads_per_worker=1, processes=True) as cluster:
+        cluster.scheduler.allowed_failures = 1
+        with pytest.raises(StudyError, match=r"^carpet, clip 0: one worker after another died"):
+            run_study(study, tmp_path / "run", cluster.scheduler_address)
+
+
+def queued_jobs(scene_folder):
+    work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
+    return [QueuedJob(job, job.key, False) for job in work]
+
+
+def nothing_computed(job, on_progress, *, with_highlights):
+    on_progress("simulating", 1, 2)
+    return ComputedJob([], {}, {})
+
+
+def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
+    """Promise: here in shares of a job, on workers in whole ones; complete at the end."""
+    for module in (cluster_module, local_module):
+        monkeypatch.setattr(module, "compute_job", nothing_computed)
+    jobs = queued_jobs(scene_folder)
+    for address, expected in (
+        (None, [0, 0.6, 1, 1.6, 2, 2.6, 3]),
+        (one_worker.scheduler_address, [0, 1, 2, 3]),
+    ):
+        said = []
+        with open_scheduler(address) as computing:
+            computed = list(computing.compute(jobs, lambda _, done, of, to=said: to.append(done)))
+        assert said == pytest.approx(expected)
+        assert {job.key for job, _ in computed} == {job.key for job in jobs}
+
+
+def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch):
+    """Promise: an error of the system costs a job two retries, then it ends the run by name."""
+    tries = []
+
+    def failing(job, on_progress, *, with_highlights):
+        tries.append(job)
+        raise OSError(28, "No space left on device", "/cache/frames")
+
+    monkeypatch.setattr(cluster_module, "compute_job", failing)
+    study = tiny_study(scene_folder, samples=1)
+    with pytest.raises(StudyError, match=r"carpet, clip 0: failed 3 times .*/cache/frames"):
+        run_study(study, tmp_path / "run", one_worker.scheduler_address)
+    assert len(tries) == 3
+    assert [file.name for file in (tmp_path / "run").iterdir()] == ["study.json"]
+
+
+def test_a_wrong_method_of_ones_own_ends_the_run_at_once(
+    one_worker, scene_folder, tmp_path, monkeypatch
+):
+    """Promise: said by name from the worker too, after one small job; no other is begun."""
+    (tmp_path / "rash.py").write_text(
+        "from tasks.flow import FlowSample\n\ndef estimate(sample: FlowSample):\n    return 1 / 0\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    computed = []
+
+    def compute(job, on_progress, *, with_highlights):
+        computed.append(job)
+        return real(job, on_progress, with_highlights=with_highlights)
+
+    real = cluster_module.compute_job
+    monkeypatch.setattr(cluster_module, "compute_job", compute)
+    study = with_method(tiny_study(scene_folder), "rash:estimate")
+    said = r"^worker tcp://\S+ on \S+: flow, method 'rash:estimate': raised ZeroDivisionError at "
+    with pytest.raises(StudyError, match=said + r"\S+rash.py:4: division by zero$"):
+        run_study(study, tmp_path / "run", one_worker.scheduler_address)
+    (job,) = computed
+    assert job.simulate.widths == (32,)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_worker_of_other_code_or_scenes_is_refused(
+    one_worker, scene_folder, tmp_path, monkeypatch
+):
+    """Promise: a worker never computes what its own files would make different; it says so."""
+
+    def refusal(study):
+        with pytest.raises(StudyError, match=r"^worker tcp://\S+ on \S+: ") as refused:
+            run_study(study, tmp_path / "run", one_worker.scheduler_address)
+        return str(refused.value).split(": ", 1)[1]
+
+    study = tiny_study(scene_folder, samples=1)
+    here = cluster_module._versions()
+    for other in ({**here, "eres": "9.9"}, {**here, "render": 0}):
+        with monkeypatch.context() as patch:
+            asked_then_found = iter([other, here, here])
+            patch.setattr(cluster_module, "_versions", asked_then_found.__next__)
+            assert refusal(study) == f"found code of versions {here}, expected {other}"
+    with monkeypatch.context() as patch:
+        patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
+        assert refusal(study).startswith("found other code of a method of your own")
+    with monkeypatch.context() as patch:
+        edited = small_carpet_folder(tmp_path / "edited")
+        toml = edited / "scene.toml"
+        toml.write_text(toml.read_text().replace("seed = ", "seed = 1"))
+        patch.setattr(
+            cluster_module, "load_scene", lambda source: replace(load_scene(edited), source=source)
+        )
+        assert refusal(study).startswith(f"scene {scene_folder}: found files of digest ")
+    assert not list((tmp_path / "run").rglob("*.parquet"))
+
+
+def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
+    """Promise: two jobs at once in one process would share a renderer, so it is not begun."""
+    study, said = tiny_study(scene_folder), r"found 2 threads, .* start it with --nthreads 1"
+    with (
+        local_cluster(n_workers=1, threads_per_worker=2, processes=False) as cluster,
+        pytest.raises(StudyError, match=said),
+    ):
+        run_study(study, tmp_path / "run", cluster.scheduler_address)
+
+
+@pytest.mark.parametrize(
+    ("address", "text"),
+    [
+        ("tcp://127.0.0.1:9", "found no Dask scheduler at tcp://127.0.0.1:9: Timed out"),
+        ("localhost", "found 'localhost', expected tcp://HOST:PORT"),
+    ],
+)
+def test_no_scheduler_is_said_before_anything_else(eres, tmp_path, monkeypatch, address, text):
+    """Promise: one line, exit code 1, no folder, and no look at scenes that may not be there."""
+    monkeypatch.setattr(cluster_module, "_CONNECT_S", 0.5)
+    args = ("--scenes", "nowhere", "--out", tmp_path / "run", "--scheduler", address)
+    code, _, err = eres("study", *args)
+    assert code == 1
+    assert err.startswith(f"error: --scheduler: {text}")
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_without_dask_the_error_says_how_to_get_it(eres, tmp_path, monkeypatch):
+    """Promise: the extra is named."""
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    code, _, err = eres("study", "--out", tmp_path / "run", "--scheduler", "tcp://127.0.0.1:9")
+    assert (code, len(err.splitlines())) == (1, 1)
+    assert "pip install '.[distributed]'" in err

@@ -1,0 +1,99 @@
+"""What a run took: kept by job, and told in the report as rates and times of an estimate."""
+
+import re
+from dataclasses import replace
+from html import unescape
+from pathlib import Path
+
+import pytest
+
+from drawn import section
+from finished_runs import FLOW, JOB
+from tasks.errors import ResultError
+from tasks.evaluation.timings import (
+    FrameTimer,
+    JobTimings,
+    read_timings,
+    timings_file,
+)
+from tasks.study.report.sections.timings import summarize
+
+
+def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:
+    """Promise: a file a job, in order of scene and sample; no folder, no costs."""
+    assert read_timings(tmp_path / "costs") == []
+    jobs = [JOB, replace(JOB, sample=3), replace(JOB, scene="rocks", methods=())]
+    for job, name in zip(jobs, "cab", strict=True):
+        (tmp_path / f"{name}.json").write_bytes(timings_file(job))
+    assert read_timings(tmp_path) == jobs
+
+
+def test_damaged_costs_are_named(tmp_path: Path) -> None:
+    """Promise: no JSON, and fields that are others, are refused with the file's name."""
+    file = tmp_path / "job.json"
+    file.write_text("{")
+    with pytest.raises(ResultError, match=r"job\.json: not JSON"):
+        read_timings(tmp_path)
+    file.write_bytes(timings_file(JOB).replace(b'"estimates"', b'"fits"'))
+    with pytest.raises(ResultError, match=r"job\.json: methods\[0\]\.fits: unknown"):
+        read_timings(tmp_path)
+
+
+def costs_html(parts: list[JobTimings]) -> str:
+    return section("timings.html", data=summarize(parts))
+
+
+def cells(page: str) -> dict[str, list[str]]:
+    """Texts of the cells of each line of the tables, by the line's head."""
+    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page, re.DOTALL)
+    return {
+        head: [
+            unescape(re.sub("<[^>]*>", "", cell.replace(" <small>", "; "))).replace("\n", "; ")
+            for cell in re.findall(r"<td.*?</td>", line, re.DOTALL)
+        ]
+        for head, line in lines
+    }
+
+
+def test_rates_and_times_are_those_of_the_jobs() -> None:
+    """Promise: amounts over times by hand; the job that compiled first moves no median, and
+    frames from the cache are not taken for rendered ones."""
+    compiling = replace(JOB, simulating_s=30.0, methods=(replace(FLOW, cpu_s=22.0),))
+    cached = replace(JOB, rendered_frames=0, rendering_s=0.0)
+    table = cells(costs_html([compiling, JOB, cached]))
+    assert table["rendering"] == [
+        *("24 s", "32\u202f%"),  # of 24 + 6 + 36 + 1.5 + 7.5 s
+        "100 frames; 655 M samples",
+        "4.17 frames/s; 27.3 M samples/s",
+    ]
+    assert table["simulating sensors"][0] == "36 s"
+    assert table["simulating sensors"][3] == "100 M pixel-frames/s; 20 Mev/s"
+    assert cells(costs_html([cached]))["rendering"] == [
+        "–",
+        "0\u202f%",
+        "0 frames; 0 M samples",
+        "–; –",
+    ]
+    assert table["reading frames"][3] == "50 frames/s"
+    # 50 ms an estimate; 20 of them had 0.4 million events.
+    assert table["optical flow by photometric flow"] == ["50 ms; 2.5 s / Mev", "60", "26 s"]
+    assert "initial flow" not in "".join(table)
+
+
+def test_a_run_without_costs_says_so() -> None:
+    """Promise: runs from before still have a report."""
+    assert "no timings" in costs_html([])
+
+
+def test_frames_are_timed_as_they_come() -> None:
+    """Promise: rendered frames alone are counted, and all progress is passed on."""
+    said = []
+    timer = FrameTimer(lambda *what: said.append(what))
+    timer("rendering", 3, 9)
+    first_s = timer.seconds
+    timer("rendering", 4, 9)
+    rendering_s = timer.seconds
+    timer("simulating", 1, 9)
+    assert timer.frames == 2
+    assert 0 < first_s < rendering_s == timer.seconds
+    assert said == [("rendering", 3, 9), ("rendering", 4, 9), ("simulating", 1, 9)]

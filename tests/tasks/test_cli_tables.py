@@ -1,0 +1,148 @@
+"""Tables on stdout: every word is whole, at any width of the screen and in a pipe."""
+
+import ast
+import io
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from rich.table import Table
+from rich.text import Text
+
+from light_scenes import small_carpet_folder
+from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
+from tasks import cli, convergence
+from tasks.cli import terminal
+from tasks.row import write_rows
+
+ROOT = Path(__file__).parents[2]
+SCREENS = {"40": (40, True), "80": (80, True), "pipe": (80, False)}
+OWN = "my_group.my_own_methods_of_this_year:photometric_flow_with_everything"
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """A clip whose folder has a name longer than a screen is wide, and events of it."""
+    folder = tmp_path_factory.mktemp("a_folder_of_which_the_name_is_much_longer_than_the_screen")
+    scene = small_carpet_folder(folder / "scene_with_a_long_name_that_would_be_cut")
+    options = ("--resolution", "64", "--spp", "1", "--samples", "1", "--out", str(folder / "clips"))
+    events = folder / "events.npz"
+    clip = folder / "clips" / "clip_000"
+    run("render", scene, *options)
+    run("simulate", clip, "--out", events, "--resolution", 32)
+    return clip, events
+
+
+@pytest.fixture(scope="module")
+def finished_run(tmp_path_factory):
+    """A run with a method of long name beside the paper's, as far as its tables need it."""
+    folder = tmp_path_factory.mktemp("run")
+    rows = [row for series in (EI, EPF, EPPT) for row in paper_rows(series, samples=3)]
+    rows += paper_rows(EPF, samples=3, method=OWN)
+    numbers = {}
+    for row in [*rows, *nothing_rows(rows, 3.0)]:
+        numbers.setdefault((row.task, row.method, row.variant, row.scene, row.width), {})[
+            row.cutoff_hz, row.speed, row.sample, row.item
+        ] = row
+    write_rows(folder / "rows.parquet", [r for cells in numbers.values() for r in cells.values()])
+    (folder / "study.json").write_text(json.dumps({"render": {"spp": 16}}))
+    return folder
+
+
+def run(*args, screen="80"):
+    """Run a command on a screen; what it prints, and each table's words by where it is made."""
+    width, is_terminal = SCREENS[screen]
+    out = io.StringIO()
+    made = {}
+    add_row = Table.add_row
+
+    def watch(table, *cells, **options):
+        code = sys._getframe(1).f_code
+        words = made.setdefault((Path(code.co_filename).name, code.co_name), set())
+        for cell in (*cells, *(column.header for column in table.columns)):
+            words.update((cell if isinstance(cell, Text) else Text.from_markup(cell)).plain.split())
+        return add_row(table, *cells, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Table, "add_row", watch)
+        patch.setattr(sys, "argv", ["eres", *map(str, args)])
+        options = {"file": out, "width": width, "force_terminal": is_terminal, "color_system": None}
+        patch.setattr(terminal, "out", terminal.Console(**options))
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    assert end.value.code == 0, out.getvalue()
+    return out.getvalue(), made
+
+
+def every_table(clip, finished_run, screen):
+    """What every command that has a table prints, and the words of each of them."""
+    sequence, events = clip
+    outcome = convergence.Outcome(convergence.USUAL, 123, 4_567_890, 12.345)
+    fast = {"converge": lambda *_, **__: iter([outcome, outcome])}
+    with pytest.MonkeyPatch.context() as patch:
+        for name, function in fast.items():
+            patch.setattr(convergence, name, function)
+        patch.setattr("tasks.study.run.run_study", lambda *_: [])
+        patch.setattr("tasks.study.report.write_report", lambda run: run / "report.html")
+        for args in (
+            ("doctor",),
+            ("scenes",),
+            ("sensors",),
+            ("methods",),
+            ("convergence", "carpet"),
+            ("evaluate", sequence, "--task", "flow", "--resolution", 32),
+            ("evaluate", sequence, "--task", "tracking", "--resolution", 32),
+            ("study", "--out", finished_run),
+            ("claims", finished_run),
+            ("info", sequence),
+            ("info", events),
+        ):
+            yield args, *run(*args, screen=screen)
+
+
+def tables_in_code():
+    """File and function of every table that a command may print."""
+    found = set()
+    for file in (ROOT / "tasks" / "cli").rglob("*.py"):
+        for function in ast.walk(ast.parse(file.read_text())):
+            if not isinstance(function, ast.FunctionDef):
+                continue
+            names = (
+                getattr(call.func, "id", getattr(call.func, "attr", ""))
+                for call in ast.walk(function)
+                if isinstance(call, ast.Call)
+            )
+            if "Table" in names:
+                found.add((file.name, function.name))
+    return found
+
+
+@pytest.mark.parametrize("screen", SCREENS)
+def test_no_table_shortens_a_word(clip, finished_run, screen):
+    """Promise: names can be copied from any table; no table of the code is left out here."""
+    seen = set()
+    for args, out, made in every_table(clip, finished_run, screen):
+        printed = set(out.split())
+        assert "…" not in out, args
+        for place, words in made.items():
+            assert words <= printed, (args, place, sorted(words - printed))
+        seen.update(made)
+    assert seen == tables_in_code()
+
+
+def test_tables_wrap_between_words_where_that_is_enough(clip):
+    """Promise: prose keeps within a terminal; in a pipe a row is one line."""
+    out, _ = run("scenes", screen="80")
+    assert max(map(len, out.splitlines())) <= 80
+    assert len(out.splitlines()) > 4
+    assert len(run("scenes", screen="pipe")[0].splitlines()) == 4
+    assert len(run("methods", screen="40")[0].splitlines()) == len(
+        run("methods", screen="pipe")[0].splitlines()
+    )
+
+
+def test_a_row_in_a_pipe_has_no_blanks_at_its_end(clip):
+    """Promise: the longest cell of a table does not widen the lines of the others."""
+    out, _ = run("info", clip[1], screen="pipe")
+    assert all(line == line.rstrip() for line in out.splitlines())

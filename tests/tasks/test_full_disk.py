@@ -1,0 +1,170 @@
+"""A disk that takes no more: one line that names the file, exit code 1, nothing half written.
+
+A limit on the size of files, which any system has, stands for it; where a file system can be
+mounted, a full one is tried as well.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from eres_render import load_scene, render_scene
+from event_streams import SUFFIXES, random_events
+from light_scenes import small_carpet_folder
+from sensor import SensorModel
+from sensor.formats import FORMATS, write_events
+
+ROOT = Path(__file__).parents[2]
+NOTES = ("1 job to do: ", "jit_kernel_write(): ")  # a study's cost; Dr.Jit on a cache of its own
+
+# Commands, one after the other in one process, each under its limit; then the process ends, which
+# is when HDF5 lets go of files that it could not close.
+COMMANDS = """
+import json, resource, sys
+from tasks import cli
+
+codes = []
+for limit, arguments in json.loads(sys.argv[1]):
+    none = resource.RLIM_INFINITY
+    resource.setrlimit(resource.RLIMIT_FSIZE, (none if limit is None else limit, none))
+    sys.argv = ["eres", *arguments]
+    try:
+        cli.main()
+        codes.append(0)
+    except SystemExit as stop:
+        codes.append(stop.code or 0)
+    print("----", file=sys.stderr, flush=True)
+print("codes", codes)
+"""
+
+
+def run(*commands):
+    """Run (limit in bytes or None, arguments) pairs; returns the exit code and stderr of each."""
+    asked = json.dumps([(limit, list(map(str, arguments))) for limit, arguments in commands])
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", COMMANDS, asked], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 0, f"{done.returncode}\n{done.stdout}\n{done.stderr}"
+    codes = json.loads(done.stdout.splitlines()[-1].removeprefix("codes "))
+    return list(zip(codes, done.stderr.split("----\n")[:-1], strict=True))
+
+
+def assert_refused(outcome, path, reason):
+    """Exit code 1, and one line: the file, and the system's words for what is wrong with it."""
+    code, err = outcome
+    (line,) = (line for line in err.splitlines() if not line.startswith(NOTES))
+    assert code == 1
+    assert line.startswith(f"error: {path}: ")
+    assert line.rstrip(".").endswith(reason)
+    assert "unfinished" not in err
+
+
+@pytest.fixture(scope="module")
+def events(tmp_path_factory):
+    """A file of 200,000 events of a sensor, and the size that each format makes of it."""
+    folder = tmp_path_factory.mktemp("events")
+    source = folder / "events.npz"
+    stream = random_events(200_000, model=SensorModel(width=640, height=480))
+    write_events(source, stream, origin={"seed": 3})
+    sizes = {}
+    for name in FORMATS:
+        write_events(folder / "a", stream, format=name)
+        sizes[name] = (folder / "a").stat().st_size
+    return source, sizes
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    """A rendered clip of 32 x 32 px."""
+    folder = tmp_path_factory.mktemp("clip")
+    scene = load_scene(small_carpet_folder(folder / "carpet"))
+    return render_scene(
+        scene, folder / "r", resolution=32, spp=1, max_displacement_px=1.0, samples=1
+    )[0]
+
+
+def test_no_room_for_events(events, tmp_path):
+    """Promise: wherever in the file of whatever format it happens, also within its last bytes,
+    HDF5's too, whose process used to end in a segmentation fault."""
+    source, sizes = events
+    out = {name: tmp_path / f"{name}{SUFFIXES[name]}" for name in FORMATS}
+    tried = [(name, size) for name in FORMATS for size in (0, 5000, sizes[name] // 2, sizes[name])]
+    outcomes = run(
+        *(
+            (max(0, size - 1), ["convert", source, out[name], "--format", name])
+            for name, size in tried
+        )
+    )
+    for (name, _), outcome in zip(tried, outcomes, strict=True):
+        assert_refused(outcome, out[name], "File too large")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_room_for_truth(sequence, tmp_path):
+    """Promise: nor does a file of events whose truth does not fit appear, made or copied."""
+    whole, out = tmp_path / "whole" / "out.h5", tmp_path / "out.h5"
+    whole.parent.mkdir()
+    simulate = ["simulate", sequence.folder, "--resolution", 32, "--truth", 0.005, "--out"]
+    ((code, err),) = run((None, [*simulate, whole]))
+    assert (code, err) == (0, "")
+    limits = [whole.stat().st_size * k // 10 for k in (1, 5, 7, 9)]
+    copied = [(limit, ["convert", whole, out]) for limit in limits]
+    for outcome in run(*((limit, [*simulate, out]) for limit in limits), *copied):
+        assert_refused(outcome, out, "File too large")
+    shutil.rmtree(whole.parent)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_room_for_a_folder_of_truth(sequence, tmp_path):
+    """Promise: a folder of truth is whole, or not there."""
+    out = tmp_path / "truth"
+    truth = ["truth", sequence.folder, "--out", out, "--width", 32, "--step", 0.01]
+    (outcome,) = run((1500, truth))
+    assert_refused(outcome, out / "depth" / "000000.exr", "File too large")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_room_for_frames(sequence, tmp_path):
+    """Promise: a render names the file, keeps what was whole before, and leaves no part of it."""
+    scene, out = sequence.manifest.scene_source, tmp_path / "r"
+    render = ["render", scene, "--resolution", 32, "--spp", 1, "--samples", 1, "--out"]
+    first = sequence.folder / "frames" / "000000.exr"
+    *_, text, frame = run(
+        (None, [*render, tmp_path / "one"]),  # compiles what else could not be kept
+        (None, [*render, tmp_path / "two"]),
+        (100, [*render, out]),
+        (first.stat().st_size - 1, [*render, out]),
+    )
+    assert_refused(text, out / "clip_000" / "poses.txt", "File too large")
+    assert_refused(frame, out / "clip_000" / "frames" / "000000.exr", "File too large")
+    kept = {path.name for path in out.rglob("*") if path.is_file()}
+    assert kept == {"manifest.json", "poses.txt", "path.txt", "SHA256SUMS"}
+
+
+def test_no_room_for_a_study(tmp_path):
+    """Promise: a study names the file as well."""
+    out = tmp_path / "run"
+    (outcome,) = run((100, ["study", "--out", out, "--samples", 1, "--resolution", 128]))
+    assert_refused(outcome, out / "study.json", "File too large")
+    assert list(out.iterdir()) == []
+
+
+def test_a_file_system_that_is_full(events, tmp_path):
+    """Promise: the same where no file is too large, and the disk is full."""
+    mounted = ["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(tmp_path)]
+    if shutil.which("mount") is None or subprocess.run(mounted, capture_output=True).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        out = {name: tmp_path / f"{name}{SUFFIXES[name]}" for name in FORMATS}
+        outcomes = run(*((None, ["convert", events[0], out[n], "--format", n]) for n in FORMATS))
+        for name, outcome in zip(FORMATS, outcomes, strict=True):
+            assert_refused(outcome, out[name], "No space left on device")
+        assert list(tmp_path.iterdir()) == []
+    finally:
+        subprocess.run(["umount", str(tmp_path)], check=True)
