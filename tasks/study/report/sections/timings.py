@@ -17,27 +17,27 @@ from tasks.study.results.words import MISSING, join_words
 
 @dataclass(frozen=True, slots=True)
 class Timings:
-    """Times of all parts of a run, and their numbers of cores."""
+    """Times of all jobs of a run, and their numbers of cores."""
 
-    parts: int
+    jobs: int
     cores: str
     stages: Table
     methods: Table
 
 
 def timings(run: FinishedRun) -> Timings:
-    """Read and sum up the times of all parts."""
+    """Read and sum up the times of all jobs."""
     return summarize(read_timings(run.folder / "costs"))
 
 
 def summarize(costs: Sequence[JobTimings]) -> Timings:
-    """Sum up the times of parts; rates are medians over parts."""
+    """Sum up the times of jobs; rates are medians over jobs."""
     heads = [Text(head) for head in ("stage", "time", "share", "amount", "rate")]
     stages = {Text(""): _stages(costs) if costs else {}}
     return Timings(
-        parts=len(costs),
+        jobs=len(costs),
         cores=join_words([str(n) for n in sorted({one.cores for one in costs})] or [MISSING], "or"),
-        stages=Table("stages", "Time of each stage", "Stages, sum over parts", heads, stages),
+        stages=Table("stages", "Time of each stage", "Stages, sum over jobs", heads, stages),
         methods=_methods(costs),
     )
 
@@ -45,15 +45,15 @@ def summarize(costs: Sequence[JobTimings]) -> Timings:
 def _stages(costs: Sequence[JobTimings]) -> Rows:
     """Return time, share of the total, amounts and rates of each stage."""
 
-    def of_parts(amount: Callable[[JobTimings], float]) -> list[float]:
+    def of_jobs(amount: Callable[[JobTimings], float]) -> list[float]:
         return [amount(one) for one in costs]
 
-    frames = of_parts(lambda one: one.rendered_frames)
-    samples = of_parts(lambda one: 1e-6 * one.rendered_frames * one.resolution**2 * one.spp)
-    read = of_parts(lambda one: one.frames)
-    pixels = of_parts(lambda one: 1e-6 * one.pixel_frames)
-    events = of_parts(lambda one: 1e-6 * one.events)
-    estimates = of_parts(lambda one: sum(method.estimates for method in one.methods))
+    frames = of_jobs(lambda one: one.rendered_frames)
+    samples = of_jobs(lambda one: 1e-6 * one.rendered_frames * one.resolution**2 * one.spp)
+    read = of_jobs(lambda one: one.frames)
+    pixels = of_jobs(lambda one: 1e-6 * one.pixel_frames)
+    events = of_jobs(lambda one: 1e-6 * one.events)
+    estimates = of_jobs(lambda one: sum(method.estimates for method in one.methods))
     stages = {
         "rendering": ("rendering_s", {"frames": frames, "M samples": samples}),
         "reading frames": ("reading_s", {"frames": read}),
