@@ -103,6 +103,10 @@ def flat_surfaces(mi_scene: Any, baked: Collection[str]) -> FlatSurfaces:
     baked
         Ids of the shapes whose texture is a baked one: clamped, bilinear, not transformed. Any
         other texture is traced.
+
+    Returns
+    -------
+    The pieces, what their triangles show, and the edges between them.
     """
     meshes, boxes = [], []
     textures: list[NDArray[np.float16]] = []

@@ -41,6 +41,11 @@ class LookUp:
         The baked scene.
     baked
         Ids of the shapes that `eres_render.rendering.lightmaps` gave a texture of radiance.
+
+    Attributes
+    ----------
+    traced
+        Number of pixels of the last frame that were traced.
     """
 
     def __init__(self, mi_scene: Any, baked: Collection[str]) -> None:
@@ -52,9 +57,22 @@ class LookUp:
         textures = self._surfaces.textures
         self._addresses = np.array([texture.ctypes.data for texture in textures], np.uint64)
         self._sizes = np.array([texture.shape for texture in textures], np.int64).reshape(-1, 2)
+        self.traced = 0
 
     def pays(self, camera: Camera, spp: int) -> bool:
-        """Return whether looking up costs less than tracing every sample."""
+        """Return whether looking up costs less than tracing every sample.
+
+        Parameters
+        ----------
+        camera
+            Image size and pinhole.
+        spp
+            Samples per pixel.
+
+        Returns
+        -------
+        Whether it does.
+        """
         samples = camera.width * camera.height * spp
         return spp >= _LEAST_SPP and samples >= _SAMPLES_AN_EDGE * len(self._surfaces.edges)
 
@@ -117,6 +135,7 @@ class LookUp:
         with ThreadPoolExecutor(threads) as workers:
             list(workers.map(look_up, range(len(rows) - 1)))
         missing = np.flatnonzero(marked)
+        self.traced = len(missing)
         if len(missing):
             image.ravel()[missing] = trace(missing)
         return image

@@ -19,6 +19,8 @@ BLACK, LIT, MIXED = 0, 1, -1
 _UNSEEN = 2
 
 _MARGIN = 0.01  # px: a ray in single precision is not where an edge in double precision is
+_BLOCK_PX = 16  # pixels of a row that share what is worked out in double precision
+_LEAST_DENOMINATOR = 0.05
 _BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
 
 # The sum over a pixel's samples becomes vectors only where its order is free.
@@ -62,6 +64,17 @@ def view_pieces(eye, M, pieces, homographies, state):
     """Find the homography of each piece from the image to (texel, texel, 1), and if it is lit.
 
     Its third row times (column, row, 1) is 1 / z, negative where the plane lies behind the eye.
+
+    Parameters
+    ----------
+    eye
+        (3,) position of the camera, m.
+    M
+        (3, 3) from (column, row, 1) to directions in the world.
+    pieces
+        G pieces.
+    homographies, state
+        (G, 3, 3) and (G,), filled in.
     """
     for g in range(len(pieces.normal)):
         n, p = pieces.normal[g], pieces.point[g]
@@ -87,10 +100,19 @@ def view_pieces(eye, M, pieces, homographies, state):
 
 @_jit
 def view_bent(eye, bent, state):
-    """As `view_pieces` says if a piece is lit, where shading normals differ from its own.
+    """Find if a piece is lit whose shading normals differ from its own.
 
-    Normal and way to the eye are both weighted means over the vertices, so the sign of their
-    product is certain where it is the same for all nine pairs.
+    Normal and direction to the eye are both weighted means over the vertices, so the sign of their
+    product is certain if it is the same for all nine pairs.
+
+    Parameters
+    ----------
+    eye
+        (3,) position of the camera, m.
+    bent
+        The triangles of such pieces.
+    state
+        (G,), filled in for their pieces.
     """
     for t in range(len(bent.piece)):
         state[bent.piece[t]] = _UNSEEN
@@ -110,7 +132,19 @@ def view_bent(eye, bent, state):
 
 @_jit
 def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece_at):
-    """Find the piece under each of N rays from the shape, 0 for none, and triangle it meets."""
+    """Find the piece that each of N rays meets.
+
+    Parameters
+    ----------
+    shape, triangle
+        (N,) number of the shape in Mitsuba's registry, 0 for none, and of its triangle.
+    first_triangle, piece_of_triangle
+        As in `FlatSurfaces`.
+    nothing
+        The piece in place of none.
+    piece_at
+        (N,), filled in; -1 for what cannot be looked up.
+    """
     for i in range(len(shape)):
         if shape[i] == 0:
             piece_at[i] = nothing
@@ -124,8 +158,20 @@ def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece
 def mark_edges(edges, eye, P, near, piece_at, homographies, marked):
     """Mark every pixel that an edge may cross in front of the piece under the pixel's corners.
 
-    `P` takes directions in the world to (column z, row z, z); `piece_at` is of the corners,
-    (H + 1, W + 1); `marked` is (H, W) uint8.
+    Parameters
+    ----------
+    edges
+        (E, 2, 3) ends, m.
+    eye, P
+        (3,) position of the camera, m, and (3, 3) from directions to (column z, row z, z).
+    near
+        Least z that is seen, m.
+    piece_at
+        (H + 1, W + 1) piece at the corners of the pixels.
+    homographies
+        (G, 3, 3), as `view_pieces` finds them.
+    marked
+        (H, W) uint8; 1 is put into the pixels.
     """
     height, width = marked.shape
     end = np.empty((2, 3))
@@ -215,11 +261,18 @@ class Samples(NamedTuple):
 def look_up(first, last, seen, textures, samples, marked, image):
     """Fill in the pixels of rows [first, last) that can be looked up; mark those that cannot.
 
-    `marked` is (H, W) uint8 and `image` (H, W) float32; pixels marked before are left out.
+    Parameters
+    ----------
+    first, last
+        The rows.
+    seen, textures, samples
+        What the corners show, where textures are, and where samples are taken.
+    marked
+        (H, W) uint8; pixels that are marked before are left out.
+    image
+        (H, W) float32, W m^-2 sr^-1, filled in.
     """
     width = image.shape[1]
-    steps = np.empty((8, width), np.float32)
-    base = np.empty((2, width), np.int32)
     pieces = seen.pieces
     for row in range(first, last):
         column = 0
@@ -238,9 +291,10 @@ def look_up(first, last, seen, textures, samples, marked, image):
                 image[row, column:end] = pieces.radiance[g]
             else:
                 t = pieces.texture[g]
-                _view_texture(seen.homographies[g], row, column, end, steps, base)
-                _fill(row, column, end, steps, base, textures.address[t], textures.size[t],
-                      samples, image)  # fmt: skip
+                for begin in range(column, end, _BLOCK_PX):
+                    stop = min(begin + _BLOCK_PX, end)
+                    _fill(row, begin, stop, seen.homographies[g], textures.address[t],
+                          textures.size[t], samples, marked, image)  # fmt: skip
             column = end
 
 
@@ -257,101 +311,90 @@ def _shows(piece, row, column, piece_at, marked):
     )
 
 
-@_jit
-def _view_texture(h, row, first, last, steps, base):
-    """Find how texels follow positions near the center of each pixel of a row.
-
-    At (dx, dy) px from the center of a pixel they are
-
-        base + (u0 + (ux dx + uy dy) / (1 + wx dx + wy dy), v0 + (vx dx + vy dy) / (...))
-
-    with `base` so that what is added to it is positive. In double precision up to here: what
-    follows are small steps, for which single precision does.
-
-    Parameters
-    ----------
-    h
-        (3, 3) homography from (column, row, 1) to (texel, texel, 1).
-    steps
-        (8, width) float32: u0, ux, uy, v0, vx, vy, wx, wy.
-    base
-        (2, width) int32: column and row of a texel.
-    """
-    cy = row + 0.5
-    k0, k1, k2 = h[0, 1] * cy + h[0, 2], h[1, 1] * cy + h[1, 2], h[2, 1] * cy + h[2, 2]
-    for column in range(first, last):
-        cx = column + 0.5
-        w = 1.0 / (h[2, 0] * cx + k2)
-        u, v = (h[0, 0] * cx + k0) * w, (h[1, 0] * cx + k1) * w
-        ux, uy = (h[0, 0] - u * h[2, 0]) * w, (h[0, 1] - u * h[2, 1]) * w
-        vx, vy = (h[1, 0] - v * h[2, 0]) * w, (h[1, 1] - v * h[2, 1]) * w
-        # No sample is farther than half a pixel; a quarter more for the perspective.
-        u_base = np.floor(u - 0.75 * (abs(ux) + abs(uy)) - 1.0)
-        v_base = np.floor(v - 0.75 * (abs(vx) + abs(vy)) - 1.0)
-        base[0, column], base[1, column] = np.int32(u_base), np.int32(v_base)
-        steps[0, column], steps[1, column], steps[2, column] = u - u_base, ux, uy
-        steps[3, column], steps[4, column], steps[5, column] = v - v_base, vx, vy
-        steps[6, column], steps[7, column] = h[2, 0] * w, h[2, 1] * w
-
-
 @_jit_sums
-def _fill(row, first, last, steps, base, address, size, samples, image):
-    """Fill in pixels [first, last) of a row that show one texture."""
+def _fill(row, first, last, h, address, size, samples, marked, image):
+    """Fill in pixels [first, last) of a row that show one texture, through its homography `h`.
+
+    At (dx, dy) px from the center of the block the texel is
+
+        (u, v) + (ux dx + uy dy, vx dx + vy dy) / (1 + wx dx + wy dy)
+
+    What depends on the block is in double precision; for the small steps from there single
+    precision does.
+    """
     height, width = image.shape
     x, y = samples.x, samples.y
     spp = np.uint64(len(x) // (height * width))
-    to_columns, to_rows = np.float32(width), np.float32(height / samples.stretch)
+    cx, cy = 0.5 * (first + last), row + 0.5
+    w = 1.0 / (h[2, 0] * cx + h[2, 1] * cy + h[2, 2])
+    u = (h[0, 0] * cx + h[0, 1] * cy + h[0, 2]) * w
+    v = (h[1, 0] * cx + h[1, 1] * cy + h[1, 2]) * w
+    ux, uy = (h[0, 0] - u * h[2, 0]) * w, (h[0, 1] - u * h[2, 1]) * w
+    vx, vy = (h[1, 0] - v * h[2, 0]) * w, (h[1, 1] - v * h[2, 1]) * w
+    wx, wy = h[2, 0] * w, h[2, 1] * w
+    half = 0.5 * (last - first)
+    least = 1.0 - abs(wx) * half - abs(wy) * 0.5  # of the denominator
+    if least < _LEAST_DENOMINATOR:  # seen at so flat an angle that its texels are far apart
+        marked[row, first:last] = 1
+        return
+    # All samples lie right of and below the base, so that truncation rounds down.
+    u_reach = (abs(ux) * half + abs(uy) * 0.5) / least + 1.0
+    v_reach = (abs(vx) * half + abs(vy) * 0.5) / least + 1.0
+    u_base, v_base = np.floor(u - u_reach), np.floor(v - v_reach)
     last_row, n_columns = np.int32(size[0] - 1), np.int32(size[1])
     last_column = np.int32(n_columns - 1)
-    one = np.float32(1.0)
+    inside = u_base >= 0.0 and u + u_reach < last_column
+    inside &= v_base >= 0.0 and v + v_reach < last_row
+    u0, fux, fuy = np.float32(u - u_base), np.float32(ux), np.float32(uy)
+    v0, fvx, fvy = np.float32(v - v_base), np.float32(vx), np.float32(vy)
+    fwx, fwy, one = np.float32(wx), np.float32(wy), np.float32(1.0)
+    to_columns, to_rows = np.float32(width), np.float32(height / samples.stretch)
+    fcx = np.float32(cx)
+    fcy = np.float32(cy - samples.cy * (1.0 - 1.0 / samples.stretch))
     scale = np.float32(_HALF_TO_FLOAT) / np.float32(spp)
-    cy = np.float32(row + 0.5 - samples.cy * (1.0 - 1.0 / samples.stretch))
-    for column in range(first, last):
-        cx = np.float32(column + 0.5)
-        u0, ux, uy = steps[0, column], steps[1, column], steps[2, column]
-        v0, vx, vy = steps[3, column], steps[4, column], steps[5, column]
-        wx, wy = steps[6, column], steps[7, column]
-        u_base, v_base = base[0, column], base[1, column]
-        start = np.uint64(row * width + column) * spp
-        total = np.float32(0.0)
-        # Most pixels keep clear of the texture's border: no clamping, two texels a load.
-        u_most = u_base + np.int32(2.0 * u0) + np.int32(1)
-        v_most = v_base + np.int32(2.0 * v0) + np.int32(1)
-        if u_base >= 0 and v_base >= 0 and u_most < last_column and v_most < last_row:
-            corner = address + np.uint64(2) * (
-                np.uint64(v_base) * np.uint64(n_columns) + np.uint64(u_base)
-            )
+    if inside:  # no clamping, and two texels a load
+        corner = address + np.uint64(2) * (
+            np.uint64(v_base) * np.uint64(n_columns) + np.uint64(u_base)
+        )
+        for column in range(first, last):
+            start = np.uint64(row * width + column) * spp
+            total = np.float32(0.0)
             for k in range(spp):
                 s = start + np.uint64(k)
-                dx, dy = x[s] * to_columns - cx, y[s] * to_rows - cy
-                w = one / (one + wx * dx + wy * dy)
-                u, v = u0 + (ux * dx + uy * dy) * w, v0 + (vx * dx + vy * dy) * w
-                iu, iv = np.uint32(u), np.uint32(v)
-                fu, fv = u - np.float32(iu), v - np.float32(iv)
+                dx, dy = x[s] * to_columns - fcx, y[s] * to_rows - fcy
+                per_z = one / (one + fwx * dx + fwy * dy)
+                tu = u0 + (fux * dx + fuy * dy) * per_z
+                tv = v0 + (fvx * dx + fvy * dy) * per_z
+                iu, iv = np.uint32(tu), np.uint32(tv)
+                fu, fv = tu - np.float32(iu), tv - np.float32(iv)
                 at = iv * np.uint32(n_columns) + iu
                 top, bottom = _pair_at(corner, at), _pair_at(corner, at + np.uint32(n_columns))
                 t0, t1 = _left(top), _right(top)
                 b0, b1 = _left(bottom), _right(bottom)
                 t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
                 total += t + fv * (b - t)
-        else:
-            for k in range(spp):
-                s = start + np.uint64(k)
-                dx, dy = x[s] * to_columns - cx, y[s] * to_rows - cy
-                w = one / (one + wx * dx + wy * dy)
-                u, v = u0 + (ux * dx + uy * dy) * w, v0 + (vx * dx + vy * dy) * w
-                iu, iv = np.int32(u), np.int32(v)
-                fu, fv = u - np.float32(iu), v - np.float32(iv)
-                c0 = min(max(u_base + iu, 0), last_column)
-                c1 = min(max(u_base + iu + 1, 0), last_column)
-                r0 = min(max(v_base + iv, 0), last_row)
-                r1 = min(max(v_base + iv + 1, 0), last_row)
-                t0 = _left(_half_at(address, r0 * n_columns + c0))
-                t1 = _left(_half_at(address, r0 * n_columns + c1))
-                b0 = _left(_half_at(address, r1 * n_columns + c0))
-                b1 = _left(_half_at(address, r1 * n_columns + c1))
-                t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
-                total += t + fv * (b - t)
+            image[row, column] = total * scale
+        return
+    iu_base, iv_base = np.int32(u_base), np.int32(v_base)
+    for column in range(first, last):
+        start = np.uint64(row * width + column) * spp
+        total = np.float32(0.0)
+        for k in range(spp):
+            s = start + np.uint64(k)
+            dx, dy = x[s] * to_columns - fcx, y[s] * to_rows - fcy
+            per_z = one / (one + fwx * dx + fwy * dy)
+            tu = u0 + (fux * dx + fuy * dy) * per_z
+            tv = v0 + (fvx * dx + fvy * dy) * per_z
+            iu, iv = np.int32(tu), np.int32(tv)
+            fu, fv = tu - np.float32(iu), tv - np.float32(iv)
+            c0 = min(max(iu_base + iu, 0), last_column)
+            c1 = min(max(iu_base + iu + 1, 0), last_column)
+            r0 = min(max(iv_base + iv, 0), last_row) * n_columns
+            r1 = min(max(iv_base + iv + 1, 0), last_row) * n_columns
+            t0, t1 = _left(_half_at(address, r0 + c0)), _left(_half_at(address, r0 + c1))
+            b0, b1 = _left(_half_at(address, r1 + c0)), _left(_half_at(address, r1 + c1))
+            t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
+            total += t + fv * (b - t)
         image[row, column] = total * scale
 
 
