@@ -26,7 +26,7 @@ def evaluate(
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
     ],
     task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS))],
-    method: tuple[str, ...] = (),
+    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     resolution: int = 346,
     cutoff: float = math.inf,
     threshold: float = 0.2,

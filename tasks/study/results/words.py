@@ -36,8 +36,8 @@ def speed_label(scene: str, speed: float) -> str:
         Factor to two digits, with m/s if the paper states them.
     """
     base = BASE_SPEED_M_PER_S.get(scene)
-    metres = "" if base is None else f" ({base * speed:.1f} m/s)"
-    return f"speed {speed:.2g}{metres}"
+    in_m_per_s = "" if base is None else f" ({base * speed:.1f} m/s)"
+    return f"speed {speed:.2g}{in_m_per_s}"
 
 
 def rate_label(event_rate_hz: float | None) -> str:
