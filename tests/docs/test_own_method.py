@@ -26,7 +26,7 @@ def code_lines(file):
     return sum(bool(line.strip()) for line in file.read_text().splitlines())
 
 
-def test_a_method_of_ones_own_is_scored_beside_ours(page):
+def test_your_own_method_is_scored_next_to_ours(page):
     """Promise: a function outside the project takes part in `eres evaluate` and `eres study`."""
     folder, said = page
     assert code_lines(folder / "my_flow.py") < DOOR_LINES
@@ -36,9 +36,9 @@ def test_a_method_of_ones_own_is_scored_beside_ours(page):
     assert len({(row.width, row.cutoff_hz, row.speed) for row in rows}) == 9
 
 
-def test_a_task_of_ones_own_is_scored(page):
+def test_your_own_task_is_scored(page):
     """Promise: a task outside the project, entered in one place, makes rows of a sequence's events;
-    so do methods of one's own on it."""
+    so do your own methods on it."""
     folder, _ = page
     assert code_lines(folder / "my_rate.py") < DOOR_LINES
     (folder / "my_count.py").write_text("def estimate(events, seconds): return 2 * events\n")
