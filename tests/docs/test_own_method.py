@@ -1,7 +1,10 @@
 """docs/methods.md: its files are written and its commands run, top to bottom."""
 
+import os
+
 import pytest
 
+from another_process import environment, run_python
 from docs_page import follow
 from eres_render import open_sequence
 from tasks.errors import TaskError
@@ -54,6 +57,22 @@ def test_your_own_task_is_scored(page):
     assert count.value == pytest.approx(2 * rate.value * (end_s - start_s), rel=1e-4)
     with pytest.raises(TaskError, match="rate: no method 'no_events'"):
         evaluate_sequence(clip, "rate", methods=("no_events",))
+
+
+def test_a_study_knows_the_metric_of_your_own_task(page):
+    """Promise: with the entry in the registry, rows of the task are scores like any others."""
+    folder, _ = page
+    code = """if True:
+        import my_rate
+        from tasks.row import Row
+        from tasks.study.results.metrics import METRICS
+        from tasks.study.results.scores import Scores
+        row = Row("carpet", "rate", "own", 32, 50.0, 0.2, 1.0, 0, "events_per_s", 1e6, 1e6)
+        (series,) = Scores([row]).series()
+        print(series.title, METRICS[series.metric].text(row.value))
+    """
+    path = f"{folder}{os.pathsep}{environment()['PYTHONPATH']}"
+    assert run_python(code, PYTHONPATH=path).stdout == "event rate by own 1000000\n"
 
 
 def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):

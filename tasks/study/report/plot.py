@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 
-from tasks.study.results.words import number_text
+from tasks.metric import number_text
 
 COLORS = {
     "ink": ("#1d2126", "#e6e6e1"),

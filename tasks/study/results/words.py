@@ -48,26 +48,6 @@ def rate_label(event_rate_hz: float | None) -> str:
     return f"{mega:.{0 if mega >= 100 else 1 if mega >= 10 else 2}f}"
 
 
-def number_text(value: float, decimals: int, sign: str = "") -> str:
-    """Format a number with a true minus sign, and without a sign on zero.
-
-    Parameters
-    ----------
-    value
-        Number.
-    decimals
-        Number of decimals.
-    sign
-        "+" prints plus signs too.
-
-    Returns
-    -------
-    str
-        Formatted number.
-    """
-    return f"{value:{sign}z.{decimals}f}".replace("-", "−")
-
-
 def share_text(share: float | None) -> str:
     """Format a share in percent; only exact 0 and 1 are printed as 0 % and 100 %."""
     if share is None:
