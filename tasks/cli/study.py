@@ -118,7 +118,7 @@ def study(
         Folder of the run.
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
-        "paper": three scenes, 20 samples of each, all methods; takes hours.
+        "paper": three scenes, 20 samples of each, the methods of the paper; takes hours.
     scenes
         Names or folders of scenes.
     samples
