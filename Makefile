@@ -76,7 +76,7 @@ HAS_CHROMIUM := command -v chromium || command -v chromium-browser || command -v
 	  fi; }
 	@touch $@
 
-# Mitsuba's fast variant needs an LLVM that it gets on with; some releases would end the process.
+# Mitsuba's fast variant needs an LLVM that works with it; some releases end the process.
 RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.rendering.backend import probe_variants; \
   sys.exit(not any(v.works for v in probe_variants() if v.name != 'scalar_rgb'))"
 

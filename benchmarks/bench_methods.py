@@ -37,7 +37,7 @@ class Kind:
     Parameters
     ----------
     name, where
-        What is run, and on what.
+        Names of the method and of its input.
     events
         That one call goes through.
     fits

@@ -1,7 +1,7 @@
 """How a study scales over workers: the same small jobs on one and on two, each on one core.
 
 Both clusters stand all the time and take turns; every run has another seed of the renderer, so that
-its frames are rendered anew. Workers hold one core each, and one thread of numba's; Dr.Jit always
+its frames are rendered again. Workers hold one core each, and one thread of numba's; Dr.Jit always
 has two. Wall times of a busy machine say little. CPU times say what distribution itself costs: the
 workers' per job, and that of client and scheduler, which are this process.
 """

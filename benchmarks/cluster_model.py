@@ -33,7 +33,7 @@ def simulate_s(job: Job) -> float:
 
 
 def single_sensors(sensors: Simulate) -> list[Simulate]:
-    """Each sensor at each speed by itself."""
+    """Return one `Simulate` for each sensor at each speed."""
     axes = (sensors.widths, sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
     return [
         replace(

@@ -5,7 +5,7 @@
     python benchmarks/conformance.py --signals FILE.npz   write the signals and their exact events
 
 The exact events come from formulas of this file alone, solved with Brent's method on the
-continuous light; nothing of the package is used for them. Pixels start at the first frame's light.
+continuous light; they do not use the package. Pixels start at the first frame's light.
 """
 
 from __future__ import annotations
@@ -212,8 +212,11 @@ def all_signals() -> list[Signal]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """A simulator's events beside the exact ones. Times are compared in the pixels that fired the
-    right number of events with the right polarities; errors are in microseconds."""
+    """A simulator's events, compared with the exact ones.
+
+    Times are compared in the pixels that fired the right number of events with the right
+    polarities; errors are in microseconds.
+    """
 
     fired: int
     right_pixels: int
@@ -296,7 +299,7 @@ float64 linear radiance, `t_s_k` (T,), `cutoff_hz_k` (of each of two equal poles
 
 
 def write_signals(path: Path, signals: list[Signal]) -> None:
-    """Write signals and their exact events as .npz; docs/conformance.md says what is in it."""
+    """Write signals and their exact events as .npz; docs/conformance.md lists the contents."""
     arrays: dict[str, np.ndarray] = {"contrast_threshold": np.array(C)}
     for k, signal in enumerate(signals):
         t, x, p = np.array(signal.events).T

@@ -5,7 +5,7 @@
 A photometric flow method takes the flow of a patch to be the same everywhere. In a scene with depth
 it is not. This finds the features of a finished study's samples again, looks up the true flow all
 over each patch of 61 px (at 1280 px), and splits the run's scores at base speed in ideal light by
-the patch's departure from its centre's flow, in px of a 1280 px image (root mean square).
+the patch's departure from its center's flow, in px of a 1280 px image (root mean square).
 """
 
 from __future__ import annotations

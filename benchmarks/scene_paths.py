@@ -26,7 +26,7 @@ _MOMENTS, _APART_S = 24, 1e-4
 
 
 def follow(renderer: Renderer, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return where points of the first image go, (T, N, 2) px, and their (N,) depths, metres."""
+    """Return where points of the first image go, (T, N, 2) px, and their (N,) depths, m."""
     camera, poses = renderer.camera, renderer.trajectory.pose(times_s)
     points = camera.grid(_GRID)
     depth = 1 / renderer.inverse_depth(poses[0], points)

@@ -5,7 +5,7 @@ Run: python benchmarks/scene_scores.py [SCENE ...]
 From ten pairs of frames along each camera path, 1280 px, 50 ms apart. Events are the whole number
 of thresholds (0.2) between the two images of a sensor, each pixel's memory drawn uniformly within
 one threshold; event integration adds them to the first frame. Prints a Markdown table of the median
-PSNR, beside that of the first frame alone, and of the share of pixels below a tenth of white.
+PSNR, next to that of the first frame alone, and of the share of pixels below a tenth of white.
 """
 
 from __future__ import annotations

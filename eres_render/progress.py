@@ -6,7 +6,7 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Called as long work goes on, with what is done in words, how much of it, and of how much."""
+    """Called during long work: the stage in words, the amount done, and the total."""
 
     def __call__(self, stage: str, done: float, total: float, /) -> None: ...
 

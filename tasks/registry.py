@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
+from tasks.metric import Metric
+
 
 @dataclass(frozen=True, slots=True)
 class ShareColumn:
@@ -31,6 +33,8 @@ class TaskSpec:
         Name in words.
     methods
         Places of the methods, by name.
+    metric
+        The metric of its scores.
     baseline
         Name of the method that does not use the events.
     scorer
@@ -49,6 +53,7 @@ class TaskSpec:
 
     title: str
     methods: Mapping[str, str]
+    metric: Metric
     baseline: str
     scorer: str
     settings: str = "tasks.evaluation.settings:TaskSettings"
@@ -61,6 +66,14 @@ _METHODS = "tasks.methods"
 _SCORERS = "tasks.evaluation.scorers"
 _SETTINGS = "tasks.evaluation.settings"
 
+_PSNR = Metric("psnr_db", "PSNR", "dB", higher_is_better=True, negligible=0.1, decimals=2)
+_RNEPE = Metric(
+    *("rnepe_px", "RNEPE", "px"), False, negligible=0.05, decimals=2, reference_width_px=1280
+)
+_POSITION_ERROR = Metric(
+    *("position_error_mm", "position error", "mm"), False, negligible=0.1, decimals=2, digits=3
+)
+
 TASKS = {
     "reconstruction": TaskSpec(
         title="reconstruction",
@@ -68,6 +81,7 @@ TASKS = {
             "event_integration": f"{_METHODS}.event_integration:reconstruct",
             "no_events": f"{_METHODS}.no_events:reconstruct",
         },
+        metric=_PSNR,
         baseline="no_events",
         scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
         settings=f"{_SETTINGS}:Reconstruction",
@@ -80,6 +94,7 @@ TASKS = {
             "high_pass_filter_no_event_decay": f"{_METHODS}.high_pass_filter:without_event_decay",
             "blank": f"{_METHODS}.blank_video:BlankVideo",
         },
+        metric=_PSNR,
         baseline="blank",
         scorer=f"{_SCORERS}.video:VideoScorer",
         settings=f"{_SETTINGS}:Video",
@@ -95,6 +110,7 @@ TASKS = {
             "contrast_maximization": f"{_METHODS}.contrast_maximization:estimate",
             "initial_flow": f"{_METHODS}.initial_flow:estimate",
         },
+        metric=_RNEPE,
         baseline="initial_flow",
         scorer=f"{_SCORERS}.flow:FlowScorer",
         settings=f"{_SETTINGS}:Flow",
@@ -110,6 +126,7 @@ TASKS = {
             ),
             "initial_path": f"{_METHODS}.initial_path:estimate",
         },
+        metric=_POSITION_ERROR,
         baseline="initial_path",
         scorer=f"{_SCORERS}.tracking:TrackingScorer",
         settings=f"{_SETTINGS}:Tracking",

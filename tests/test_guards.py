@@ -6,7 +6,7 @@ entry under "Numbers change" in CHANGELOG.md, and is stored by
     PYTHONPATH=tests/helpers python tests/test_guards.py --rewrite
 
 Bits depend on the processor and the versions of libraries: elsewhere those tests are skipped.
-`test_study_numbers.py` holds the same scores within tolerances on any machine.
+`tests/study/test_numbers.py` holds the same scores within tolerances on any machine.
 """
 
 import json
@@ -91,7 +91,7 @@ def test_scenes_keep_their_digests(stored):
 
 def test_events_are_the_same_to_the_bit():
     """Promise: five kinds of sensor on one moving texture. The scores of a small study are held in
-    the same way by test_study_numbers.py."""
+    the same way by tests/study/test_numbers.py."""
     assert event_digests() == stored_bits("events")
 
 

@@ -61,18 +61,40 @@ def test_only_the_rendering_folder_touches_mitsuba():
     assert users == {"eres_render/rendering"}
 
 
-# Who in `tasks` may import whom; what is not listed may import nothing of the others here.
+# Which of these a folder may import; what is not listed may import none of the others here.
 WINGS = {
-    "methods": {"numerics"},
-    "numerics": set(),
-    "evaluation": {"methods"},
-    "events": {"evaluation"},
-    "study.results": set(),
-    "study.claims": {"study.results"},
-    "study.report": {"study.claims", "study.results", "evaluation.timings"},
-    "study.run": {"study.results", "study.config", "evaluation", "methods"},
+    "sensor.kernels": set(),
+    "sensor.engine": {"sensor.kernels"},
+    "sensor.formats": set(),
+    "eres_render.storage": set(),
+    "eres_render.trajectory": set(),
+    "eres_render.textures": set(),
+    "eres_render.interior": {"eres_render.textures"},
+    "eres_render.scene": {
+        *("eres_render.interior", "eres_render.textures"),
+        *("eres_render.storage", "eres_render.trajectory"),
+    },
+    "eres_render.rendering": {
+        *("eres_render.scene", "eres_render.storage", "eres_render.trajectory"),
+    },
+    "eres_render.sequence": {
+        *("eres_render.rendering", "eres_render.scene"),
+        *("eres_render.storage", "eres_render.trajectory"),
+    },
+    "tasks.numerics": set(),
+    "tasks.methods": {"tasks.numerics"},
+    "tasks.evaluation": {"tasks.methods"},
+    "tasks.events": {"tasks.evaluation"},
+    "tasks.study.results": set(),
+    "tasks.study.claims": {"tasks.study.results"},
+    "tasks.study.report": {
+        *("tasks.study.claims", "tasks.study.results", "tasks.evaluation.timings"),
+    },
+    "tasks.study.run": {
+        *("tasks.study.results", "tasks.study.config", "tasks.evaluation", "tasks.methods"),
+    },
 }
-KEPT_APART = {*WINGS, "study.config", "cli"}
+KEPT_APART = {*WINGS, "tasks.study.config", "tasks.cli"}
 
 
 def wing(module, wings):
@@ -81,18 +103,29 @@ def wing(module, wings):
     return max(inside, key=len, default=None)
 
 
+def imported(path):
+    """Modules of its own package that a file imports."""
+    package = path.relative_to(ROOT).parts[0]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == package:
+            yield node.module
+
+
 @pytest.mark.parametrize("name", sorted(WINGS))
 def test_wings_depend_one_way(name):
-    """Promise: report -> claims -> results, run -> results, evaluation -> methods; judging draws
-    nothing, results know no HTML, running knows no claim."""
-    allowed = WINGS[name]
-    for path in (ROOT / "tasks" / name.replace(".", "/")).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module.startswith("tasks."):
-                used = node.module.removeprefix("tasks.")
-                place = wing(used, KEPT_APART)
-                if place not in (None, name):
-                    assert wing(used, allowed), f"{path} imports {node.module}"
+    """Promise: no folder imports one that stands above it: engine -> kernels, sequence ->
+    rendering -> scene, report -> claims -> results, run -> results, evaluation -> methods."""
+    for path in (ROOT / name.replace(".", "/")).rglob("*.py"):
+        for module in imported(path):
+            if wing(module, KEPT_APART) not in (None, name):
+                assert wing(module, WINGS[name]), f"{path} imports {module}"
+
+
+def test_problems_know_no_study_and_no_command():
+    """Promise: tasks/flow.py and its like can be used by themselves."""
+    for path in (ROOT / "tasks").glob("*.py"):
+        for module in imported(path):
+            assert wing(module, {"tasks.study", "tasks.cli"}) is None, f"{path} imports {module}"
 
 
 def test_only_the_command_line_draws_on_the_terminal():

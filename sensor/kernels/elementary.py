@@ -1,54 +1,25 @@
-"""Logarithm and exponential that LLVM vectorizes, and the decorators that compile the kernels."""
+"""How kernels are compiled; logarithm and exponential that LLVM vectorizes."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
 
-import numba
 from llvmlite import ir
 from numba.core import types
-from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
-_Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
+from sensor.compiling import compiler
 
-# Numba caches a compiled function until its own file changes. A kernel contains the code of the
-# kernels that it calls, so the cache of each must depend on all files of the folder.
-_FOLDER = hashlib.sha256(
-    b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py")))
-).hexdigest()
+_FOLDER = Path(__file__).parent
 
+jit = compiler(_FOLDER, fastmath={"contract"})
+"""Compile a kernel. "contract" allows fused multiply-add; no other fast math."""
 
-def jit(kernel: _Kernel) -> _Kernel:
-    """Compile a kernel. "contract" allows fused multiply-add; no other fast math."""
-    return _of_this_folder(numba.njit(**_OPTIONS)(kernel))
+inlined = compiler(_FOLDER, fastmath={"contract"}, inline="always")
+"""Compile a kernel and paste it into its callers: a call in a loop prevents vectorization.
 
-
-def inlined(kernel: _Kernel) -> _Kernel:
-    """Compile a kernel and paste it into its callers: a call in a loop prevents vectorization.
-
-    Numba pastes before it infers types, so that LLVM optimizes the code only once.
-    """
-    return _of_this_folder(numba.njit(**_OPTIONS, inline="always")(kernel))
-
-
-_OPTIONS: dict[str, Any] = {
-    "cache": True,
-    "nogil": True,
-    "fastmath": {"contract"},
-    "error_model": "numpy",
-}
-
-
-def _of_this_folder(compiled: Any) -> Any:
-    if isinstance(compiled, Dispatcher):  # not if Numba is disabled
-        kept: Any = compiled
-        index = kept._cache._cache_file
-        index._source_stamp = (index._source_stamp, _FOLDER)
-    return compiled
+Numba pastes before it infers types, so that LLVM optimizes the code only once.
+"""
 
 
 @intrinsic

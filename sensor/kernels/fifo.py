@@ -7,16 +7,17 @@ accumulates, whatever the length of the recording.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from sensor.compiling import compiler
 from sensor.events import Columns
 
 # No fast math: the same float64 operations in the same order on any machine.
-jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+jit = compiler(Path(__file__).parent)
 
 # Entries of `Fifo.state`. -1 is no slot or no row.
 BUSY_START_US, SENT, ROWS, WAITING, FREE, BURST, BURST_ROW, QUEUE_START, QUEUED = range(9)

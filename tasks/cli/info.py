@@ -31,9 +31,11 @@ def info(
 
         _print_pairs(describe(path, format=format))
         return
-    from eres_render import open_sequence
+    from eres_render import SequenceError, open_sequence
     from tasks.events.description import seconds
 
+    if not path.exists():
+        raise SequenceError(f"{path}: no such file or folder")
     sequence = open_sequence(path)
     manifest = sequence.manifest
     start_s, end_s = sequence.window_s

@@ -148,10 +148,10 @@ def truth(
     out
         Folder to write into.
     width
-        Width of the images, px; best that of the sensor.
+        Width of the images, px; use that of the sensor.
     height
         Height of the images, px, for a sensor of another shape than the frames, which sees the
-        middle of them. By default the images show all of the frames.
+        center of them. By default the images show all of the frames.
     step
         Time from one image to the next, seconds.
     flow_png

@@ -20,7 +20,7 @@ def scenes() -> None:
     """List the packaged scenes."""
     from eres_render import list_scenes, load_scene
 
-    table = Table("scene", "what it is", "camera speed", "length", "license", box=None)
+    table = Table("scene", "description", "camera speed", "length", "license", box=None)
     for name in list_scenes():
         scene = load_scene(name)
         table.add_row(

@@ -26,7 +26,7 @@ def evaluate(
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
     ],
     task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS))],
-    method: tuple[str, ...] = (),
+    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     resolution: int = 346,
     cutoff: float = math.inf,
     threshold: float = 0.2,
@@ -118,7 +118,7 @@ def study(
         Folder of the run.
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
-        "paper": three scenes, 20 samples of each, all methods; takes hours.
+        "paper": three scenes, 20 samples of each, the methods of the paper; takes hours.
     scenes
         Names or folders of scenes.
     samples

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from tasks.flow import FlowEstimate, FlowSample
+from tasks.numerics.compiling import jit, jit_contract
 
 MIN_EVENTS = 10
 REFERENCE_TIME = 0.5  # mid-window, so that events move as little as possible
@@ -116,7 +116,7 @@ class Contrast:
         )
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def _contrast(events, exposure_t, width, height, far_x, far_y, vx, vy, by_gradient):
     """Return the contrast at (vx, vy) of events (N, 3): column, row, and time from mid-window."""
     rows, columns = height + 2 * far_y, width + 2 * far_x
@@ -157,7 +157,7 @@ def _contrast(events, exposure_t, width, height, far_x, far_y, vx, vy, by_gradie
     return total / (width * height * mean * mean)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def _interval(size, width, first):
     """Return the bilinear votes of `width` pixels in a line, the first at `first`, (size,)."""
     line = np.zeros(size)
@@ -169,7 +169,7 @@ def _interval(size, width, first):
     return line
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def _blur(image):
     """Blur by a Gaussian of 1 px; the image is empty within its reach of the edge."""
     rows, columns = image.shape
@@ -189,7 +189,7 @@ def _blur(image):
     return blurred
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def _blur_line(line, blurred):
     for x in range(4, line.size - 4):
         blurred[x] = (

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events
 from tasks.errors import TaskError
+from tasks.numerics.compiling import jit
 
 CUTOFF_HZ = 0.06
 PER_EVENT_DECAY = 0.06
@@ -127,7 +127,7 @@ def without_event_decay(width: int, height: int, contrast_threshold: float) -> H
     return HighPassFilter(width, height, contrast_threshold, per_event_decay=0.0)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def _filter(
     state: NDArray[np.float64],  # (height, width, 2)
     t_us: NDArray[np.int64],

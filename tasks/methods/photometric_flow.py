@@ -15,12 +15,12 @@ is bounded from below.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.numerics import bicubic
+from tasks.numerics.compiling import jit, jit_contract
 
 MIN_EVENTS = 10
 CONTRAST_BOUNDS = (0.02, 2.0)  # log units; sensors have 0.1 to 0.5
@@ -89,7 +89,7 @@ def _best_gain(
     return float(unknowns[2] - gradient[2] / steepness) if steepness > 0 else np.inf
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def normal_equations(events, L, unknowns):
     """Sum up the cost |p Delta L(v) / C - 1|^2 of Eq. (11) and its derivatives.
 
@@ -145,7 +145,7 @@ def normal_equations(events, L, unknowns):
     return cost, gradient, curvature
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def _levenberg_marquardt(events, L, start, lower, upper):
     """Return the unknowns of the least cost within bounds, and whether the search converged."""
     unknowns = start.copy()
@@ -175,7 +175,7 @@ def _levenberg_marquardt(events, L, start, lower, upper):
     return unknowns, False
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@jit
 def _damped_step(curvature, gradient, held, damping):
     """Solve (J^T J + damping diag) step = -gradient for the free unknowns, by elimination."""
     n = gradient.size

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba
+from tasks.numerics.compiling import jit_contract
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def sample(image, x_px, y_px):
     """Interpolate an image and its gradient at a point.
 
@@ -46,7 +46,7 @@ def sample(image, x_px, y_px):
     return value, dx, dy
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def _weights(f):
     """Return Catmull-Rom weights of the four pixels around a point, f beyond the second."""
     return (
@@ -57,7 +57,7 @@ def _weights(f):
     )
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def _slopes(f):
     """Return the derivatives of the weights."""
     return (

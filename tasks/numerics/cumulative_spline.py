@@ -16,16 +16,15 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
+
+from tasks.numerics.compiling import jit_contract
 
 COLUMNS = 52
 """Columns of a row of `tabulate`: R (9), p (3), 4 weights of positions, 4 (3, 3) of rotations."""
 
-_jit = numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
 
-
-@_jit
+@jit_contract
 def exp(omega, R):
     """Write the rotation of a rotation vector into R.
 
@@ -41,7 +40,7 @@ def exp(omega, R):
     _polynomial(x, y, z, 1.0, a, b, R)
 
 
-@_jit
+@jit_contract
 def _coefficients(squared):
     """Return sin(a) / a, (1 - cos(a)) / a^2, (a - sin(a)) / a^3 for a^2, by series near 0."""
     if squared < 1e-4:
@@ -58,7 +57,7 @@ def _coefficients(squared):
     )
 
 
-@_jit
+@jit_contract
 def _polynomial(x, y, z, a0, a1, a2, out):
     """Write a0 I + a1 [w] + a2 [w]^2 into out, where [w] is the cross product with (x, y, z)."""
     out[0, 0] = a0 - a2 * (y * y + z * z)
@@ -72,7 +71,7 @@ def _polynomial(x, y, z, a0, a1, a2, out):
     out[2, 1] = a2 * y * z + a1 * x
 
 
-@_jit
+@jit_contract
 def _inverse_left_jacobian(omega, out):
     """Write J_l^-1 of a rotation vector: Exp(e) Exp(w) = Exp(w + J_l^-1(w) e)."""
     x, y, z = omega[0], omega[1], omega[2]
@@ -82,14 +81,14 @@ def _inverse_left_jacobian(omega, out):
     _polynomial(x, y, z, 1.0, -0.5, c, out)
 
 
-@_jit
+@jit_contract
 def _multiply(A, B, out):
     for i in range(3):
         for j in range(3):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
-@_jit
+@jit_contract
 def tabulate(R, p, omega, interval_us, wanted):
     """Compute the spline at the requested microseconds of its duration.
 

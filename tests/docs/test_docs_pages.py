@@ -21,7 +21,7 @@ def sensors(tmp_path_factory):
     return folder, follow("sensors.md", folder)
 
 
-def test_the_quick_start_leads_to_scores_beside_those_of_doing_nothing(quick_start):
+def test_the_quick_start_leads_to_scores_next_to_those_of_doing_nothing(quick_start):
     _, said = quick_start
     for method in ("event_integration", "no_events", "photometric_flow", "initial_flow"):
         assert re.search(rf"^\s*{method}\s", said, re.MULTILINE), method

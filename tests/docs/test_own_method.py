@@ -1,7 +1,10 @@
 """docs/methods.md: its files are written and its commands run, top to bottom."""
 
+import os
+
 import pytest
 
+from another_process import environment, run_python
 from docs_page import follow
 from eres_render import open_sequence
 from tasks.errors import TaskError
@@ -26,7 +29,7 @@ def code_lines(file):
     return sum(bool(line.strip()) for line in file.read_text().splitlines())
 
 
-def test_a_method_of_ones_own_is_scored_beside_ours(page):
+def test_your_own_method_is_scored_next_to_ours(page):
     """Promise: a function outside the project takes part in `eres evaluate` and `eres study`."""
     folder, said = page
     assert code_lines(folder / "my_flow.py") < DOOR_LINES
@@ -36,9 +39,9 @@ def test_a_method_of_ones_own_is_scored_beside_ours(page):
     assert len({(row.width, row.cutoff_hz, row.speed) for row in rows}) == 9
 
 
-def test_a_task_of_ones_own_is_scored(page):
+def test_your_own_task_is_scored(page):
     """Promise: a task outside the project, entered in one place, makes rows of a sequence's events;
-    so do methods of one's own on it."""
+    so do your own methods on it."""
     folder, _ = page
     assert code_lines(folder / "my_rate.py") < DOOR_LINES
     (folder / "my_count.py").write_text("def estimate(events, seconds): return 2 * events\n")
@@ -54,6 +57,22 @@ def test_a_task_of_ones_own_is_scored(page):
     assert count.value == pytest.approx(2 * rate.value * (end_s - start_s), rel=1e-4)
     with pytest.raises(TaskError, match="rate: no method 'no_events'"):
         evaluate_sequence(clip, "rate", methods=("no_events",))
+
+
+def test_a_study_knows_the_metric_of_your_own_task(page):
+    """Promise: with the entry in the registry, rows of the task are scores like any others."""
+    folder, _ = page
+    code = """if True:
+        import my_rate
+        from tasks.row import Row
+        from tasks.study.results.metrics import METRICS
+        from tasks.study.results.scores import Scores
+        row = Row("carpet", "rate", "own", 32, 50.0, 0.2, 1.0, 0, "events_per_s", 1e6, 1e6)
+        (series,) = Scores([row]).series()
+        print(series.title, METRICS[series.metric].text(row.value))
+    """
+    path = f"{folder}{os.pathsep}{environment()['PYTHONPATH']}"
+    assert run_python(code, PYTHONPATH=path).stdout == "event rate by own 1000000\n"
 
 
 def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):

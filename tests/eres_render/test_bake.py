@@ -183,7 +183,7 @@ def test_the_packaged_lightmap_belongs_to_the_scene_and_can_be_made_again():
     assert ratio.std() < 0.012
 
 
-def test_lightmaps_of_another_state_of_the_scene_are_baked_anew(tmp_path, monkeypatch):
+def test_lightmaps_of_another_state_of_the_scene_are_baked_again(tmp_path, monkeypatch):
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
     scene = load_scene(small_carpet_folder(tmp_path / "mine"))
     packaged = load_scene("carpet").folder / "lightmap_carpet.exr"

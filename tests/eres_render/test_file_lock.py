@@ -158,7 +158,7 @@ def test_a_bake_that_was_stopped_leaves_no_half_of_the_lightmaps(tmp_path, monke
         lightmap.unlink()
     scene = load_scene(folder)
     if select_variant().startswith("scalar"):
-        pytest.skip("only vectorised variants bake")
+        pytest.skip("only vectorized variants bake")
     written = []
 
     def stopped(path, *image):

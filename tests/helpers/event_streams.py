@@ -43,7 +43,7 @@ def assert_same(a, b):
 
 @st.composite
 def streams(draw, max_start_us=1 << 30):
-    """A short stream: small and large steps in time, ties, neighbours in a row, any pixel."""
+    """A short stream: small and large steps in time, ties, neighbors in a row, any pixel."""
     width, height = draw(st.integers(1, 2048)), draw(st.integers(1, 2048))
     steps = draw(
         st.lists(

@@ -124,7 +124,7 @@ def test_a_seed_that_is_none_is_refused(value):
 
 
 def test_any_seed_there_is_works():
-    """Promise: the largest too, whether Python's or NumPy's; and it is not its neighbour."""
+    """Promise: the largest too, whether Python's or NumPy's; and it is not its neighbor."""
     largest = (1 << 63) - 1
     drawn = SensorModel(width=40, height=40, random_start=True)
     light = frames(size=(40, 40))

@@ -97,7 +97,7 @@ def test_evt2_word_by_word(tmp_path):
 
 
 def test_evt3_word_by_word(tmp_path):
-    """Format: each word says what changed; five neighbours and more are one group of vectors."""
+    """Format: each word says what changed; five neighbors and more are one group of vectors."""
     x = [5, 9, 10, 12, 13, 14, 20, 40, 600]
     events = make_events([3] * 8 + [5000], x, [7] * 9, [0] + [1] * 8)
     write_events(tmp_path / "a.raw", events, format="evt3")

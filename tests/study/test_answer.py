@@ -32,7 +32,7 @@ def test_what_the_pages_say_is_what_the_run_says(
     of_the_paper: dict[Series, Choices], page: str
 ) -> None:
     """Promise: the answers in README and docs are those of docs/results/paper, to the letter; if
-    not, `make answers` writes them anew."""
+    not, `make answers` rewrites them."""
     text = (ROOT / page).read_text()
     assert with_answers(text, of_the_paper) == text
 
@@ -128,7 +128,7 @@ def test_what_the_samples_do_not_tell_apart_is_in_brackets() -> None:
     assert overview(choices(rows)).endswith("| reconstruction by event integration, x | 640 |")
 
 
-def test_pages_are_written_anew_or_left_as_they_are(tmp_path: Path) -> None:
+def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
     """What is around the comments stays, what is between them is replaced, also when run again; a
     page without a place, or with one for something else, is named and not touched."""
     write_rows(tmp_path / "rows.parquet", paper_rows(scenes=("carpet",)))

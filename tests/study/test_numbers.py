@@ -177,7 +177,7 @@ def test_what_parts_took_is_kept_beside_them(run):
 
 
 def rewrite() -> None:
-    """Run the study anew and store its numbers."""
+    """Run the study again and store its numbers."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ.update(ERES_CACHE=f"{folder}/cache", ERES_VARIANT=VARIANT)
         new = table(run_study(STUDY, Path(folder) / "run"))

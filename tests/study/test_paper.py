@@ -104,7 +104,7 @@ def test_event_integration_is_complete() -> None:
 
 
 def test_a_cell_that_the_paper_lacks_is_none() -> None:
-    """A cell outside the paper is None, not an error and not a neighbour's number."""
+    """A cell outside the paper is None, not an error and not a neighbor's number."""
     assert published("carpet", *EI, 1280, INF, 10.0, "psnr_db") is None
     assert published("carpet", *EI, 512, INF, 1.0, "psnr_db") is None
     assert published("rocks", "video", "e2vid", 640, INF, 1.0, "psnr_db") is None

@@ -158,7 +158,7 @@ def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:
 
 
 def test_the_pictures_are_explained(tmp_path: Path) -> None:
-    """What the colours mean, over which time, and that the radiance is tone-mapped."""
+    """What the colors mean, over which time, and that the radiance is tone-mapped."""
     run = make_run(tmp_path, paper_rows(samples=1))
     add_previews(run)
     page = without_space(write_report(run).read_text())

@@ -24,12 +24,12 @@ PHONE, DESK = (390, 844), (1280, 2000)
 OPEN_ALL = "document.querySelectorAll('details').forEach((one) => (one.open = true))"
 
 # Ratio of WCAG 2.1 for every text that is shown, against what is painted behind it; those below
-# 4.5. A canvas turns any CSS colour into sRGB.
+# 4.5. A canvas turns any CSS color into sRGB.
 LOW_CONTRAST = """(() => {
   const brush = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
-  const rgba = (colour) => {
+  const rgba = (color) => {
     brush.clearRect(0, 0, 1, 1);
-    brush.fillStyle = colour;
+    brush.fillStyle = color;
     brush.fillRect(0, 0, 1, 1);
     return [...brush.getImageData(0, 0, 1, 1).data].map((part) => part / 255);
   };
@@ -40,7 +40,7 @@ LOW_CONTRAST = """(() => {
     if (frame) return rgba(getComputedStyle(frame).fill);
     return over(rgba(getComputedStyle(element).backgroundColor), behind(element.parentElement));
   };
-  const luminance = (colour) => colour
+  const luminance = (color) => color
     .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4))
     .reduce((sum, c, k) => sum + c * [0.2126, 0.7152, 0.0722][k], 0);
   const low = [];

@@ -64,7 +64,7 @@ def local_cluster(**options):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two workers, each a process of one thread that is started anew when it dies."""
+    """Two workers, each a process of one thread that is restarted when it dies."""
     with local_cluster(n_workers=2, threads_per_worker=1, processes=True) as cluster:
         yield cluster
 
@@ -254,7 +254,7 @@ def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkey
     assert [file.name for file in (tmp_path / "run").iterdir()] == ["study.json"]
 
 
-def test_a_wrong_method_of_ones_own_ends_the_run_at_once(
+def test_a_mistake_in_your_own_method_ends_the_run_at_once(
     one_worker, scene_folder, tmp_path, monkeypatch
 ):
     """Promise: said by name from the worker too, after one small job; no other is begun."""

@@ -104,3 +104,9 @@ def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):
     assert code == 1
     assert "No space left on device" in err
     assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+def test_info_on_nothing_names_the_path(eres, tmp_path):
+    code, _, err = eres("info", tmp_path / "no.h5")
+    assert code == 1
+    assert "no.h5: no such file or folder" in err.replace("\n", "")

@@ -68,9 +68,9 @@ def samples(translating, count, sigma_px, seed=0):
     rng = np.random.default_rng(seed)
     side = patch_px(WIDTH)
     for _ in range(count):
-        centre = rng.uniform(30, SIZE - 30, 2)
+        center = rng.uniform(30, SIZE - 30, 2)
         initial = FLOW + rng.normal(0, sigma_px, 2)
-        yield flow_sample(events, 0, 50_000, log_image, C, centre, side, initial, sigma_px)
+        yield flow_sample(events, 0, 50_000, log_image, C, center, side, initial, sigma_px)
 
 
 @pytest.mark.parametrize("warmup_s", [0.0, 0.01])
@@ -303,7 +303,7 @@ def noise(rng, per_px, initial=(0.0, 0.0), sigma_px=4.0):
 
 
 def test_no_flow_scores_on_events_without_texture():
-    """Physics: a patch's edges and the scatter of its events favour no flow, small or large.
+    """Physics: a patch's edges and the scatter of its events favor no flow, small or large.
 
     Events at random add 1 / 4 pi / (events a pixel) to the contrast, the integral of a Gaussian of
     1 px squared; bilinear votes blur a little more.
@@ -316,7 +316,7 @@ def test_no_flow_scores_on_events_without_texture():
         trials.append([contrast(flow) for flow in flows])
     mean, error = np.mean(trials, axis=0), np.std(trials, axis=0) / math.sqrt(len(trials))
     assert 0.7 / (16 * math.pi) < mean.mean() < 1 / (16 * math.pi)
-    moving = mean[1:]  # at rest votes fall on pixel centres, and are not blurred further
+    moving = mean[1:]  # at rest votes fall on pixel centers, and are not blurred further
     assert np.ptp(moving) < 4 * error.max()
     assert np.all(moving < mean[0])
 
@@ -358,7 +358,7 @@ def test_times_before_are_those_of_the_same_pixel():
     np.testing.assert_array_equal(times_before(pixel, t), expected)
 
 
-def test_patches_shrink_with_the_sensor_and_errors_are_normalised():
+def test_patches_shrink_with_the_sensor_and_errors_are_normalized():
     """Promise: 61 px at 1280, odd, at least 7; an error counts by the field of view it spans."""
     assert [patch_px(w) for w in (128, 240, 346, 640, 1280)] == [7, 11, 17, 31, 61]
     assert [patch_px(w, native=True) for w in (128, 1280)] == [61, 61]
@@ -366,7 +366,7 @@ def test_patches_shrink_with_the_sensor_and_errors_are_normalised():
 
 
 def test_patches_are_cut_at_the_sensors_edge(translating):
-    """Promise: a patch is those pixels whose centres are nearest, less what is off the sensor."""
+    """Promise: a patch is those pixels whose centers are nearest, less what is off the sensor."""
     np.testing.assert_array_equal(patch(np.array([50.2, 40.5]), 7, 128, 128), [[47, 37], [54, 44]])
     np.testing.assert_array_equal(patch(np.array([5.0, 125.0]), 61, 128, 128), [[0, 95], [36, 128]])
     mask = patch_mask(np.array([[5.0, 5.0], [60.0, 60.0]]), 61, 128, 128)
@@ -381,7 +381,7 @@ def test_patches_are_cut_at_the_sensors_edge(translating):
 
 
 def test_corners_of_a_checkerboard():
-    """Promise: where squares meet, pixel centres at integers + 0.5; none on an even image."""
+    """Promise: where squares meet, pixel centers at integers + 0.5; none on an even image."""
     y, x = np.mgrid[:320, :320]
     board = 0.2 + 0.6 * (((x // 40) + (y // 40)) % 2)
     found = corners(board, 50)
@@ -401,7 +401,7 @@ def sliding_camera(distance=None):
 
 
 def wall_behind_a_post(origin, way):
-    """The wall at 1 m, and a post half a metre nearer over x > 0.05 m."""
+    """The wall at 1 m, and a post half a meter nearer over x > 0.05 m."""
     to_post = 0.5 / way[:, 2]
     return np.where(origin[0] + to_post * way[:, 0] > 0.05, to_post, 1.0 / way[:, 2])
 
@@ -445,7 +445,7 @@ def test_features_that_do_not_stay_in_sight_are_passed_over():
 
 
 def test_initial_flows_are_drawn_once_for_all_sensors():
-    """Promise: sensors compare on the same draws, which scale; scenes and samples draw anew."""
+    """Promise: sensors compare on the same draws, which scale; scenes and samples differ."""
     rng = np.random.default_rng(5)
     image = cv2.GaussianBlur(rng.uniform(0, 1, (100, 100)), (0, 0), 2)
     find = partial(find_features, image, sliding_camera(), (0.2, 0.7))

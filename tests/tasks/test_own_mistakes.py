@@ -1,4 +1,4 @@
-"""Methods of one's own that are wrong: said by name on the first sample, or counted as failures."""
+"""Mistakes in your own methods are reported by name on the first sample, or counted as failures."""
 
 import math
 import traceback

@@ -62,8 +62,8 @@ def test_what_is_not_rows_is_refused_by_name(file):
     assert refusal(narrow) == ", field width: found int16, expected int64"
     missing = table.drop_columns(["metric"])
     assert refusal(missing) == ", field metric: found no such column, expected string"
-    more = table.append_column("colour", table["scene"])
-    assert refusal(more) == ", field colour: found string, expected no such column"
+    more = table.append_column("color", table["scene"])
+    assert refusal(more) == ", field color: found string, expected no such column"
     holes = table.set_column(table.schema.get_field_index("value"), "value", some)
     assert refusal(holes) == f", field value: found 1 of {len(table)} rows without a value"
     zero = table.set_column(width, "width", pa.array([346, *[0] * (len(table) - 1)]))

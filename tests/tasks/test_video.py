@@ -186,8 +186,8 @@ def _shift(x_px):
     return np.array([[1.0, 0.0, -x_px], [0.0, 1.0, -5.0]])
 
 
-def test_yardsticks_of_equalised_images():
-    """Physics: even histograms differ by 1/6 in the mean square, and by 1/12 from mid-grey."""
+def test_yardsticks_of_equalized_images():
+    """Physics: even histograms differ by 1/6 in the mean square, and by 1/12 from mid-gray."""
     truth, other = (picture(smooth_noise(k), (160, 160), "global") for k in (1, 2))
     assert np.std(truth) == pytest.approx(1 / math.sqrt(12), rel=0.01)
     blank = picture(np.zeros((20, 20)), (160, 160), "global")
@@ -197,7 +197,7 @@ def test_yardsticks_of_equalised_images():
 
 
 @pytest.mark.parametrize("equalization", ["global", "local"])
-def test_equalised_images_know_no_level_and_no_contrast(equalization):
+def test_equalized_images_know_no_level_and_no_contrast(equalization):
     """Promise: log intensity at another level and of another contrast is the same picture."""
     log_image = smooth_noise(3)
     truth = picture(log_image, log_image.shape, equalization)
@@ -206,7 +206,7 @@ def test_equalised_images_know_no_level_and_no_contrast(equalization):
     assert psnr_db(picture(-log_image, log_image.shape, equalization), truth) < 7
 
 
-def test_local_equalisation_knows_no_slow_shading():
+def test_local_equalization_knows_no_slow_shading():
     """Promise: what varies over many tiles is taken out, what varies within one stays."""
     log_image = smooth_noise(4)
     y, _ = np.mgrid[:160, :160] / 160
@@ -231,7 +231,7 @@ def test_clahe_is_opencvs():
 
 
 def test_predictions_are_enlarged_about_their_middle():
-    """Promise: any sensor's image is compared at the truth's resolution, centres aligned."""
+    """Promise: any sensor's image is compared at the truth's resolution, centers aligned."""
     truth = smooth_noise(6, blur_px=16.0)
     small = cv2.resize(truth, (40, 40), interpolation=cv2.INTER_AREA)
     aligned = psnr_db(picture(small, (160, 160)), picture(truth, (160, 160)))

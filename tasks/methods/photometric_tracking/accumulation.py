@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -12,6 +11,7 @@ from eres_render import Trajectory
 from tasks.methods.photometric_tracking.reference_views import Level
 from tasks.methods.photometric_tracking.residuals import Float64, Problem
 from tasks.numerics import bicubic, cumulative_spline
+from tasks.numerics.compiling import jit_contract
 
 HUBER_IN_C = 0.5
 
@@ -77,7 +77,7 @@ def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
     )
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def normal_equations(
     x, y, t_us, t_before_us, p, segment, table, controls, rays, L, view, R_0, p_0, plane, C, huber
 ):

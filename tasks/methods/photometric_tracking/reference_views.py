@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
-import numba
 import numpy as np
 
 from tasks.methods.photometric_tracking.residuals import Float64, Intrinsics, intrinsics
+from tasks.numerics.compiling import jit_contract
 
 _COARSEST_PX = 16  # of the reference view at its coarsest
 
@@ -89,7 +89,7 @@ def gain(log_image: Float64, coarse: Float64) -> float:
     return both / total if total > 0 else 1.0
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def _gradient_products(a, b):
     """Sum grad a . grad b and |grad a|^2 over two (h, w) images, with differences as gradients.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-import numba
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -13,6 +12,7 @@ from eres_render import Trajectory
 from tasks.methods.photometric_tracking.accumulation import RobustSum, accumulate
 from tasks.methods.photometric_tracking.reference_views import Level
 from tasks.methods.photometric_tracking.residuals import Float64, Problem, join_events
+from tasks.numerics.compiling import jit_contract
 
 _MAX_PASSES = 60  # per level
 _CONVERGED_PX = 0.02  # a shorter step is the last; root mean square over the control poses
@@ -85,7 +85,7 @@ def _levenberg_marquardt(
     return path, state, _MAX_PASSES, False
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@jit_contract
 def cholesky_solve(A, b):
     """Solve A x = b for a positive definite A.
 

@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tasks.metric import Metric
 from tasks.study.claims.statistics import SceneCell, Statistic
 from tasks.study.results.intervals import Estimate, estimate
-from tasks.study.results.metrics import METRICS, Metric, Series
+from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Cell, Condition, Scores

@@ -85,7 +85,7 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
         Folder of a run. It holds ``rows.parquet``, ``environment.json`` (strings by name) and
         ``study.json`` (resolved configuration). It can also hold ``previews/`` (``index.json`` and
         PNG files), ``scaling/`` (a JSON and a PNG file per scene) and ``costs/`` (a JSON file per
-        part).
+        job).
     sections
         Sections of the page, in order; append your own to `SECTIONS`.
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 
-from tasks.study.results.words import number_text
+from tasks.metric import number_text
 
 COLORS = {
     "ink": ("#1d2126", "#e6e6e1"),
@@ -174,14 +174,14 @@ def plot(
     return Plot(title, x_axis, y_axis, keys, panels, labels_below)
 
 
-def width_keys(widths: Iterable[int], *, labelled: bool = False) -> list[Key]:
+def width_keys(widths: Iterable[int], *, labeled: bool = False) -> list[Key]:
     """Give each sensor width a color and a mark.
 
     Parameters
     ----------
     widths
         Sensor widths, px, from coarse to fine.
-    labelled
+    labeled
         Whether the plot shows the width at the first point.
 
     Returns
@@ -192,7 +192,7 @@ def width_keys(widths: Iterable[int], *, labelled: bool = False) -> list[Key]:
     colors = [name for name in COLORS if name.startswith("series")]
     looks = zip(cycle(colors), cycle(MARKS))
     return [
-        Key(f"{width} px", color, mark, str(width) if labelled else "")
+        Key(f"{width} px", color, mark, str(width) if labeled else "")
         for width, (color, mark) in zip(widths, looks, strict=False)
     ]
 

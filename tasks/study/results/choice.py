@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tasks.metric import Metric
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
-from tasks.study.results.metrics import METRICS, Metric, Series
+from tasks.study.results.metrics import METRICS, Series
 from tasks.study.results.scores import Cell, Condition, Scores
 
 

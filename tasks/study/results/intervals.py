@@ -11,8 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from tasks.metric import number_text
 from tasks.study.results.scores import Cell
-from tasks.study.results.words import number_text
 
 MIN_SAMPLES_FOR_INTERVAL = 6
 """With 6 or more samples, the smallest and the largest enclose the median with 95 % probability;

@@ -36,8 +36,8 @@ def speed_label(scene: str, speed: float) -> str:
         Factor to two digits, with m/s if the paper states them.
     """
     base = BASE_SPEED_M_PER_S.get(scene)
-    metres = "" if base is None else f" ({base * speed:.1f} m/s)"
-    return f"speed {speed:.2g}{metres}"
+    in_m_per_s = "" if base is None else f" ({base * speed:.1f} m/s)"
+    return f"speed {speed:.2g}{in_m_per_s}"
 
 
 def rate_label(event_rate_hz: float | None) -> str:
@@ -46,26 +46,6 @@ def rate_label(event_rate_hz: float | None) -> str:
         return MISSING
     mega = event_rate_hz / 1e6
     return f"{mega:.{0 if mega >= 100 else 1 if mega >= 10 else 2}f}"
-
-
-def number_text(value: float, decimals: int, sign: str = "") -> str:
-    """Format a number with a true minus sign, and without a sign on zero.
-
-    Parameters
-    ----------
-    value
-        Number.
-    decimals
-        Number of decimals.
-    sign
-        "+" prints plus signs too.
-
-    Returns
-    -------
-    str
-        Formatted number.
-    """
-    return f"{value:{sign}z.{decimals}f}".replace("-", "−")
 
 
 def share_text(share: float | None) -> str:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tasks.metric import number_text
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, width_keys
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
-from tasks.study.results.words import cutoff_detail, cutoff_label, number_text
+from tasks.study.results.words import cutoff_detail, cutoff_label
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
     dict
         Plots by scene.
     """
-    keys = width_keys(scores.widths(series), labelled=True)
+    keys = width_keys(scores.widths(series), labeled=True)
     found = {}
     for scene in scores.scenes(series):
         panels = [_panel(scores, series, scene, cutoff) for cutoff in scores.cutoffs_hz(series)]

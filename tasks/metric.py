@@ -1,0 +1,71 @@
+"""What scores mean, and how they are printed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A metric: its name, its format, and which scores are better."""
+
+    name: str  # as rows have it
+    label: str
+    unit: str
+    higher_is_better: bool
+    negligible: float  # a difference of this size or less does not matter in practice
+    decimals: int
+    reference_width_px: int | None = None  # scores are normalized to this width; None: they are not
+    digits: int | None = None  # significant digits, for values that span decades
+
+    @property
+    def sign(self) -> float:
+        """Factor that makes larger scores better: 1 or -1."""
+        return 1.0 if self.higher_is_better else -1.0
+
+    @property
+    def arrow(self) -> str:
+        """Arrow that points to better scores."""
+        return "↑" if self.higher_is_better else "↓"
+
+    def text(self, value: float, sign: str = "") -> str:
+        """Format a score or a difference of scores, without the unit.
+
+        Parameters
+        ----------
+        value
+            Score or difference, in the metric's unit.
+        sign
+            "+" prints a plus sign too.
+
+        Returns
+        -------
+        str
+            With a true minus sign.
+        """
+        decimals = self.decimals
+        if self.digits is not None and value:
+            before = math.floor(math.log10(abs(value))) + 1
+            decimals = min(max(self.digits - before, 0), decimals)
+        return number_text(value, decimals, sign)
+
+
+def number_text(value: float, decimals: int, sign: str = "") -> str:
+    """Format a number with a true minus sign, and without a sign on zero.
+
+    Parameters
+    ----------
+    value
+        Number.
+    decimals
+        Number of decimals.
+    sign
+        "+" prints plus signs too.
+
+    Returns
+    -------
+    str
+        Formatted number.
+    """
+    return f"{value:{sign}z.{decimals}f}".replace("-", "−")

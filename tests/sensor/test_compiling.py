@@ -1,0 +1,74 @@
+"""The cache of Numba never has outdated kernels."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from another_process import ROOT, environment, run_python
+
+JIT = """
+from pathlib import Path
+from sensor.compiling import compiler
+
+jit = compiler(Path(__file__).parent)
+"""
+CALLER = """
+from kernels.compiling import jit
+from kernels.callee import one
+
+
+@jit
+def two():
+    return one() + one()
+"""
+CALLEE = """
+from kernels.compiling import jit
+
+
+@jit
+def one():
+    return {}
+"""
+
+
+def test_an_edit_of_a_kernel_recompiles_those_that_call_it(tmp_path):
+    """Promise: Numba checks only the file of a function; here its callers in other files of the
+    folder are compiled again as well, and nothing is compiled again without an edit."""
+    folder = tmp_path / "kernels"
+    folder.mkdir()
+    for name, text in (("__init__", ""), ("compiling", JIT), ("caller", CALLER)):
+        (folder / f"{name}.py").write_text(text)
+    variables = {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": f"{tmp_path}:{environment()['PYTHONPATH']}",
+    }
+
+    def result():
+        (folder / "callee.py").write_text(CALLEE.format(value))
+        code = "from kernels.caller import two; print(two(), sum(two.stats.cache_hits.values()))"
+        return tuple(map(int, run_python(code, **variables).stdout.split()))
+
+    value = 1
+    assert result() == (2, 0)
+    assert result() == (2, 1)
+    value = 5
+    assert result() == (10, 0)
+
+
+def jitted_by_numba_alone():
+    """Files whose kernels Numba compiles again only if that file changes."""
+    for package in ("sensor", "eres_render", "tasks"):
+        for file in sorted((ROOT / package).rglob("*.py")):
+            if "numba.njit" in file.read_text() and file.name != "compiling.py":
+                yield file
+
+
+@pytest.mark.parametrize("file", list(jitted_by_numba_alone()), ids=lambda file: file.stem)
+def test_other_kernels_call_none_of_another_file(file: Path):
+    """Promise: what is compiled without `sensor.compiling` holds no code of other files."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("sensor", "tasks"):
+            module = ROOT / f"{node.module.replace('.', '/')}.py"
+            text = module.read_text() if module.is_file() else ""
+            assert "jit" not in text, f"{file} imports {node.module}"
