@@ -1,8 +1,9 @@
-"""Frames of a baked scene from one ray for each corner of a pixel, not one for each sample.
+"""Frames of a baked scene from rays through corners of pixels, not through every sample.
 
 If the four corners of a pixel show the same flat piece and no edge crosses the pixel in front of
 it, the pixel shows nothing else. Its samples are then looked up in the piece's texture, where the
 homography of the piece has them. Mitsuba says what the corners show, and traces all other pixels.
+The same holds for a block of pixels, so most corners need no ray either.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ Float32 = NDArray[np.float32]
 NEAR_M = 1e-3
 """Where the view begins, along the camera's axis; nothing nearer is seen."""
 
+_BLOCK_PX = 4
+_UNKNOWN = -2  # in place of a piece
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
 _SAMPLES_AN_EDGE = 8  # below that many samples for each edge of the scene, tracing is cheaper
 _LEAST_SPP = 3  # corners cost about as much as one sample
@@ -80,7 +83,7 @@ class LookUp:
         self,
         camera: Camera,
         T_world_cam: Float64,
-        corners: Any,
+        rays: Callable[[Any, Any], Any],
         x: Float32,
         y: Float32,
         trace: Callable[[NDArray[np.intp]], Float32],
@@ -94,8 +97,8 @@ class LookUp:
             Image size and pinhole.
         T_world_cam
             (4, 4) pose.
-        corners
-            Mitsuba's rays through the corners of all pixels, row by row, (H + 1) * (W + 1).
+        rays
+            Returns Mitsuba's rays through points of the image, from their columns and rows, px.
         x, y
             (H * W * spp,) positions of the samples in the image, as `Renderer` has them for
             Mitsuba: shares of its width and height.
@@ -114,14 +117,33 @@ class LookUp:
         R = T_world_cam[:3, :3]
         from_image = np.ascontiguousarray(R @ np.linalg.inv(camera.K))
         to_image = np.ascontiguousarray(camera.K @ R.T)
-        piece_at = self._pieces_at(corners).reshape(camera.height + 1, camera.width + 1)
         homographies = np.zeros((len(surfaces.pieces.normal) + 1, 3, 3))
         state = np.full(len(homographies), kernels.BLACK, np.int8)
         kernels.view_pieces(eye, from_image, surfaces.pieces, homographies, state)
         kernels.view_bent(eye, surfaces.bent, state)
-        marked = np.zeros((camera.height, camera.width), np.uint8)
-        self._mark_boxes(to_image, eye, marked)
-        kernels.mark_edges(surfaces.edges, eye, to_image, NEAR_M, piece_at, homographies, marked)
+        per_z = np.ascontiguousarray(homographies[:, 2])
+
+        def mark(piece_at: NDArray[np.int32], block: int) -> NDArray[np.uint8]:
+            """Mark blocks of pixels in which something may be in front of their piece."""
+            marked = np.zeros((piece_at.shape[0] - 1, piece_at.shape[1] - 1), np.uint8)
+            in_blocks = np.array([block, block, 1.0])
+            to_blocks = to_image / in_blocks[:, None]
+            self._mark_boxes(to_blocks, eye, marked)
+            kernels.mark_edges(
+                surfaces.edges, eye, to_blocks, NEAR_M, piece_at, per_z * in_blocks, marked
+            )
+            return marked
+
+        size = camera.height + 1, camera.width + 1
+        blocks = -(-camera.height // _BLOCK_PX) + 1, -(-camera.width // _BLOCK_PX) + 1
+        every = np.arange(blocks[0] * blocks[1], dtype=np.uint32)
+        coarse = self._pieces_at(rays, every, blocks[1], _BLOCK_PX).reshape(blocks)
+        piece_at = np.full(size, _UNKNOWN, np.int32)
+        kernels.spread(coarse, mark(coarse, _BLOCK_PX), _BLOCK_PX, piece_at)
+        unknown = np.flatnonzero(piece_at == _UNKNOWN).astype(np.uint32)
+        if len(unknown):
+            piece_at.ravel()[unknown] = self._pieces_at(rays, unknown, size[1], 1)
+        marked = mark(piece_at, 1)
 
         image = np.empty(marked.shape, np.float32)
         seen = kernels.Seen(piece_at, homographies, state, surfaces.pieces)
@@ -140,15 +162,25 @@ class LookUp:
             image.ravel()[missing] = trace(missing)
         return image
 
-    def _pieces_at(self, rays: Any) -> NDArray[np.int32]:
-        """Return the piece that each ray meets."""
+    def _pieces_at(
+        self,
+        rays: Callable[[Any, Any], Any],
+        corners: NDArray[np.uint32],
+        columns: int,
+        step_px: int,
+    ) -> NDArray[np.int32]:
+        """Return the piece under each of some corners of a grid, numbered row by row."""
         import drjit as dr
         import mitsuba as mi
 
-        found = self._mi_scene.ray_intersect_preliminary(rays, coherent=True)
+        corner = mi.UInt32(corners)
+        x, y = mi.Float(corner % columns), mi.Float(corner // columns)
+        found = self._mi_scene.ray_intersect_preliminary(
+            rays(step_px * x, step_px * y), coherent=True
+        )
         shape = np.asarray(dr.reinterpret_array(mi.UInt32, found.shape))
         triangle = np.asarray(found.prim_index)
-        piece_at = np.empty(len(shape), np.int32)
+        piece_at = np.empty(len(corners), np.int32)
         first, piece_of = self._surfaces.first_triangle, self._surfaces.piece_of_triangle
         kernels.pieces_at(shape, triangle, first, piece_of, self._nothing, piece_at)
         return piece_at

@@ -155,7 +155,7 @@ def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece
 
 
 @_jit
-def mark_edges(edges, eye, P, near, piece_at, homographies, marked):
+def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
     """Mark every pixel that an edge may cross in front of the piece under the pixel's corners.
 
     Parameters
@@ -168,8 +168,8 @@ def mark_edges(edges, eye, P, near, piece_at, homographies, marked):
         Least z that is seen, m.
     piece_at
         (H + 1, W + 1) piece at the corners of the pixels.
-    homographies
-        (G, 3, 3), as `view_pieces` finds them.
+    per_z
+        (G, 3), times (column, row, 1) it is 1 / z on each piece.
     marked
         (H, W) uint8; 1 is put into the pixels.
     """
@@ -214,7 +214,7 @@ def mark_edges(edges, eye, P, near, piece_at, homographies, marked):
                 s, t = _within(x0, dx, column - _MARGIN, column + 1.0 + _MARGIN, a, b)
                 if s > t:
                     continue
-                w = homographies[g, 2]
+                w = per_z[g]
                 x, y = x0 + s * dx, y0 + s * dy
                 in_front = q0 + s * dq >= (1.0 - _BEHIND) * (w[0] * x + w[1] * y + w[2])
                 x, y = x0 + t * dx, y0 + t * dy
@@ -230,6 +230,43 @@ def _within(start, step, low, high, a, b):
         return (a, b) if low <= start <= high else (1.0, 0.0)
     p, q = (low - start) / step, (high - start) / step
     return max(a, min(p, q)), min(b, max(p, q))
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _shows(piece, row, column, piece_at, marked):
+    """Whether a pixel shows one piece and nothing else."""
+    return (
+        piece >= 0
+        and not marked[row, column]
+        and piece_at[row, column] == piece
+        and piece_at[row, column + 1] == piece
+        and piece_at[row + 1, column] == piece
+        and piece_at[row + 1, column + 1] == piece
+    )
+
+
+@_jit
+def spread(coarse, marked, block, piece_at):
+    """Copy the pieces under the corners of blocks of pixels to the corners of their pixels.
+
+    Parameters
+    ----------
+    coarse
+        (h + 1, w + 1) piece at the corners of the blocks.
+    marked
+        (h, w) uint8, whether an edge may cross a block in front of its piece.
+    block
+        Side of a block, px.
+    piece_at
+        (H + 1, W + 1) piece at the corners of the pixels, filled in where a block shows one piece
+        and nothing else.
+    """
+    for i in range(marked.shape[0]):
+        for j in range(marked.shape[1]):
+            g = coarse[i, j]
+            if _shows(g, i, j, coarse, marked):
+                rows, columns = block * i, block * j
+                piece_at[rows : rows + block + 1, columns : columns + block + 1] = g
 
 
 class Seen(NamedTuple):
@@ -296,19 +333,6 @@ def look_up(first, last, seen, textures, samples, marked, image):
                     _fill(row, begin, stop, seen.homographies[g], textures.address[t],
                           textures.size[t], samples, marked, image)  # fmt: skip
             column = end
-
-
-@numba.njit(**_OPTIONS, inline="always")
-def _shows(piece, row, column, piece_at, marked):
-    """Whether a pixel shows one piece and nothing else."""
-    return (
-        piece >= 0
-        and not marked[row, column]
-        and piece_at[row, column] == piece
-        and piece_at[row, column + 1] == piece
-        and piece_at[row + 1, column] == piece
-        and piece_at[row + 1, column + 1] == piece
-    )
 
 
 @_jit_sums

@@ -138,7 +138,6 @@ class Renderer:
             )
         self.camera, self.spp = camera, spp
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
-        self._kept_corners: Any = None
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
         self._camera_parameters = mi.traverse(self._sensor)
 
@@ -309,7 +308,9 @@ class Renderer:
             at = pixel * spp + sample % spp
             return self._traced(dr.gather(mi.Point2f, position, at), spp)
 
-        rays, _ = self._rays(self._corners())
+        def rays(column: Any, row: Any) -> Any:
+            return self._rays(self._in_film(mi.Point2f(column, row)))[0]
+
         x, y = np.asarray(position.x), np.asarray(position.y)
         threads = dr.thread_count()
         return look_up.frame(self.camera, T_world_cam, rays, x, y, trace, threads)
@@ -323,19 +324,6 @@ class Renderer:
             dr.eval(position)  # or every frame would draw its random numbers again
             self._kept_positions = (spp, seed), position
         return self._kept_positions[1]
-
-    def _corners(self) -> Any:
-        """Return the pixel corners' positions in the image, 0 to 1, row by row; kept."""
-        import drjit as dr
-        import mitsuba as mi
-
-        if self._kept_corners is None:
-            columns, rows = self.camera.width + 1, self.camera.height + 1
-            corner = dr.arange(mi.UInt32, columns * rows)
-            position = mi.Point2f(mi.Float(corner % columns), mi.Float(corner // columns))
-            self._kept_corners = self._in_film(position)
-            dr.eval(self._kept_corners)
-        return self._kept_corners
 
     def _sampled(self, spp: int, seed: int, pixels: NDArray[np.integer] | None) -> tuple[Any, Any]:
         """Return a new sampler, and the first positions in the image that it gave."""
