@@ -110,7 +110,8 @@ class Renderer:
         self._look_up: LookUp | None = None
         if baked:
             self._mi_scene, shape_ids = baked_scene(scene, on_progress)
-            if self.integrator == "baked" and self.variant.startswith("llvm"):
+            flat = any(shape.is_mesh() for shape in self._mi_scene.shapes())
+            if flat and self.integrator == "baked" and self.variant.startswith("llvm"):
                 self._look_up = LookUp(self._mi_scene, shape_ids)
         else:
             self._mi_scene = load_mi_scene(scene)
