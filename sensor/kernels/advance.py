@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from sensor.kernels.comparator import (
     CURVE_SIZE,
@@ -34,6 +34,7 @@ from sensor.kernels.silence import (
     list_flagged,
     set_light_band,
 )
+from sensor.memory import MEMORY
 
 DONE = 0  # outcome of `advance_pixels`; the others are FULL and BAD
 
@@ -128,33 +129,25 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
     """
     words = (size + 15) // 8 * 8
     return Block(
-        _aligned((intervals + 1, size)),
-        _aligned((2, size)),
-        _aligned((2, size)),
-        _aligned(size),
-        _aligned(size),
-        _aligned((2, size)),
-        _aligned(size, dtype),
-        _aligned(words, np.bool_),
-        _aligned(words, np.int64),
-        Comparators(_aligned(size), _aligned(size), _aligned(size)),
-        LightBand(_aligned(size, np.float32), _aligned(size, np.float32)),
+        MEMORY.array((intervals + 1, size)),
+        MEMORY.array((2, size)),
+        MEMORY.array((2, size)),
+        MEMORY.array(size),
+        MEMORY.array(size),
+        MEMORY.array((2, size)),
+        MEMORY.array(size, dtype),
+        MEMORY.array(words, np.bool_),
+        MEMORY.array(words, np.int64),
+        Comparators(MEMORY.array(size), MEMORY.array(size), MEMORY.array(size)),
+        LightBand(MEMORY.array(size, np.float32), MEMORY.array(size, np.float32)),
         Work(
-            _aligned(size, np.uint64),
-            _aligned((CURVE_SIZE, size)),
-            _aligned((CROSSING_SIZE, CROSSING_BATCH)),
-            _aligned(CROSSING_BATCH, np.uint64),
+            MEMORY.array(size, np.uint64),
+            MEMORY.array((CURVE_SIZE, size)),
+            MEMORY.array((CROSSING_SIZE, CROSSING_BATCH)),
+            MEMORY.array(CROSSING_BATCH, np.uint64),
             pool,
         ),
     )
-
-
-def _aligned(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray:
-    """Allocate an array that starts at a cache line, since vectors across two lines are slower."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.empty(size + 64, np.uint8)
-    start = -room.ctypes.data % 64
-    return room[start : start + size].view(dtype).reshape(shape)
 
 
 @jit
