@@ -32,7 +32,7 @@ from sensor.kernels.packing import MAX_INTERVAL_US
 from sensor.model import SensorModel
 
 DARK_FRACTION = 1e-3  # default dark level, share of the white level
-_CHUNK_FRAMES = 8
+_CHUNK_FRAMES = 12
 _CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk; limits memory for events
 
 

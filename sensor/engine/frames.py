@@ -209,8 +209,8 @@ def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
     SensorError
         Names the frame, the pixel and the value.
     """
-    bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))  # NaN fails both comparisons
-    if bad.size:
+    if not (chunk.min() >= 0 and chunk.max() < np.inf):  # NaN fails both comparisons
+        bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))
         f, y, x = bad[0]
         raise SensorError(
             f"frame {index + f}, pixel x={x} y={y}: found radiance {chunk[f, y, x]}, "

@@ -223,8 +223,7 @@ def _light(
         if any(mean is None for mean in means):
             refuse_bad_radiance(chunk, index)
         radiance = np.stack(means)
-    least = float(radiance.min())
-    if dark == 0 and not least >= _LEAST_LIGHT:
+    if dark == 0 and not (least := float(radiance.min())) >= _LEAST_LIGHT:
         raise SensorError(
             f"frame {index} or one soon after: found a pixel of radiance {least:g}, "
             f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "

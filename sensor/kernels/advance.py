@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sensor.kernels.comparator import (
     CURVE_SIZE,
+    SLOTS,
     WHOLE,
     Alike,
     Lines,
@@ -27,10 +28,12 @@ from sensor.kernels.packing import START, STOP, Interval, place
 from sensor.kernels.photoreceptor import Response, poles_to_end, poles_to_end_in_own_light
 from sensor.kernels.radiance import BAD, log_intensity, log_of_flagged
 from sensor.kernels.silence import (
+    SHORT_STEP,
     Comparators,
     LightBand,
     flag_filtered,
     flag_ideal,
+    flag_short,
     list_flagged,
     set_light_band,
 )
@@ -137,7 +140,7 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
         MEMORY.array((2, size)),
         MEMORY.array(size, dtype),
         MEMORY.array(words, np.bool_),
-        MEMORY.array(words, np.int64),
+        MEMORY.array(words + 8, np.int64),
         Comparators(MEMORY.array(size), MEMORY.array(size), MEMORY.array(size)),
         LightBand(MEMORY.array(size, np.float32), MEMORY.array(size, np.float32)),
         Work(
@@ -145,6 +148,9 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
             MEMORY.array((CURVE_SIZE, size)),
             MEMORY.array((CROSSING_SIZE, CROSSING_BATCH)),
             MEMORY.array(CROSSING_BATCH, np.uint64),
+            MEMORY.array(size, np.uint64),
+            MEMORY.array(size, np.int64),
+            MEMORY.array((SLOTS, size), np.uint64),
             pool,
         ),
     )
@@ -258,8 +264,13 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = block.x[flagged[k]]
     else:
-        poles_to_end(n, response, step)
-        flag_filtered(n, response, step.x, step.e, interval.drift, block.comparators, block.flag)
+        if step.x < SHORT_STEP:
+            flag_short(n, response, step, interval.drift, block.comparators, block.flag)
+        else:
+            poles_to_end(n, response, step)
+            flag_filtered(
+                n, response, step.x, step.e, interval.drift, block.comparators, block.flag
+            )
         flagged = list_flagged(block.flag, n, block.flagged)
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = step.x

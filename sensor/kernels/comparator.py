@@ -31,13 +31,16 @@ from sensor.kernels.crossings import (
     v2_and_slopes_at,
     v2_at,
 )
-from sensor.kernels.elementary import jit
+from sensor.kernels.elementary import inlined, jit
 from sensor.kernels.packing import FULL, POLARITY_SHIFT, START, STOP, pack
 from sensor.kernels.silence import BOUND_MARGIN, light_bound
 
-# Rows of `Work.todo` for ideal pixels, one column for each crossing: rise of u from the start of
-# the interval to the level, and over the whole interval.
-LEVEL_RISE, WHOLE_RISE = range(2)
+# Rows of `Work.curve` for ideal pixels, one column for each flagged one: level of the comparator at
+# the start and the end of the interval, its move at each event, rise of u over the interval,
+# microseconds for each unit of that rise, and scratch memory.
+LEVEL_0, LEVEL_END, MOVE, WHOLE_RISE, SCALE, LEVEL_NOW = range(6)
+SLOTS = 4  # events of an ideal pixel and interval that are written without a branch
+FEW_SLOTS = 2  # the same where pixels fire less on average
 
 
 class Work(NamedTuple):
@@ -47,6 +50,9 @@ class Work(NamedTuple):
     curve: NDArray[np.float64]  # (CURVE_SIZE, block)
     todo: NDArray[np.float64]  # (CROSSING_SIZE, CROSSING_BATCH)
     todo_words: NDArray[np.uint64]  # (CROSSING_BATCH,) polarity and position
+    words: NDArray[np.uint64]  # (block,) the same of the flagged ideal pixels
+    fired: NDArray[np.int64]  # (block,) events of these pixels
+    slots: NDArray[np.uint64]  # (SLOTS, block) their first events, packed
     pool: NDArray[np.uint64]  # (capacity,) packed events
 
 
@@ -69,27 +75,142 @@ class Alike(NamedTuple):
     segment: NDArray[np.int64]  # (S, 2) output: START and STOP of each setting in the pool
 
 
-@jit
-def fire_lines(count, alike, work):
-    """Append the listed crossings as events to the pool, for each setting with its own times.
+@inlined
+def climb(level, step, C, v_high):
+    """Return the level after the next event on the way to v_high, or the same level without one.
 
     Parameters
     ----------
-    count
-        Number of listed crossings.
-    alike, work
-        Settings, and crossings in `todo`.
+    level, step
+        The comparator's level, and its next move, C up or down.
+    C, v_high
+        Contrast threshold, and the voltage at the end.
     """
-    todo, todo_words = work.todo, work.todo_words
-    for m in alike.members:
-        dt_us = alike.dt_s[m] * 1e6
-        start_us, length_us = alike.start_us[m], alike.length_us[m]
-        used = alike.segment[m, STOP]
-        out = work.pool[used : used + count]
-        for j in range(count):
-            since_us = todo[LEVEL_RISE, j] * (dt_us / todo[WHOLE_RISE, j])
-            out[j] = pack(since_us, start_us, length_us, todo_words[j])
-        alike.segment[m, STOP] += count
+    return level + step if abs(v_high - level) >= C else level
+
+
+@jit
+def count_lines(flagged, lines, comparators, work):
+    """Count the events of each flagged ideal pixel, and describe them in `work.curve`.
+
+    The first loop counts up to SLOTS events without a branch, the second loop the others.
+
+    Parameters
+    ----------
+    flagged, lines, comparators, work
+        As in `events_of_lines`.
+
+    Returns
+    -------
+    int
+        Number of events.
+    """
+    memory, C_on, C_off = comparators
+    level_0, level_end, move = work.curve[LEVEL_0], work.curve[LEVEL_END], work.curve[MOVE]
+    whole, position, fired = work.curve[WHOLE_RISE], work.position, work.fired
+    words, u0, u1, drift = work.words, lines.u0, lines.u1, lines.drift
+    total = np.int64(0)
+    most = np.int64(0)
+    for k in range(flagged.size):
+        i = flagged[k]
+        level = memory[i]
+        v_high = u1[k] + drift
+        up = v_high > level
+        on, off = C_on[i], C_off[i]  # read both to avoid a branch
+        C = on if up else off
+        step = C if up else -C
+        one = climb(level, step, C, v_high)
+        two = climb(one, step, C, v_high)
+        three = climb(two, step, C, v_high)
+        end = climb(three, step, C, v_high)
+        n = np.int64(one != level) + np.int64(two != one)
+        n += np.int64(three != two) + np.int64(end != three)
+        level_0[k], level_end[k], move[k] = level, end, step
+        whole[k] = v_high - u0[k]
+        words[k] = position[i] | (np.uint64(up) << POLARITY_SHIFT)
+        fired[k] = n
+        total += n
+        most = max(most, n)
+    if most == SLOTS:
+        for k in range(flagged.size):
+            if fired[k] == SLOTS:
+                v_high, C = u1[k] + drift, abs(move[k])
+                while abs(v_high - level_end[k]) >= C:
+                    level_end[k] += move[k]
+                    fired[k] += 1
+                    total += 1
+    return total
+
+
+@jit
+def time_lines(u0, dt_us, start_us, length_us, slots, work):
+    """Compute the first events of each flagged ideal pixel in vectorized loops.
+
+    Parameters
+    ----------
+    u0
+        (flagged,) log intensity at the start of the interval.
+    dt_us, start_us, length_us
+        Length of the interval, and as in `Interval`.
+    slots
+        Events of a pixel to compute; those that it does not fire are meaningless.
+    work
+        Memory; `slots` receives the packed events.
+    """
+    level_0, move, whole = work.curve[LEVEL_0], work.curve[MOVE], work.curve[WHOLE_RISE]
+    level, scale, words = work.curve[LEVEL_NOW], work.curve[SCALE], work.words
+    for k in range(u0.size):
+        level[k] = level_0[k]
+        scale[k] = dt_us / whole[k]
+    for slot in range(slots):
+        out = work.slots[slot]
+        for k in range(u0.size):
+            level[k] += move[k]
+            out[k] = pack((level[k] - u0[k]) * scale[k], start_us, length_us, words[k])
+
+
+@jit
+def write_lines(u0, dt_us, start_us, length_us, few, work, used):
+    """Append the events of all flagged ideal pixels to the pool.
+
+    All slots of a pixel are written and those without an event overwritten by the next pixel:
+    nobody can predict how many a pixel fires. Pixels with more events than slots are rare.
+
+    Parameters
+    ----------
+    u0, dt_us, start_us, length_us, work
+        As in `time_lines`.
+    few
+        Use only FEW_SLOTS.
+    used
+        Used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool.
+    """
+    slots = FEW_SLOTS if few else SLOTS
+    time_lines(u0, dt_us, start_us, length_us, slots, work)
+    first, second, third, fourth = work.slots
+    fired, pool = work.fired, work.pool
+    level_0, move, scale = work.curve[LEVEL_0], work.curve[MOVE], work.curve[SCALE]
+    for k in range(u0.size):
+        n = fired[k]
+        pool[used] = first[k]
+        pool[used + 1] = second[k]
+        if not few:
+            pool[used + 2] = third[k]
+            pool[used + 3] = fourth[k]
+        if n > slots:
+            level = level_0[k]
+            for event in range(n):
+                level += move[k]
+                pool[used + event] = pack(
+                    (level - u0[k]) * scale[k], start_us, length_us, work.words[k]
+                )
+        used += n
+    return used
 
 
 @jit
@@ -110,54 +231,31 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
     int
         New used size of the pool, or FULL.
     """
-    u0, u1, drift, leaked = lines
+    u0, u1, _, leaked = lines
     memory, C_on, C_off = comparators
     darkest, brightest = light_band
-    todo, todo_words = work.todo, work.todo_words
-    # Several settings fill adjacent parts of the pool, so each part needs a size in advance.
-    room = work.pool.size - used
-    if alike.members.size > 1:
-        room = 0
-        for k in range(flagged.size):
-            i = flagged[k]
-            room += np.int64(abs(u1[k] + drift - memory[i]) / min(C_on[i], C_off[i])) + 2
-        if used + alike.members.size * room > work.pool.size:
-            return FULL
+    total = count_lines(flagged, lines, comparators, work)
+    if used + alike.members.size * total + SLOTS > work.pool.size:
+        return FULL
+    few = total < FEW_SLOTS * flagged.size
     for m in alike.members:
-        alike.segment[m, START] = alike.segment[m, STOP] = used
-        used += room
-    count = np.int64(0)
+        alike.segment[m, START] = used
+        dt_us, start_us, length_us = alike.dt_s[m] * 1e6, alike.start_us[m], alike.length_us[m]
+        used = write_lines(u0, dt_us, start_us, length_us, few, work, used)
+        alike.segment[m, STOP] = used
+    level = work.curve[LEVEL_END]
     for k in range(flagged.size):
         i = flagged[k]
-        level = memory[i]
-        v_low, v_high = u0[k], u1[k] + drift
-        sign = math.copysign(1.0, v_high - level)
-        on, off = C_on[i], C_off[i]  # read both to avoid a branch
-        C = on if sign > 0.0 else off
-        word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
-        while (v_high - level) * sign >= C:
-            level += sign * C
-            todo[LEVEL_RISE, count] = level - v_low
-            todo[WHOLE_RISE, count] = v_high - v_low
-            todo_words[count] = word
-            count += 1
-            room -= 1
-            if room < 0:
-                return FULL
-            if count == CROSSING_BATCH:
-                fire_lines(count, alike, work)
-                count = 0
-        memory[i] = level
-        u0[k] = level + leaked - C_off[i]
-        u1[k] = level + leaked + C_on[i]
-    fire_lines(count, alike, work)
+        memory[i] = level[k]
+        u0[k] = level[k] + leaked - C_off[i]
+        u1[k] = level[k] + leaked + C_on[i]
     for k in range(flagged.size):
         u0[k] = light_bound(u0[k], BOUND_MARGIN)
         u1[k] = light_bound(u1[k], -BOUND_MARGIN)
     for k in range(flagged.size):
         darkest[flagged[k]] = u0[k]
         brightest[flagged[k]] = u1[k]
-    return alike.segment[alike.members[-1], STOP]
+    return used
 
 
 @jit

@@ -16,6 +16,9 @@ BOUND_MARGIN = 1e-6
 LEAST_BOUND = 1e-30
 GREATEST_BOUND = 1e38
 
+# Greatest a dt of `flag_short`.
+SHORT_STEP = 0.5
+
 
 class Comparators(NamedTuple):
     """The comparators of a block; a pixel fires when v2 is memory + C_on or memory - C_off."""
@@ -175,8 +178,52 @@ def flag_filtered(n, response, x, e, drift, comparators, flag):
 
 
 @jit
+def flag_short(n, response, step, drift, comparators, flag):
+    """Advance the poles of n pixels and flag as `flag_filtered` does, up to SHORT_STEP.
+
+    A pixel is silent if v2 cannot reach a level by the second bound of `flag_filtered`, which is
+    narrow over a short interval. The curvature of v2 at an end follows from the state there: it is
+    u - 2 v1 + v2 of two poles, and that of one pole is constant but for the factor e^{-y}.
+
+    Parameters
+    ----------
+    n, response, step
+        As in `poles_to_end`.
+    drift, comparators, flag
+        As in `flag_filtered`.
+    """
+    u0, u1, v1, v2, v1_end, v2_end, poles = response
+    memory, C_on, C_off = comparators
+    e, v1_u0, v1_u1 = step.e, step.v1_u0, step.v1_u1
+    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
+    second = poles - 1.0
+    of_v1, of_u, of_slope = 2.0 * second, 2.0 * second - 1.0, (1.0 - second) / step.x
+    grown = 1.0 / step.e
+    off_chord = step.x * step.x * (1.0 / 8.0)
+    for i in range(n):
+        v1_1 = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_1 = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
+        v1_end[i], v2_end[i] = v1_1, v2_1
+        S = of_slope * (u1[i] - u0[i])
+        curvature_start = of_u * u0[i] - of_v1 * v1[i] + v2[i] + S
+        curvature_end = of_u * u1[i] - of_v1 * v1_1 + v2_1 + S
+        off = off_chord * max(abs(curvature_start), abs(curvature_end) * grown)
+        start = v2[i] - memory[i]
+        end = v2_1 + drift - memory[i]
+        flag[i] = (max(start, end) + off >= C_on[i]) | (off - min(start, end) >= C_off[i])
+
+
+# Row m: positions of the set bits of m, then zeros.
+_SET_BITS = np.array(
+    [[*(bit for bit in range(8) if m >> bit & 1), *[0] * (8 - m.bit_count())] for m in range(256)]
+)
+_ONES = np.uint64(0x0101010101010101)  # times a word of 8 flags: their sum in the highest byte
+_BITS = np.uint64(0x0102040810204080)  # times a word of 8 flags: their bits in the highest byte
+
+
+@jit
 def list_flagged(flag, n, index):
-    """Return the indices of the flagged pixels, without branches that the processor mispredicts.
+    """Return the indices of the flagged pixels; 8 flags are looked up in a table at a time.
 
     Parameters
     ----------
@@ -185,17 +232,20 @@ def list_flagged(flag, n, index):
     n
         Number of pixels.
     index
-        Memory for the result.
+        Memory for the result and 8 more entries.
 
     Returns
     -------
     (count,) part of `index`
     """
     words = flag.view(np.uint64)
-    count = 0
-    for word in range((n + 7) // 8):
-        if words[word] != 0:
-            for i in range(8 * word, 8 * word + 8):
-                index[count] = i
-                count += flag[i]
-    return index[:count]
+    count = np.uint64(0)  # unsigned: signed indices may be negative, which takes time
+    for k in range(np.uint64((n + 7) // 8)):
+        word = words[k]
+        if word != np.uint64(0):
+            bits = (word * _BITS) >> np.uint64(56)
+            first = np.int64(k * np.uint64(8))
+            for j in range(np.uint64(8)):
+                index[count + j] = first + _SET_BITS[bits, j]
+            count += (word * _ONES) >> np.uint64(56)
+    return index[: np.int64(count)]
