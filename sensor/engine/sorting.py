@@ -86,7 +86,7 @@ class UnsortedEvents:
         bands = list(zip(self.pools, self.segments, strict=True))
         if end_us - start_us < SHORT_INTERVAL_US and height <= FEW_ROWS:
             words = MEMORY.array(int(self.counts[f]), np.uint32)
-            stops = np.zeros(end_us - start_us + 2, np.int64)
+            stops = np.zeros(end_us - start_us + 2, np.uint64)
             for pool, segment in bands:
                 count_times(pool, segment, self.setting, f, stops[1:])
             np.cumsum(stops, out=stops)

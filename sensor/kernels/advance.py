@@ -106,7 +106,7 @@ class Block(NamedTuple):
     lines: NDArray[np.float64]  # (2, block) u0 and u1 of the flagged ideal pixels
     light: NDArray[np.floating]  # (block,) radiance of the flagged pixels
     flag: NDArray[np.bool_]  # padded to whole 8-byte words
-    flagged: NDArray[np.int64]  # indices of the flagged pixels
+    flagged: NDArray[np.uint64]  # indices of the flagged pixels
     comparators: Comparators
     light_band: LightBand
     work: Work
@@ -140,9 +140,14 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
         MEMORY.array((2, size)),
         MEMORY.array(size, dtype),
         MEMORY.array(words, np.bool_),
-        MEMORY.array(words + 8, np.int64),
+        MEMORY.array(words + 8, np.uint64),
         Comparators(MEMORY.array(size), MEMORY.array(size), MEMORY.array(size)),
-        LightBand(MEMORY.array(size, np.float32), MEMORY.array(size, np.float32)),
+        LightBand(
+            MEMORY.array(size, np.float32),
+            MEMORY.array(size, np.float32),
+            MEMORY.array(size),
+            MEMORY.array(size),
+        ),
         Work(
             MEMORY.array(size, np.uint64),
             MEMORY.array((CURVE_SIZE, size)),

@@ -27,18 +27,19 @@ from sensor.kernels.crossings import (
     V_LOW,
     Curve,
     solve_crossings,
-    turning_point,
+    solve_turns,
     v2_and_slopes_at,
     v2_at,
 )
 from sensor.kernels.elementary import inlined, jit
 from sensor.kernels.packing import FULL, POLARITY_SHIFT, START, STOP, pack
-from sensor.kernels.silence import BOUND_MARGIN, light_bound
+from sensor.kernels.silence import light_bounds
 
 # Rows of `Work.curve` for ideal pixels, one column for each flagged one: level of the comparator at
 # the start and the end of the interval, its move at each event, rise of u over the interval,
-# microseconds for each unit of that rise, and scratch memory.
-LEVEL_0, LEVEL_END, MOVE, WHOLE_RISE, SCALE, LEVEL_NOW = range(6)
+# microseconds for each unit of that rise, thresholds, factors
+# `fall` and `rise` of the light, and scratch memory.
+LEVEL_0, LEVEL_END, MOVE, WHOLE_RISE, SCALE, ON, OFF, FALL, RISE_TO, LEVEL_NOW = range(10)
 SLOTS = 4  # events of an ideal pixel and interval that are written without a branch
 FEW_SLOTS = 2  # the same where pixels fire less on average
 
@@ -107,17 +108,20 @@ def count_lines(flagged, lines, comparators, work):
     """
     memory, C_on, C_off = comparators
     level_0, level_end, move = work.curve[LEVEL_0], work.curve[LEVEL_END], work.curve[MOVE]
-    whole, position, fired = work.curve[WHOLE_RISE], work.position, work.fired
-    words, u0, u1, drift = work.words, lines.u0, lines.u1, lines.drift
-    total = np.int64(0)
-    most = np.int64(0)
+    on, off, whole = work.curve[ON], work.curve[OFF], work.curve[WHOLE_RISE]
+    position, fired, words = work.position, work.fired, work.words
+    u0, u1, drift = lines.u0, lines.u1, lines.drift
     for k in range(flagged.size):
         i = flagged[k]
-        level = memory[i]
+        level_0[k], on[k], off[k] = memory[i], C_on[i], C_off[i]
+        words[k] = position[i]
+    total = np.int64(0)
+    most = np.int64(0)
+    for k in range(u0.size):
+        level = level_0[k]
         v_high = u1[k] + drift
         up = v_high > level
-        on, off = C_on[i], C_off[i]  # read both to avoid a branch
-        C = on if up else off
+        C = on[k] if up else off[k]
         step = C if up else -C
         one = climb(level, step, C, v_high)
         two = climb(one, step, C, v_high)
@@ -125,9 +129,8 @@ def count_lines(flagged, lines, comparators, work):
         end = climb(three, step, C, v_high)
         n = np.int64(one != level) + np.int64(two != one)
         n += np.int64(three != two) + np.int64(end != three)
-        level_0[k], level_end[k], move[k] = level, end, step
-        whole[k] = v_high - u0[k]
-        words[k] = position[i] | (np.uint64(up) << POLARITY_SHIFT)
+        level_end[k], move[k], whole[k] = end, step, v_high - u0[k]
+        words[k] |= np.uint64(up) << POLARITY_SHIFT
         fired[k] = n
         total += n
         most = max(most, n)
@@ -195,22 +198,23 @@ def write_lines(u0, dt_us, start_us, length_us, few, work, used):
     first, second, third, fourth = work.slots
     fired, pool = work.fired, work.pool
     level_0, move, scale = work.curve[LEVEL_0], work.curve[MOVE], work.curve[SCALE]
+    out = np.uint64(used)  # unsigned: Numba checks if signed indices are negative
     for k in range(u0.size):
         n = fired[k]
-        pool[used] = first[k]
-        pool[used + 1] = second[k]
+        pool[out] = first[k]
+        pool[out + np.uint64(1)] = second[k]
         if not few:
-            pool[used + 2] = third[k]
-            pool[used + 3] = fourth[k]
+            pool[out + np.uint64(2)] = third[k]
+            pool[out + np.uint64(3)] = fourth[k]
         if n > slots:
             level = level_0[k]
             for event in range(n):
                 level += move[k]
-                pool[used + event] = pack(
+                pool[out + np.uint64(event)] = pack(
                     (level - u0[k]) * scale[k], start_us, length_us, work.words[k]
                 )
-        used += n
-    return used
+        out += np.uint64(n)
+    return np.int64(out)
 
 
 @jit
@@ -232,8 +236,8 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
         New used size of the pool, or FULL.
     """
     u0, u1, _, leaked = lines
-    memory, C_on, C_off = comparators
-    darkest, brightest = light_band
+    memory = comparators.memory
+    darkest, brightest = light_band.darkest, light_band.brightest
     total = count_lines(flagged, lines, comparators, work)
     if used + alike.members.size * total + SLOTS > work.pool.size:
         return FULL
@@ -243,18 +247,14 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
         dt_us, start_us, length_us = alike.dt_s[m] * 1e6, alike.start_us[m], alike.length_us[m]
         used = write_lines(u0, dt_us, start_us, length_us, few, work, used)
         alike.segment[m, STOP] = used
-    level = work.curve[LEVEL_END]
+    level, fall, rise = work.curve[LEVEL_END], work.curve[FALL], work.curve[RISE_TO]
     for k in range(flagged.size):
         i = flagged[k]
-        memory[i] = level[k]
-        u0[k] = level[k] + leaked - C_off[i]
-        u1[k] = level[k] + leaked + C_on[i]
+        memory[i], fall[k], rise[k] = level[k], light_band.fall[i], light_band.rise[i]
+    for k in range(u0.size):
+        u0[k], u1[k] = light_bounds(level[k], leaked, fall[k], rise[k])
     for k in range(flagged.size):
-        u0[k] = light_bound(u0[k], BOUND_MARGIN)
-        u1[k] = light_bound(u1[k], -BOUND_MARGIN)
-    for k in range(flagged.size):
-        darkest[flagged[k]] = u0[k]
-        brightest[flagged[k]] = u1[k]
+        darkest[flagged[k]], brightest[flagged[k]] = u0[k], u1[k]
     return used
 
 
@@ -286,10 +286,12 @@ def fire(count, interval, work, used):
 
 
 # Rows of `Work.curve`, one column for each flagged filtered pixel. WHOLE = a dt; SHAPED is the end
-# of the transient, at most WHOLE; FLAT is the turning point of the slope of v2, at most SHAPED.
+# of the transient, at most WHOLE; FLAT is the turning point of the slope of v2, at most SHAPED;
+# CUT_0 and CUT_1 are the turning points of v2, or 0 and SHAPED without.
 U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
 CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
-CURVE_SIZE = 16
+CUT_0, CUT_1 = range(16, 18)
+CURVE_SIZE = 18
 
 
 @jit
@@ -339,6 +341,44 @@ def describe_curves(curve, count, poles, drift):
 
 
 @jit
+def find_turns(count, work):
+    """Compute the turning points of v2 of each flagged pixel.
+
+    The slope of v2 has at most one turning point, FLAT; it is monotone on both sides.
+
+    Parameters
+    ----------
+    count
+        Number of flagged pixels.
+    work
+        Memory with the rows of `describe_curves`.
+    """
+    curve, todo, todo_words = work.curve, work.todo, work.todo_words
+    listed = np.int64(0)
+    for k in range(count):
+        curve[CUT_0, k], curve[CUT_1, k] = 0.0, curve[SHAPED, k]
+        for cut in range(CUT_0, CUT_1 + 1):
+            before = cut == CUT_0
+            if curve[TURNS_BEFORE if before else TURNS_AFTER, k] != 0.0:
+                todo[START_V, listed], todo[RISE, listed] = (
+                    curve[CURVE_START_V, k],
+                    curve[CURVE_RISE, k],
+                )
+                todo[POLE_A, listed], todo[POLE_B, listed] = curve[CURVE_A, k], curve[CURVE_B, k]
+                todo[SHORT, listed] = curve[CURVE_SHORT, k]
+                todo[LOW, listed] = 0.0 if before else curve[FLAT, k]
+                todo[HIGH, listed] = curve[FLAT if before else SHAPED, k]
+                todo_words[listed] = cut * np.int64(curve.shape[1]) + k
+                listed += 1
+        if listed >= CROSSING_BATCH - 1 or k == count - 1:
+            solve_turns(todo, listed)
+            for j in range(listed):
+                cut, of = divmod(np.int64(todo_words[j]), np.int64(curve.shape[1]))
+                curve[cut, of] = todo[ROOT, j]
+            listed = np.int64(0)
+
+
+@jit
 def events_of_curves(flagged, response, interval, comparators, work, used):
     """Fire the flagged filtered pixels over one interval.
 
@@ -370,19 +410,15 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
         curve[V1_START, k], curve[V1_STOP, k] = v1[i], v1_end[i]
         curve[V2_START, k], curve[V2_STOP, k] = v2[i], v2_end[i]
     describe_curves(curve, flagged.size, poles, interval.drift)
+    find_turns(flagged.size, work)
     count = np.int64(0)
     for k in range(flagged.size):
         i = flagged[k]
         start, rise = curve[CURVE_START_V, k], curve[CURVE_RISE, k]
         A, B, short = curve[CURVE_A, k], curve[CURVE_B, k], curve[CURVE_SHORT, k]
         shape = Curve(start, rise, A, B, short)
-        whole, shaped, flat = curve[WHOLE, k], curve[SHAPED, k], curve[FLAT, k]
-        # The slope of v2 has at most one turning point; it is monotone on both sides.
-        cut_0, cut_1 = 0.0, shaped
-        if curve[TURNS_BEFORE, k] != 0.0:
-            cut_0 = turning_point(0.0, flat, shape)
-        if curve[TURNS_AFTER, k] != 0.0:
-            cut_1 = turning_point(flat, shaped, shape)
+        whole, shaped = curve[WHOLE, k], curve[SHAPED, k]
+        cut_0, cut_1 = curve[CUT_0, k], curve[CUT_1, k]
         us = interval.dt_s * 1e6 / whole
         slack = min(1.0, 1e6 / us) * 1e-9  # of the time constant 1/a, and of a second
         level = memory[i]

@@ -94,7 +94,7 @@ def count_times(pool, segment, s, f, counts):
     """
     for block in range(segment.shape[0]):
         for j in range(segment[block, s, f, START], segment[block, s, f, STOP]):
-            counts[pool[j] >> TIME_SHIFT] += 1
+            counts[pool[j] >> TIME_SHIFT] += np.uint64(1)
 
 
 @jit
@@ -117,7 +117,7 @@ def spread(pool, segment, s, f, next_place, words):
             words[next_place[time]] = np.uint32(
                 (word & np.uint64(0x7FFFFFFF)) | ((word >> np.uint64(1)) & np.uint64(0x80000000))
             )
-            next_place[time] += 1
+            next_place[time] += np.uint64(1)
 
 
 @jit
@@ -136,10 +136,10 @@ def unpack(words, stops, start_us, columns):
         `Columns` of N events, output.
     """
     t_us, x, y, p = columns
-    begin = 0
+    begin = np.uint64(0)
     for time in range(stops.size):
         for k in range(begin, stops[time]):
-            t_us[k] = start_us + time
+            t_us[k] = start_us + np.int64(time)
         begin = stops[time]
     for k in range(words.size):
         word = words[k]

@@ -9,7 +9,7 @@ from numba.core import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from sensor.kernels.elementary import exp, jit
+from sensor.kernels.elementary import exp, inlined, jit
 
 # Relative safety margin of the float32 bounds on the light, and the range of these bounds.
 BOUND_MARGIN = 1e-6
@@ -33,27 +33,29 @@ class LightBand(NamedTuple):
 
     darkest: NDArray[np.float32]
     brightest: NDArray[np.float32]
+    fall: NDArray[np.float64]  # factor of the light to the next event, exp(-C_off)
+    rise: NDArray[np.float64]  # exp(C_on)
 
 
-@jit
-def light_bound(log_light, margin):
-    """Return exp(log_light) (1 + margin) in float32, a bound that rather flags too many pixels.
+@inlined
+def light_bounds(level, leaked, fall, rise):
+    """Return the light band of a pixel in float32, rather too narrow than too wide.
 
     Parameters
     ----------
-    log_light
-        Logarithm of I + I_dark.
-    margin
-        Positive for a lower bound, negative for an upper one.
+    level, leaked
+        Memory, and its fall since `set_light_band`.
+    fall, rise
+        Factors of the light to the next event: exp(-C_off), exp(C_on).
 
     Returns
     -------
-    float32
+    darkest, brightest
     """
-    light = exp(log_light) * (1.0 + margin)
-    if margin > 0.0:
-        return np.float32(max(light, LEAST_BOUND))
-    return np.float32(min(light, GREATEST_BOUND) if light > LEAST_BOUND else 0.0)
+    light = exp(level + leaked)
+    darkest = max(light * fall * (1.0 + BOUND_MARGIN), LEAST_BOUND)
+    brightest = min(light * rise * (1.0 - BOUND_MARGIN), GREATEST_BOUND)
+    return np.float32(darkest), np.float32(brightest if light > LEAST_BOUND else 0.0)
 
 
 @jit
@@ -68,10 +70,11 @@ def set_light_band(n, comparators, light_band):
         Input and output.
     """
     memory, C_on, C_off = comparators
-    darkest, brightest = light_band
+    darkest, brightest, fall, rise = light_band
     for i in range(n):
-        darkest[i] = light_bound(memory[i] - C_off[i], BOUND_MARGIN)
-        brightest[i] = light_bound(memory[i] + C_on[i], -BOUND_MARGIN)
+        fall[i], rise[i] = exp(-C_off[i]), exp(C_on[i])
+    for i in range(n):
+        darkest[i], brightest[i] = light_bounds(memory[i], 0.0, fall[i], rise[i])
 
 
 @jit
@@ -89,7 +92,7 @@ def flag_ideal(radiance, dark, fade, light_band, flag):
     flag
         (n,) output.
     """
-    darkest, brightest = light_band
+    darkest, brightest = light_band.darkest, light_band.brightest
     for i in range(radiance.size):
         light = radiance[i] + dark
         silent = (light > darkest[i] * fade) & (light < brightest[i] * fade)
@@ -215,7 +218,8 @@ def flag_short(n, response, step, drift, comparators, flag):
 
 # Row m: positions of the set bits of m, then zeros.
 _SET_BITS = np.array(
-    [[*(bit for bit in range(8) if m >> bit & 1), *[0] * (8 - m.bit_count())] for m in range(256)]
+    [[*(bit for bit in range(8) if m >> bit & 1), *[0] * (8 - m.bit_count())] for m in range(256)],
+    np.uint64,
 )
 _ONES = np.uint64(0x0101010101010101)  # times a word of 8 flags: their sum in the highest byte
 _BITS = np.uint64(0x0102040810204080)  # times a word of 8 flags: their bits in the highest byte
@@ -239,12 +243,12 @@ def list_flagged(flag, n, index):
     (count,) part of `index`
     """
     words = flag.view(np.uint64)
-    count = np.uint64(0)  # unsigned: signed indices may be negative, which takes time
+    count = np.uint64(0)  # unsigned: Numba checks if signed indices are negative
     for k in range(np.uint64((n + 7) // 8)):
         word = words[k]
         if word != np.uint64(0):
             bits = (word * _BITS) >> np.uint64(56)
-            first = np.int64(k * np.uint64(8))
+            first = k * np.uint64(8)
             for j in range(np.uint64(8)):
                 index[count + j] = first + _SET_BITS[bits, j]
             count += (word * _ONES) >> np.uint64(56)
