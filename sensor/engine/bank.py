@@ -125,7 +125,7 @@ def white_level(frame: NDArray[np.floating]) -> float:
     if k < 0 or k + 1 >= bright.size:
         return float(np.percentile(values, 99.9))
     neighbors = np.partition(bright, (k, k + 1))[k : k + 2]
-    return float(np.quantile(neighbors, values.dtype.type(index - below)))
+    return float(np.quantile(neighbors, index - below))
 
 
 def collect(bank: Bank) -> list[Events]:
