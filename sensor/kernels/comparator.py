@@ -411,7 +411,7 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
         curve[V2_START, k], curve[V2_STOP, k] = v2[i], v2_end[i]
     describe_curves(curve, flagged.size, poles, interval.drift)
     find_turns(flagged.size, work)
-    count = np.int64(0)
+    count = np.uint64(0)  # unsigned: Numba checks if signed indices are negative
     for k in range(flagged.size):
         i = flagged[k]
         start, rise = curve[CURVE_START_V, k], curve[CURVE_RISE, k]
@@ -433,9 +433,9 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
             C = on if sign > 0.0 else off
             word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
             while (v_high - level) * sign >= C:
-                if count == CROSSING_BATCH:
-                    used = fire(count, interval, work, used)
-                    count = 0
+                if count == np.uint64(CROSSING_BATCH):
+                    used = fire(CROSSING_BATCH, interval, work, used)
+                    count = np.uint64(0)
                     if used < 0:
                         return FULL
                 level += sign * C
@@ -452,10 +452,10 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
                 todo[US, count] = us
                 todo[SLACK, count] = slack
                 todo_words[count] = word
-                count += 1
+                count += np.uint64(1)
             low, v_low = high, v_high
         memory[i] = level
-    return fire(count, interval, work, used)
+    return fire(np.int64(count), interval, work, used)
 
 
 @jit
