@@ -5,8 +5,9 @@
 A texture with a natural spectrum and edges moves by 0.97 px a frame, frames 1 ms apart, C = 0.2.
 "dense" fires about 0.2 events a pixel and frame, "sparse" a tenth of that (frames 0.1 ms apart).
 Events come from `stream`, in parts: `simulate` also allocates memory for all of them, which on a
-virtual machine can take as long as the rest. The result is the minimum of the runs; kinds
-alternate, so that other load affects all of them equally. The NumPy column is the time to read the
+virtual machine can take as long as the rest. The result is the run with the least wall-clock time,
+with its user and system time in ns a pixel and frame; kinds alternate, so that other load affects
+all of them equally. The NumPy column is the time to read the
 same frames once and compute `np.log(frame + dark)`. The second table compares nine settings that
 share the frames with nine runs: with the frames in memory, and with each run reading OpenEXR files.
 """
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -48,6 +50,12 @@ def moving_texture(size: int, frames: int, shift_px: float, seed: int = 0) -> np
     return views
 
 
+def times_s() -> tuple[float, float, float]:
+    """Return wall-clock, user and system time of this process, s."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return time.perf_counter(), usage.ru_utime, usage.ru_stime
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -79,23 +87,27 @@ def main() -> None:
         )
     for cutoff_hz in (math.inf, 200.0):  # compile first
         simulate(frames[:2], t_s[:2], model(cutoff_hz))
-    best: dict[tuple[str, str, int], float] = dict.fromkeys(kinds, math.inf)
+    runs: dict[tuple[str, str, int], list[tuple[float, ...]]] = {kind: [] for kind in kinds}
     fired = dict.fromkeys(kinds, 0)
     for _ in range(args.runs):
         for kind, work in kinds.items():
-            start = time.perf_counter()
+            start = times_s()
             fired[kind] = work()
-            best[kind] = min(best[kind], time.perf_counter() - start)
+            runs[kind].append(tuple(np.subtract(times_s(), start).tolist()))
+    best = {kind: min(measured) for kind, measured in runs.items()}
 
     print(f"{size}x{size} px, {args.frames} frames, minimum of {args.runs}")
-    print("scene   setting    threads  Mpx-frames/s  Mev/s  ev/px/frame  of numpy's speed")
-    for (scene, setting, threads), seconds in best.items():
+    print(
+        "scene   setting    threads  Mpx-frames/s  user ns  sys ns  Mev/s  ev/px/frame  of numpy's"
+    )
+    for (scene, setting, threads), (seconds, user_s, system_s) in best.items():
         work = size * size * (args.frames - 1)
-        numpy_rate = size * size * args.frames / best[scene, "numpy log", 1]
+        numpy_rate = size * size * args.frames / best[scene, "numpy log", 1][0]
         print(
             f"{scene:7} {setting:10} {threads:7} {work / seconds / 1e6:13.1f} "
+            f"{user_s / work * 1e9:8.2f} {system_s / work * 1e9:7.2f} "
             f"{fired[scene, setting, threads] / seconds / 1e6:6.1f} "
-            f"{fired[scene, setting, threads] / work:12.3f} {work / seconds / numpy_rate:17.2f}"
+            f"{fired[scene, setting, threads] / work:12.3f} {work / seconds / numpy_rate:11.2f}"
         )
     compare_bank(*scenes["dense"], args.runs)
 

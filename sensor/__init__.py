@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sensor.encoding import to_linear
     from sensor.errors import EventError, EventFormatError, SensorError
     from sensor.events import Events
+    from sensor.memory import release_memory
     from sensor.model import SensorModel, cutoff_in_light
     from sensor.readout import Readout, ReadoutReport, read_out
     from sensor.simulation import simulate, simulate_bank, stream, stream_bank
@@ -28,6 +29,7 @@ _HOMES = {
     "SensorModel": "sensor.model",
     "cutoff_in_light": "sensor.model",
     "read_out": "sensor.readout",
+    "release_memory": "sensor.memory",
     "simulate": "sensor.simulation",
     "simulate_bank": "sensor.simulation",
     "stream": "sensor.simulation",
@@ -45,6 +47,7 @@ __all__ = [
     "SensorModel",
     "cutoff_in_light",
     "read_out",
+    "release_memory",
     "simulate",
     "simulate_bank",
     "stream",

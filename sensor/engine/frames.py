@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sensor.errors import SensorError
+from sensor.memory import MEMORY
 
 Frames = NDArray[np.floating] | Iterable[NDArray[np.floating]]
 MAX_TIME_S = 9.2e12  # 2^63 us, nearly
@@ -157,7 +158,7 @@ class FrameReader:
     def _read(self, index: int, wanted: int) -> NDArray[np.floating]:
         """Read the next frames into memory that the next call reuses."""
         if len(self._room) < wanted:
-            self._room = np.empty((wanted, *self.shape), self.first.dtype)
+            self._room = MEMORY.array((wanted, *self.shape), self.first.dtype)
         found = 0
         for frame in map(np.asarray, itertools.islice(self._rest, wanted)):
             self._checked(frame[None], index + found)
@@ -208,8 +209,8 @@ def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:
     SensorError
         Names the frame, the pixel and the value.
     """
-    bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))  # NaN fails both comparisons
-    if bad.size:
+    if not (chunk.min() >= 0 and chunk.max() < np.inf):  # NaN fails both comparisons
+        bad = np.argwhere(~((chunk >= 0) & (chunk < np.inf)))
         f, y, x = bad[0]
         raise SensorError(
             f"frame {index + f}, pixel x={x} y={y}: found radiance {chunk[f, y, x]}, "

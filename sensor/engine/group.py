@@ -29,6 +29,7 @@ from sensor.kernels.comparator import outside_refractory
 from sensor.kernels.packing import FULL
 from sensor.kernels.photoreceptor import STEP, photoreceptor_step
 from sensor.kernels.radiance import BAD, Light, log_intensity
+from sensor.memory import MEMORY
 from sensor.model import SensorModel
 from sensor.optics import integrate
 
@@ -80,22 +81,25 @@ class SensorGroup:
             The radiance is invalid, or too small for a dark level of 0.
         """
         light = _light(frame[None], models[0], 0)
-        u = np.empty(light.radiance.size)
+        pixels = light.radiance.size
+        u = MEMORY.array(pixels)
         log_intensity(light.radiance[0], light.dark, u)
         settings = settings_of(models, seed)
-        memory = np.tile(u, (len(models), 1))
+        memory = MEMORY.array((len(models), pixels))
+        memory[:] = u
         for s, model in enumerate(models):
             if model.random_start:
                 share = generator(seed, Draw.START).random(u.size)
                 memory[s] += settings.C_off[s] - share * (settings.C_on[s] + settings.C_off[s])
-        v = np.tile(u, (len(models), 1)) if settings.filtered.any() else memory[:, :0]
+        v1, v2 = MEMORY.array((2, len(models), pixels if settings.filtered.any() else 0))
+        v1[:] = v2[:] = u[: v1.shape[1]]
         never_us = np.iinfo(np.int64).min
         return cls(
             members,
             models,
             np.array(speeds),
             settings,
-            State(u, v, v.copy(), memory),
+            State(u, v1, v2, memory),
             [no_events(m.width, m.height, m) for m in models],
             [
                 np.full((m.height, m.width), never_us) if m.refractory_s > 0 else None
@@ -173,10 +177,11 @@ class SensorGroup:
         counts = sum(np.diff(segment, axis=3)[..., 0].sum(axis=0) for segment in segments)
         for s, member in enumerate(self.members):
             unsorted = UnsortedEvents(pools, segments, counts[s], frame_us[s], s)
-            events = unsorted.sort(self.held[s], workers)
-            last_us = int(frame_us[s, -1])
-            self.held[s] = events.between(last_us, last_us + 1).copy()
-            yield member, self._reported(s, events[: len(events) - len(self.held[s])])
+            for part in unsorted.parts(workers.threads):
+                events = unsorted.sort(part, self.held[s], workers)
+                last_us = int(frame_us[s, part.stop])
+                self.held[s] = events.between(last_us, last_us + 1).copy()
+                yield member, self._reported(s, events[: len(events) - len(self.held[s])])
 
     def finish(self) -> Iterator[tuple[int, Events]]:
         """Yield `(index of the model, its remaining events)` after the last chunk."""
@@ -218,8 +223,7 @@ def _light(
         if any(mean is None for mean in means):
             refuse_bad_radiance(chunk, index)
         radiance = np.stack(means)
-    least = float(radiance.min())
-    if dark == 0 and not least >= _LEAST_LIGHT:
+    if dark == 0 and not (least := float(radiance.min())) >= _LEAST_LIGHT:
         raise SensorError(
             f"frame {index} or one soon after: found a pixel of radiance {least:g}, "
             f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,18 @@ from numpy.typing import NDArray
 
 from sensor.engine.workers import Workers
 from sensor.events import Columns, Events
-from sensor.kernels.packing import gather, sort_by_time
+from sensor.kernels.packing import (
+    FEW_ROWS,
+    SHORT_INTERVAL_US,
+    count_times,
+    gather,
+    sort_by_time,
+    spread,
+    unpack,
+)
+from sensor.memory import MEMORY
+
+_PART_EVENTS = 1 << 20  # of a part, unless one interval has more
 
 
 @dataclass(frozen=True)
@@ -22,45 +34,75 @@ class UnsortedEvents:
     frame_us: NDArray[np.int64]  # (F + 1,) frame times
     setting: int
 
-    def sort(self, held: Events, workers: Workers) -> Events:
-        """Sort by time, ties by (y, x).
+    def parts(self, threads: int) -> Iterator[range]:
+        """Yield ranges of intervals with about `_PART_EVENTS` events, one for each thread or more.
+
+        Small parts leave memory that is in the cache to the next ones.
+        """
+        F = len(self.counts)
+        step = max(threads, _PART_EVENTS // max(1, int(self.counts.max())))
+        for first in range(0, F, step):
+            yield range(first, min(first + step, F))
+
+    def sort(self, part: range, held: Events, workers: Workers) -> Events:
+        """Sort the events of some intervals by time, ties by (y, x).
 
         Parameters
         ----------
+        part
+            The intervals.
         held
-            Events of the chunk before that may share a microsecond with this chunk.
+            Events before these intervals that may share a microsecond with them.
         workers
             Threads.
 
         Returns
         -------
         Events
-            `held`, then the events of this chunk.
+            `held`, then the events of the intervals.
         """
-        starts = len(held) + np.concatenate(([0], np.cumsum(self.counts)))
-        columns = Columns.room(int(starts[-1]))
+        counts = self.counts[part.start : part.stop]
+        stops = len(held) + np.cumsum(counts)
+        columns = _columns(int(stops[-1]))
         arrays: tuple[NDArray, ...] = columns
         for array, old in zip(arrays, held.columns, strict=True):
             array[: len(held)] = old
 
-        def sort_interval(f: int) -> None:
-            room = workers.scratch.get()
-            if room.shape[1] < self.counts[f]:
-                room = np.empty((2, self.counts[f]), np.uint64)
-            words, other = room[:, : self.counts[f]]
-            used = 0
-            for pool, segment in zip(self.pools, self.segments, strict=True):
-                used = gather(pool, segment, self.setting, f, words, used)
-            start_us, end_us = self.frame_us[f : f + 2]
-            part = columns.part(slice(starts[f], starts[f + 1]))
-            sort_by_time(words, other, end_us - start_us, start_us, part)
-            workers.scratch.put(room)
+        def sort_one(f: int) -> None:
+            stop = stops[f - part.start]
+            self._sort_interval(f, columns.part(slice(stop - self.counts[f], stop)), held.height)
 
-        list(workers.map(sort_interval, range(len(self.counts))))
+        list(workers.map(sort_one, part))
         # The microsecond of a frame has events of the intervals before and after it.
-        for frame_us in self.frame_us[:-1]:
+        for frame_us in self.frame_us[part.start : part.stop]:
             tie = slice(*np.searchsorted(columns.t_us, (frame_us, frame_us + 1)))
             order = np.lexsort((columns.x[tie], columns.y[tie]))  # stable
             for array in arrays:
                 array[tie] = array[tie][order]
         return Events.trusted(*columns, like=held)
+
+    def _sort_interval(self, f: int, columns: Columns, height: int) -> None:
+        start_us, end_us = self.frame_us[f : f + 2]
+        bands = list(zip(self.pools, self.segments, strict=True))
+        if end_us - start_us < SHORT_INTERVAL_US and height <= FEW_ROWS:
+            words = MEMORY.array(int(self.counts[f]), np.uint32)
+            stops = np.zeros(end_us - start_us + 2, np.uint64)
+            for pool, segment in bands:
+                count_times(pool, segment, self.setting, f, stops[1:])
+            np.cumsum(stops, out=stops)
+            for pool, segment in bands:
+                spread(pool, segment, self.setting, f, stops, words)
+            unpack(words, stops, start_us, columns)
+        else:
+            both = MEMORY.array((2, int(self.counts[f])), np.uint64)
+            used = 0
+            for pool, segment in bands:
+                used = gather(pool, segment, self.setting, f, both[0], used)
+            sort_by_time(both[0], both[1], end_us - start_us, start_us, columns)
+
+
+def _columns(size: int) -> Columns:
+    """Allocate columns for `size` events in one block."""
+    block = MEMORY.array(13 * size, np.uint8)
+    t_us, x, y, p = np.split(block, (8 * size, 10 * size, 12 * size))
+    return Columns(t_us.view(np.int64), x.view(np.uint16), y.view(np.uint16), p.view(np.int8))

@@ -9,10 +9,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from sensor.kernels.comparator import (
     CURVE_SIZE,
+    SLOTS,
     WHOLE,
     Alike,
     Lines,
@@ -27,13 +28,16 @@ from sensor.kernels.packing import START, STOP, Interval, place
 from sensor.kernels.photoreceptor import Response, poles_to_end, poles_to_end_in_own_light
 from sensor.kernels.radiance import BAD, log_intensity, log_of_flagged
 from sensor.kernels.silence import (
+    SHORT_STEP,
     Comparators,
     LightBand,
     flag_filtered,
     flag_ideal,
+    flag_short,
     list_flagged,
     set_light_band,
 )
+from sensor.memory import MEMORY
 
 DONE = 0  # outcome of `advance_pixels`; the others are FULL and BAD
 
@@ -102,7 +106,7 @@ class Block(NamedTuple):
     lines: NDArray[np.float64]  # (2, block) u0 and u1 of the flagged ideal pixels
     light: NDArray[np.floating]  # (block,) radiance of the flagged pixels
     flag: NDArray[np.bool_]  # padded to whole 8-byte words
-    flagged: NDArray[np.int64]  # indices of the flagged pixels
+    flagged: NDArray[np.uint64]  # indices of the flagged pixels
     comparators: Comparators
     light_band: LightBand
     work: Work
@@ -128,33 +132,33 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
     """
     words = (size + 15) // 8 * 8
     return Block(
-        _aligned((intervals + 1, size)),
-        _aligned((2, size)),
-        _aligned((2, size)),
-        _aligned(size),
-        _aligned(size),
-        _aligned((2, size)),
-        _aligned(size, dtype),
-        _aligned(words, np.bool_),
-        _aligned(words, np.int64),
-        Comparators(_aligned(size), _aligned(size), _aligned(size)),
-        LightBand(_aligned(size, np.float32), _aligned(size, np.float32)),
+        MEMORY.array((intervals + 1, size)),
+        MEMORY.array((2, size)),
+        MEMORY.array((2, size)),
+        MEMORY.array(size),
+        MEMORY.array(size),
+        MEMORY.array((2, size)),
+        MEMORY.array(size, dtype),
+        MEMORY.array(words, np.bool_),
+        MEMORY.array(words + 8, np.uint64),
+        Comparators(MEMORY.array(size), MEMORY.array(size), MEMORY.array(size)),
+        LightBand(
+            MEMORY.array(size, np.float32),
+            MEMORY.array(size, np.float32),
+            MEMORY.array(size),
+            MEMORY.array(size),
+        ),
         Work(
-            _aligned(size, np.uint64),
-            _aligned((CURVE_SIZE, size)),
-            _aligned((CROSSING_SIZE, CROSSING_BATCH)),
-            _aligned(CROSSING_BATCH, np.uint64),
+            MEMORY.array(size, np.uint64),
+            MEMORY.array((CURVE_SIZE, size)),
+            MEMORY.array((CROSSING_SIZE, CROSSING_BATCH)),
+            MEMORY.array(CROSSING_BATCH, np.uint64),
+            MEMORY.array(size, np.uint64),
+            MEMORY.array(size, np.int64),
+            MEMORY.array((SLOTS, size), np.uint64),
             pool,
         ),
     )
-
-
-def _aligned(shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray:
-    """Allocate an array that starts at a cache line, since vectors across two lines are slower."""
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    room = np.empty(size + 64, np.uint8)
-    start = -room.ctypes.data % 64
-    return room[start : start + size].view(dtype).reshape(shape)
 
 
 @jit
@@ -265,8 +269,13 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = block.x[flagged[k]]
     else:
-        poles_to_end(n, response, step)
-        flag_filtered(n, response, step.x, step.e, interval.drift, block.comparators, block.flag)
+        if step.x < SHORT_STEP:
+            flag_short(n, response, step, interval.drift, block.comparators, block.flag)
+        else:
+            poles_to_end(n, response, step)
+            flag_filtered(
+                n, response, step.x, step.e, interval.drift, block.comparators, block.flag
+            )
         flagged = list_flagged(block.flag, n, block.flagged)
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = step.x

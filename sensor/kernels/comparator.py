@@ -27,17 +27,21 @@ from sensor.kernels.crossings import (
     V_LOW,
     Curve,
     solve_crossings,
-    turning_point,
+    solve_turns,
     v2_and_slopes_at,
     v2_at,
 )
-from sensor.kernels.elementary import jit
+from sensor.kernels.elementary import inlined, jit
 from sensor.kernels.packing import FULL, POLARITY_SHIFT, START, STOP, pack
-from sensor.kernels.silence import BOUND_MARGIN, light_bound
+from sensor.kernels.silence import light_bounds
 
-# Rows of `Work.todo` for ideal pixels, one column for each crossing: rise of u from the start of
-# the interval to the level, and over the whole interval.
-LEVEL_RISE, WHOLE_RISE = range(2)
+# Rows of `Work.curve` for ideal pixels, one column for each flagged one: level of the comparator at
+# the start and the end of the interval, its move at each event, rise of u over the interval,
+# microseconds for each unit of that rise, thresholds, factors
+# `fall` and `rise` of the light, and scratch memory.
+LEVEL_0, LEVEL_END, MOVE, WHOLE_RISE, SCALE, ON, OFF, FALL, RISE_TO, LEVEL_NOW = range(10)
+SLOTS = 4  # events of an ideal pixel and interval that are written without a branch
+FEW_SLOTS = 2  # the same where pixels fire less on average
 
 
 class Work(NamedTuple):
@@ -47,6 +51,9 @@ class Work(NamedTuple):
     curve: NDArray[np.float64]  # (CURVE_SIZE, block)
     todo: NDArray[np.float64]  # (CROSSING_SIZE, CROSSING_BATCH)
     todo_words: NDArray[np.uint64]  # (CROSSING_BATCH,) polarity and position
+    words: NDArray[np.uint64]  # (block,) the same of the flagged ideal pixels
+    fired: NDArray[np.int64]  # (block,) events of these pixels
+    slots: NDArray[np.uint64]  # (SLOTS, block) their first events, packed
     pool: NDArray[np.uint64]  # (capacity,) packed events
 
 
@@ -69,27 +76,145 @@ class Alike(NamedTuple):
     segment: NDArray[np.int64]  # (S, 2) output: START and STOP of each setting in the pool
 
 
-@jit
-def fire_lines(count, alike, work):
-    """Append the listed crossings as events to the pool, for each setting with its own times.
+@inlined
+def climb(level, step, C, v_high):
+    """Return the level after the next event on the way to v_high, or the same level without one.
 
     Parameters
     ----------
-    count
-        Number of listed crossings.
-    alike, work
-        Settings, and crossings in `todo`.
+    level, step
+        The comparator's level, and its next move, C up or down.
+    C, v_high
+        Contrast threshold, and the voltage at the end.
     """
-    todo, todo_words = work.todo, work.todo_words
-    for m in alike.members:
-        dt_us = alike.dt_s[m] * 1e6
-        start_us, length_us = alike.start_us[m], alike.length_us[m]
-        used = alike.segment[m, STOP]
-        out = work.pool[used : used + count]
-        for j in range(count):
-            since_us = todo[LEVEL_RISE, j] * (dt_us / todo[WHOLE_RISE, j])
-            out[j] = pack(since_us, start_us, length_us, todo_words[j])
-        alike.segment[m, STOP] += count
+    return level + step if abs(v_high - level) >= C else level
+
+
+@jit
+def count_lines(flagged, lines, comparators, work):
+    """Count the events of each flagged ideal pixel, and describe them in `work.curve`.
+
+    The first loop counts up to SLOTS events without a branch, the second loop the others.
+
+    Parameters
+    ----------
+    flagged, lines, comparators, work
+        As in `events_of_lines`.
+
+    Returns
+    -------
+    int
+        Number of events.
+    """
+    memory, C_on, C_off = comparators
+    level_0, level_end, move = work.curve[LEVEL_0], work.curve[LEVEL_END], work.curve[MOVE]
+    on, off, whole = work.curve[ON], work.curve[OFF], work.curve[WHOLE_RISE]
+    position, fired, words = work.position, work.fired, work.words
+    u0, u1, drift = lines.u0, lines.u1, lines.drift
+    for k in range(flagged.size):
+        i = flagged[k]
+        level_0[k], on[k], off[k] = memory[i], C_on[i], C_off[i]
+        words[k] = position[i]
+    total = np.int64(0)
+    most = np.int64(0)
+    for k in range(u0.size):
+        level = level_0[k]
+        v_high = u1[k] + drift
+        up = v_high > level
+        C = on[k] if up else off[k]
+        step = C if up else -C
+        one = climb(level, step, C, v_high)
+        two = climb(one, step, C, v_high)
+        three = climb(two, step, C, v_high)
+        end = climb(three, step, C, v_high)
+        n = np.int64(one != level) + np.int64(two != one)
+        n += np.int64(three != two) + np.int64(end != three)
+        level_end[k], move[k], whole[k] = end, step, v_high - u0[k]
+        words[k] |= np.uint64(up) << POLARITY_SHIFT
+        fired[k] = n
+        total += n
+        most = max(most, n)
+    if most == SLOTS:
+        for k in range(flagged.size):
+            if fired[k] == SLOTS:
+                v_high, C = u1[k] + drift, abs(move[k])
+                while abs(v_high - level_end[k]) >= C:
+                    level_end[k] += move[k]
+                    fired[k] += 1
+                    total += 1
+    return total
+
+
+@jit
+def time_lines(u0, dt_us, start_us, length_us, slots, work):
+    """Compute the first events of each flagged ideal pixel in vectorized loops.
+
+    Parameters
+    ----------
+    u0
+        (flagged,) log intensity at the start of the interval.
+    dt_us, start_us, length_us
+        Length of the interval, and as in `Interval`.
+    slots
+        Events of a pixel to compute; those that it does not fire are meaningless.
+    work
+        Memory; `slots` receives the packed events.
+    """
+    level_0, move, whole = work.curve[LEVEL_0], work.curve[MOVE], work.curve[WHOLE_RISE]
+    level, scale, words = work.curve[LEVEL_NOW], work.curve[SCALE], work.words
+    for k in range(u0.size):
+        level[k] = level_0[k]
+        scale[k] = dt_us / whole[k]
+    for slot in range(slots):
+        out = work.slots[slot]
+        for k in range(u0.size):
+            level[k] += move[k]
+            out[k] = pack((level[k] - u0[k]) * scale[k], start_us, length_us, words[k])
+
+
+@jit
+def write_lines(u0, dt_us, start_us, length_us, few, work, used):
+    """Append the events of all flagged ideal pixels to the pool.
+
+    All slots of a pixel are written and those without an event overwritten by the next pixel:
+    nobody can predict how many a pixel fires. Pixels with more events than slots are rare.
+
+    Parameters
+    ----------
+    u0, dt_us, start_us, length_us, work
+        As in `time_lines`.
+    few
+        Use only FEW_SLOTS.
+    used
+        Used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool.
+    """
+    slots = FEW_SLOTS if few else SLOTS
+    time_lines(u0, dt_us, start_us, length_us, slots, work)
+    first, second, third, fourth = work.slots
+    fired, pool = work.fired, work.pool
+    level_0, move, scale = work.curve[LEVEL_0], work.curve[MOVE], work.curve[SCALE]
+    out = np.uint64(used)  # unsigned: Numba checks if signed indices are negative
+    for k in range(u0.size):
+        n = fired[k]
+        pool[out] = first[k]
+        pool[out + np.uint64(1)] = second[k]
+        if not few:
+            pool[out + np.uint64(2)] = third[k]
+            pool[out + np.uint64(3)] = fourth[k]
+        if n > slots:
+            level = level_0[k]
+            for event in range(n):
+                level += move[k]
+                pool[out + np.uint64(event)] = pack(
+                    (level - u0[k]) * scale[k], start_us, length_us, work.words[k]
+                )
+        out += np.uint64(n)
+    return np.int64(out)
 
 
 @jit
@@ -110,54 +235,27 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
     int
         New used size of the pool, or FULL.
     """
-    u0, u1, drift, leaked = lines
-    memory, C_on, C_off = comparators
-    darkest, brightest = light_band
-    todo, todo_words = work.todo, work.todo_words
-    # Several settings fill adjacent parts of the pool, so each part needs a size in advance.
-    room = work.pool.size - used
-    if alike.members.size > 1:
-        room = 0
-        for k in range(flagged.size):
-            i = flagged[k]
-            room += np.int64(abs(u1[k] + drift - memory[i]) / min(C_on[i], C_off[i])) + 2
-        if used + alike.members.size * room > work.pool.size:
-            return FULL
+    u0, u1, _, leaked = lines
+    memory = comparators.memory
+    darkest, brightest = light_band.darkest, light_band.brightest
+    total = count_lines(flagged, lines, comparators, work)
+    if used + alike.members.size * total + SLOTS > work.pool.size:
+        return FULL
+    few = total < FEW_SLOTS * flagged.size
     for m in alike.members:
-        alike.segment[m, START] = alike.segment[m, STOP] = used
-        used += room
-    count = np.int64(0)
+        alike.segment[m, START] = used
+        dt_us, start_us, length_us = alike.dt_s[m] * 1e6, alike.start_us[m], alike.length_us[m]
+        used = write_lines(u0, dt_us, start_us, length_us, few, work, used)
+        alike.segment[m, STOP] = used
+    level, fall, rise = work.curve[LEVEL_END], work.curve[FALL], work.curve[RISE_TO]
     for k in range(flagged.size):
         i = flagged[k]
-        level = memory[i]
-        v_low, v_high = u0[k], u1[k] + drift
-        sign = math.copysign(1.0, v_high - level)
-        on, off = C_on[i], C_off[i]  # read both to avoid a branch
-        C = on if sign > 0.0 else off
-        word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
-        while (v_high - level) * sign >= C:
-            level += sign * C
-            todo[LEVEL_RISE, count] = level - v_low
-            todo[WHOLE_RISE, count] = v_high - v_low
-            todo_words[count] = word
-            count += 1
-            room -= 1
-            if room < 0:
-                return FULL
-            if count == CROSSING_BATCH:
-                fire_lines(count, alike, work)
-                count = 0
-        memory[i] = level
-        u0[k] = level + leaked - C_off[i]
-        u1[k] = level + leaked + C_on[i]
-    fire_lines(count, alike, work)
+        memory[i], fall[k], rise[k] = level[k], light_band.fall[i], light_band.rise[i]
+    for k in range(u0.size):
+        u0[k], u1[k] = light_bounds(level[k], leaked, fall[k], rise[k])
     for k in range(flagged.size):
-        u0[k] = light_bound(u0[k], BOUND_MARGIN)
-        u1[k] = light_bound(u1[k], -BOUND_MARGIN)
-    for k in range(flagged.size):
-        darkest[flagged[k]] = u0[k]
-        brightest[flagged[k]] = u1[k]
-    return alike.segment[alike.members[-1], STOP]
+        darkest[flagged[k]], brightest[flagged[k]] = u0[k], u1[k]
+    return used
 
 
 @jit
@@ -188,10 +286,12 @@ def fire(count, interval, work, used):
 
 
 # Rows of `Work.curve`, one column for each flagged filtered pixel. WHOLE = a dt; SHAPED is the end
-# of the transient, at most WHOLE; FLAT is the turning point of the slope of v2, at most SHAPED.
+# of the transient, at most WHOLE; FLAT is the turning point of the slope of v2, at most SHAPED;
+# CUT_0 and CUT_1 are the turning points of v2, or 0 and SHAPED without.
 U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
 CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
-CURVE_SIZE = 16
+CUT_0, CUT_1 = range(16, 18)
+CURVE_SIZE = 18
 
 
 @jit
@@ -241,6 +341,44 @@ def describe_curves(curve, count, poles, drift):
 
 
 @jit
+def find_turns(count, work):
+    """Compute the turning points of v2 of each flagged pixel.
+
+    The slope of v2 has at most one turning point, FLAT; it is monotone on both sides.
+
+    Parameters
+    ----------
+    count
+        Number of flagged pixels.
+    work
+        Memory with the rows of `describe_curves`.
+    """
+    curve, todo, todo_words = work.curve, work.todo, work.todo_words
+    listed = np.int64(0)
+    for k in range(count):
+        curve[CUT_0, k], curve[CUT_1, k] = 0.0, curve[SHAPED, k]
+        for cut in range(CUT_0, CUT_1 + 1):
+            before = cut == CUT_0
+            if curve[TURNS_BEFORE if before else TURNS_AFTER, k] != 0.0:
+                todo[START_V, listed], todo[RISE, listed] = (
+                    curve[CURVE_START_V, k],
+                    curve[CURVE_RISE, k],
+                )
+                todo[POLE_A, listed], todo[POLE_B, listed] = curve[CURVE_A, k], curve[CURVE_B, k]
+                todo[SHORT, listed] = curve[CURVE_SHORT, k]
+                todo[LOW, listed] = 0.0 if before else curve[FLAT, k]
+                todo[HIGH, listed] = curve[FLAT if before else SHAPED, k]
+                todo_words[listed] = cut * np.int64(curve.shape[1]) + k
+                listed += 1
+        if listed >= CROSSING_BATCH - 1 or k == count - 1:
+            solve_turns(todo, listed)
+            for j in range(listed):
+                cut, of = divmod(np.int64(todo_words[j]), np.int64(curve.shape[1]))
+                curve[cut, of] = todo[ROOT, j]
+            listed = np.int64(0)
+
+
+@jit
 def events_of_curves(flagged, response, interval, comparators, work, used):
     """Fire the flagged filtered pixels over one interval.
 
@@ -272,19 +410,15 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
         curve[V1_START, k], curve[V1_STOP, k] = v1[i], v1_end[i]
         curve[V2_START, k], curve[V2_STOP, k] = v2[i], v2_end[i]
     describe_curves(curve, flagged.size, poles, interval.drift)
-    count = np.int64(0)
+    find_turns(flagged.size, work)
+    count = np.uint64(0)  # unsigned: Numba checks if signed indices are negative
     for k in range(flagged.size):
         i = flagged[k]
         start, rise = curve[CURVE_START_V, k], curve[CURVE_RISE, k]
         A, B, short = curve[CURVE_A, k], curve[CURVE_B, k], curve[CURVE_SHORT, k]
         shape = Curve(start, rise, A, B, short)
-        whole, shaped, flat = curve[WHOLE, k], curve[SHAPED, k], curve[FLAT, k]
-        # The slope of v2 has at most one turning point; it is monotone on both sides.
-        cut_0, cut_1 = 0.0, shaped
-        if curve[TURNS_BEFORE, k] != 0.0:
-            cut_0 = turning_point(0.0, flat, shape)
-        if curve[TURNS_AFTER, k] != 0.0:
-            cut_1 = turning_point(flat, shaped, shape)
+        whole, shaped = curve[WHOLE, k], curve[SHAPED, k]
+        cut_0, cut_1 = curve[CUT_0, k], curve[CUT_1, k]
         us = interval.dt_s * 1e6 / whole
         slack = min(1.0, 1e6 / us) * 1e-9  # of the time constant 1/a, and of a second
         level = memory[i]
@@ -299,9 +433,9 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
             C = on if sign > 0.0 else off
             word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
             while (v_high - level) * sign >= C:
-                if count == CROSSING_BATCH:
-                    used = fire(count, interval, work, used)
-                    count = 0
+                if count == np.uint64(CROSSING_BATCH):
+                    used = fire(CROSSING_BATCH, interval, work, used)
+                    count = np.uint64(0)
                     if used < 0:
                         return FULL
                 level += sign * C
@@ -318,10 +452,10 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
                 todo[US, count] = us
                 todo[SLACK, count] = slack
                 todo_words[count] = word
-                count += 1
+                count += np.uint64(1)
             low, v_low = high, v_high
         memory[i] = level
-    return fire(count, interval, work, used)
+    return fire(np.int64(count), interval, work, used)
 
 
 @jit

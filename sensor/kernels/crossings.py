@@ -39,6 +39,9 @@ class Curve(NamedTuple):
 # where v2 is monotone. US is the length of y = 1 in microseconds, SLACK the allowed error of y.
 START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH, US, SLACK, ROOT = range(13)
 CROSSING_SIZE = 13
+# Rows of `Work.todo` in `solve_turns`: the slope falls across the bracket; length of the latest
+# step, -1 if it was the last; length of a step that is the last.
+FALLING, MOVED, CLOSE = LEVEL, US, SLACK
 CROSSING_BATCH = 520  # no power of two, so that the rows do not share lines of the cache
 
 
@@ -93,41 +96,86 @@ def v2_and_slopes_at(y, curve):
     return v, slope, curvature, (3.0 * A - w) * E2
 
 
-@jit
-def turning_point(low, high, curve):
-    """Return the root of the slope of v2 between low and high.
-
-    The method is Halley's inside a shrinking bracket, with bisection where a step leaves the
-    bracket or is more than half as long as the one before. v2 is flat at the root: an error of 1e-8
-    in y is one of 1e-16 in v2.
+@inlined
+def towards_turn(low, high, y, moved, close, falling, curve):
+    """Do one step towards the root of the slope of v2, by Halley's method or bisection.
 
     Parameters
     ----------
-    low, high
-        The bracket in y; the slope changes its sign in it exactly once.
+    low, high, y
+        Bracket of the root, and a point in it.
+    moved, close
+        Length of the step before, and the length of a step that is the last.
+    falling
+        The slope falls across the bracket.
     curve
         `Curve` of the pixel.
+
+    Returns
+    -------
+    low, high, y, moved
+        The same as before the step if the step before was the last.
     """
-    slope_low = v2_and_slopes_at(low, curve)[1]
-    slope_high = v2_and_slopes_at(high, curve)[1]
-    falling = slope_low > slope_high
-    close = 1e-4 * min(high - low, 1.0)
-    moved = high - low
-    y = low + moved * min(max(slope_low / (slope_low - slope_high), 0.0), 1.0)
-    for _ in range(200):
-        _, slope, curvature, third = v2_and_slopes_at(y, curve)
-        if (slope > 0.0) == falling:
-            low = y
-        else:
-            high = y
-        better = y - 2.0 * slope * curvature / (2.0 * curvature * curvature - slope * third)
-        if not (low <= better <= high and abs(better - y) <= 0.5 * moved):
-            better = 0.5 * (low + high)
-        moved = abs(better - y)
-        y = better
-        if moved < close:
-            break
-    return y
+    _, slope, curvature, third = v2_and_slopes_at(y, curve)
+    before = (slope > 0.0) == falling
+    next_low, next_high = y if before else low, high if before else y
+    better = y - 2.0 * slope * curvature / (2.0 * curvature * curvature - slope * third)
+    good = (next_low <= better) & (better <= next_high) & (abs(better - y) <= 0.5 * moved)
+    better = better if good else 0.5 * (next_low + next_high)
+    last = moved < close
+    return (
+        low if last else next_low,
+        high if last else next_high,
+        y if last else better,
+        moved if last else abs(better - y),
+    )
+
+
+@jit
+def solve_turns(todo, count):
+    """Solve for the roots of the slope of v2 between LOW and HIGH, where its sign changes once.
+
+    The method is Halley's inside a shrinking bracket, with bisection where a step leaves the
+    bracket or is more than half as long as the one before. v2 is flat at the root: an error of 1e-8
+    in y is one of 1e-16 in v2. Few need more than the four steps of the vectorized loop.
+
+    Parameters
+    ----------
+    todo
+        (CROSSING_SIZE, n) with curves, LOW and HIGH; these two are overwritten; the row ROOT is the
+        output.
+    count
+        Number of turning points.
+    """
+    start, rise, A, B, short = todo[START_V], todo[RISE], todo[POLE_A], todo[POLE_B], todo[SHORT]
+    low, high, root = todo[LOW], todo[HIGH], todo[ROOT]
+    falling, moved, close = todo[FALLING], todo[MOVED], todo[CLOSE]
+    for k in range(count):
+        curve = Curve(start[k], rise[k], A[k], B[k], short[k])
+        a, b = low[k], high[k]
+        slope_a = v2_and_slopes_at(a, curve)[1]
+        slope_b = v2_and_slopes_at(b, curve)[1]
+        falls = slope_a > slope_b
+        step = b - a
+        last = 1e-4 * min(step, 1.0)
+        y = a + step * min(max(slope_a / (slope_a - slope_b), 0.0), 1.0)
+        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
+        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
+        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
+        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
+        root[k] = y
+        moved[k], close[k] = step if step >= last else -1.0, last
+        low[k], high[k] = a, b
+        falling[k] = 1.0 if falls else 0.0
+    for k in range(count):
+        if moved[k] >= 0.0:
+            curve = Curve(start[k], rise[k], A[k], B[k], short[k])
+            a, b, y, step = low[k], high[k], root[k], moved[k]
+            for _ in range(200):
+                a, b, y, step = towards_turn(a, b, y, step, close[k], falling[k] == 1.0, curve)
+                if step < close[k]:
+                    break
+            root[k] = y
 
 
 @inlined
@@ -164,7 +212,7 @@ def halley(y, curve, level, slack):
 def crossing(curve, level, low, high, v_low, v_high, slack):
     """Return the y in [low, high] at which v2 crosses the level; always converges.
 
-    The method is that of `turning_point`. It starts where the chord crosses the level or, if that
+    The method is that of `solve_turns`. It starts where the chord crosses the level or, if that
     is earlier, where an exponential tail would: along a tail, Halley's steps are at most 2 long.
 
     Parameters

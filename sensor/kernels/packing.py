@@ -17,6 +17,11 @@ ROW_SHIFT = np.uint64(16)
 COORDINATE_MASK = np.uint64(0xFFFF)
 PLACE_MASK = np.uint64(0xFFFFFFFF)
 MAX_INTERVAL_US = (1 << 31) - 2
+# `spread` sorts intervals shorter than this, of sensors with at most so many rows, in one pass; its
+# words are polarity, row, column in a uint32.
+SHORT_INTERVAL_US = 4096
+FEW_ROWS = 1 << 15
+ROW_MASK = np.uint32(0x7FFF)
 
 # Columns of a segment: the range of the pool that holds the events of one block, setting, interval.
 START, STOP = range(2)
@@ -74,6 +79,73 @@ def pack(since_us, start_us, length_us, polarity_and_position):
     """
     t_us = np.int64(math.floor(start_us + since_us + 0.5))
     return (np.uint64(min(max(t_us, 0), length_us)) << TIME_SHIFT) | polarity_and_position
+
+
+@jit
+def count_times(pool, segment, s, f, counts):
+    """Count the events of one setting, interval and band at each microsecond of the interval.
+
+    Parameters
+    ----------
+    pool, segment, s, f
+        As in `gather`.
+    counts
+        (interval_us + 1,) updated.
+    """
+    for block in range(segment.shape[0]):
+        for j in range(segment[block, s, f, START], segment[block, s, f, STOP]):
+            counts[pool[j] >> TIME_SHIFT] += np.uint64(1)
+
+
+@jit
+def spread(pool, segment, s, f, next_place, words):
+    """Put the events of one setting, interval and band in order of time; keep raster order.
+
+    Parameters
+    ----------
+    pool, segment, s, f
+        As in `gather`.
+    next_place
+        Place in `words` of the next event at each microsecond of the interval; updated.
+    words
+        Output, uint32: polarity, 15 bits of the row, 16 bits of the column.
+    """
+    for block in range(segment.shape[0]):
+        for j in range(segment[block, s, f, START], segment[block, s, f, STOP]):
+            word = pool[j]
+            time = word >> TIME_SHIFT
+            words[next_place[time]] = np.uint32(
+                (word & np.uint64(0x7FFFFFFF)) | ((word >> np.uint64(1)) & np.uint64(0x80000000))
+            )
+            next_place[time] += np.uint64(1)
+
+
+@jit
+def unpack(words, stops, start_us, columns):
+    """Unpack the words of `spread`.
+
+    Parameters
+    ----------
+    words
+        (N,) all events of one interval.
+    stops
+        End of the events of each microsecond of the interval.
+    start_us
+        Start of the interval, whole microseconds.
+    columns
+        `Columns` of N events, output.
+    """
+    t_us, x, y, p = columns
+    begin = np.uint64(0)
+    for time in range(stops.size):
+        for k in range(begin, stops[time]):
+            t_us[k] = start_us + np.int64(time)
+        begin = stops[time]
+    for k in range(words.size):
+        word = words[k]
+        x[k] = word & np.uint32(0xFFFF)
+        y[k] = (word >> np.uint32(16)) & ROW_MASK
+        p[k] = np.int8(np.int32(word >> np.uint32(31)) * 2 - 1)
 
 
 @jit

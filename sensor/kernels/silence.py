@@ -9,12 +9,15 @@ from numba.core import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from sensor.kernels.elementary import exp, jit
+from sensor.kernels.elementary import exp, inlined, jit
 
 # Relative safety margin of the float32 bounds on the light, and the range of these bounds.
 BOUND_MARGIN = 1e-6
 LEAST_BOUND = 1e-30
 GREATEST_BOUND = 1e38
+
+# Greatest a dt of `flag_short`.
+SHORT_STEP = 0.5
 
 
 class Comparators(NamedTuple):
@@ -30,27 +33,29 @@ class LightBand(NamedTuple):
 
     darkest: NDArray[np.float32]
     brightest: NDArray[np.float32]
+    fall: NDArray[np.float64]  # factor of the light to the next event, exp(-C_off)
+    rise: NDArray[np.float64]  # exp(C_on)
 
 
-@jit
-def light_bound(log_light, margin):
-    """Return exp(log_light) (1 + margin) in float32, a bound that rather flags too many pixels.
+@inlined
+def light_bounds(level, leaked, fall, rise):
+    """Return the light band of a pixel in float32, rather too narrow than too wide.
 
     Parameters
     ----------
-    log_light
-        Logarithm of I + I_dark.
-    margin
-        Positive for a lower bound, negative for an upper one.
+    level, leaked
+        Memory, and its fall since `set_light_band`.
+    fall, rise
+        Factors of the light to the next event: exp(-C_off), exp(C_on).
 
     Returns
     -------
-    float32
+    darkest, brightest
     """
-    light = exp(log_light) * (1.0 + margin)
-    if margin > 0.0:
-        return np.float32(max(light, LEAST_BOUND))
-    return np.float32(min(light, GREATEST_BOUND) if light > LEAST_BOUND else 0.0)
+    light = exp(level + leaked)
+    darkest = max(light * fall * (1.0 + BOUND_MARGIN), LEAST_BOUND)
+    brightest = min(light * rise * (1.0 - BOUND_MARGIN), GREATEST_BOUND)
+    return np.float32(darkest), np.float32(brightest if light > LEAST_BOUND else 0.0)
 
 
 @jit
@@ -65,10 +70,11 @@ def set_light_band(n, comparators, light_band):
         Input and output.
     """
     memory, C_on, C_off = comparators
-    darkest, brightest = light_band
+    darkest, brightest, fall, rise = light_band
     for i in range(n):
-        darkest[i] = light_bound(memory[i] - C_off[i], BOUND_MARGIN)
-        brightest[i] = light_bound(memory[i] + C_on[i], -BOUND_MARGIN)
+        fall[i], rise[i] = exp(-C_off[i]), exp(C_on[i])
+    for i in range(n):
+        darkest[i], brightest[i] = light_bounds(memory[i], 0.0, fall[i], rise[i])
 
 
 @jit
@@ -86,7 +92,7 @@ def flag_ideal(radiance, dark, fade, light_band, flag):
     flag
         (n,) output.
     """
-    darkest, brightest = light_band
+    darkest, brightest = light_band.darkest, light_band.brightest
     for i in range(radiance.size):
         light = radiance[i] + dark
         silent = (light > darkest[i] * fade) & (light < brightest[i] * fade)
@@ -175,8 +181,53 @@ def flag_filtered(n, response, x, e, drift, comparators, flag):
 
 
 @jit
+def flag_short(n, response, step, drift, comparators, flag):
+    """Advance the poles of n pixels and flag as `flag_filtered` does, up to SHORT_STEP.
+
+    A pixel is silent if v2 cannot reach a level by the second bound of `flag_filtered`, which is
+    narrow over a short interval. The curvature of v2 at an end follows from the state there: it is
+    u - 2 v1 + v2 of two poles, and that of one pole is constant but for the factor e^{-y}.
+
+    Parameters
+    ----------
+    n, response, step
+        As in `poles_to_end`.
+    drift, comparators, flag
+        As in `flag_filtered`.
+    """
+    u0, u1, v1, v2, v1_end, v2_end, poles = response
+    memory, C_on, C_off = comparators
+    e, v1_u0, v1_u1 = step.e, step.v1_u0, step.v1_u1
+    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
+    second = poles - 1.0
+    of_v1, of_u, of_slope = 2.0 * second, 2.0 * second - 1.0, (1.0 - second) / step.x
+    grown = 1.0 / step.e
+    off_chord = step.x * step.x * (1.0 / 8.0)
+    for i in range(n):
+        v1_1 = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_1 = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
+        v1_end[i], v2_end[i] = v1_1, v2_1
+        S = of_slope * (u1[i] - u0[i])
+        curvature_start = of_u * u0[i] - of_v1 * v1[i] + v2[i] + S
+        curvature_end = of_u * u1[i] - of_v1 * v1_1 + v2_1 + S
+        off = off_chord * max(abs(curvature_start), abs(curvature_end) * grown)
+        start = v2[i] - memory[i]
+        end = v2_1 + drift - memory[i]
+        flag[i] = (max(start, end) + off >= C_on[i]) | (off - min(start, end) >= C_off[i])
+
+
+# Row m: positions of the set bits of m, then zeros.
+_SET_BITS = np.array(
+    [[*(bit for bit in range(8) if m >> bit & 1), *[0] * (8 - m.bit_count())] for m in range(256)],
+    np.uint64,
+)
+_ONES = np.uint64(0x0101010101010101)  # times a word of 8 flags: their sum in the highest byte
+_BITS = np.uint64(0x0102040810204080)  # times a word of 8 flags: their bits in the highest byte
+
+
+@jit
 def list_flagged(flag, n, index):
-    """Return the indices of the flagged pixels, without branches that the processor mispredicts.
+    """Return the indices of the flagged pixels; 8 flags are looked up in a table at a time.
 
     Parameters
     ----------
@@ -185,17 +236,20 @@ def list_flagged(flag, n, index):
     n
         Number of pixels.
     index
-        Memory for the result.
+        Memory for the result and 8 more entries.
 
     Returns
     -------
     (count,) part of `index`
     """
     words = flag.view(np.uint64)
-    count = 0
-    for word in range((n + 7) // 8):
-        if words[word] != 0:
-            for i in range(8 * word, 8 * word + 8):
-                index[count] = i
-                count += flag[i]
-    return index[:count]
+    count = np.uint64(0)  # unsigned: Numba checks if signed indices are negative
+    for k in range(np.uint64((n + 7) // 8)):
+        word = words[k]
+        if word != np.uint64(0):
+            bits = (word * _BITS) >> np.uint64(56)
+            first = k * np.uint64(8)
+            for j in range(np.uint64(8)):
+                index[count + j] = first + _SET_BITS[bits, j]
+            count += (word * _ONES) >> np.uint64(56)
+    return index[: np.int64(count)]

@@ -112,6 +112,17 @@ def test_ideal_events_do_not_depend_on_speed(scene):
     assert abs(int(slow.t_us[-1]) - 2 * int(fast.t_us[-1])) <= 2
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize("size", [1, 2, 50, 1001, 20_000, 400_000])
+def test_white_level_is_the_percentile(kind, size):
+    """Promise: to the last bit in this version of NumPy; others round the share differently."""
+    rng = np.random.default_rng(size)
+    many = rng.lognormal(0, 2, size).astype(kind)
+    for values in (many, np.sort(many), np.sort(many)[::-1], np.round(many), np.ones(size, kind)):
+        expected = float(np.percentile(values, 99.9))
+        assert bank.white_level(values) == pytest.approx(expected, rel=1e-6)
+
+
 def test_dark_level_defaults_to_a_thousandth_of_the_first_frames_white(scene):
     """Promise: the dark rule is explicit and stored with the events."""
     frames, t_s = scene

@@ -1,0 +1,94 @@
+"""Memory for large arrays, used again once nobody holds them.
+
+The first touch of a page of new memory costs 0.5 to 9 us, so a simulation that allocates its
+arrays anew spends up to half of its time in the operating system.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from threading import Lock
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+_KEPT_BYTES = 1 << 29  # limit on all blocks together; address space, of which a part is touched
+_LEAST_BYTES = 1 << 20  # the allocator reuses smaller arrays itself
+_CACHE_LINE = 64  # vectors across two lines are slower
+
+
+def _references(blocks: list[NDArray[np.uint8]], k: int) -> int:
+    return sys.getrefcount(blocks[k])
+
+
+_FREE = _references([np.empty(0, np.uint8)], 0)  # by the list and, in most versions, by the call
+
+
+class Memory:
+    """Blocks of memory that are kept for the next arrays, up to a limit.
+
+    An array is a view of a block and holds a reference to it, as do all views of the array. So a
+    block is free if only the list refers to it, and no array that somebody holds is overwritten.
+    """
+
+    def __init__(self, limit: int = _KEPT_BYTES) -> None:
+        self._limit = limit
+        self._blocks: list[NDArray[np.uint8]] = []  # the latest used last
+        self._lock = Lock()
+
+    def array(self, shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray:
+        """Return an array of arbitrary content that starts at a cache line.
+
+        Parameters
+        ----------
+        shape, dtype
+            As in `numpy.empty`.
+
+        Returns
+        -------
+        ndarray
+        """
+        size = math.prod(shape if isinstance(shape, tuple) else (shape,)) * np.dtype(dtype).itemsize
+        if size < _LEAST_BYTES:
+            block = np.empty(size + _CACHE_LINE, np.uint8)
+        else:
+            with self._lock:
+                block = self._block(size + _CACHE_LINE)
+        start = -block.ctypes.data % _CACHE_LINE
+        return block[start : start + size].view(dtype).reshape(shape)
+
+    def release(self) -> None:
+        """Give the blocks back; those of arrays that somebody holds, with these arrays."""
+        with self._lock:
+            self._blocks.clear()
+
+    def _block(self, size: int) -> NDArray[np.uint8]:
+        free = [k for k in range(len(self._blocks)) if _references(self._blocks, k) == _FREE]
+        fitting = [k for k in free if size <= self._blocks[k].size <= 2 * size]
+        if fitting:
+            block = self._blocks.pop(min(fitting, key=lambda k: self._blocks[k].size))
+        else:
+            # Round up, so that the block also fits arrays of similar size.
+            step = 1 << (size.bit_length() - 3)
+            block = np.empty(-(-size // step) * step, np.uint8)
+            excess = block.size + sum(b.size for b in self._blocks) - self._limit
+            for k in reversed(self._oldest(free, excess)):
+                excess -= self._blocks.pop(k).size
+            if excess > 0:
+                return block
+        self._blocks.append(block)
+        return block
+
+    def _oldest(self, free: list[int], excess: int) -> list[int]:
+        """Return the oldest of the free blocks, enough to make up for the excess if possible."""
+        sizes = np.cumsum([0, *(self._blocks[k].size for k in free)])
+        return free[: int(np.searchsorted(sizes, excess))]
+
+
+MEMORY = Memory()
+
+
+def release_memory() -> None:
+    """Give the memory that simulations keep for later ones, at most 512 MiB, back to the system."""
+    MEMORY.release()

@@ -1,0 +1,85 @@
+"""Memory that is used again: never while somebody holds it, bounded, and given back on request."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import sensor
+from moving_texture import texture_in_motion
+from sensor import SensorModel, memory, simulate, stream
+from sensor.engine import sorting
+from sensor.memory import Memory
+
+LARGE = 1 << 21
+COLUMNS = ("t_us", "x", "y", "p")
+
+
+@pytest.fixture
+def small_parts(monkeypatch):
+    """All arrays, however small, use memory again, and parts are small."""
+    monkeypatch.setattr(memory, "_LEAST_BYTES", 1)
+    monkeypatch.setattr(sorting, "_PART_EVENTS", 3000)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("cutoff_hz", [math.inf, 200.0])
+def test_parts_that_are_kept_stay_as_they_were(small_parts, cutoff_hz, threads):
+    """Promise: whoever keeps all parts of a stream, or a column of each, has what a fresh run
+    returns, while other streams and threads use the same memory."""
+    frames, t_s = texture_in_motion(3, 40, (96, 120), 2e-3, travel_px=40.0)
+    model = SensorModel(width=120, height=96, cutoff_hz=cutoff_hz, contrast_threshold=0.1)
+    with ThreadPoolExecutor(3) as pool:
+        runs = list(pool.map(lambda _: list(stream(frames, t_s, model, threads=threads)), range(6)))
+    times = []
+    for part in stream(frames, t_s, model, threads=threads):  # drops all but one column
+        times.append(part.t_us)
+    expected = simulate(frames, t_s, model)
+    assert len(runs[0]) > 10
+    for column in COLUMNS:
+        for parts in runs:
+            joined = np.concatenate([getattr(part, column) for part in parts])
+            np.testing.assert_array_equal(joined, getattr(expected, column))
+    np.testing.assert_array_equal(np.concatenate(times), expected.t_us)
+
+
+def test_memory_is_used_again_once_nobody_holds_it():
+    """Promise: not while an array, a view of it or a buffer on it is there, and then again."""
+    room = Memory()
+    first = room.array(LARGE, np.uint8)
+    address = first.ctypes.data
+    assert address % 64 == 0
+    holders = [first[5:9].view(np.int16), memoryview(first)]
+    del first
+    while holders:
+        assert not np.shares_memory(room.array(LARGE, np.uint8), np.asarray(holders[0]))
+        assert room.array(LARGE, np.uint8).ctypes.data != address
+        holders.pop(0)
+    addresses = {room.array(LARGE, np.uint8).ctypes.data for _ in range(3)}
+    assert addresses <= {address, *addresses}
+    both = [room.array(LARGE - 99, np.uint8).ctypes.data, room.array(LARGE, np.uint8).ctypes.data]
+    assert address in both
+
+
+def test_kept_memory_has_a_limit():
+    """Promise: old memory is dropped first, and arrays that are held do not push out the rest."""
+    room = Memory(limit=10 * LARGE)
+    for count in range(1, 9):
+        room.array(count * LARGE, np.uint8)
+        assert sum(block.size for block in room._blocks) <= 10 * LARGE
+    held = [room.array(LARGE, np.uint8) for _ in range(30)]
+    assert sum(block.size for block in room._blocks) <= 10 * LARGE
+    assert len({array.ctypes.data for array in held}) == 30
+    room.release()
+    assert not room._blocks
+
+
+def test_release_memory_gives_everything_back(small_parts):
+    frames, t_s = texture_in_motion(3, 4, (96, 120), 2e-3, travel_px=4.0)
+    events = simulate(frames, t_s, SensorModel(width=120, height=96))
+    copy = events.copy()
+    assert memory.MEMORY._blocks
+    sensor.release_memory()
+    assert not memory.MEMORY._blocks
+    np.testing.assert_array_equal(events.t_us, copy.t_us)
