@@ -75,8 +75,8 @@ class Bank:
         white = float(np.percentile(self.reader.first, 99.9))
         if white <= 0:
             raise SensorError(
-                "dark_level: the first frame is black, so None has no white level to go by; "
-                "give SensorModel.dark_level a value"
+                "dark_level: found None and a black first frame, which gives no white level, "
+                "expected a value for SensorModel.dark_level"
             )
         return DARK_FRACTION * white
 
