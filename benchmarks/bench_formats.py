@@ -1,12 +1,12 @@
-"""Speed and size of the event formats: million events a second, bytes an event, peak memory.
+"""Measure the event formats: million events per second, bytes per event, peak memory.
 
     python benchmarks/bench_formats.py [--events 10] [--runs 3]
 
-Events of a 1/f texture with edges that moves by 0.97 px a millisecond before a 640x640 sensor of
-C = 0.2: a few hundred thousand a frame, sorted by time, row and column. Formats are measured in
-turn, so that a busy machine troubles all of them alike; the fastest of the runs counts. "faery" is
-the independent codec that the tests compare with. Files lie in the system's folder for temporary
-ones, and reading follows writing, so that disks play little part.
+The events come from a 1/f texture with edges that moves by 0.97 px per millisecond in front of a
+640x640 sensor with C = 0.2: a few hundred thousand per frame, sorted by time, row and column. The
+formats take turns, so that other load affects all of them equally; the fastest run counts. "faery"
+is the independent codec that the tests compare with. The files are in the system's temporary
+folder, and each read follows its write, so that disks matter little.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from sensor.formats import FORMATS, read_events, write_events
 
 
 def stream_of(count: int, size: int = 640) -> list[Events]:
-    """Parts of about 2^18 events of one stream, `count` events in all."""
+    """Return `count` events of one stream in parts of about 2^18."""
     frames = moving_texture(size, 60, 0.97)
     model = SensorModel(width=size, height=size, cutoff_hz=math.inf)
     once = simulate(frames, np.arange(60) * 1e-3, model)
@@ -44,7 +44,7 @@ def stream_of(count: int, size: int = 640) -> list[Events]:
 
 
 def faery_write(path: Path, parts: list[Events], version: str) -> None:
-    """Write by faery's encoder."""
+    """Write with faery's encoder."""
     from faery import evt
 
     first = parts[0]
@@ -58,7 +58,7 @@ def faery_write(path: Path, parts: list[Events], version: str) -> None:
 
 
 def faery_read(path: Path) -> Iterator[np.ndarray]:
-    """Read by faery's decoder."""
+    """Read with faery's decoder."""
     from faery import evt
 
     with evt.Decoder(path, None, None) as decoder:
@@ -68,7 +68,7 @@ def faery_read(path: Path) -> Iterator[np.ndarray]:
 
 
 def peak_mib(work: Callable[[], object]) -> float:
-    """Peak of the memory that Python and numpy take for it, MiB."""
+    """Return the peak of the memory that Python and numpy allocate during `work`, MiB."""
     tracemalloc.start()
     work()
     peak = tracemalloc.get_traced_memory()[1]

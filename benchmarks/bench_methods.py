@@ -1,12 +1,12 @@
-"""Speed of the methods on one thread: events a second, and for flow fits a second.
+"""Measure the methods on one thread: events per second, and fits per second for flow.
 
     python benchmarks/bench_methods.py [--runs 5] [--patches 20]
 
-A texture with a natural spectrum and edges moves along a diagonal, seen by an ideal sensor with
-C = 0.2 over a window of 50 ms: by 13.75 px at 640 px and by 27.5 px at 1280 px, which is what
-550 px/s at 1280 px are. EI and HF get the events of a whole sensor, and EI also enlarges its sum to
-1280 px; flow methods get patches at random places, from starts that are off as in the study.
-Minimum of the runs; kinds are measured in turn, so that a busy machine troubles all of them alike.
+A texture with a natural spectrum and edges moves along a diagonal. An ideal sensor with C = 0.2
+sees it for 50 ms. It moves by 13.75 px at 640 px and by 27.5 px at 1280 px, that is at 550 px/s at
+1280 px. EI and HF get the events of a whole sensor, and EI also enlarges its sum to 1280 px. Flow
+methods get patches at random places, and initial flows with the study's errors. The result is the
+minimum of the runs; the methods take turns, so that other load affects all of them equally.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ class Kind:
 
 
 def window(size: int, flow_px: float) -> tuple[Events, np.ndarray]:
-    """Events of a window and the log intensity at its start, of a sensor of `size` px."""
+    """Return the events of a window and the log intensity at its start, on a sensor of `size`
+    px."""
     frames = moving_texture(size, FRAMES, flow_px / (FRAMES - 1))
     model = SensorModel(width=size, height=size, contrast_threshold=C, dark_level=0.0)
     events = simulate(frames, np.linspace(0, WINDOW_S, FRAMES), model)
@@ -62,7 +63,7 @@ def window(size: int, flow_px: float) -> tuple[Events, np.ndarray]:
 
 
 def flow_samples(width: int, count: int, seed: int = 0) -> list[FlowSample]:
-    """Patches of a sensor of that width, cut from a part of its view that is 240 px wide."""
+    """Return patches of a sensor of `width` px, from a 240 px wide part of its view."""
     size, flow_px = 240, 27.5 * width / RENDER_PX
     events, log_image = window(size, flow_px)
     rng = np.random.default_rng(seed)
@@ -85,7 +86,7 @@ def flow_samples(width: int, count: int, seed: int = 0) -> list[FlowSample]:
 
 
 def reconstruction_kinds() -> Iterator[Kind]:
-    """Event integration and the high-pass filter over whole sensors."""
+    """Yield event integration and the high-pass filter on whole sensors."""
     for width in (346, RENDER_PX):
         events, _ = window(width, 27.5 * width / RENDER_PX)
         end_us = round(WINDOW_S * 1e6)
@@ -108,7 +109,7 @@ def reconstruction_kinds() -> Iterator[Kind]:
 
 
 def flow_kinds(patches: int) -> Iterator[Kind]:
-    """Every flow method on patches of two sensors."""
+    """Yield every flow method on patches of two sensors."""
     for width in (640, RENDER_PX):
         samples = flow_samples(width, patches)
         events = sum(len(sample.t) for sample in samples)

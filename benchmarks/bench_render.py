@@ -1,11 +1,11 @@
-"""The speed of rendering clips to disk, against a bare loop of Mitsuba's own `mi.render`.
+"""Measure the rendering of clips to disk, against a bare loop of Mitsuba's own `mi.render`.
 
-Run: python benchmarks/bench_render.py [SCENE ...]
+    python benchmarks/bench_render.py [SCENE ...]
 
-At 1280 px and 16 samples per pixel, each round renders the same poses of a baked scene twice:
-`render_clip`, which also finds the frame times and writes EXR frames, poses and checksums; and
-`mi.render` with the path tracer at depth 1, which writes nothing. Prints a Markdown table: medians
-over the rounds of M samples/s, and of the ratio within a round, which should be at least 0.85.
+Each round renders the same poses of a baked scene twice, at 1280 px and 16 samples per pixel: with
+`render_clip`, which also finds the frame times and writes EXR frames, poses and checksums, and with
+`mi.render` and the path tracer at depth 1, which writes nothing. It prints a Markdown table of
+medians over the rounds: M samples/s, and the ratio within a round, which should be at least 0.85.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main() -> None:
 
 
 def samples_per_s(renderer: Renderer) -> tuple[list[float], list[float]]:
-    """Return the rate of `render_clip` and that of `mi.render`, round by round."""
+    """Return the rates of `render_clip` and of `mi.render`, for each round."""
     import mitsuba as mi
 
     mi_scene, camera, integrator = renderer._mi_scene, renderer._sensor, renderer._tracer

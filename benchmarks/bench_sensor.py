@@ -1,15 +1,17 @@
-"""Sensor speed: M pixel-frames per second with sorted output, compared with a NumPy logarithm.
+"""Measure the sensor: M pixel-frames per second with sorted output, and a NumPy logarithm.
 
     python benchmarks/bench_sensor.py [--size 1280] [--frames 60] [--runs 3]
 
-A texture with a natural spectrum and edges moves by 0.97 px a frame, frames 1 ms apart, C = 0.2.
-"dense" fires about 0.2 events a pixel and frame, "sparse" a tenth of that (frames 0.1 ms apart).
-Events come from `stream`, in parts: `simulate` also allocates memory for all of them, which on a
-virtual machine can take as long as the rest. The result is the run with the least wall-clock time,
-with its user and system time in ns a pixel and frame; kinds alternate, so that other load affects
-all of them equally. The NumPy column is the time to read the
-same frames once and compute `np.log(frame + dark)`. The second table compares nine settings that
-share the frames with nine runs: with the frames in memory, and with each run reading OpenEXR files.
+A texture with a natural spectrum and edges moves by 0.97 px per frame, with frames 1 ms apart and C
+= 0.2. "dense" fires about 0.2 events per pixel and frame, "sparse" a tenth of that (frames 0.1 ms
+apart). Events come from `stream`, in parts: `simulate` also allocates memory for all of them, which
+on a virtual machine can take as long as the rest. The result is the run with the least wall-clock
+time, with its user and system time in ns per pixel and frame; the kinds take turns, so that other
+load affects all of them equally. The NumPy column is the time to read the same frames once and
+compute `np.log(frame + dark)`.
+
+The second table compares nine settings that share the frames with nine runs: with the frames in
+memory, and with OpenEXR files that each run reads.
 """
 
 from __future__ import annotations

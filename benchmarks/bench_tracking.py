@@ -1,12 +1,12 @@
-"""Speed of pose tracking on one thread: microseconds an event and pass, and seconds a fit.
+"""Measure pose tracking on one thread: microseconds per event and pass, and seconds per fit.
 
     python benchmarks/bench_tracking.py [--width 1280] [--runs 3]
 
-A texture moves along a diagonal by 7.7 px at 1280 px in 14 ms, 550 px/s, seen by an ideal sensor
-1.83 m from it with C = 0.2. Initial control poses are 2 and 10 mm off. A pass is what the
-Levenberg-Marquardt search does once a step: the spline's table, and cost, gradient and Hessian of
-all events. Minimum of the runs. The frames are interpolated, so their blur changes with time: the
-errors tell event counts apart, not what the method can do.
+A texture moves along a diagonal by 7.7 px at 1280 px in 14 ms, that is at 550 px/s. An ideal sensor
+with C = 0.2 sees it from 1.83 m. The initial control poses are 2 and 10 mm off. A pass is the work
+of one step of the Levenberg-Marquardt search: the spline's table, and the cost, gradient and
+Hessian of all events. The result is the minimum of the runs. The frames are interpolated, so their
+blur changes with time: the errors compare event counts, but do not show the accuracy of the method.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ MAX_EVENTS = (20_000, 50_000, 100_000, 300_000, 1_000_000)
 
 
 def seconds(call: Callable[[], object], runs: int) -> float:
-    """Least time of several runs."""
+    """Return the least time of several runs."""
     best = math.inf
     for _ in range(runs):
         start = time.perf_counter()
@@ -58,7 +58,7 @@ def main() -> None:
     print(f"{width} px, {len(events)} events in 14 ms, 1 thread, minimum of {args.runs}")
 
     def pose(t_s: np.ndarray) -> np.ndarray:
-        """Of a camera that moves so that the texture moves as it does."""
+        """Return the poses of a camera that sees the texture's motion."""
         T = np.tile(np.eye(4), (len(t_s), 1, 1))
         moved_px = step_px * (FRAMES - 1) / DURATION_S * t_s[:, None]
         T[:, :2, 3] = moved_px / math.sqrt(2) * DISTANCE_M / camera.focal_px

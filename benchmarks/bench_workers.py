@@ -1,9 +1,9 @@
-"""How a study scales over workers: the same small jobs on one and on two, each on one core.
+"""Measure how a study scales: the same small jobs on one and on two workers of one core each.
 
-Both clusters stand all the time and take turns; every run has another seed of the renderer, so that
-its frames are rendered again. Workers hold one core each, and one thread of numba's; Dr.Jit always
-has two. Wall times of a busy machine say little. CPU times say what distribution itself costs: the
-workers' per job, and that of client and scheduler, which are this process.
+Both clusters run all the time and take turns. Every run has its own seed of the renderer, so that
+it renders its frames. Each worker has one core and one Numba thread; Dr.Jit always has two. Wall
+times of a busy machine say little. CPU times show the cost of distribution itself: those of the
+workers per job, and those of client and scheduler, which are this process.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tasks.study.run.jobs import QueuedJob, jobs_of
 
 
 def study_of(seed: int, resolution: int, samples: int) -> Study:
-    """Preset quick, smaller."""
+    """Return a smaller preset quick."""
     quick = preset("quick")
     widths = tuple(w for w in quick.simulate.widths if w <= resolution)
     return replace(
@@ -37,7 +37,7 @@ def study_of(seed: int, resolution: int, samples: int) -> Study:
 
 
 def keep_to_cores(cluster: LocalCluster) -> None:
-    """Put each worker of a cluster on a core of its own."""
+    """Pin each worker of a cluster to its own core."""
     cores = sorted(os.sched_getaffinity(0))
     for core, nanny in zip(cores, cluster.workers.values(), strict=False):
         for thread in Path(f"/proc/{nanny.pid}/task").iterdir():
@@ -45,7 +45,7 @@ def keep_to_cores(cluster: LocalCluster) -> None:
 
 
 def cpu_s(cluster: LocalCluster) -> float:
-    """CPU seconds of all workers so far."""
+    """Return the CPU seconds of all workers so far."""
     ticks = 0
     for nanny in cluster.workers.values():
         stat = Path(f"/proc/{nanny.pid}/stat").read_text().rsplit(")", 1)[1].split()
@@ -74,7 +74,7 @@ def main() -> None:
         seeds = iter(range(1_000_000))
 
         def run(cluster: LocalCluster, samples: int) -> tuple[float, float, float]:
-            """Wall time, CPU time of the workers and of this process."""
+            """Return the wall time and the CPU times of the workers and of this process."""
             seed = next(seeds)
             began = time.perf_counter(), cpu_s(cluster), time.process_time()
             study = study_of(seed, args.resolution, samples)

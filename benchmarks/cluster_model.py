@@ -1,8 +1,8 @@
-"""What preset paper would take on many workers, by the estimates of `tasks.study.run.estimate`.
+"""Estimate preset paper's time on many workers, from `tasks.study.run.estimate`.
 
-Workers have one core each, take the longest tasks first, and wait for nothing but each other. The
-second table splits the jobs further, as eres does not: frames are rendered ten at a time, and when
-all are there, a task simulates and scores one sensor on one clip.
+Workers have one core each, take the longest tasks first, and wait only for each other. The second
+table splits the jobs further, which eres does not: workers render ten frames at a time, and when a
+clip has all of them, a task simulates and scores one sensor on it.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ FRAMES_AT_A_TIME = 10
 
 
 def render_s(job: Job) -> float:
-    """Core seconds of a job's frames."""
+    """Return the core seconds of a job's frames."""
     blind = replace(job, simulate=replace(job.simulate, widths=()), evaluate=NO_TASKS)
     return estimate_work([blind], cores=1).seconds
 
 
 def simulate_s(job: Job) -> float:
-    """Core seconds of a job's sensors."""
+    """Return the core seconds of a job's sensors."""
     return estimate_work([replace(job, evaluate=NO_TASKS)], cores=1).seconds - render_s(job)
 
 
@@ -48,7 +48,7 @@ def single_sensors(sensors: Simulate) -> list[Simulate]:
 
 
 def longest_first_s(tasks_s: list[float], workers: int) -> float:
-    """When the last of the tasks is done."""
+    """Return the time when the last task ends."""
     free_s = [0.0] * workers
     for task_s in sorted(tasks_s, reverse=True):
         heapq.heappush(free_s, heapq.heappop(free_s) + task_s)

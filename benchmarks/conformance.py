@@ -1,11 +1,11 @@
-"""Hold the sensor, or another simulator, against light whose events are known in closed form.
+"""Compare the sensor, or another simulator, with light that has known events in closed form.
 
     python benchmarks/conformance.py                      print the table
     python benchmarks/conformance.py --write              and write docs/conformance.md
     python benchmarks/conformance.py --signals FILE.npz   write the signals and their exact events
 
-The exact events come from formulas of this file alone, solved with Brent's method on the
-continuous light; they do not use the package. Pixels start at the first frame's light.
+The exact events come from the formulas in this file, solved with Brent's method on the continuous
+light; they do not use the package. Pixels start at the first frame's light.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ class Signal:
 
 
 def crossings(voltage: Voltage, turns: list[float], start: float) -> list[tuple[float, int]]:
-    """(t, polarity) whenever the voltage is C from its last event's; monotone between turns."""
+    """Return (t, polarity) at each level C from the last event's; `voltage` is monotone between
+    turns."""
     memory, events = start, []
     for low, high in pairwise(turns):
         end = voltage(high)
@@ -75,7 +76,7 @@ def one_column(events: list[tuple[float, int]]) -> list[tuple[float, int, int]]:
 
 
 def turns_of(slope: Voltage, end_s: float, step_s: float) -> list[float]:
-    """0, the times at which a voltage turns, and end_s; turns are further apart than a step."""
+    """Return 0, the times at which a voltage turns, and end_s; turns are more than a step apart."""
     grid = np.arange(0, end_s + step_s / 2, step_s).tolist()
     found = [brentq(slope, a, b, xtol=1e-15) for a, b in pairwise(grid) if slope(a) * slope(b) < 0]
     return [0.0, *found, end_s]
@@ -199,7 +200,7 @@ def dark_step(dark_level: float) -> Signal:
 
 
 def all_signals() -> list[Signal]:
-    """Every signal of the table."""
+    """Return every signal of the table."""
     return [
         *(log_ramp(cutoff) for cutoff in (math.inf, 200.0, 50.0)),
         *(step(cutoff) for cutoff in (200.0, 50.0)),
@@ -226,7 +227,7 @@ class Outcome:
 
 
 def compare(signal: Signal, t_us: np.ndarray, x: np.ndarray, p: np.ndarray) -> Outcome:
-    """Compare events, each pixel's in order, with the exact ones of a signal."""
+    """Compare events, in order for each pixel, with the exact ones of a signal."""
     errors: list[float] = []
     right = 0
     width = signal.frames.shape[2]
@@ -254,7 +255,7 @@ def run(signal: Signal) -> Outcome:
 
 
 def table(signals: list[Signal], outcomes: list[Outcome]) -> str:
-    """The table in Markdown."""
+    """Return the table in Markdown."""
     lines = [
         "| signal | frames | cutoff | events, exact | ours | pixels with the right events "
         "| mean time error | worst |",

@@ -1,18 +1,18 @@
-"""What `measure_noise` says of path-traced light, against what the sensor says.
+"""Compare `measure_noise` on path-traced light with the sensor's noise.
 
-Run: python benchmarks/path_noise.py [SCENE ...]
+    python benchmarks/path_noise.py [SCENE ...]
 
-A camera flies past a ball in a room under a lamp, and past one under the sky. Each scene is
+A camera flies past a ball in a room under a lamp, and past another under the sky. Each scene is
 path-traced at 48 px and 16 samples per pixel with four seeds, and at the same poses with 256 times
-the samples: the truth. An ideal sensor of 48 px looks at all of them. Prints a Markdown table,
-events per pixel and second:
+the samples, which is the truth. An ideal sensor of 48 px sees all of them. It prints a Markdown
+table, in events per pixel and second:
 
 - log noise: estimated from a few pixels, and of the whole frames against the truth;
 - events: of the sensor at 16 samples per pixel, and at the truth;
 - false events: estimated, with their standard error, and measured: the difference between the two;
 - estimated / measured;
-- left: by how much events at 64 times the samples are still more than at 256 times;
-- lost: events that noise took away, where a pixel fires fewer than in truth.
+- left: how many more events 64 times the samples cause than 256 times;
+- lost: events that noise removes, where a pixel fires fewer than in truth.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
-"""How the image moves along the scenes' camera paths: how fast, and how evenly within a window.
+"""Measure the image motion along the scenes' camera paths: its speed, and its evenness.
 
-Run: python benchmarks/scene_paths.py [SCENE ...]
+    python benchmarks/scene_paths.py [SCENE ...]
 
-Of points on a 9 x 9 grid of the image, in pixels of a 1280-pixel view. Prints a Markdown table:
+It follows points on a 9 x 9 grid of the image, in pixels of a 1280-pixel view, and prints a
+Markdown table:
 
 - distance: of surfaces along the camera's axis, median over image and path, and its range;
 - image motion: mean speed over the image and 24 moments of the path;
-- departure from even motion: what methods neglect that assume constant flow. In the window of 50 ms
-  of every clip, how far points are half-way through it from the middle between where they are at
-  its ends: mean over the image, then median and largest over the clips.
+- departure from even motion: the error of methods that assume constant flow. In the 50 ms window of
+  every clip, the distance of points half-way through it from the middle between their two ends:
+  mean over the image, then median and largest over the clips.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _MOMENTS, _APART_S = 24, 1e-4
 
 
 def follow(renderer: Renderer, times_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return where points of the first image go, (T, N, 2) px, and their (N,) depths, m."""
+    """Return the later places of points of the first image, (T, N, 2) px, and depths (N,), m."""
     camera, poses = renderer.camera, renderer.trajectory.pose(times_s)
     points = camera.grid(_GRID)
     depth = 1 / renderer.inverse_depth(poses[0], points)

@@ -1,9 +1,9 @@
-"""A tone-mapped picture of a scene, from a moment on its camera path.
+"""Write a tone-mapped picture of a scene, from a moment on its camera path.
 
-Run: python benchmarks/scene_preview.py SCENE T_S FILE.png [SIDE_PX]
+    python benchmarks/scene_preview.py SCENE T_S FILE.png [SIDE_PX]
 
-The radiance is divided by the scene's white level, compressed where it is brighter than that, and
-written with the sRGB curve. Rendered at 1280 px or more and box-filtered to SIDE_PX (default 512).
+It divides the radiance by the scene's white level, compresses brighter values, and applies the sRGB
+curve. It renders at 1280 px or more and box-filters to SIDE_PX (default 512).
 """
 
 from __future__ import annotations

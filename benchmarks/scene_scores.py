@@ -1,11 +1,12 @@
-"""How well an ideal sensor's events predict an image 50 ms ahead, at the paper's resolutions.
+"""Measure how well ideal events predict an image 50 ms ahead, at the paper's resolutions.
 
-Run: python benchmarks/scene_scores.py [SCENE ...]
+    python benchmarks/scene_scores.py [SCENE ...]
 
-From ten pairs of frames along each camera path, 1280 px, 50 ms apart. Events are the whole number
-of thresholds (0.2) between the two images of a sensor, each pixel's memory drawn uniformly within
-one threshold; event integration adds them to the first frame. Prints a Markdown table of the median
-PSNR, next to that of the first frame alone, and of the share of pixels below a tenth of white.
+It takes ten pairs of frames along each camera path, at 1280 px and 50 ms apart. Events are the
+whole number of thresholds (0.2) between the two images of a sensor, with each pixel's memory drawn
+uniformly within one threshold; event integration adds them to the first frame. It prints a Markdown
+table of the median PSNR, that of the first frame alone, and the share of pixels below a tenth of
+white.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""What the scenes' images are like: contrast, spectrum, and how slopes fall with the pixel's size.
+"""Measure the scenes' images: contrast, spectrum, and the fall of slopes with the pixel's size.
 
-Run: python benchmarks/scene_statistics.py [SCENE ...]
+    python benchmarks/scene_statistics.py [SCENE ...]
 
-From 10 moments along each camera path, two frames of 1280 px, 0.5 ms apart (about a quarter pixel
-of motion). Prints a Markdown table:
+It takes 10 moments along each camera path, with two frames of 1280 px, 0.5 ms apart (about a
+quarter pixel of motion), and prints a Markdown table:
 
 - log contrast: standard deviation of log radiance, mean over the moments;
 - spectral slope: of the amplitude of log radiance against frequency, radially averaged, from 1/320

@@ -1,4 +1,4 @@
-"""How Sphinx makes the documentation site out of this folder: `make docs`."""
+"""Sphinx settings for the documentation site: `make docs`."""
 
 import importlib.metadata
 import os
@@ -7,7 +7,7 @@ import re
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
 
-os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are then plain functions with signatures
+os.environ["NUMBA_DISABLE_JIT"] = "1"  # makes kernels plain functions with signatures
 
 project = "eres"
 release = importlib.metadata.version("eres-events")
@@ -21,12 +21,12 @@ default_role = "py:obj"  # `simulate` in a docstring is a name
 highlight_language = "text"
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # the docstrings say types with their shapes and units
+autodoc_typehints = "none"  # docstrings have types with shapes and units
 napoleon_google_docstring = False
 napoleon_attr_annotations = False
 napoleon_use_rtype = False
 
-smartquotes = False  # docstrings hold code
+smartquotes = False  # docstrings contain code
 
 html_theme = "furo"
 html_math_renderer = "mathml"
@@ -82,5 +82,5 @@ def setup(app):
     app.connect("doctree-resolved", link_names)
     app.connect("doctree-resolved", break_names)
     app.connect("autodoc-process-docstring", keep_bars)
-    # Browsers show MathML by themselves, so pages load nothing from elsewhere.
+    # Browsers show MathML without help, so pages load nothing from elsewhere.
     app.add_html_math_renderer("mathml", (inline_math, None), (display_math, None))

@@ -169,8 +169,8 @@ class ReadOut:
         """
         if not self._begun:
             raise EventError(
-                "ReadOut.report: found parts that nobody has read yet, expected the report to be "
-                "asked for after them: `for events in parts: ...`, then `parts.report`"
+                "ReadOut.report: found parts that are still unread, expected all of them to be "
+                "read first: `for events in parts: ...`, then `parts.report`"
             )
         fired, dropped, left, delayed = self._tally.counts.tolist()
         total_us, max_us = self._tally.delay_us.tolist()

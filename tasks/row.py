@@ -106,7 +106,7 @@ def read_rows(path: Path) -> list[Row]:
         raise ResultError(f"{path}: no such file; is this the folder of a finished run?") from None
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0]
-        raise ResultError(f"{path}: not a whole Parquet file of rows: {reason}") from None
+        raise ResultError(f"{path}: not a complete Parquet file of rows: {reason}") from None
     _check_columns(path, table.schema)
     for name in _COLUMNS:
         if missing := table[name].null_count:

@@ -1,4 +1,4 @@
-"""What every test shares."""
+"""Fixtures and settings of all tests."""
 
 import hashlib
 import os
@@ -12,10 +12,10 @@ ROOT = Path(__file__).parent.parent
 
 
 def compiled_folder():
-    """Where Numba keeps what it compiles: one folder a worker, and a version of the kernels.
+    """Return the folder of Numba's cache: one for each worker and version of the kernels.
 
-    Its cache is not made for two processes that write at once, and does not see that a function has
-    changed which another file calls.
+    Two processes must not write to the cache at once, and it does not notice a changed function in
+    another file.
     """
     kernels = hashlib.sha256()
     for package in ("eres_render", "sensor", "tasks"):
@@ -44,7 +44,7 @@ settings.load_profile("steady")
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory):
-    """A cache that starts empty, so that nothing from an earlier run decides a test."""
+    """Start with an empty cache, so that no earlier run decides a test."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(tmp_path_factory.mktemp("cache")))
         yield
@@ -52,7 +52,7 @@ def own_cache(tmp_path_factory):
 
 @pytest.fixture
 def eres(monkeypatch, capsys):
-    """Run the command in this process; returns (exit code, stdout, stderr)."""
+    """Return a function that runs the command in this process: (exit code, stdout, stderr)."""
 
     def run(*args):
         monkeypatch.setattr(sys, "argv", ["eres", *map(str, args)])

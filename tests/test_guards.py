@@ -78,7 +78,7 @@ def stored() -> dict:
 
 
 def test_jobs_of_the_paper_preset_keep_their_names(stored):
-    """Promise: results that are there stay the results of the same study."""
+    """Promise: existing results remain the results of the same study."""
     keys = part_keys()
     assert len(keys) == len(list((PAPER_RUN / "parts").glob("*.parquet")))
     assert digest("\n".join(keys).encode()) == stored["part_keys"]
@@ -96,7 +96,7 @@ def test_events_are_the_same_to_the_bit():
 
 
 def test_the_report_of_the_paper_run_is_the_same(tmp_path, monkeypatch):
-    """Promise: report and tables made from docs/results/paper are those that lie there, but for
+    """Promise: report and tables made from docs/results/paper equal the stored ones, except for
     white space."""
     run = tmp_path / "paper"
     shutil.copytree(PAPER_RUN, run, ignore=shutil.ignore_patterns("parts", "*.html", "*.csv"))
@@ -109,7 +109,7 @@ def test_the_report_of_the_paper_run_is_the_same(tmp_path, monkeypatch):
 
 
 def plain(text: str) -> str:
-    """Text without the white space between tags and at the ends of lines."""
+    """Return the text without the white space between tags and at the ends of lines."""
     return re.sub(r"\s+", " ", re.sub(r">\s+", ">", re.sub(r"\s+<", "<", text))).strip()
 
 

@@ -1,4 +1,4 @@
-"""The house keeps its rules, those of docs/house.md: who may import whom, and what that costs."""
+"""The code follows the rules of docs/house.md: allowed imports, and their costs."""
 
 import ast
 import importlib
@@ -15,7 +15,7 @@ ALLOWED = {"sensor": set(), "eres_render": set(), "tasks": {"eres_render", "sens
 
 
 def imports(path):
-    """(top-level name, whether at module level) of everything a file imports."""
+    """Return (top-level name, whether at module level) of each import of a file."""
     tree = ast.parse(path.read_text())
     for node in ast.walk(tree):
         names = []
@@ -29,7 +29,7 @@ def imports(path):
 
 
 def test_the_page_shows_the_folders_that_there_are():
-    """Promise: docs/house.md has every folder of code, and none that is gone."""
+    """Promise: docs/house.md has every folder of code, and no removed one."""
     tree = (ROOT / "docs" / "house.md").read_text().split("```")[1]
     shown = set(re.findall(r"\b(\w+)/(?= )", tree)) | set(re.findall(r"\b(\w+)/\n", tree))
     there = {
@@ -44,7 +44,7 @@ def test_the_page_shows_the_folders_that_there_are():
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
 def test_packages_import_only_what_lies_below_them(package):
-    """tasks -> eres_render, tasks -> sensor; the two never meet."""
+    """tasks -> eres_render, tasks -> sensor; these two import neither each other nor tasks."""
     for path in (ROOT / package).rglob("*.py"):
         used = {name for name, _ in imports(path)} & PACKAGES - {package}
         assert used <= ALLOWED[package], f"{path} imports {used}"
@@ -98,13 +98,13 @@ KEPT_APART = {*WINGS, "tasks.study.config", "tasks.cli"}
 
 
 def wing(module, wings):
-    """The most special of the wings that a module lies in, or None."""
+    """Return the most specific of the wings that contain a module, or None."""
     inside = [one for one in wings if module == one or module.startswith(f"{one}.")]
     return max(inside, key=len, default=None)
 
 
 def imported(path):
-    """Modules of its own package that a file imports."""
+    """Return the modules of its own package that a file imports."""
     package = path.relative_to(ROOT).parts[0]
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] == package:
@@ -113,8 +113,8 @@ def imported(path):
 
 @pytest.mark.parametrize("name", sorted(WINGS))
 def test_wings_depend_one_way(name):
-    """Promise: no folder imports one that stands above it: engine -> kernels, sequence ->
-    rendering -> scene, report -> claims -> results, run -> results, evaluation -> methods."""
+    """Promise: no folder imports a higher one: engine -> kernels, sequence -> rendering -> scene,
+    report -> claims -> results, run -> results, evaluation -> methods."""
     for path in (ROOT / name.replace(".", "/")).rglob("*.py"):
         for module in imported(path):
             if wing(module, KEPT_APART) not in (None, name):
@@ -122,15 +122,15 @@ def test_wings_depend_one_way(name):
 
 
 def test_problems_know_no_study_and_no_command():
-    """Promise: tasks/flow.py and its like can be used by themselves."""
+    """Promise: tasks/flow.py and similar modules work alone."""
     for path in (ROOT / "tasks").glob("*.py"):
         for module in imported(path):
             assert wing(module, {"tasks.study", "tasks.cli"}) is None, f"{path} imports {module}"
 
 
 def test_only_the_command_line_draws_on_the_terminal():
-    """Promise: libraries say how far they are (eres_render.progress); bars and tables are drawn by
-    the command line alone."""
+    """Promise: libraries report progress (eres_render.progress); only the command line draws bars
+    and tables."""
     users = {
         path.relative_to(ROOT).as_posix()
         for package in PACKAGES
@@ -141,7 +141,8 @@ def test_only_the_command_line_draws_on_the_terminal():
 
 
 def test_results_and_claims_have_no_html_and_no_terminal():
-    """Promise: what scores say can be drawn by anybody."""
+    """Promise: results and claims have no HTML and no terminal output, so any program can draw
+    them."""
     for name in ("results", "claims"):
         for path in (ROOT / "tasks" / "study" / name).rglob("*.py"):
             assert not re.search(r"</\w+>", path.read_text()), path
@@ -150,7 +151,7 @@ def test_results_and_claims_have_no_html_and_no_terminal():
 
 @pytest.mark.parametrize("module", ["sensor", "eres_render", "tasks.cli"])
 def test_importing_loads_neither_mitsuba_nor_torch(module):
-    """`import sensor` and `eres --help` are for machines without a renderer too."""
+    """`import sensor` and `eres --help` also work on machines without a renderer."""
     code = (
         f"import sys, {module}; print(sorted({{'mitsuba', 'drjit', 'torch'}} & set(sys.modules)))"
     )
@@ -161,8 +162,10 @@ def test_importing_loads_neither_mitsuba_nor_torch(module):
 
 @pytest.mark.parametrize("package", ["sensor", "eres_render"])
 def test_no_module_takes_the_name_of_what_its_package_exports(package):
-    """Promise: `from sensor import simulate` is the function, whatever was imported before. Names
-    are loaded when asked for, and a module of that name would come first."""
+    """Promise: `from sensor import simulate` is the function, after any other import.
+
+    Names load on request, and a module of that name would come first.
+    """
     exported = set(importlib.import_module(package).__all__)
     modules = {path.stem for path in (ROOT / package).iterdir() if not path.name.startswith("_")}
     assert not exported & modules
@@ -170,7 +173,7 @@ def test_no_module_takes_the_name_of_what_its_package_exports(package):
 
 @pytest.mark.parametrize("package", ["sensor", "eres_render"])
 def test_all_that_a_package_exports_is_there(package):
-    """Promise: each name that is loaded on demand is found, and no other."""
+    """Promise: each name that loads on request exists, and no other."""
     module = importlib.import_module(package)
     assert set(module.__all__) <= set(dir(module))
     for name in module.__all__:
@@ -180,7 +183,7 @@ def test_all_that_a_package_exports_is_there(package):
 
 
 def test_the_command_line_answers_at_once():
-    """Promise: `eres --help` does not wait for Numba, SciPy, OpenCV, pyarrow or matplotlib."""
+    """Promise: `eres --help` does not load Numba, SciPy, OpenCV, pyarrow or matplotlib."""
     slow = {"numba", "scipy", "cv2", "pyarrow", "matplotlib"}
     code = f"import sys, tasks.cli; print(sorted({slow} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)

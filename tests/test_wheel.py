@@ -1,4 +1,5 @@
-"""The wheel: installed into an empty environment, away from the checkout, it does the whole job."""
+"""The wheel: installed into an empty environment, away from the checkout, it does a complete
+study."""
 
 import os
 import subprocess
@@ -25,7 +26,7 @@ def wheel(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def run(wheel, tmp_path_factory):
-    """Run a program of an environment that holds the wheel and what it asks for, nothing else."""
+    """Run a program of an environment that has only the wheel and its dependencies."""
     environment, elsewhere = (tmp_path_factory.mktemp(name) for name in ("venv", "elsewhere"))
     bin_ = environment / "bin"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
@@ -50,7 +51,7 @@ def run(wheel, tmp_path_factory):
 
 
 def test_every_scene_and_template_is_in_it(wheel):
-    """Promise: scenes, lightmaps and the report's parts travel along, to the byte."""
+    """Promise: the wheel contains scenes, lightmaps and the report's parts, to the byte."""
     in_wheel = zipfile.ZipFile(wheel)
     expected = {f"eres_render/_scenes/{f.relative_to(ROOT / 'scenes')}": f for f in files("scenes")}
     assert len([name for name in expected if name.endswith(".exr")]) > 20
@@ -61,7 +62,7 @@ def test_every_scene_and_template_is_in_it(wheel):
 
 
 def test_nothing_else_is_in_it(wheel):
-    """Promise: tests, benchmarks and caches stay at home."""
+    """Promise: the wheel contains no tests, benchmarks or caches."""
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert tops == {*PACKAGES, f"eres_events-{version('eres-events')}.dist-info"}
 
@@ -72,7 +73,7 @@ def files(folder):
 
 
 def test_the_import_names_are_its_own(run):
-    """Promise: `sensor` and `tasks`, names that others use as well, are loaded from this wheel."""
+    """Promise: `sensor` and `tasks`, which are common names, are loaded from this wheel."""
     code = (
         "import importlib.metadata as m, importlib.util as u\n"
         f"for name in {PACKAGES}:\n"

@@ -122,7 +122,7 @@ def _make_room(folder: Path, overwrite: bool) -> None:
     old += [file for name in ("camera.json", "poses.txt") if (file := folder / name).exists()]
     if old and not overwrite:
         raise RenderError(
-            f"{folder}: holds truth already, {len(old)} files such as {old[0].name}; add "
+            f"{folder}: contains truth already, {len(old)} files such as {old[0].name}; add "
             "--overwrite to replace it, or write elsewhere"
         )
     for file in old:

@@ -134,7 +134,7 @@ def open_sequence(path: str | Path) -> RadianceSequence:
     if missing:
         raise SequenceError(
             f"{missing[0]}: missing, with {len(missing)} of {len(frames)} frames; render again to "
-            "fill them in"
+            "make them"
         )
     if not manifest.complete:
         raise SequenceError(f"{folder}: the render is unfinished; render again to finish it")

@@ -189,7 +189,7 @@ def waypoint_loop(
         if poses:
             chord_m.append(chord_m[-1] + float(np.linalg.norm(T[:3, 3] - poses[-1][:3, 3])))
             if not chord_m[-1] > chord_m[-2]:
-                raise TrajectoryError("waypoint_loop: two consecutive poses are at one place")
+                raise TrajectoryError("waypoint_loop: two consecutive poses are at the same place")
         poses.append(T)
     path = path_through(chord_m, np.array(poses))
     end = brentq(lambda t: float(path.length_m(t)) - length_m, 0.0, path.duration_s, xtol=1e-12)

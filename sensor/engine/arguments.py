@@ -111,8 +111,8 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
         rows, columns = crop_to_aspect(height, width, model.height, model.width)
         alike = max(1, round(model.width * height / width))
         raise SensorError(
-            f"sensor of {model.width}x{model.height} px is of another shape than the frames of "
-            f"{width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
+            f"sensor of {model.width}x{model.height} px has another aspect ratio than the frames "
+            f"of {width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
             f"{columns.start}:{columns.stop}], or choose a sensor of {model.width}x{alike} px"
         )
 
@@ -130,7 +130,7 @@ def check_memory(models: list[SensorModel]) -> None:
         raise SensorError(
             f"{'sensor' if len(models) == 1 else f'{len(models)} sensors'} of up to "
             f"{max(m.width for m in models)}x{max(m.height for m in models)} px: the state of the "
-            f"pixels takes {needed / 1e9:.1f} GB, and this machine has {there / 1e9:.1f} GB of "
+            f"pixels needs {needed / 1e9:.1f} GB, and this machine has {there / 1e9:.1f} GB of "
             "memory; choose smaller sensors, or fewer at a time"
         )
 

@@ -77,8 +77,8 @@ class Bank:
         white = white_level(self.reader.first)
         if white <= 0:
             raise SensorError(
-                "dark_level: the first frame is black, so None has no white level to go by; "
-                "give SensorModel.dark_level a value"
+                "dark_level: found None and a black first frame, which gives no white level, "
+                "expected a value for SensorModel.dark_level"
             )
         return DARK_FRACTION * white
 

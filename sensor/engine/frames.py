@@ -68,7 +68,7 @@ def check_spans(t_s: NDArray[np.float64], max_interval_us: int, speed: float) ->
     if far.size:
         raise SensorError(
             f"t_s[{far[0]}]: found {t_s[far[0]]:g} s{at_speed}, expected at most {MAX_TIME_S:g} s "
-            "from 0, so that it has a number of microseconds"
+            "from 0, so that int64 can store it in microseconds"
         )
     interval_s = np.diff(t_s)
     if interval_s.size and interval_s.min() <= 0:
@@ -183,8 +183,8 @@ class FrameReader:
             raise SensorError(f"frame {index}: found shape {chunk.shape[1:]}, expected (H, W)")
         if chunk.dtype.kind != "f":
             advice = (
-                "; images of integers are encoded for a screen as a rule, and "
-                "sensor.to_linear(frames, 'srgb') makes radiance of them"
+                "; images of integers are usually encoded for a screen, and "
+                "sensor.to_linear(frames, 'srgb') converts them to radiance"
             )
             raise SensorError(
                 f"frame {index}: found {chunk.dtype}, expected linear radiance as float32 or "
@@ -223,7 +223,7 @@ def warn_of_long_intervals(t_s: NDArray[np.float64]) -> None:
     if len(t_s) > 1 and (median_s := float(np.median(np.diff(t_s)))) > _LONG_INTERVAL_S:
         _log.warning(
             "t_s: found a median of %.6g s between two frames; are the times in ms or us? "
-            "They are taken as seconds",
+            "The sensor expects seconds",
             median_s,
         )
 
@@ -241,7 +241,7 @@ def warn_of_whole_numbers(frame: NDArray[np.floating]) -> None:
         _log.warning(
             "frames: all values of the first are whole numbers from %d to %d, %d different ones, "
             "as in an 8-bit image, and are taken as linear radiance; if they are encoded for a "
-            "screen, sensor.to_linear(frames.astype(np.uint8), 'srgb') makes radiance of them",
+            "screen, sensor.to_linear(frames.astype(np.uint8), 'srgb') converts them to radiance",
             *(frame.min(), highest, levels),
         )
 

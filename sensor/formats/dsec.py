@@ -151,7 +151,7 @@ def _said(where: str) -> Iterator[None]:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     h5py = load_h5py()
-    with _said("not a whole HDF5 file"):
+    with _said("not a complete HDF5 file"):
         file = h5py.File(path, "r")
     with file:
         yield file
@@ -195,7 +195,7 @@ def _read_offset_us(file: Any) -> int:
     with _said("t_offset"):
         offset_us = int(file["t_offset"][()]) if "t_offset" in file else 0
     if abs(offset_us) >= 1 << 62:
-        raise EventFormatError(f"t_offset: found {offset_us} us")
+        raise EventFormatError(f"t_offset: found {offset_us} us, expected less than 2^62 us from 0")
     return offset_us
 
 

@@ -254,7 +254,7 @@ def _read_raw(file: BinaryIO) -> _Raw:
     if count is not None and not ended:
         raise EventFormatError(f"byte {length}: the header breaks off before '% end'")
     if fields.get("endianness", "little") != "little":
-        raise EventFormatError("header, endianness: found big, only little is read")
+        raise EventFormatError("header, endianness: found big, expected little")
     width, height = _size(fields)
     header = Header(
         width,
@@ -293,13 +293,15 @@ def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
     if "geometry" in fields:
         match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", fields["geometry"], re.ASCII)
         if match is None:
-            raise EventFormatError(f"header, geometry: found {fields['geometry'][:40]!r}")
+            raise EventFormatError(
+                f"header, geometry: found {fields['geometry'][:40]!r}, expected WIDTHxHEIGHT"
+            )
         said.add((int(match[1]), int(match[2])))
     options = dict(re.findall(r";\s*(\w+)=(\d{1,9})(?=;|$)", fields.get("format", ""), re.ASCII))
     if {"width", "height"} <= options.keys():
         said.add((int(options["width"]), int(options["height"])))
     if len(said) > 1:
-        raise EventFormatError(f"header: found two sizes, {sorted(said)}")
+        raise EventFormatError(f"header: found two sizes, {sorted(said)}, expected one")
     return said.pop() if said else (None, None)
 
 
@@ -363,7 +365,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     if raw.count is not None and raw.count != count:
         raise EventFormatError(
             f"byte {offset}: the file ends after {count} events, expected {raw.count} as its "
-            "header says; it is cut short or damaged"
+            "header says; the file is truncated or damaged"
         )
     if skipped:
         logger.warning(

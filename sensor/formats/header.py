@@ -117,7 +117,8 @@ def model_from_json(text: str) -> SensorModel:
         elif type(value) is int and float in allowed:
             table[name] = float(value)
         elif type(value) not in allowed:
-            raise EventFormatError(f"sensor_model.{name}: found {value!r}")
+            expected = " or ".join("null" if k is type(None) else k.__name__ for k in allowed)
+            raise EventFormatError(f"sensor_model.{name}: found {value!r}, expected {expected}")
     try:
         return SensorModel(**table)
     except (SensorError, TypeError) as error:
@@ -144,7 +145,7 @@ def _table(text: str, name: str) -> dict[str, typing.Any]:
     try:
         table = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise EventFormatError(f"{name}: found {text[:60]!r}, which is not JSON") from error
+        raise EventFormatError(f"{name}: found {text[:60]!r}, expected JSON") from error
     if not isinstance(table, dict):
         raise EventFormatError(f"{name}: found {text[:60]!r}, expected a JSON object")
     return table

@@ -139,7 +139,9 @@ def _open_entry(archive: zipfile.ZipFile, name: str) -> tuple[IO[bytes], tuple[i
             raise EventFormatError(f"entry {name}: found npy version {version}, expected (1, 0)")
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
     if fortran and len(shape) > 1:
-        raise EventFormatError(f"entry {name}: found shape {shape} in Fortran's order")
+        raise EventFormatError(
+            f"entry {name}: found shape {shape} in Fortran's order, expected C's"
+        )
     return entry, shape, dtype
 
 
@@ -155,7 +157,9 @@ def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
             )
         data = entry.read()
         if len(data) != dtype.itemsize:
-            raise EventFormatError(f"entry {name}: found {len(data)} bytes of {dtype.itemsize}")
+            raise EventFormatError(
+                f"entry {name}: found {len(data)} bytes, expected {dtype.itemsize}"
+            )
         return np.frombuffer(data, dtype)[0].item()
 
 
@@ -243,4 +247,4 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         for name, entry in entries.items():
             with _said(f"entry {name}"):  # reading to the end checks the checksum
                 if entry.read(1):
-                    raise EventFormatError(f"entry {name}: goes on after {length} values")
+                    raise EventFormatError(f"entry {name}: found more than {length} values")

@@ -209,9 +209,7 @@ def warn_of_loss(path: Path, format: Format, names: Sequence[str]) -> None:
         Names of the lost parts; no warning if empty.
     """
     if names:
-        _log.warning(
-            "%s: without %s, for which %s has no place", path, ", ".join(names), format.title
-        )
+        _log.warning("%s: %s cannot store %s", path, format.title, ", ".join(names))
 
 
 def read_header(path: str | Path, *, format: str | None = None) -> Header:

@@ -165,7 +165,7 @@ def simulate_sequence(
     add = None
     if truth_step_s is not None:
         if find_format(out, format, new=True).name != "dsec":
-            raise TaskError(f"{out}: truth has a place in DSEC's format (.h5) alone")
+            raise TaskError(f"{out}: only DSEC's format (.h5) can store truth")
         add = truth_to_add(sequence, model, speed, truth_step_s)
     count = write_events(out, parts, format=format, origin=origin, t_offset_us=offset_us, add=add)
     return count, leaving.report if leaving is not None else None

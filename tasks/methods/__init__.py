@@ -51,7 +51,7 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
     if ":" not in name and name not in listed:
         raise TaskError(
             f"{task}: no method {name!r}, {nearest(name, listed)} "
-            "(name a method of your own package.module:function)"
+            "(the name of your own method is package.module:function)"
         )
     module, _, function = listed.get(name, name).partition(":")
     import_module = importlib.import_module if name in listed else _imported

@@ -52,5 +52,5 @@ def preset(name: str) -> Study:
         The name is unknown; the message suggests the nearest one.
     """
     if name not in PRESETS:
-        raise StudyError(f"no preset named {name!r}: {nearest(name, PRESETS)}")
+        raise StudyError(f"preset: found {name!r}; {nearest(name, PRESETS)}")
     return PRESETS[name]

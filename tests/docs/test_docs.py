@@ -1,4 +1,4 @@
-"""The documentation holds together: links, names, a study's fields; and the site is built of it."""
+"""The documentation is consistent: links, names and a study's fields; and the site builds."""
 
 import dataclasses
 import importlib
@@ -26,7 +26,7 @@ def page_name(page):
 
 
 def inline(page):
-    """What stands in a page's paragraphs, headings and cells, token by token."""
+    """Return the tokens of a page's paragraphs, headings and cells."""
     for block in MarkdownIt("commonmark").enable("table").parse(page.read_text()):
         yield from block.children or []
 
@@ -36,7 +36,7 @@ def code_spans(page):
 
 
 def anchors(page):
-    """Names of a page's headings as links have them, on a code host and in the site alike."""
+    """Return the anchors of a page's headings, which a code host and the site share."""
     blocks = MarkdownIt("commonmark").enable("table").parse(page.read_text())
     for heading, block in pairwise(blocks):
         if heading.type == "heading_open":
@@ -46,7 +46,7 @@ def anchors(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=page_name)
 def test_relative_links_and_anchors_lead_somewhere(page):
-    """Promise: no link within the documentation is dead; nothing on the network is asked."""
+    """Promise: no link within the documentation is dead; nothing asks the network."""
     for token in inline(page):
         target = str(token.attrs.get("href") or token.attrs.get("src") or "")
         if not target or re.match(r"\w+:", target):
@@ -60,7 +60,7 @@ def test_relative_links_and_anchors_lead_somewhere(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=page_name)
 def test_names_of_our_code_exist(page):
-    """Promise: `sensor.simulate`, and `tests/a_file.py::a_test`, are there under that name."""
+    """Promise: names such as `sensor.simulate` and `tests/a_file.py::a_test` exist."""
     for span in code_spans(page):
         if re.fullmatch(r"(sensor|eres_render|tasks)(\.\w+)+", span):
             assert resolves(span), f"{page_name(page)}: there is no {span}"
@@ -72,7 +72,7 @@ def test_names_of_our_code_exist(page):
 
 
 def resolves(name):
-    """Whether a dotted name is a module, or something in one."""
+    """Return whether a dotted name is a module, or a name in one."""
     parts = name.split(".")
     for k in range(len(parts), 0, -1):
         try:
@@ -88,14 +88,14 @@ def resolves(name):
 
 
 def test_every_equation_of_the_paper_is_there():
-    """Promise: (1) to (16), each with a line of its own or a shared one."""
+    """Promise: each of the equations (1) to (16) has a line, alone or shared."""
     first_cells = re.findall(r"^\| (\([^|]*\)) \|", EQUATIONS.read_text(), re.MULTILINE)
     numbers = [int(n) for cell in first_cells for n in re.findall(r"\((\d+)\)", cell)]
     assert numbers == list(range(1, 17))
 
 
 def test_the_study_page_has_every_field_with_its_default(tmp_path):
-    """Promise: the TOML on docs/study.md is all that a study can say, with its defaults."""
+    """Promise: the TOML on docs/study.md has every field of a study, with its default."""
     text = re.search(
         r"^```toml mine\.toml\n(.*?)^```", (ROOT / "docs" / "study.md").read_text(), re.M | re.S
     ).group(1)
@@ -108,7 +108,7 @@ def test_the_study_page_has_every_field_with_its_default(tmp_path):
 
 
 def missing_fields(settings, said, where=""):
-    """Names of the fields of nested dataclasses that a table does not have."""
+    """Return the fields of nested dataclasses that a table lacks."""
     missing = []
     for field in dataclasses.fields(settings):
         value = getattr(settings, field.name)
@@ -129,7 +129,7 @@ sys.exit(code or (f"the build loaded {loaded}" if loaded else 0))
 
 
 class Page(HTMLParser):
-    """What a page loads from elsewhere, and the code that is no link and that is one."""
+    """Collect what a page loads from elsewhere, and its code with and without a link."""
 
     def __init__(self, text):
         super().__init__()
@@ -171,7 +171,7 @@ def site(tmp_path_factory):
 
 @pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_without_mitsuba(site):
-    """Promise: `make docs` works on any machine; the reference reads code, it renders nothing."""
+    """Promise: `make docs` works on any machine; the reference reads code and renders nothing."""
     for page in PAGES[1:]:
         built = (site / page.relative_to(ROOT / "docs")).with_suffix(".html")
         assert "<h1>" in built.read_text(), built
@@ -179,7 +179,7 @@ def test_the_site_is_built_without_a_warning_and_without_mitsuba(site):
 
 @pytest.mark.slow
 def test_the_site_loads_nothing_from_the_network(site):
-    """Promise: it can be read where there is none, equations included."""
+    """Promise: the site needs no network, equations included."""
     for file in site.rglob("*.html"):
         assert Page(file.read_text()).loaded == [], file
     assert "<math" in (site / "equations.html").read_text()

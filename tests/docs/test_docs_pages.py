@@ -1,4 +1,4 @@
-"""docs/quick_start.md and docs/sensors.md: their commands and Python are run, top to bottom."""
+"""docs/quick_start.md and docs/sensors.md: all commands and Python run, from top to bottom."""
 
 import re
 
@@ -10,7 +10,7 @@ from sensor.formats import load_events
 
 @pytest.fixture(scope="module")
 def quick_start(tmp_path_factory):
-    """A folder after everything on the page was done in it, and what the commands said."""
+    """Return a folder after all steps of the page, and the output of its commands."""
     folder = tmp_path_factory.mktemp("quick_start")
     return folder, follow("quick_start.md", folder)
 

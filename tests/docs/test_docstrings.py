@@ -1,4 +1,4 @@
-"""Public functions say what they take and what they return."""
+"""Docstrings of public functions describe parameters and results."""
 
 import ast
 from pathlib import Path
@@ -7,16 +7,16 @@ ROOT = Path(__file__).parents[2]
 
 
 def public_functions(node):
-    """Functions of a module and methods of its classes, but for private ones."""
+    """Return the public functions of a module and the public methods of its classes."""
     for one in node.body:
         if isinstance(one, ast.ClassDef | ast.FunctionDef) and not one.name.startswith("_"):
             yield from public_functions(one) if isinstance(one, ast.ClassDef) else [one]
 
 
 def missing(function):
-    """Sections that the docstring of a function of two or more arguments lacks.
+    """Return the sections that a docstring of a function of two or more arguments lacks.
 
-    None where it says "As `Other.method`", which is described there.
+    None if it says "As `Other.method`", which describes them.
     """
     arguments = function.args
     names = [a.arg for a in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
@@ -34,7 +34,7 @@ def missing(function):
 
 
 def test_public_functions_of_two_arguments_have_parameters_and_returns():
-    """Promise: whoever reads `help()` learns shapes and units without reading the code."""
+    """Promise: `help()` gives shapes and units, so nobody has to read the code."""
     lacking = [
         f"{path.relative_to(ROOT)}:{function.lineno} {function.name}: {', '.join(sections)}"
         for package in ("sensor", "eres_render", "tasks")

@@ -1,4 +1,4 @@
-"""docs/new_scene.md: its files are written and its commands run, top to bottom."""
+"""docs/new_scene.md: the test writes its files and runs its commands, from top to bottom."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from sensor.formats import read_events
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
-    """A folder after everything on the page was done in it, and what the commands said."""
+    """Return a folder after all steps of the page, and the output of its commands."""
     folder = tmp_path_factory.mktemp("new_scene")
     return folder, follow("new_scene.md", folder)
 

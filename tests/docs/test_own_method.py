@@ -1,4 +1,4 @@
-"""docs/methods.md: its files are written and its commands run, top to bottom."""
+"""docs/methods.md: the test writes its files and runs its commands, from top to bottom."""
 
 import os
 
@@ -25,12 +25,12 @@ def page(tmp_path_factory):
 
 
 def code_lines(file):
-    """Lines that are not blank."""
+    """Return the lines that are not blank."""
     return sum(bool(line.strip()) for line in file.read_text().splitlines())
 
 
 def test_your_own_method_is_scored_next_to_ours(page):
-    """Promise: a function outside the project takes part in `eres evaluate` and `eres study`."""
+    """Promise: `eres evaluate` and `eres study` accept a function from outside the project."""
     folder, said = page
     assert code_lines(folder / "my_flow.py") < DOOR_LINES
     assert "my_flow:estimate" in said
@@ -40,8 +40,8 @@ def test_your_own_method_is_scored_next_to_ours(page):
 
 
 def test_your_own_task_is_scored(page):
-    """Promise: a task outside the project, entered in one place, makes rows of a sequence's events;
-    so do your own methods on it."""
+    """Promise: one registry entry adds a task from outside the project, which makes rows of a
+    sequence's events; so do your own methods for it."""
     folder, _ = page
     assert code_lines(folder / "my_rate.py") < DOOR_LINES
     (folder / "my_count.py").write_text("def estimate(events, seconds): return 2 * events\n")
@@ -76,10 +76,8 @@ def test_a_study_knows_the_metric_of_your_own_task(page):
 
 
 def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
-    """Promise: an edit of the method's file is noticed, so old scores are not taken for its own.
-
-    Of our methods it is their number.
-    """
+    """Promise: an edit of the method's file changes its version, so old scores are not reused. The
+    version of our own methods is their number."""
     monkeypatch.syspath_prepend(tmp_path)
     file = tmp_path / "edited_method.py"
     file.write_text("def estimate(sample): ...\n")

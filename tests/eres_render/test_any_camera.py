@@ -29,7 +29,7 @@ CLIP = Clip(0, 0.24, 0.25, 0.26)
 
 
 def random_camera(seed):
-    """A camera whose rays are at most 45 degrees off its axis."""
+    """Draw a camera with rays at most 45 degrees off its axis."""
     rng = np.random.default_rng(seed)
     width, height = map(int, rng.integers(8, 60, 2))
     (fx, fy), (cx, cy) = rng.uniform(1, 3, 2) * (width, height), rng.uniform(0, (width, height))
@@ -65,7 +65,7 @@ def small_carpet(tmp_path_factory):
 
 
 def seen_m(camera, T, points_px):
-    """Where the rays through pixels meet the plane z = 0, (N, 2) m, by the camera matrix."""
+    """Return where the rays through pixels meet the plane z = 0, (N, 2) m, by the camera matrix."""
     ones = np.ones((len(points_px), 1))
     rays = np.hstack([points_px, ones]) @ np.linalg.inv(camera.K).T @ T[:3, :3].T
     return (T[:3, 3] - T[2, 3] / rays[:, 2:] * rays)[:, :2]
@@ -81,7 +81,7 @@ def any_pixels():
 @pytest.mark.parametrize("integrator", ["baked", "path"])
 @pytest.mark.parametrize("seed", [None, *range(4)])
 def test_every_pixel_sees_the_point_that_the_camera_matrix_says(ramps, integrator, seed):
-    """Expected: light that is linear in x or y tells where each pixel looks, to 0.01 px of it."""
+    """Expected: light that is linear in x or y shows where each pixel looks, to 0.01 px."""
     camera = WIDE if seed is None else random_camera(seed)
     T = tilted_pose()
     found = [
@@ -122,7 +122,7 @@ def test_a_scalar_machine_moves_the_principal_point_and_refuses_pixels_that_are_
 
 @pytest.mark.parametrize("depth", [False, True], ids=["plane", "room"])
 def test_truth_follows_surface_points_through_any_camera(small_carpet, tmp_path, depth):
-    """Expected: a point at its depth lies on the surface, and its flow ends where it projects."""
+    """Expected: a point at its depth lies on the surface, and its flow ends at its projection."""
     scene = load_scene(room_folder(tmp_path / "room")) if depth else small_carpet
     distance = surface_distance(scene)
     for camera in (WIDE, random_camera(7)):
@@ -145,8 +145,8 @@ def test_truth_follows_surface_points_through_any_camera(small_carpet, tmp_path,
 
 @pytest.mark.parametrize("seed", range(8))
 def test_sensors_see_through_the_same_lens(small_carpet, seed):
-    """Expected: pixels of a sensor that sees all of the frames are theirs, divided; those of one of
-    another shape are those of the largest middle."""
+    """Expected: the pixels of a sensor with the frames' aspect ratio divide the frames'; those of
+    another aspect ratio divide the largest centered crop."""
     rng = np.random.default_rng(seed)
     whole = random_camera(seed + 100)
     truth = GroundTruth(small_carpet.trajectory(), whole, surface_distance(small_carpet))
@@ -165,7 +165,7 @@ def test_sensors_see_through_the_same_lens(small_carpet, seed):
 
 @pytest.mark.usefixtures("any_pixels")
 def test_a_sequence_keeps_its_camera(small_carpet, tmp_path):
-    """Promise: read back, it has the same camera; square ones are written as they always were."""
+    """Promise: a sequence on disk keeps its camera; the manifest of square ones has not changed."""
     renderer = Renderer(small_carpet, spp=1, integrator="path", camera=WIDE)
     sequence = render_clip(renderer, CLIP, tmp_path / "wide", 1.0)
     assert sequence.camera == WIDE

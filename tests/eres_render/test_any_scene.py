@@ -1,4 +1,4 @@
-"""Any Mitsuba file as a scene: its camera, its files, a path given as poses."""
+"""Any Mitsuba file as a scene: its camera, its files, and a path from a file of poses."""
 
 import math
 
@@ -137,7 +137,7 @@ def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
 
 
 def test_a_scene_folder_whose_path_a_generator_made(tmp_path):
-    """Promise: a scene and a path from outside render through the public API alone."""
+    """Promise: the public API alone renders a scene and a path from outside."""
     folder = tmp_path / "spiral"
     folder.mkdir()
     turn = np.linspace(0, 1, 9)

@@ -32,7 +32,8 @@ print(json.dumps([[asdict(v) for v in probe_variants()], select_variant()]))
 
 @pytest.mark.skipif(not BAD_LLVM.exists(), reason="needs Debian 12's LLVM 15")
 def test_an_llvm_that_aborts_the_process_is_survived_and_reported(tmp_path):
-    """LLVM 15 ends the process; expected: scalar rendering, one warning, advice what to install."""
+    """LLVM 15 ends the process; expected: scalar rendering, and one warning that says what to
+    install."""
     out, err = run_python(SELECT, tmp_path, DRJIT_LIBLLVM_PATH=str(BAD_LLVM))
     verdicts, chosen = json.loads(out)
     llvm = next(v for v in verdicts if v["name"] == "llvm_ad_mono")
@@ -81,7 +82,7 @@ def test_verdicts_are_remembered_until_the_library_changes(tmp_path, monkeypatch
     ],
 )
 def test_a_machine_too_busy_to_tell_is_asked_again(tmp_path, monkeypatch, code, limit_s, reason):
-    """Promise: a stall, or memory that ran out, does not make a machine a slow one for good."""
+    """Promise: after a stall or a lack of memory, eres tries the variant again later."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path))
     with monkeypatch.context() as patch:
         patch.setattr(backend, "_PROBE", code)

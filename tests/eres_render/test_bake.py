@@ -1,4 +1,4 @@
-"""Baked light: the same picture as path tracing, from lightmaps that can be made again."""
+"""Baked light: the same picture as path tracing, from reproducible lightmaps."""
 
 import dataclasses
 
@@ -22,7 +22,7 @@ def vectorized():
 
 
 def test_irradiance_under_a_uniform_sky_is_pi_times_its_radiance(tmp_path):
-    """A white sky of radiance 2 over an open floor: E = 2 pi, whatever the floor reflects."""
+    """A white sky of radiance 2 over an open floor: E = 2 pi, for any floor."""
     folder = edit_scene(tmp_path / "open")
     (folder / "scene.xml").write_text(
         """<scene version="3.0.0">
@@ -76,7 +76,7 @@ def test_light_goes_round_an_integrating_sphere(tmp_path):
 
 
 def test_cells_under_a_solid_take_their_neighbors_light(tmp_path):
-    """A box without a bottom stands on half of the floor: no darkness leaks from under it."""
+    """A box without a bottom stands on half of the floor: no darkness leaks out under it."""
     folder = edit_scene(tmp_path / "box")
     sides = {
         "top": '<translate z="1"/>',
@@ -108,8 +108,8 @@ def test_cells_under_a_solid_take_their_neighbors_light(tmp_path):
 def test_what_is_seen_through_an_open_side_is_black_and_hides_the_light_behind(tmp_path):
     """A box open below hangs 1 m over the floor, 2 m wide, under a sky of radiance 1.
 
-    Expected in the middle below it, where nothing but the opening hides the sky:
-    E = pi (1 - F) = 1.40, F = 0.554 the form factor of a square at half its width (Howell, B-4).
+    Expected in the middle below it, where only the opening shows the sky: E = pi (1 - F) = 1.40,
+    with F = 0.554 the form factor of a square at half its width (Howell, B-4).
     """
     folder = edit_scene(tmp_path / "hood")
     sides = {
@@ -139,7 +139,7 @@ def test_what_is_seen_through_an_open_side_is_black_and_hides_the_light_behind(t
 
 
 def test_a_scene_of_meshes_is_found_bakeable(tmp_path, monkeypatch):
-    """Mitsuba ends the process when a mesh is asked for its UV after its scene has gone."""
+    """Mitsuba ends the process if a program asks a mesh for its UV after its scene is deleted."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
     folder = small_carpet_folder(tmp_path / "mesh")
     PIECES["stool"].atlas().write_ply(folder / "stool.ply")
@@ -153,7 +153,7 @@ def test_a_scene_of_meshes_is_found_bakeable(tmp_path, monkeypatch):
 
 
 def test_cells_line_up_with_the_texels_of_an_atlas():
-    """The room's textures say how large their UV squares are: 2 cm parts, 5 mm cells."""
+    """The room's textures store the size of their UV squares: 2 cm parts, 5 mm cells."""
     scene = load_scene("room")
     for name in ("plant", "floor_lamp", "chairs"):
         lightmap = read_luminance(scene.folder / f"lightmap_{name}.exr")
@@ -162,7 +162,7 @@ def test_cells_line_up_with_the_texels_of_an_atlas():
 
 
 def test_baked_and_path_traced_views_agree():
-    """Packaged lightmap against 4096 paths a pixel: log radiance to 40 dB (peak 1, 1 % rms)."""
+    """Packaged lightmap against 4096 paths per pixel: log radiance to 40 dB (peak 1, 1 % rms)."""
     scene = load_scene("carpet")
     pose = scene.trajectory().pose(3.3)
     baked = Renderer(scene, 48, 4096).frame(pose)
@@ -173,7 +173,7 @@ def test_baked_and_path_traced_views_agree():
 
 
 def test_the_packaged_lightmap_belongs_to_the_scene_and_can_be_made_again():
-    """Made again with fewer samples it differs by noise only: 0.6 % expected at 4096 spp."""
+    """With fewer samples, a new lightmap differs by noise only: 0.6 % expected at 4096 spp."""
     scene = load_scene("carpet")
     file = scene.folder / "lightmap_carpet.exr"
     assert read_attributes(file)["eresLightDigest"] == scene.light_digest

@@ -1,4 +1,4 @@
-"""Color: dropped before light travels, alike in every variant."""
+"""Color: removed before light transport, in the same way in every variant."""
 
 import json
 
@@ -16,7 +16,7 @@ BLUISH = np.array([1.0, 2.0, 4.0])
 
 @pytest.fixture
 def red_floor(tmp_path):
-    """A red floor under a bluish sky, half of it an image file, half of it a plain color."""
+    """Write a red floor under a bluish sky, half of it an image file, half of it a plain color."""
     import OpenEXR
 
     folder = edit_scene(tmp_path / "red")

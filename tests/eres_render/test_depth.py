@@ -41,7 +41,7 @@ def room(tmp_path_factory):
 
 
 def test_a_path_passes_through_the_given_poses_at_their_times():
-    """Expected: exactly, at uneven times, with turns of a tenth of a radian from pose to pose."""
+    """Expected: exact passage at uneven times, with turns of a tenth of a radian between poses."""
     rng = np.random.default_rng(0)
     t = 100.0 + np.cumsum(rng.uniform(0.1, 0.2, 40))
     center, turn = np.cumsum(rng.normal(size=(2, 40, 3)) * 0.1, axis=1)
@@ -88,7 +88,7 @@ def test_a_loop_does_not_repeat_itself_and_follows_its_seed():
 
 
 def test_waypoints_at_one_place_are_refused():
-    with pytest.raises(TrajectoryError, match="at one place"):
+    with pytest.raises(TrajectoryError, match="at the same place"):
         waypoint_loop(
             np.array([CORNERS[0]] * 2),
             duration_s=1.0,
@@ -136,7 +136,7 @@ def test_image_motion_from_depth_is_the_homography_where_the_scene_is_a_plane(tm
 
 
 def test_frames_of_a_scene_with_depth(tmp_path, room):
-    """Expected: a sequence whose frames are never more than the limit apart at any depth."""
+    """Expected: consecutive frames are within the limit of each other at any depth."""
     renderer = Renderer(room, 32, 4)
     sequence = render_clip(renderer, Clip(0, 0.24, 0.25, 0.29), tmp_path / "clip", 0.5)
     steps = [renderer.image_motion(a, b) for a, b in pairwise(sequence.t_s)]

@@ -1,4 +1,4 @@
-"""Digests: of values alone, so that names of classes, order, comments and spelling are free."""
+"""Digests depend on values only, not on names of classes, order, comments and spelling."""
 
 import dataclasses
 import enum
@@ -64,7 +64,8 @@ def changed_leaf(value: Any) -> Any:
 
 
 def test_names_of_classes_and_order_are_free():
-    """Promise: a renamed class, a mapping and a field that is None and added later are the same."""
+    """Promise: renamed classes and mappings keep their digest, and so do new fields that are
+    None."""
     renamed = dataclasses.make_dataclass("Light", [("shades", tuple), ("power_w", float)])
     expected = digest(Lamp(2.0, ("a",)))
     assert digest(renamed(("a",), 2.0)) == expected
@@ -86,13 +87,13 @@ def test_values_that_look_alike_differ():
     "value", [len, object(), {1, 2}, Path("x"), b"x", Lamp, {1: 2}, np.array([None]), [1j]]
 )
 def test_anything_else_is_refused(value):
-    """Promise: never by its repr."""
+    """Promise: a digest never uses a value's repr."""
     with pytest.raises(TypeError, match="expected settings or data"):
         digest({"a": (value,)})
 
 
 def test_every_value_of_a_part_is_in_its_key():
-    """Promise: each field of light, sensors and tasks, but how many samples there are."""
+    """Promise: each field of light, sensors and tasks changes it, except the number of samples."""
     for job in (jobs_of(preset("paper"), load_scene("carpet"))[k] for k in (0, 20, 40)):
         keys = {job.key}
         for section in ("clip", "render", "simulate"):
@@ -113,8 +114,8 @@ def test_every_value_of_a_part_is_in_its_key():
 
 @pytest.mark.parametrize("name", ["carpet", "room"])
 def test_every_value_of_a_scene_is_in_its_digest(name, monkeypatch):
-    """Promise: each field of scene.toml, but title and license; of the light,
-    only what the light depends on."""
+    """Promise: each field of scene.toml except title and license changes it; the digest of the
+    light has only the fields that the light depends on."""
     monkeypatch.setattr("eres_render.scene.scene.sha256", functools.cache(sha256))
     scene = load_scene(name)
     found, light = {scene.digest}, {scene.light_digest}

@@ -1,4 +1,4 @@
-"""Several processes on one folder: they wait for each other, and a dead one for nobody."""
+"""Several processes on one folder wait for each other, and nobody waits for a dead one."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ from tasks.study.run import frame_cache
 
 @pytest.fixture
 def start():
-    """Start processes that find the tests' modules, and are killed when the test is over."""
+    """Start processes that find the tests' modules, and kill them after the test."""
     started = []
 
     def begin(code):
@@ -44,7 +44,7 @@ def tell(process, line):
 
 @pytest.fixture
 def holder(start, tmp_path):
-    """A process that shares the lock on `held`, until it is killed."""
+    """Start a process that holds a shared lock on `held` until it is killed."""
     process = start(
         "from pathlib import Path; from eres_render.storage.locks import locked\n"
         f"with locked(Path({str(tmp_path / 'held')!r}), shared=True):\n"
@@ -55,7 +55,8 @@ def holder(start, tmp_path):
 
 
 def test_a_lock_is_held_alone_or_shared_until_death(holder, tmp_path):
-    """Promise: what is shared can be shared further, not had alone; a killed holder has nothing."""
+    """Promise: others can share a shared lock, but not own it alone; a killed holder holds
+    nothing."""
     file = tmp_path / "held"
     with locked(file, shared=True, wait=False):
         pass
@@ -77,7 +78,7 @@ def test_where_no_lock_can_be_the_folder_is_named(tmp_path):
 
 
 def test_one_at_a_time_though_the_file_comes_and_goes(start, tmp_path):
-    """Promise: of three processes that take turns with a lock, none ever sees another within."""
+    """Promise: of three processes that take turns with a lock, only one is inside at a time."""
     code = (
         "import os; from pathlib import Path; from eres_render.storage.locks import locked\n"
         f"folder = Path({str(tmp_path)!r})\n"
@@ -95,7 +96,7 @@ def test_one_at_a_time_though_the_file_comes_and_goes(start, tmp_path):
 
 
 def test_clips_that_other_processes_use_are_not_removed(holder, tmp_path, monkeypatch):
-    """Promise: the cache outgrows its limit rather than take frames from under a reader."""
+    """Promise: the cache exceeds its limit rather than remove frames that somebody reads."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path))
     monkeypatch.setattr(frame_cache, "LIMIT_BYTES", 0)
     folder = tmp_path / "frames" / "clip"
@@ -127,7 +128,8 @@ print(len(frames))
 
 
 def test_processes_that_render_one_clip_share_the_work(start, tmp_path):
-    """Promise: no frame is rendered twice, also when who began is killed; the clip is whole."""
+    """Promise: no frame is rendered twice, even if the first process is killed; the clip is
+    complete."""
     scene = small_carpet_folder(tmp_path / "carpet")
     code = RENDER.format(scene=str(scene), out=str(tmp_path / "clip"))
     crowd = first, second = [start(code) for _ in range(2)]
@@ -150,7 +152,7 @@ def test_processes_that_render_one_clip_share_the_work(start, tmp_path):
 
 
 def test_a_bake_that_was_stopped_leaves_no_half_of_the_lightmaps(tmp_path, monkeypatch):
-    """Promise: all of a scene's lightmaps are in the cache or none, for others look there too."""
+    """Promise: the cache has all lightmaps of a scene or none, because others look there too."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
     lamp = '<emitter type="point"><point name="position" value="0 0 2.5"/></emitter></scene>'
     folder = room_folder(tmp_path / "room", ("</scene>", lamp))  # of seven surfaces

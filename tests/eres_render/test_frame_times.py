@@ -1,4 +1,4 @@
-"""Adaptive frame times: never too far apart, never needlessly close, marks hit exactly."""
+"""Adaptive frame times: never too far apart, never too close, with marks hit exactly."""
 
 from itertools import pairwise
 
@@ -30,13 +30,13 @@ def test_each_step_moves_the_image_by_the_limit_unless_a_mark_cuts_it_short(moti
 
 
 def test_steady_motion_gives_even_steps():
-    """At 100 px/s and 1 px a frame: a frame every 10 ms."""
+    """At 100 px/s and 1 px per frame: a frame every 10 ms."""
     t_s = adaptive_times(lambda a, b: 100 * abs(b - a), (0.0, 0.05), 1.0)
     np.testing.assert_allclose(t_s, np.linspace(0, 0.05, 6), atol=1e-9)
 
 
 def test_motion_that_turns_back_within_a_long_rest_is_not_missed():
-    """A camera that rests, darts away and back: the excursion gets its frames."""
+    """A camera that rests, moves away fast and returns: frames show the excursion."""
 
     def place_px(t):
         return 3 * np.exp(-(((t - 0.6) / 0.05) ** 2))

@@ -1,4 +1,4 @@
-"""On a machine with an NVIDIA GPU: it is used, and shows what every other machine shows."""
+"""On a machine with an NVIDIA GPU, eres uses it, and gets the same results as elsewhere."""
 
 import json
 
@@ -20,7 +20,7 @@ def test_the_gpu_is_chosen_first():
 
 @pytest.mark.parametrize("integrator", ["baked", "path"])
 def test_a_frame_is_that_of_a_machine_without_a_gpu(integrator):
-    """The same carpet by scalar code: equal but for the noise of 256 samples per pixel."""
+    """Scalar code renders the same carpet, except for the noise of 256 samples per pixel."""
     code = (
         "import sys, json; from eres_render import *;"
         "s = load_scene('carpet');"
@@ -43,7 +43,7 @@ def test_the_same_pose_gives_the_identical_frame():
 
 
 def test_light_is_baked_as_elsewhere():
-    """The packaged lightmap, made by a CPU, differs by noise only: 0.6 % expected at 4096 spp."""
+    """The packaged lightmap, baked on a CPU, differs by noise only: 0.6 % expected at 4096 spp."""
     assert select_variant() == "cuda_ad_mono"
     scene = load_scene("carpet")
     again = irradiance_maps(scene, scene.settings.bake.cell_m, spp=4096)["carpet"]

@@ -1,4 +1,4 @@
-"""Damaged images of a scene: one line that names the file, where Mitsuba would end the process."""
+"""Damaged images of a scene cause one line that names the file; Mitsuba would end the process."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ POSES = "0 0 0 3 1 0 0 0\n0.1 0.05 0 3 1 0 0 0\n0.2 0.1 0 3 1 0 0 0\n"
 
 @pytest.mark.parametrize("damage", ["cut", "flipped"])
 def test_a_damaged_image_is_named(tmp_path, damage):
-    """Promise: exit code 1, our own line, and nothing else on either stream."""
+    """Promise: exit code 1, our own line, and no other output."""
     image, xml, poses = (tmp_path / name for name in ("red.exr", "mine.xml", "poses.txt"))
     smooth = np.tile(np.linspace(0, 1, 64, dtype=np.float32)[:, None], (64, 1, 3))
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -1,4 +1,4 @@
-"""Long sequences render in memory that does not grow, is given back, and is there."""
+"""Long sequences need constant memory, free it at the end, and check first that it is available."""
 
 from pathlib import Path
 
@@ -55,7 +55,8 @@ print(during[-1], resident_kib())
 
 
 def growth(folder, duration_s, early_frame):
-    """Number of frames of a 64 px carpet sequence, and memory at its end over that early on."""
+    """Return the frames of a 64 px carpet sequence, and its memory at the end over that early
+    on."""
     load_scene("carpet").texture_files()
     run = run_python(RENDER, "carpet", folder, duration_s, early_frame)
     total, early_kib, end_kib = map(int, run.stdout.split())
@@ -70,14 +71,14 @@ def test_memory_does_not_grow_over_a_few_hundred_frames(tmp_path):
 
 @pytest.mark.slow
 def test_memory_does_not_grow_over_two_thousand_frames(tmp_path):
-    """Promise: at the end within 5 % of what it was at frame 200."""
+    """Promise: memory at the end is within 5 % of that at frame 200."""
     total, ratio = growth(tmp_path / "s", 7.0, 200)
     assert total >= 2000
     assert ratio < 1.05
 
 
 def test_what_rendering_no_longer_needs_goes_back_to_the_system(tmp_path):
-    """Promise: once a clip is rendered, what loading the room took is not kept for later use."""
+    """Promise: after a clip, nothing keeps the memory that loading the room needed."""
     if select_variant().startswith("scalar"):
         pytest.skip("keeps nothing for later")
     load_scene("room").texture_files()  # whoever made them would have more on its heap
@@ -112,8 +113,9 @@ def small_carpet(tmp_path_factory):
 
 @pytest.mark.parametrize("spp", [4, 16])
 def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monkeypatch):
-    """Promise: what could be rendered is not refused, and what is refused by a factor of two could
-    not have been: peak memory beyond that of a tiny image is within once and twice the estimate."""
+    """Promise: peak memory, without that of a tiny image, is between one and two times the
+    estimate. So eres never refuses a render that fits, and with half of the needed memory it
+    refuses."""
     if not select_variant().startswith("llvm"):
         pytest.skip("samples are not in the machine's memory")
     load_scene(small_carpet).texture_files()
@@ -141,7 +143,7 @@ def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monke
 def test_an_image_larger_than_memory_is_refused_at_once(
     eres, small_carpet, tmp_path, monkeypatch, arguments, needed
 ):
-    """Promise: before anything is loaded, baked or written, both numbers are said."""
+    """Promise: the error comes before any loading, baking or writing, and has both numbers."""
     if not select_variant().startswith("llvm"):
         pytest.skip("samples are not in the machine's memory")
     for loads in ("load_mi_scene", "baked_scene", "has_lightmaps"):
@@ -157,7 +159,7 @@ def test_an_image_larger_than_memory_is_refused_at_once(
 
 
 def test_more_samples_never_need_more_than_there_is(small_carpet, monkeypatch):
-    """Promise: a renderer that exists is not given more samples than fit either."""
+    """Promise: an existing renderer also refuses more samples than fit into memory."""
     renderer = Renderer(load_scene(small_carpet), 64, 1)
     if not renderer.variant.startswith("llvm"):
         pytest.skip("samples are not in the machine's memory")
@@ -169,8 +171,8 @@ def test_more_samples_never_need_more_than_there_is(small_carpet, monkeypatch):
 
 @pytest.mark.parametrize(("variant", "spp"), [("llvm_ad_mono", 16), ("cuda_ad_mono", 16)])
 def test_samples_beyond_32_bits_are_refused_wherever_memory_is_plenty(monkeypatch, variant, spp):
-    """Promise: Dr.Jit counts samples in 32 bits; 16384 x 16384 px at 16 are one too many, which was
-    a TypeError. The scalar variant, which has no such limit, renders them."""
+    """Promise: Dr.Jit counts samples in 32 bits. 16384 x 16384 px at 16 samples are one too many
+    and cause our error, not a TypeError. The scalar variant has no such limit and renders them."""
     monkeypatch.setattr(memory, "memory_bytes", lambda: 1 << 50)
     camera = Camera(16384, 16384, 1.0)
     with pytest.raises(
@@ -182,7 +184,7 @@ def test_samples_beyond_32_bits_are_refused_wherever_memory_is_plenty(monkeypatc
 
 
 def test_the_memory_of_this_machine_is_known():
-    """Promise: as the system has it, or less in a container."""
+    """Promise: the memory is that of the system, or less in a container."""
     lines = Path("/proc/meminfo").read_text().splitlines()
     total_kib = int(next(line for line in lines if line.startswith("MemTotal")).split()[1])
     assert 1e8 < memory.memory_bytes() <= 1.001 * total_kib * 1024

@@ -1,4 +1,4 @@
-"""Path-traced frames: when they are chosen, how noisy they are, and what is warned."""
+"""Path-traced frames: when eres uses them, their noise, and the warnings."""
 
 import importlib.util
 import json
@@ -62,10 +62,8 @@ def test_light_is_baked_where_it_can_be_and_traced_where_not(renderer, tmp_path)
 
 
 def test_events_are_counted_as_the_sensor_counts_them():
-    """Each of eight renders of 200 pixels over 40 frames of a random walk: no event less or more.
-
-    And so are those of their mean.
-    """
+    """Each of eight renders of 200 pixels over 40 frames of a random walk fires exactly the
+    expected events. So does their mean."""
     rng = np.random.default_rng(3)
     steps = 0.15 * rng.standard_normal((40, 8, 200))
     frames = np.exp(np.cumsum(steps, axis=0)).astype(np.float32)
@@ -86,11 +84,11 @@ def test_events_are_counted_as_the_sensor_counts_them():
 
 
 def test_noise_that_stays_makes_no_events_and_noise_that_flickers_does():
-    """Physics: a pixel fires at change; log variance is what went in.
+    """Physics: a pixel fires at changes, and the log variance is that of the input.
 
     Light rises by one unit of log, 5 events at C = 0.2. Noise that a render keeps from frame to
     frame adds none. One of 64 renders that also jumps up or down by 0.5 at each of 20 frames fires
-    2 or 3 times at each jump, as its memory lies; the mean hardly moves.
+    2 or 3 times at each jump, depending on its memory; the mean hardly moves.
     """
     noise = 0.1 * np.random.default_rng(0).standard_normal((64, 500))
     rise = np.linspace(0, 1.001, 21)[:, None, None]
@@ -107,9 +105,10 @@ def test_noise_that_stays_makes_no_events_and_noise_that_flickers_does():
 
 
 def test_repeats_are_frames_with_noise_of_their_own(renderer):
-    """Expected: the mean of many is the frame of many samples; independent noise averages out.
+    """Expected: the mean of many frames equals a frame of many samples; independent noise averages
+    out.
 
-    From pose to pose random numbers stay, so the same pose gives the same.
+    The random numbers do not change between poses, so the same pose gives the same frame.
     """
     pose, many = renderer.trajectory.pose(1.0), 256
     pixels = np.random.default_rng(1).choice(48 * 48, 40, replace=False)
@@ -144,7 +143,8 @@ def test_repeats_are_the_same_light_by_scalar_code(renderer, shiny_room):
 
 
 def test_measured_noise_is_the_deviation_from_many_samples(renderer):
-    """Expected: one frame deviates from the mean of many by the noise said, within 15 %."""
+    """Expected: the deviation of a frame from the mean of many is the estimated noise, within 15
+    %."""
     stretches = [Clip(k, t_s, t_s, t_s + 0.01) for k, t_s in enumerate((1.0, 4.0, 7.0))]
     noise = measure_noise(renderer, stretches, 0.5)
     dark = 1e-3 * renderer.white_level
@@ -161,9 +161,9 @@ def test_measured_noise_is_the_deviation_from_many_samples(renderer):
 
 
 def test_light_of_rare_paths_has_no_figure_of_false_events():
-    """A small lamp seen in a mirror ball: a path finds it by chance, and then it is bright.
+    """A small lamp in a mirror ball: few paths find it, and those are bright.
 
-    Of 16 samples each finds 1001 in place of 1 with a probability of 1/1000: most renders miss it,
+    Each of 16 samples finds 1001 instead of 1 with a probability of 1/1000: most renders miss it,
     so their mean varies as much.
     """
     rng = np.random.default_rng(0)
@@ -200,7 +200,7 @@ def test_measuring_costs_a_twentieth_of_the_render_or_seconds(shiny_room, width,
 
 
 def test_light_without_noise_has_no_false_events(tmp_path):
-    """A closed box that glows evenly and reflects nothing is the same in every direction."""
+    """A closed box that glows evenly and reflects nothing looks the same in every direction."""
     folder = room_folder(tmp_path / "glow")
     text = (folder / "scene.xml").read_text()
     glow = '<emitter type="area"><rgb name="radiance" value="0.7"/></emitter></shape>'
@@ -233,7 +233,7 @@ def test_a_path_traced_render_warns_with_numbers(tmp_path, shiny_room, caplog):
 
 
 def test_a_study_of_a_path_traced_scene_warns_once(tmp_path, shiny_room, caplog):
-    """Promise: a study that has false events in it says so too, by the same measurement."""
+    """Promise: a study with false events reports them, by the same measurement."""
     study = Study(
         name="shiny",
         scenes=(str(shiny_room.folder),),
@@ -251,9 +251,9 @@ def test_a_study_of_a_path_traced_scene_warns_once(tmp_path, shiny_room, caplog)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["diffuse ball in a room", "glossy floor in a room"])
 def test_said_false_events_are_the_sensors(name, tmp_path):
-    """Promise: within 25 % of what the sensor fires over what it fires at 256 times the samples.
+    """Promise: the estimate is within 25 % of the sensor's extra events over 256 times the samples.
 
-    At 24 px; two standard errors of the choice of pixels are allowed besides.
+    At 24 px; the test also allows two standard errors of the choice of pixels.
     """
     if backend.select_variant().startswith("scalar"):
         pytest.skip("path tracing so many paths needs a vectorized variant")

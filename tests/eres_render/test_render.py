@@ -1,4 +1,4 @@
-"""Frames where the camera model says they are, the same every time, and clips that survive."""
+"""Frames agree with the camera model, renders are reproducible, and clips survive interruptions."""
 
 import json
 import os
@@ -63,7 +63,7 @@ def frames_equal(a, b):
 @pytest.mark.parametrize("integrator", ["baked", "path"])
 @pytest.mark.parametrize("size", [(256, 256), (320, 180)])
 def test_bright_dots_land_where_the_camera_model_projects_them(dots, size, integrator):
-    """Centroids agree with `Camera.project` to 0.1 px, whichever way an axis could be flipped."""
+    """Centroids agree with `Camera.project` to 0.1 px, so that no axis is flipped."""
     camera = dots.camera(*size)
     renderer, T = Renderer(dots, spp=64, integrator=integrator, camera=camera), tilted_pose()
     frame = renderer.frame(T)
@@ -84,7 +84,7 @@ def test_the_same_pose_gives_the_identical_frame(renderer, pose):
 
 
 def test_a_frame_does_not_depend_on_the_frames_before(small_carpet, renderer, pose):
-    """Where the samples lie is kept from frame to frame, but not for another seed or `spp`."""
+    """The sample positions do not change between frames, but change with the seed and `spp`."""
     fresh = Renderer(small_carpet, 64, 9).frame(pose)
     _ = renderer.frame(pose, seed=1), renderer.at(spp=4).frame(pose)
     assert np.array_equal(renderer.frame(pose), fresh)
@@ -93,7 +93,7 @@ def test_a_frame_does_not_depend_on_the_frames_before(small_carpet, renderer, po
 
 
 def test_radiance_changes_continuously_with_the_pose(renderer, pose):
-    """A hundredfold smaller motion makes a far smaller change; fresh noise would not shrink."""
+    """A hundredfold smaller motion causes a far smaller change; new noise would not shrink."""
 
     def change(distance_m):
         moved = pose.copy()
@@ -113,7 +113,7 @@ def test_seeds_differ_only_by_noise(small_carpet, renderer, pose):
 
 @pytest.mark.parametrize("spp", [-4, 0, 7])
 def test_samples_that_cannot_be_laid_out_are_refused(small_carpet, spp):
-    """Mitsuba would end the process, raise an error of its own, or take another number."""
+    """Mitsuba would end the process, raise its own error, or use another number."""
     with pytest.raises(RenderError, match=f"spp: found {spp}, expected a square"):
         Renderer(small_carpet, 16, spp)
 
@@ -130,7 +130,7 @@ def test_seeds_that_the_sampler_does_not_take_are_refused(small_carpet, seed):
 
 
 def test_white_is_a_property_of_the_scene_not_of_the_clip(renderer, small_carpet):
-    """It does not depend on the samples, or when it is first asked for."""
+    """The value depends neither on the samples nor on the first use."""
     assert renderer.white_level == Renderer(small_carpet, 64, 9).white_level
     assert renderer.white_level == Renderer(small_carpet, 64, 1).white_level
     assert renderer.white_level == Renderer(small_carpet, 64, 9).at(spp=4).white_level
@@ -139,7 +139,7 @@ def test_white_is_a_property_of_the_scene_not_of_the_clip(renderer, small_carpet
 
 
 def test_a_scalar_machine_does_the_whole_job(tmp_path):
-    """No LLVM at all: scalar rendering with the packaged lightmap, agreeing with this machine."""
+    """Without LLVM: scalar rendering with the packaged lightmap agrees with this machine."""
     code = (
         "import sys; from pathlib import Path; from eres_render import *;"
         "r = Renderer(load_scene('carpet'), 24, 64); assert r.variant == 'scalar_rgb';"
@@ -158,7 +158,7 @@ def test_a_scalar_machine_does_the_whole_job(tmp_path):
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cannot ask for one core")
 def test_one_core_renders_the_same_frame_and_white(small_carpet, renderer, pose):
-    """Another process, on a single core: bit by bit the same, and Mitsuba does not lock up."""
+    """Another process on a single core gets the same bits, and Mitsuba does not lock up."""
     code = (
         "import os, sys; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
         "from eres_render import *\n"
@@ -192,7 +192,7 @@ def test_a_clip_holds_what_was_asked_for(uninterrupted, renderer):
 def test_a_render_killed_in_the_middle_goes_on_and_ends_up_the_same(
     tmp_path, renderer, uninterrupted
 ):
-    """kill -9 after the fourth frame; then only the missing ones are rendered."""
+    """kill -9 after the fourth frame; then eres renders only the missing ones."""
     code = (
         "import sys; from pathlib import Path; from eres_render import *\n"
         "def told(stage, done, total):\n"
@@ -253,7 +253,7 @@ def test_a_place_that_is_no_folder_is_refused(tmp_path, renderer):
 def test_a_full_disk_ends_the_render_and_leaves_nothing_half_written(
     tmp_path, renderer, uninterrupted
 ):
-    """A limit on file size stands in for the full disk; afterwards the render goes on."""
+    """A limit on file size acts as the full disk; afterwards the render continues."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     clip = tmp_path / "clip"
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))

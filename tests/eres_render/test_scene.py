@@ -1,4 +1,4 @@
-"""Scene folders: found, checked field by field, told apart by digest."""
+"""Scene folders: eres finds them, checks each field, and distinguishes them by digest."""
 
 import pytest
 
@@ -72,7 +72,7 @@ def test_a_path_that_would_look_past_the_carpet_is_refused(tmp_path):
 
 
 def test_the_digest_follows_the_files_and_the_light_digest_only_the_light(tmp_path):
-    """A new camera path makes new frames, but the light in the scene stays as it was."""
+    """A new camera path needs new frames, but the light in the scene does not change."""
     base = load_scene(edit_scene(tmp_path / "base"))
     other_path = load_scene(edit_scene(tmp_path / "path", ("seed = 0", "seed = 1")))
     other_yarn = load_scene(edit_scene(tmp_path / "yarn", ("seed = 7", "seed = 8")))

@@ -14,7 +14,7 @@ SPEEDS_MPS = {"carpet": 0.9, "rocks": 0.7, "room": 1.2}
 
 @pytest.fixture(scope="module")
 def renderers():
-    """One small renderer of each scene; loading the room's textures takes seconds."""
+    """Return one small renderer of each scene; loading the room's textures takes seconds."""
     return {name: Renderer(load_scene(name), 48, 4, integrator="baked") for name in SPEEDS_MPS}
 
 
@@ -48,7 +48,7 @@ def test_three_scenes_are_packaged():
 
 @pytest.mark.parametrize("name", SPEEDS_MPS)
 def test_path_is_calibrated_and_keeps_clear(renderers, name):
-    """The speed exactly, the image's motion within 5 %; `trajectory` checks the clearance."""
+    """The speed is exact, and the image's motion within 5 %; `trajectory` checks the clearance."""
     renderer = renderers[name]
     assert renderer.trajectory.mean_speed_mps(10.0) == pytest.approx(SPEEDS_MPS[name], rel=1e-9)
     assert mean_motion_px_per_s(renderer) == pytest.approx(550, rel=0.05)
@@ -56,7 +56,7 @@ def test_path_is_calibrated_and_keeps_clear(renderers, name):
 
 @pytest.mark.parametrize("name", SPEEDS_MPS)
 def test_flow_is_even_within_a_window(renderers, name):
-    """Tasks take flow as constant within a window: half-way, points are where that puts them.
+    """Tasks assume constant flow within a window: half-way, points are where it predicts.
 
     To a third of a pixel at 1280 px, in the median clip.
     """
@@ -86,11 +86,11 @@ def test_packaged_lightmaps_belong_to_the_scene(name):
     [("carpet", (3.3, 7.0)), ("rocks", (3.3, 7.0)), ("room", (1.0, 3.5, 5.5, 7.5))],
 )
 def test_baked_and_path_traced_views_agree(name, t_s):
-    """Log radiance to 40 dB with peak 1, that is to 1 % rms, at 128 px over several poses.
+    """Log radiance agrees to 40 dB with peak 1, that is to 1 % rms, at 128 px over several poses.
 
-    The path tracer's own noise is taken out: the mean square error is the mean product of the
-    errors against two traces of 1024 independent paths a pixel, whose noise has no correlation.
-    What is left of it in the mean is 5 % of the limit.
+    The test removes the path tracer's own noise: the mean square error is the mean product of the
+    errors against two traces of 1024 independent paths per pixel, so their noise has no
+    correlation. The rest of it in the mean is 5 % of the limit.
     """
     if backend.select_variant().startswith("scalar"):
         pytest.skip("path tracing so many paths needs a vectorized variant")
@@ -110,9 +110,10 @@ def test_baked_and_path_traced_views_agree(name, t_s):
 
 
 def test_no_part_of_the_room_is_black_and_no_lamp_in_view(renderers):
-    """A leak or a hole would show as radiance 0; a lamp or bright window would set the white.
+    """A leak or a hole would have radiance 0; a lamp or bright window would determine the white.
 
-    White is then 40 times the median, and all of the room but the lamp nearly black in its units.
+    White would then be 40 times the median, and all of the room but the lamp nearly black in its
+    units.
     """
     renderer = renderers["room"]
     for T in renderer.trajectory.pose(np.linspace(0, 10, 6)):
@@ -130,7 +131,7 @@ def test_packaged_meshes_are_what_the_code_makes(tmp_path, pieces):
 
 
 def test_charts_lie_apart_on_their_atlas(pieces):
-    """Each with an empty cell all around, so that no light bleeds from one to the next."""
+    """Each chart has an empty cell all around, so that no light bleeds from one to the next."""
     for _, atlas in pieces.values():
         taken = np.zeros((atlas.rows, atlas.columns), dtype=int)
         for at in atlas.places:
@@ -143,7 +144,7 @@ def test_charts_lie_apart_on_their_atlas(pieces):
 
 
 def test_charts_are_stretched_little(pieces):
-    """A chart's cells are squares of 2 cm, but for rounding to a whole number of them."""
+    """A chart's cells are squares of 2 cm, except for rounding to a whole number of cells."""
     for _, atlas in pieces.values():
         for chart, at in zip(atlas.charts, atlas.places, strict=True):
             for size_m, cells in zip(chart.size_m, (at.columns, at.rows), strict=True):
@@ -151,7 +152,7 @@ def test_charts_are_stretched_little(pieces):
 
 
 def test_normals_point_out_of_the_front(pieces):
-    """The front is the side from which u runs right and v down; normals have length 1."""
+    """The front is the side where u runs right and v down; normals have length 1."""
     for _, atlas in pieces.values():
         for chart in atlas.charts:
             np.testing.assert_allclose(np.linalg.norm(chart.normals, axis=-1), 1, atol=1e-6)

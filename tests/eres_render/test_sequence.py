@@ -1,4 +1,4 @@
-"""Sequences on disk: every kind of damage is refused, with the file and what was found."""
+"""Sequences on disk: the reader refuses every kind of damage and names the file and the finding."""
 
 import hashlib
 import json
@@ -21,7 +21,7 @@ KNOTS_S = 0.1 * np.arange(-1.0, 4.0)
 
 @pytest.fixture(scope="module")
 def pristine(tmp_path_factory):
-    """A sequence of three 6 x 4 frames with known values."""
+    """Write a sequence of three 6 x 4 frames with known values."""
     folder = tmp_path_factory.mktemp("sequences") / "pristine"
     manifest = Manifest(
         version=FORMAT_VERSION,
@@ -57,7 +57,7 @@ def pristine(tmp_path_factory):
 
 @pytest.fixture
 def folder(pristine, tmp_path):
-    """A copy of it, to be damaged."""
+    """Copy the sequence, for a test to damage."""
     shutil.copytree(pristine, tmp_path / "sequence")
     return tmp_path / "sequence"
 
@@ -154,7 +154,7 @@ def test_a_truncated_frame_is_refused(folder, kept_bytes):
 
 @pytest.mark.parametrize("kept_bytes", [4, -5])
 def test_only_we_say_that_a_frame_is_damaged(folder, kept_bytes):
-    """Promise: what OpenEXR prints of damage, on both streams, does not stand beside our error."""
+    """Promise: OpenEXR's own messages about damage do not appear next to our error."""
     file = folder / "frames" / "000001.exr"
     file.write_bytes(file.read_bytes()[:kept_bytes])
     code = (

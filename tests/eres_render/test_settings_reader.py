@@ -1,4 +1,4 @@
-"""TOML and JSON into dataclasses: old names of fields, numbers that may be inf, files refused."""
+"""TOML and JSON into dataclasses: old names of fields, numbers that may be inf, refused files."""
 
 import json
 import math

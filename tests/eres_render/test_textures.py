@@ -18,7 +18,7 @@ PLANES = {"carpet": bokhara, "stones": pebble_bed}
 
 @pytest.fixture(scope="module", params=PLANES)
 def plane(request):
-    """A texture's function and what it makes."""
+    """Return a texture's function and its result."""
     make = PLANES[request.param]
     return make, make(1024, 1024, 0.0012, 5)
 
@@ -41,8 +41,8 @@ def test_one_seed_one_texture(plane):
 def test_every_octave_of_scale_has_contrast_down_to_the_texel(plane):
     """Amplitude times frequency, flat for a 1/f spectrum, stays within a factor of eight.
 
-    It rises towards the texel: the shadows between knots and the fibers, the grains of sand, are
-    meant to be strong.
+    It rises towards the texel: the shadows between knots and the fibers and the grains of sand are
+    strong by design.
     """
     log_r = np.log(plane[1]) - np.log(plane[1]).mean()
     window = np.hanning(len(log_r))
@@ -58,7 +58,7 @@ def test_every_octave_of_scale_has_contrast_down_to_the_texel(plane):
 
 
 def test_neighboring_texels_differ_strongly(plane):
-    """Grain: a step to the next texel is, as a rule, worth an event (threshold 0.2)."""
+    """Grain: a step to the next texel usually causes an event (threshold 0.2)."""
     assert np.diff(np.log(plane[1])).std() > 0.2
 
 
@@ -122,9 +122,9 @@ GOLDEN = {
 
 @pytest.mark.parametrize("kind", TEXTURES)
 def test_changing_a_texel_must_change_the_version(kind):
-    """Textures are cached by recipe and version: if this fails, raise its version in TEXTURES.
+    """The cache has textures by recipe and version: if this fails, raise the version in TEXTURES.
 
-    Expected: the mean, and how it leans along u and along v.
+    Expected: the mean, and its gradients along u and along v.
     """
     version, *golden = GOLDEN[kind]
     assert TEXTURES[kind].version == version

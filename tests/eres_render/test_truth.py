@@ -57,7 +57,7 @@ def floating_square(tmp_path_factory):
 
 
 def test_a_plane_in_closed_form_and_by_rays_agree():
-    """Depth to 1e-5, flow to 0.001 px; and the flow is what the homography does to pixels."""
+    """Depth to 1e-5, flow to 0.001 px; and the flow agrees with the homography."""
     select_variant()
     scene = load_scene("carpet")
     closed = of_scene(scene)
@@ -91,7 +91,7 @@ def test_depth_is_along_the_axis_not_along_the_ray(floating_square):
     ("size", "middle"), [((90, 60), np.s_[15:75, :]), ((60, 90), np.s_[:, 15:75])]
 )
 def test_a_sensor_of_another_shape_sees_the_middle(floating_square, size, middle):
-    """Promise: its truth is that of the same pixels of the whole image, wide or tall."""
+    """Promise: the truth of a crop is that of the same pixels of the whole image, wide or tall."""
     whole, part = floating_square.camera(90), floating_square.camera(*size)
     assert (part.width, part.height) == size
     assert part.focal_px == pytest.approx(whole.focal_px, rel=1e-12)
@@ -104,7 +104,7 @@ def test_a_sensor_of_another_shape_sees_the_middle(floating_square, size, middle
 
 
 def test_flow_and_occlusion_of_a_square_before_a_wall(floating_square):
-    """Expected: f (dx, dy) / depth, and invalid where the square gets before the wall."""
+    """Expected: f (dx, dy) / depth, and invalid where the square hides the wall."""
     truth = floating_square
     camera = truth.camera(WIDTH)
     rays = camera.rays(camera.centres())
@@ -125,7 +125,8 @@ def test_flow_and_occlusion_of_a_square_before_a_wall(floating_square):
 
 
 def test_instances_are_seen_too(tmp_path):
-    """Expected: a ball of radius 0.5 about the origin, 1.5 m before the camera; nothing beside."""
+    """Expected: a ball of radius 0.5 about the origin, 1.5 m in front of the camera; nothing
+    else."""
     (tmp_path / "scene.xml").write_text(
         """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="60"/></sensor>
         <shape type="shapegroup" id="group">
@@ -163,7 +164,7 @@ def test_points_at_infinity_only_turn(tmp_path):
 
 
 def test_bright_dots_move_as_the_flow_says(tmp_path):
-    """The truth belongs to the frames: centroids of dots move by the flow, to 0.1 px."""
+    """The truth agrees with the frames: centroids of dots move by the flow, to 0.1 px."""
     scene = load_scene(light_evenly(dots_folder(tmp_path / "dots"), "floor", 0.0))
     renderer, truth = Renderer(scene, 256, 64), of_scene(scene)
     t_0, t_1 = 8.5, 8.55

@@ -1,4 +1,4 @@
-"""Python code in a process of its own: another Mitsuba variant, one core, a fresh heap."""
+"""Run Python code in its own process: another Mitsuba variant, one core, a fresh heap."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def environment() -> dict[str, str]:
 def run_python(
     code: str, *arguments: object, timeout_s: float | None = None, **variables: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run code with the checkout's packages and the helpers; return what it printed."""
+    """Run code with the checkout's packages and the helpers; return its output."""
     run = subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],
         env=environment() | variables,

@@ -1,4 +1,4 @@
-"""Do what a page of the docs says: write its files, run its Python and its commands, in order."""
+"""Do the steps of a docs page: write its files, run its Python and its commands, in order."""
 
 import io
 import logging
@@ -17,7 +17,7 @@ BLOCK = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL
 
 
 def follow(page: str, folder: Path) -> str:
-    """Do everything on a page in a folder; return what the commands said."""
+    """Do all steps of a page in a folder; return the output of its commands."""
     said = io.StringIO()
     listener = logging.StreamHandler(said)
     logging.getLogger("eres_render").addHandler(listener)

@@ -1,4 +1,4 @@
-"""Sections of the report and pieces of them, drawn alone."""
+"""Draw sections of the report, and parts of them, alone."""
 
 import re
 
@@ -31,7 +31,7 @@ def answer_html(choices: Choices, series: Series, *, named: bool = False) -> str
 
 
 def choice_cell(choice: Choice | None) -> str:
-    """Draw a place of a table of choices."""
+    """Draw a cell of a table of choices."""
     return macro("choice_cell", choice)
 
 

@@ -10,14 +10,14 @@ SUFFIXES = {"dsec": ".h5", "evt3": ".raw", "evt2": ".raw", "npz": ".npz", "text"
 
 
 def make_events(t_us, x, y, p, width=640, height=480, model=None):
-    """Events from anything that numpy makes columns of; p may be 0 or 1."""
+    """Return events from columns that numpy can convert; p may be 0 or 1."""
     p = np.where(np.asarray(p) > 0, 1, -1).astype(np.int8)
     columns = np.asarray(t_us, np.int64), np.asarray(x, np.uint16), np.asarray(y, np.uint16), p
     return Events(*columns, width, height, model)
 
 
 def random_events(count, width=640, height=480, start_us=0, mean_us=0.5, seed=0, model=None):
-    """Poisson events over the sensor, sorted by (t, y, x)."""
+    """Return Poisson events over the sensor, sorted by (t, y, x)."""
     rng = np.random.default_rng(seed)
     t = start_us + np.cumsum(rng.poisson(mean_us, count))
     x, y = rng.integers(0, width, count), rng.integers(0, height, count)
@@ -28,7 +28,7 @@ def random_events(count, width=640, height=480, start_us=0, mean_us=0.5, seed=0,
 
 
 def bars(steps, width=640, height=8, gap_us=7):
-    """Whole rows that fire together, with holes: what EVT3's vectors are for."""
+    """Return whole rows that fire together, with holes: the case for EVT3's vectors."""
     rng = np.random.default_rng(0)
     fired = rng.random((steps, height, width)) < rng.random((steps, height, 1))
     step, y, x = np.nonzero(fired)
@@ -43,7 +43,7 @@ def assert_same(a, b):
 
 @st.composite
 def streams(draw, max_start_us=1 << 30):
-    """A short stream: small and large steps in time, ties, neighbors in a row, any pixel."""
+    """Draw a short stream: small and large steps in time, ties, neighbors in a row, any pixel."""
     width, height = draw(st.integers(1, 2048)), draw(st.integers(1, 2048))
     steps = draw(
         st.lists(

@@ -1,7 +1,7 @@
-"""One pixel in 200-bit arithmetic, by bisection alone: what the kernels are held to.
+"""One pixel in 200-bit arithmetic, with bisection only: the standard for the kernels.
 
-It shares no code and no form of an equation with the package. Every turn of the voltage and every
-crossing is bracketed and bisected; nothing cancels that 60 decimal digits do not hold.
+It shares no code and no form of an equation with the package. It brackets and bisects every turn of
+the voltage and every crossing; 60 decimal digits survive any cancellation.
 """
 
 import math
@@ -18,7 +18,7 @@ CROSSING_BISECTIONS = 42  # of a frame interval: to 1e-12 of it
 
 @dataclass(frozen=True)
 class Pixel:
-    """What decides the events of a pixel; `cutoff_reference` as in `SensorModel`."""
+    """Parameters that determine the events of a pixel; `cutoff_reference` as in `SensorModel`."""
 
     C: float
     cutoff_hz: float = math.inf
@@ -30,7 +30,7 @@ class Pixel:
 
 @dataclass(frozen=True)
 class ExactEvents:
-    """Events of a pixel, and how near float64 comes to a different answer."""
+    """Events of a pixel, and the distance of float64 from a different answer."""
 
     t_us: list[mpfr]
     p: list[int]
@@ -41,7 +41,7 @@ class ExactEvents:
 
 
 class Voltage:
-    """v(t) of one frame interval, what the memory leaks included, t in seconds from its start."""
+    """v(t) of one frame interval, including the leak of the memory; t in seconds from its start."""
 
     def __init__(self, pixel, u0, u1, v1, v2, dt):
         self.dt, self.u0, self.s = dt, u0, (u1 - u0) / dt
@@ -58,7 +58,7 @@ class Voltage:
         self.growth = self.c1 * self.a if self.k == 2 else mpfr(0)
 
     def filtered(self, t):
-        """Without the leak."""
+        """Return v without the leak."""
         if self.a is None:
             return self.u0 + self.s * t
         tail = (self.c2 + self.growth * t) * gmpy2.exp(-self.a * t)
@@ -73,7 +73,7 @@ class Voltage:
         return self.filtered(t) + self.leak * t
 
     def slope(self, t):
-        """dv/dt."""
+        """Return dv/dt."""
         steady = self.s + self.leak
         if self.a is None:
             return steady
@@ -81,7 +81,7 @@ class Voltage:
         return steady + now * gmpy2.exp(-self.a * t)
 
     def turns(self):
-        """Times within the interval at which the slope changes its sign."""
+        """Return the times within the interval at which the slope changes its sign."""
         if self.a is None:
             return []
         edges = [mpfr(0), self.dt]
@@ -97,7 +97,7 @@ class Voltage:
 
 
 def bisect(f, low, high, steps):
-    """Where f, monotone between low and high, changes its sign."""
+    """Return the point where f, monotone between low and high, changes its sign."""
     rising = f(high) > 0
     for _ in range(steps):
         middle = (low + high) / 2
@@ -109,7 +109,7 @@ def bisect(f, low, high, steps):
 
 
 def exact_events(radiance, t_s, pixel):
-    """Events of a pixel that sees the radiance at the times, both taken as the exact numbers."""
+    """Return the events of a pixel that sees the radiance at the times, both as exact numbers."""
     u = [gmpy2.log(mpfr(float(light)) + mpfr(pixel.dark)) for light in radiance]
     t_s = [mpfr(float(t)) for t in t_s]
     C = mpfr(pixel.C)
@@ -148,6 +148,6 @@ def exact_events(radiance, t_s, pixel):
 
 
 def distance_to_level(v, memory, C, events):
-    """How far v is from the nearer of the two levels that fire, or from the one that fired last."""
+    """Return the distance of v from the nearer of the two next levels, or from the last one."""
     levels = [memory - C, memory + C, *([memory] if events else [])]
     return float(min(abs(v - level) for level in levels))

@@ -1,4 +1,4 @@
-"""Folders of finished runs, as the report reads them."""
+"""Folders of finished runs, for the report to read."""
 
 import json
 from pathlib import Path

@@ -31,14 +31,14 @@ def edit_scene(folder: Path, *changes: tuple[str, str]) -> Path:
 
 
 def drop_textures(folder: Path) -> None:
-    """Take the texture recipes out of a scene.toml."""
+    """Remove the texture recipes from a scene.toml."""
     toml = (folder / "scene.toml").read_text()
     start, end = toml.index("[textures.carpet"), toml.index("[bake]")
     (folder / "scene.toml").write_text(toml[:start] + "[textures]\n\n" + toml[end:])
 
 
 def light_evenly(folder: Path, shape_id: str, irradiance: float) -> Path:
-    """Give a shape a lightmap by hand, so that the scene needs no baking on any machine."""
+    """Set a shape's lightmap by hand, so that the scene needs no baking on any machine."""
     attributes = {"eresLightDigest": load_scene(folder).light_digest}
     image = np.full((4, 4), irradiance)
     write_luminance(folder / f"lightmap_{shape_id}.exr", image, attributes)
@@ -46,7 +46,7 @@ def light_evenly(folder: Path, shape_id: str, irradiance: float) -> Path:
 
 
 def small_carpet_folder(folder: Path) -> Path:
-    """Write a carpet with 512 texels a side and a quick, rough lightmap still to be baked."""
+    """Write a carpet with 512 texels per side and settings for a quick, rough lightmap."""
     return edit_scene(
         folder,
         ("size_px = 4096", "size_px = 512"),
@@ -101,8 +101,8 @@ def tilted_pose() -> np.ndarray:
 def room_folder(folder: Path, *changes: tuple[str, str]) -> Path:
     """Write a closed box room, 4 x 4 x 3 m, with a ball (radius 0.3 m) in its middle.
 
-    Walls face inwards. The camera goes round the ball at 1 m distance. Lit by hand, it needs no
-    baking.
+    Walls face inwards. The camera circles the ball at 1 m distance. The test sets the lightmaps by
+    hand, so the scene needs no baking.
     """
     folder.mkdir(parents=True, exist_ok=True)
     toml = """title = "A box with a ball"

@@ -1,4 +1,4 @@
-"""A texture that moves, for sensors to look at."""
+"""A moving texture for sensors."""
 
 import math
 
@@ -6,7 +6,8 @@ import numpy as np
 
 
 def texture_in_motion(seed, frames, size, interval_s, travel_px=8.0):
-    """A periodic 1/f texture that moves steadily by travel_px: (T, H, W) radiance, and times."""
+    """Return a periodic 1/f texture that moves steadily by travel_px: (T, H, W) radiance, and
+    times."""
     rng = np.random.default_rng(seed)
     height, width = size
     fy, fx = np.fft.fftfreq(2 * height)[:, None], np.fft.fftfreq(2 * width)[None]

@@ -1,7 +1,7 @@
-"""The sensor, slowly: one pixel at a time in plain Python float64. The oracle for every kernel.
+"""A slow sensor: one pixel at a time in plain Python float64. The oracle for every kernel.
 
-It shares no code with the package, and finds crossings another way: it cuts each frame interval
-finely, brackets every turn and every crossing, and closes in with Brent's method.
+It shares no code with the package, and finds crossings in another way: it divides each frame
+interval finely, brackets every turn and every crossing, and solves with Brent's method.
 """
 
 import math
@@ -14,14 +14,15 @@ CUTS = 200
 
 
 def area_mean(frame, height, width):
-    """Exact box filter by brute force: repeat each sample until both grids divide it."""
+    """Return the exact box filter by brute force: repeat each sample until both grids divide it."""
     H, W = frame.shape
     fine = np.repeat(np.repeat(frame.astype(np.float64), height, axis=0), width, axis=1)
     return fine.reshape(height, H, width, W).mean(axis=(1, 3))
 
 
 def voltage(u0, u1, v1, v2, dt, cutoff_hz, poles=2):
-    """v1(t) and v2(t) of two poles at a, for the input u0 + s t; of one, v2 is v1 again."""
+    """Return v1(t) and v2(t) of two poles at a, for the input u0 + s t; with one pole v2 equals
+    v1."""
     s = (u1 - u0) / dt
     if math.isinf(cutoff_hz):
         return (lambda t: u0 + s * t), (lambda t: u0 + s * t)
@@ -38,9 +39,9 @@ def voltage(u0, u1, v1, v2, dt, cutoff_hz, poles=2):
 
 
 def pixel_events(u, t_s, C, cutoff_hz, poles=2, leak_hz=0.0):
-    """Events [(t seconds, polarity)] of one pixel that sees log intensities u at times t_s.
+    """Return events [(t seconds, polarity)] of one pixel with log intensities u at times t_s.
 
-    The memory leaks C leak_hz a second, which looks like a rise of the voltage.
+    The memory leaks C leak_hz per second, which looks like a rise of the voltage.
     """
     v1 = v2 = memory = u[0]
     leak = C * leak_hz
@@ -80,7 +81,7 @@ def pixel_events(u, t_s, C, cutoff_hz, poles=2, leak_hz=0.0):
 
 
 def simulate(radiance, t_s, model, dark_level):
-    """Events as columns (t_us, x, y, p) in the documented order."""
+    """Return events as columns (t_us, x, y, p) in the documented order."""
     frames = [np.log(area_mean(f, model.height, model.width) + dark_level) for f in radiance]
     u = np.stack(frames)
     found = [

@@ -1,4 +1,4 @@
-"""A small study with every task, and how its scores are held to the bit."""
+"""A small study with every task, and the comparison of its scores to the bit."""
 
 import hashlib
 import json
@@ -49,13 +49,14 @@ def score_digest(rows: list[Row]) -> str:
 
 
 def machine() -> dict[str, str]:
-    """Return what bits depend on: processor, Python and libraries."""
+    """Return all versions that bits depend on: processor, Python and libraries."""
     found = {"processor": llvmlite.binding.get_host_cpu_name(), "python": sys.version.split()[0]}
     return found | {name: version(name) for name in LIBRARIES}
 
 
 def stored_bits(kind: str) -> dict[str, str] | str:
-    """What this machine must make again to the bit; skips the test on another machine."""
+    """Return the stored scores that this machine must reproduce to the bit; skip the test
+    elsewhere."""
     found, here = json.loads(GUARDS.read_text()), machine()
     if different := [name for name in here if here[name] != found["machine"].get(name)]:
         pytest.skip(f"bits were stored on a machine with another {', '.join(different)}")
@@ -63,7 +64,7 @@ def stored_bits(kind: str) -> dict[str, str] | str:
 
 
 def tiny_study(folder, seed=0, samples=3):
-    """Reconstruction on a few samples; another seed is another study."""
+    """Return a study of reconstruction on a few samples; another seed is another study."""
     return Study(
         name="tiny",
         scenes=(str(folder),),

@@ -1,4 +1,4 @@
-"""Made-up rows with the paper's medians; samples and items have the same shifts everywhere."""
+"""Synthetic rows with the paper's medians; samples and items have the same shifts everywhere."""
 
 from __future__ import annotations
 

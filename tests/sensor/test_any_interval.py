@@ -1,7 +1,7 @@
 """Events at any frame interval, cutoff, leak and time, against bisection in 200-bit arithmetic.
 
-What is drawn covers all that a user can ask for, not what our own studies ask for: a dt, the frame
-interval in time constants of the photoreceptor, goes from 1e-9 to 1e6.
+The draws cover every valid input, not only our own studies: dt, the frame interval in time
+constants of the photoreceptor, is between 1e-9 and 1e6.
 """
 
 import math
@@ -19,12 +19,12 @@ KINDS = ("any", "video", "still", "leak", "half microseconds", "since 1970", "ow
 
 
 def walk(rng, frames, roughness):
-    """Log intensity that goes anywhere, (frames, PIXELS)."""
+    """Draw log intensities of any range, (frames, PIXELS)."""
     return np.cumsum(rng.normal(0, roughness, (frames, PIXELS)), axis=0)
 
 
 def drawn_times(rng, kind):
-    """(frame times in seconds, cutoff in Hz) of one kind of recording."""
+    """Return (frame times in seconds, cutoff in Hz) of one kind of recording."""
     if kind == "video":  # 24 to 240 frames a second, cutoffs from night to full sun
         return np.arange(6) / rng.uniform(24, 240), 10 ** rng.uniform(0, 4)
     interval_s = 10 ** rng.uniform(-5, 0.5)
@@ -39,7 +39,7 @@ def drawn_times(rng, kind):
 
 
 def drawn(seed):
-    """One sensor, its frames and times, from a seed alone: (kind, radiance, t_s, Pixel)."""
+    """Return one sensor, its frames and times, from a seed alone: (kind, radiance, t_s, Pixel)."""
     rng = np.random.default_rng(seed)
     kind = ("any", "video", "still", "leak", "half microseconds", "since 1970", "own light")[
         seed % 7
@@ -80,7 +80,7 @@ def drawn(seed):
 
 
 def compare(seed):
-    """How the pixels of one drawn sensor fare: a `Counter` of "right", "too near" and "wrong"."""
+    """Compare the pixels of one drawn sensor: a `Counter` of "right", "too near" and "wrong"."""
     kind, radiance, t_s, pixel = drawn(seed)
     model = SensorModel(
         width=PIXELS,
@@ -123,16 +123,16 @@ def check(seeds):
 
 
 def test_two_thousand_pixels_are_exact_at_any_interval():
-    """Promise: count, polarity and order of every event are exact, its time within 1 us, whatever
-    the frame interval, the cutoff, the leak and the clock; but where the exact voltage itself comes
-    within 1e-12 of a level without crossing it, or takes a microsecond for as little."""
+    """Promise: count, polarity and order of every event are exact, and its time within 1 us, for
+    any frame interval, cutoff, leak and clock. The exceptions are voltages that come within 1e-12
+    of a level without crossing it, or need a microsecond for such a distance."""
     check(range(100))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
 def test_a_hundred_thousand_pixels_are_exact_at_any_interval(part):
-    """As above, in ten parts."""
+    """The same, in ten parts."""
     check(range(1000 + 500 * part, 1500 + 500 * part))
 
 
@@ -145,7 +145,8 @@ def one_pixel(u, t_s, seed=0, **electronics):
 
 @pytest.mark.parametrize("still_s", [0.05, 0.5, 50.0, 2000.0])
 def test_a_step_before_a_long_still_interval_has_its_own_times(still_s):
-    """Physics: after a unit step v2 = 1 - (1 + y) e^{-y}, y = a t, however long nothing follows."""
+    """Physics: after a unit step v2 = 1 - (1 + y) e^{-y}, y = a t, however long the pause after
+    it."""
     events = one_pixel([0.0, 1.0, 1.0], [0.0, 1e-9, still_s], cutoff_hz=200.0)
     y = 2 * math.pi * 200.0 * events.t_us * 1e-6
     assert events.p.tolist() == [1, 1, 1, 1]
@@ -167,8 +168,8 @@ def test_a_cutoff_beyond_any_circuit_is_an_ideal_pixel():
 @pytest.mark.parametrize("start_s", [0.0, 0.5e-6, 1.6e9 + 0.5e-6, 4.6e9, -4.6e9, 9e12])
 @pytest.mark.parametrize("interval_s", [1e-3, 1 / 30])
 def test_leak_levels_that_fall_on_frame_times_are_each_met_once(start_s, interval_s):
-    """Physics: a leak fires at equal intervals, also where these end on frame times, of which
-    float64 then only has the nearest; none is lost, doubled, or out of order."""
+    """Physics: a leak fires at equal intervals, also at frame times, which float64 then only has
+    approximately; no event is lost, doubled, or out of order."""
     t_s = start_s + np.arange(41) * (interval_s if abs(start_s) < 1e12 else 1.0)
     period_s = 4 * (t_s[1] - t_s[0])
     lights = np.append(np.linspace(0.1, 9, 200), 2.606532663316583)
@@ -196,7 +197,7 @@ def test_leak_levels_that_fall_on_frame_times_are_each_met_once(start_s, interva
     ],
 )
 def test_times_without_microseconds_are_refused(t_s, speed, expected):
-    """Promise: what int64 microseconds cannot hold is named, never wrapped around."""
+    """Promise: an error names times that int64 microseconds cannot store; they never wrap."""
     model = SensorModel(width=1, height=1, dark_level=0.0)
     with pytest.raises(SensorError, match=expected):
         simulate_bank(np.ones((2, 1, 1)), t_s, [model], speeds=[speed])
@@ -204,7 +205,8 @@ def test_times_without_microseconds_are_refused(t_s, speed, expected):
 
 @pytest.mark.parametrize("light", [0.0, 5e-324, 1e-310])
 def test_light_below_what_float64_holds_is_refused_without_a_dark_level(light):
-    """Promise: a logarithm that has lost its digits is refused; with a dark level it has them."""
+    """Promise: the sensor refuses a logarithm without correct digits; a dark level restores
+    them."""
     frames = np.array([1.0, light])[:, None, None]
     with pytest.raises(SensorError, match=r"found a pixel of radiance .*dark_level"):
         simulate(frames, [0.0, 1e-3], SensorModel(width=1, height=1, dark_level=0.0))

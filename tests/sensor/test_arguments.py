@@ -1,4 +1,4 @@
-"""What a user may hand to the sensor by mistake: an error that names it, or a warning."""
+"""Users' mistakes in arguments of the sensor: an error that names the argument, or a warning."""
 
 import dataclasses
 import logging
@@ -58,7 +58,7 @@ FIELDS = {
 @pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
 @pytest.mark.parametrize("name", FIELDS)
 def test_a_model_of_no_numbers_is_refused(name, value):
-    """Promise: every field that is a number is refused by name where it is none."""
+    """Promise: every numeric field refuses other types by name."""
     if value is None and name in ("dark_level", "cutoff_reference"):
         return  # which means something there
     with pytest.raises(SensorError) as error:
@@ -68,7 +68,7 @@ def test_a_model_of_no_numbers_is_refused(name, value):
 
 @pytest.mark.parametrize("value", [None, "no", 1, 0.0, math.nan])
 def test_a_switch_is_on_or_off(value):
-    """Promise: `random_start="no"` is not a yes."""
+    """Promise: `random_start="no"` is an error, not True."""
     with pytest.raises(SensorError, match=r"SensorModel.random_start: found .*, expected True"):
         SensorModel(width=4, height=4, random_start=value)
 
@@ -81,7 +81,7 @@ def test_an_integer_beyond_all_floats_is_refused():
 
 @pytest.mark.parametrize(("name", "value"), FIELDS.items())
 def test_numbers_of_numpy_are_numbers(name, value):
-    """Promise: what comes out of an array works, equals Python's own, and can be stored."""
+    """Promise: NumPy scalars work, equal Python's own numbers, and can be stored."""
     rest = {"width": 3, "height": 3, "cutoff_hz": 200.0}
     plain = SensorModel(**{**rest, name: value})
     kinds = [np.int64, np.uint8, np.int32] if isinstance(value, int) else [np.float64, np.float32]
@@ -97,7 +97,7 @@ def test_numbers_of_numpy_are_numbers(name, value):
 @pytest.mark.parametrize("value", NO_NUMBERS, ids=repr)
 @pytest.mark.parametrize("name", ["max_rate_hz", "fifo_depth", "row_overhead_s"])
 def test_a_bus_of_no_numbers_is_refused(name, value):
-    """Promise: as of a model; and NumPy's numbers are numbers here too."""
+    """Promise: a bus refuses values that are not numbers, as a model does, and accepts NumPy's."""
     right = {"max_rate_hz": 1e6, "fifo_depth": 2, "row_overhead_s": 0.0}
     with pytest.raises(SensorError) as error:
         Readout(**{**right, name: value})
@@ -116,7 +116,7 @@ def test_light_in_lux_is_a_positive_number(value):
 
 @pytest.mark.parametrize("value", [-1, 1 << 63, 1 << 64, 0.0, 1.5, "7", None, True, math.nan])
 def test_a_seed_that_is_none_is_refused(value):
-    """Promise: a seed is used as it is or not at all."""
+    """Promise: the sensor uses a seed without change or refuses it."""
     for run in (simulate, lambda *a, **k: list(stream(*a, **k))):
         with pytest.raises(SensorError) as error:
             run(frames(), T_S, MODEL, seed=value)
@@ -124,7 +124,7 @@ def test_a_seed_that_is_none_is_refused(value):
 
 
 def test_any_seed_there_is_works():
-    """Promise: the largest too, whether Python's or NumPy's; and it is not its neighbor."""
+    """Promise: the largest seed works too, Python's or NumPy's, and differs from its neighbor."""
     largest = (1 << 63) - 1
     drawn = SensorModel(width=40, height=40, random_start=True)
     light = frames(size=(40, 40))
@@ -139,7 +139,7 @@ def test_any_seed_there_is_works():
 
 @pytest.mark.parametrize("value", [0, -1, 10**6, 2.0, "2", True, math.nan])
 def test_threads_that_cannot_be_are_refused(value):
-    """Promise: no number of threads is read as another one: 0 is not all cores."""
+    """Promise: the sensor never replaces a number of threads by another: 0 is not all cores."""
     with pytest.raises(SensorError) as error:
         simulate(frames(), T_S, MODEL, threads=value)
     one_line(error, f"threads: found {value!r}, expected an integer in 1..1024, or None")
@@ -150,7 +150,7 @@ def test_threads_that_cannot_be_are_refused(value):
     "model", [{"width": 4, "height": 4}, None, "davis346", (4, 4), SensorModel, np.ones(2)]
 )
 def test_what_is_no_model_is_refused(model):
-    """Promise: a table of settings is not taken for a sensor, alone or among sensors."""
+    """Promise: a dict of settings is not a sensor, alone or among sensors."""
     name = type(model).__name__
     with pytest.raises(SensorError) as error:
         simulate(frames(), T_S, model)
@@ -183,8 +183,8 @@ SIDE = st.integers(1, 400)
 
 @given(height=SIDE, width=SIDE, sensor_height=SIDE, sensor_width=SIDE)
 def test_a_sensor_of_another_shape_is_refused(height, width, sensor_height, sensor_width):
-    """Physics: pixels are square. What whole pixels leave is allowed, less than one of them along
-    one axis, and what the error says to crop to is accepted."""
+    """Physics: pixels are square. The remainder of whole pixels is allowed, less than one along one
+    axis, and so is the crop that the error suggests."""
     sensor_height, sensor_width = min(height, sensor_height), min(width, sensor_width)
     model = SensorModel(width=sensor_width, height=sensor_height)
     off_px = min(
@@ -212,7 +212,7 @@ def test_a_sensor_of_another_shape_is_refused(height, width, sensor_height, sens
 
 @given(height=SIDE, width=SIDE, data=st.data())
 def test_a_sensor_of_the_frames_shape_is_accepted(height, width, data):
-    """Promise: a width and the height that goes with it, rounded up or down, and the other way."""
+    """Promise: a width and its matching height, rounded up or down, and the reverse."""
     for long, short in ((width, height), (height, width)):
         side = data.draw(st.integers(1, long))
         exact = Fraction(side * short, long)
@@ -233,15 +233,15 @@ def test_a_sensor_of_the_frames_shape_is_accepted(height, width, data):
     ],
 )
 def test_light_is_not_stretched(sensor, frame, text):
-    """Promise: `simulate` refuses what it would stretch, and says what to do, whatever the
-    source of the frames."""
+    """Promise: `simulate` refuses frames that it would stretch, and gives advice, for any
+    source."""
     model = SensorModel(width=sensor[0], height=sensor[1])
     light = np.broadcast_to(np.float32(1), (2, *frame[::-1]))
     for source in (light, iter(light)):
         if text:
             with pytest.raises(SensorError) as error:
                 simulate(source, T_S, model)
-            one_line(error, f"sensor of {sensor[0]}x{sensor[1]} px is of another shape", text)
+            one_line(error, f"sensor of {sensor[0]}x{sensor[1]} px has another aspect ratio", text)
         else:
             assert len(simulate(source, T_S, model)) == 0
 
@@ -261,7 +261,7 @@ def test_light_is_not_stretched(sensor, frame, text):
     ],
 )
 def test_times_that_may_not_be_seconds_are_warned_of(t_s, median, caplog):
-    """Promise: a median frame interval above 1 s is named; one long pause is not."""
+    """Promise: a warning names a median frame interval above 1 s, but not one long pause."""
     with caplog.at_level(logging.WARNING):
         simulate(np.ones((len(t_s), 2, 2)), t_s, SensorModel(width=2, height=2))
     if median is None:
@@ -295,8 +295,8 @@ def gradient(levels, highest):
 )
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_frames_that_may_be_an_8_bit_image_are_warned_of(light, said, dtype, caplog):
-    """Promise: an image read as floats is not taken for light without a word; synthetic light of a
-    few levels, and light that is not whole, is."""
+    """Promise: an image read as floats causes a warning that it may not be light; synthetic light
+    of a few levels, and light that is not whole, does not."""
     model = SensorModel(width=32, height=16, dark_level=0.1)
     with caplog.at_level(logging.WARNING):
         simulate(np.repeat(light.astype(dtype)[None], 2, axis=0), T_S, model)
@@ -334,7 +334,8 @@ def test_a_window_of_any_integers_is_right(kind):
 
 
 def test_a_bus_has_no_report_before_it_ran():
-    """Promise: no zeros that look like a bus with nothing to do; then counts as they come."""
+    """Promise: the report is an error before the parts are read, not zeros; then it counts as they
+    come."""
     events = simulate(frames(), T_S, MODEL)
     parts = read_out([events[:30], events[30:]], Readout(max_rate_hz=1e6, fifo_depth=8))
     with pytest.raises(EventError) as error:
@@ -369,8 +370,8 @@ DEMANDING = {
 
 @pytest.mark.parametrize("options", DEMANDING.values(), ids=DEMANDING)
 def test_sensors_larger_than_memory_are_refused(options, monkeypatch):
-    """Promise: by what the pixels' state takes, to the byte, both numbers said; before anything of
-    that size is made."""
+    """Promise: the limit is the memory of the pixels' state, to the byte; the error has both
+    numbers, and comes before any allocation of that size."""
     model = SensorModel(width=50, height=40, dark_level=1.0, **options)
     light = np.ones((2, 40, 50))
     one = group.SensorGroup.start([0], [model], [1.0], light[0], 0)
@@ -388,8 +389,8 @@ def test_sensors_larger_than_memory_are_refused(options, monkeypatch):
 
 
 def test_a_sensor_of_sixteen_gigapixels_is_refused_here():
-    """Promise: the machine's own memory is what counts: 65536 x 65536 filtered pixels take 103 GB
-    of state, more than this machine has or, where it has more, as many sensors as it takes."""
+    """Promise: the limit is the machine's own memory. 65536 x 65536 filtered pixels need 103 GB of
+    state, more than this machine has; a larger machine gets as many sensors as it takes."""
     model = SensorModel(width=1 << 16, height=1 << 16, cutoff_hz=50.0)
     there = arguments.memory_bytes()
     assert 1e8 < there < 1e15
@@ -400,7 +401,8 @@ def test_a_sensor_of_sixteen_gigapixels_is_refused_here():
 
 @pytest.mark.parametrize("name", ["leak_hz", "shot_noise_hz", "hot_pixel_hz"])
 def test_rates_above_one_event_a_microsecond_are_refused(name):
-    """Promise: a rate that event times cannot hold is refused; its events would fill all memory."""
+    """Promise: the sensor refuses a rate that event times cannot store; its events would fill
+    memory."""
     SensorModel(width=1, height=1, **{name: 1e6})
     with pytest.raises(SensorError, match=rf"{name}: found 1e\+300, expected Hz from 0 to 1e\+06"):
         SensorModel(width=1, height=1, **{name: 1e300})
@@ -408,6 +410,6 @@ def test_rates_above_one_event_a_microsecond_are_refused(name):
 
 @pytest.mark.parametrize("dark_level", [1e-310, 5e-324, 1e301])
 def test_dark_levels_that_float64_does_not_add_are_refused(dark_level):
-    """Promise: I + I_dark has all its digits and its logarithm exists, whatever the light."""
+    """Promise: I + I_dark has all its digits and a logarithm, for any light."""
     with pytest.raises(SensorError, match="dark_level"):
         SensorModel(width=1, height=1, dark_level=dark_level)

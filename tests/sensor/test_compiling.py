@@ -1,4 +1,4 @@
-"""The cache of Numba never has outdated kernels."""
+"""Numba's cache never has outdated kernels."""
 
 import ast
 from pathlib import Path
@@ -33,8 +33,8 @@ def one():
 
 
 def test_an_edit_of_a_kernel_recompiles_those_that_call_it(tmp_path):
-    """Promise: Numba checks only the file of a function; here its callers in other files of the
-    folder are compiled again as well, and nothing is compiled again without an edit."""
+    """Promise: Numba checks only the file of a function; here an edit also recompiles its callers
+    in other files of the folder, and nothing is recompiled without an edit."""
     folder = tmp_path / "kernels"
     folder.mkdir()
     for name, text in (("__init__", ""), ("compiling", JIT), ("caller", CALLER)):
@@ -66,7 +66,7 @@ def jitted_by_numba_alone():
 
 @pytest.mark.parametrize("file", list(jitted_by_numba_alone()), ids=lambda file: file.stem)
 def test_other_kernels_call_none_of_another_file(file: Path):
-    """Promise: what is compiled without `sensor.compiling` holds no code of other files."""
+    """Promise: functions compiled without `sensor.compiling` contain no code of other files."""
     for node in ast.walk(ast.parse(file.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("sensor", "tasks"):
             module = ROOT / f"{node.module.replace('.', '/')}.py"

@@ -1,4 +1,4 @@
-"""`to_linear` against the formulas of the standards, run the other way."""
+"""`to_linear` against the formulas of the standards, applied in reverse."""
 
 import math
 
@@ -32,7 +32,7 @@ ENCODERS = {
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("encoding", ENCODERS)
 def test_light_that_is_encoded_comes_back(encoding, dtype):
-    """Physics: the standard's formula from light to signal is undone, in both of its branches."""
+    """Physics: it inverts the standard's formula from light to signal, in both branches."""
     signal = ENCODERS[encoding](LIGHT).clip(0, 1).astype(dtype)
     light = to_linear(signal, encoding)
     assert light.dtype == np.float32
@@ -43,7 +43,7 @@ def test_light_that_is_encoded_comes_back(encoding, dtype):
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2"])
 @pytest.mark.parametrize("encoding", ENCODERS)
 def test_integers_are_shares_of_their_types_white(encoding, dtype):
-    """Physics: encoded again and rounded, every number that the type can hold is itself."""
+    """Physics: every number of the type is the same after decoding, encoding and rounding."""
     codes = np.arange(np.iinfo(dtype).max + 1).astype(dtype)
     light = to_linear(codes.reshape(16, -1), encoding)
     assert light.shape == (16, len(codes) // 16)
@@ -82,7 +82,7 @@ def test_published_values():
     ],
 )
 def test_an_unknown_encoding_is_refused(encoding, found):
-    """Promise: no encoding is guessed; the text lists all of them."""
+    """Promise: the code guesses no encoding; the text lists all of them."""
     with pytest.raises(SensorError) as error:
         to_linear(np.zeros((2, 2), np.uint8), encoding)
     assert f"encoding: found {found}, expected 'srgb', 'rec709', 'gamma:2.2'" in str(error.value)
@@ -110,13 +110,13 @@ def test_frames_of_another_type_or_range_are_refused(frames, text):
 
 
 def test_half_floats_keep_their_precision():
-    """Promise: float16 is decoded in float32, so nothing is lost but what it had lost before."""
+    """Promise: float16 is decoded in float32, so it loses no further digits."""
     half = np.linspace(0, 1, 1000).astype(np.float16)
     np.testing.assert_array_equal(to_linear(half, "srgb"), to_linear(half.astype("f4"), "srgb"))
 
 
 def test_a_video_fires_as_its_light_does():
-    """Physics: of light that doubles, an sRGB video fires log(2) / C events, once it is linear."""
+    """Physics: light that doubles fires log(2) / C events from an sRGB video, after decoding."""
     light = np.array([0.2, 0.4])
     video = np.round(255 * to_srgb(light)).astype(np.uint8)[:, None, None] * np.ones((1, 3, 3), "B")
     model = SensorModel(width=3, height=3, contrast_threshold=0.1, dark_level=0.0)
@@ -127,7 +127,7 @@ def test_a_video_fires_as_its_light_does():
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.int16, np.int64])
 @pytest.mark.parametrize("source", [np.asarray, list, iter])
 def test_integer_frames_are_refused_and_the_way_out_is_named(dtype, source):
-    """Promise: numbers encoded for a screen are never taken for light."""
+    """Promise: numbers encoded for a screen are never used as light."""
     frames = np.ones((2, 4, 4), dtype)
     with pytest.raises(SensorError) as error:
         simulate(source(frames), [0.0, 0.1], SensorModel(width=4, height=4))
@@ -137,7 +137,7 @@ def test_integer_frames_are_refused_and_the_way_out_is_named(dtype, source):
 
 
 def test_frames_of_other_types_are_refused_without_that_advice():
-    """Promise: only what `to_linear` may help is sent there."""
+    """Promise: the error recommends `to_linear` only where it can help."""
     for dtype in (np.bool_, np.complex64):
         with pytest.raises(SensorError, match=r"expected linear radiance as float32 or float64$"):
             simulate(np.ones((2, 4, 4), dtype), [0.0, 0.1], SensorModel(width=4, height=4))

@@ -1,4 +1,4 @@
-"""The sensor on textures in motion against the slow reference, and against light known exactly."""
+"""The sensor on moving textures against the slow reference, and on light with exact answers."""
 
 import importlib.util
 import math
@@ -29,8 +29,8 @@ PATH = Path(__file__).parents[2] / "benchmarks" / "conformance.py"
     C=st.sampled_from([0.05, 0.2]),
 )
 def test_every_event_of_a_moving_texture_matches_the_reference(seed, interval_s, cutoff_hz, C):
-    """Promise: at the base speed and at ten times it, at any frame interval, each event is the
-    reference's in pixel, polarity and order, and its time is within 1 us."""
+    """Promise: at the base speed and at ten times it, at any frame interval, each event has the
+    reference's pixel, polarity and order, and its time within 1 us."""
     frames, t_s = texture_in_motion(seed, 6, (11, 13), interval_s)
     model = SensorModel(
         width=5, height=4, contrast_threshold=C, cutoff_hz=cutoff_hz, dark_level=DARK
@@ -49,7 +49,7 @@ def test_every_event_of_a_moving_texture_matches_the_reference(seed, interval_s,
 
 @pytest.mark.parametrize("interval_s", [5e-5, 5e-4, 5e-3])
 def test_the_moving_textures_do_make_events(interval_s):
-    """The comparison above is not one of nothing with nothing."""
+    """The comparison above does not compare empty streams."""
     frames, t_s = texture_in_motion(0, 6, (11, 13), interval_s)
     model = SensorModel(width=5, height=4, contrast_threshold=0.05, dark_level=DARK)
     (events,) = simulate_bank(frames, t_s, [model])
@@ -66,7 +66,7 @@ def test_the_moving_textures_do_make_events(interval_s):
     block=st.integers(1, 700),
 )
 def test_the_bank_is_the_same_to_the_bit(seed, interval_s, order, threads, chunk, block):
-    """Promise: no event depends on threads, chunks, blocks, or which sensors come first."""
+    """Promise: no event depends on threads, chunks, blocks, or the order of the sensors."""
     frames, t_s = texture_in_motion(seed, 13, (24, 30), interval_s)
     members = [
         (SensorModel(width=w, height=h, cutoff_hz=c, dark_level=DARK, random_start=w == 30), speed)
@@ -109,7 +109,8 @@ def conformance():
 
 
 def test_light_that_is_straight_between_frames_has_exact_events(conformance):
-    """Physics: ramps and steps of log intensity leave nothing but the rounding of the times."""
+    """Physics: for ramps and steps of log intensity, the only error is the rounding of the
+    times."""
     _, signals, outcomes = conformance
     exact = [
         (signal, outcome)
@@ -124,7 +125,7 @@ def test_light_that_is_straight_between_frames_has_exact_events(conformance):
 
 
 def test_curved_light_is_missed_by_the_frames_straight_lines_only(conformance):
-    """Physics: sines and a moving edge at fine frames fire the right events within 4 us; at ten
+    """Physics: sines and a moving edge with fine frames fire the right events within 4 us; at ten
     times the interval the edge's error is a hundred times as large."""
     _, signals, outcomes = conformance
     fine = [
@@ -142,13 +143,13 @@ def test_curved_light_is_missed_by_the_frames_straight_lines_only(conformance):
 
 
 def test_the_conformance_page_is_what_its_script_makes(conformance):
-    """Promise: docs/conformance.md has the numbers of this very code."""
+    """Promise: docs/conformance.md has the numbers of this code."""
     module, signals, outcomes = conformance
     assert module.table(signals, outcomes) in module.TABLE.read_text()
 
 
 def test_the_signals_can_be_loaded_by_others(conformance, tmp_path):
-    """Promise: the .npz alone is enough to hold another simulator against the exact events."""
+    """Promise: the .npz alone is enough to compare another simulator with the exact events."""
     module, signals, _ = conformance
     module.write_signals(tmp_path / "signals.npz", signals)
     with np.load(tmp_path / "signals.npz") as file:

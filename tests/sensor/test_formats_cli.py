@@ -41,7 +41,7 @@ def sequence(tmp_path_factory):
 def test_simulate_writes_what_the_library_simulates(
     eres, sequence, tmp_path, arguments, model, speed
 ):
-    """Promise: the file holds `sensor.simulate`'s events, and says how they were made."""
+    """Promise: the file contains `sensor.simulate`'s events and their origin."""
     out = tmp_path / "out.h5"
     code, printed, err = eres("simulate", sequence.folder, "--out", out, *arguments)
     assert (code, err) == (0, "")  # no terminal, no progress
@@ -59,8 +59,8 @@ def test_simulate_writes_what_the_library_simulates(
 
 
 def test_noise_and_bus_reach_the_sensor(eres, sequence, tmp_path):
-    """Promise: every option of pixels and bus does what the library does with it, is stored in the
-    file, and what the bus delayed and dropped is said."""
+    """Promise: every option of pixels and bus acts as in the library and is stored in the file, and
+    the command reports the events that the bus delayed and dropped."""
     options = {
         "--resolution": 32,
         "--illuminance": 20.0,
@@ -123,7 +123,7 @@ def test_noise_and_bus_reach_the_sensor(eres, sequence, tmp_path):
 
 
 def test_a_cameras_bus_by_name(eres, sequence, tmp_path):
-    """Promise: --bus davis346 is 12 Mev/s, for whatever sensor."""
+    """Promise: --bus davis346 is 12 Mev/s, for any sensor."""
     out = tmp_path / "out.npz"
     arguments = ["--resolution", 64, "--bus", "davis346"]
     assert eres("simulate", sequence.folder, "--out", out, *arguments)[0] == 0
@@ -155,7 +155,7 @@ def test_truth_in_the_same_file(eres, sequence, tmp_path):
 
 
 def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkeypatch):
-    """Promise: a sensor that is wider than the frames are has square pixels all the same."""
+    """Promise: a sensor with a wider aspect ratio than the frames also has square pixels."""
     wide = presets.SensorPreset(
         supplier="",
         camera="",
@@ -188,7 +188,7 @@ def test_a_preset_sees_the_middle_of_the_frames(eres, sequence, tmp_path, monkey
     ],
 )
 def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, arguments, said):
-    """Promise: events that still depend on where the clip starts do not go by unnoticed."""
+    """Promise: a warning comes if events still depend on where the clip starts."""
     caplog.set_level(logging.WARNING, "tasks")
     asked = ["--resolution", 16, "--cutoff", *arguments]
     assert eres("simulate", sequence.folder, "--out", tmp_path / "a.npz", *asked)[0] == 0
@@ -199,7 +199,7 @@ def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, a
 
 
 def test_middle():
-    """Promise: the largest middle of the sensor's shape, to a whole pixel."""
+    """Promise: the largest centered crop of the sensor's aspect ratio, to a whole pixel."""
     assert crop_to_aspect(1280, 1280, 720, 1280) == np.s_[280:1000, 0:1280]
     assert crop_to_aspect(1280, 1280, 260, 346) == np.s_[159:1121, 0:1280]
     assert crop_to_aspect(480, 640, 100, 100) == np.s_[0:480, 80:560]
@@ -220,7 +220,7 @@ def test_convert_there_and_back(eres, tmp_path, name):
 
 
 def test_truth_is_kept_from_dsec_to_dsec(eres, sequence, tmp_path, caplog):
-    """Promise: nothing that the file to write can hold is lost, nor is any of it changed."""
+    """Promise: conversion keeps, without change, everything that the output format can store."""
     a, b = tmp_path / "a.h5", tmp_path / "b.hdf5"
     arguments = ["--resolution", 16, "--truth", 0.02]
     assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
@@ -250,7 +250,7 @@ def test_truth_is_kept_from_dsec_to_dsec(eres, sequence, tmp_path, caplog):
 
 
 def test_damaged_truth_is_not_copied(eres, sequence, tmp_path):
-    """Promise: a checksum that does not hold is an error that names the file, and none appears."""
+    """Promise: a wrong checksum is an error that names the file, and no output file appears."""
     a, b = tmp_path / "a.h5", tmp_path / "b.h5"
     arguments = ["--resolution", 16, "--truth", 0.02]
     assert eres("simulate", sequence.folder, "--out", a, *arguments)[0] == 0
@@ -281,25 +281,21 @@ def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
 
     assert "also holds    camera, imu, truth, events/z" in eres("info", dsec)[1]
     assert convert(dsec, tmp_path / "b.h5") == [
-        f"{tmp_path / 'b.h5'}: without camera, imu, events/z, for which DSEC HDF5 has no place"
+        f"{tmp_path / 'b.h5'}: DSEC HDF5 cannot store camera, imu, events/z"
     ]
-    assert convert(dsec, npz) == [
-        f"{npz}: without camera, imu, truth, events/z, for which numpy arrays has no place"
-    ]
+    assert convert(dsec, npz) == [f"{npz}: numpy arrays cannot store camera, imu, truth, events/z"]
     assert convert(npz, raw) == []
-    assert convert(raw, text) == [
-        f"{text}: without sensor model, origin, for which text, t x y p has no place"
-    ]
+    assert convert(raw, text) == [f"{text}: text, t x y p cannot store sensor model, origin"]
     assert convert(text, tmp_path / "c.raw") == []
     header, words = raw.read_bytes().split(b"% end\n", 1)
     raw.write_bytes(header + b"% serial_number 12\n% end\n" + words)
     assert convert(raw, tmp_path / "d.raw") == [
-        f"{tmp_path / 'd.raw'}: without serial_number, for which Prophesee EVT3 has no place"
+        f"{tmp_path / 'd.raw'}: Prophesee EVT3 cannot store serial_number"
     ]
     with np.load(npz) as columns:
         np.savez(tmp_path / "e.npz", **columns, extra=np.zeros(3))
     assert convert(tmp_path / "e.npz", tmp_path / "f.npz") == [
-        f"{tmp_path / 'f.npz'}: without extra, for which numpy arrays has no place"
+        f"{tmp_path / 'f.npz'}: numpy arrays cannot store extra"
     ]
 
 
@@ -324,7 +320,7 @@ def test_convert_in_place_is_refused(eres, tmp_path, monkeypatch, how):
 
 
 def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
-    """Promise: simulate and convert replace a file only with --overwrite, and then do."""
+    """Promise: simulate and convert replace a file only with --overwrite."""
     source, out = tmp_path / "a.npz", tmp_path / "b.h5"
     write_events(source, random_events(500))
     arguments = {
@@ -341,7 +337,7 @@ def test_a_file_that_exists_is_refused(eres, sequence, tmp_path):
 
 
 def test_convert_asks_for_a_size(eres, tmp_path):
-    """Promise: --size WIDTH HEIGHT for files that store none; the error says so."""
+    """Promise: files without a size need --size WIDTH HEIGHT; the error says so."""
     source, out = tmp_path / "a.txt", tmp_path / "b.npz"
     source.write_text("0.5 3 4 1\n")
     code, _, err = eres("convert", source, out)
@@ -352,7 +348,8 @@ def test_convert_asks_for_a_size(eres, tmp_path):
 
 @pytest.mark.parametrize("name", list(FORMATS))
 def test_info(eres, tmp_path, name):
-    """Promise: format, size, count, time, rate and polarities of any file, and its model."""
+    """Promise: info prints format, size, count, time, rate and polarities of any file, and its
+    model."""
     t, zeros = [1_000_000, 1_250_000, 1_500_000, 3_000_000], [0, 1, 2, 3]
     model = SensorModel(width=346, height=260, cutoff_hz=50.0)
     events = make_events(t, zeros, zeros, [1, 1, 1, 0], 346, 260, model)
@@ -373,7 +370,7 @@ def test_info(eres, tmp_path, name):
 
 
 def test_info_without_size_and_without_events(eres, tmp_path):
-    """Promise: info needs no size, and an empty file is described too."""
+    """Promise: info needs no size, and describes an empty file too."""
     (tmp_path / "a.txt").write_text("0.5 3 4 1\n")
     assert "size not stored" in eres("info", tmp_path / "a.txt")[1]
     write_events(tmp_path / "b.npz", make_events([], [], [], []))
@@ -392,7 +389,7 @@ def test_sensors(eres):
 
 @pytest.mark.parametrize("command", ["simulate", "convert", "sensors", "info"])
 def test_commands_explain_themselves(eres, command):
-    """Promise: help exits 0 and says what the command does."""
+    """Promise: help exits 0 and describes the command."""
     code, out, _ = eres(command, "--help")
     assert (code, len(out.splitlines()) > 3) == (0, True)
 
@@ -446,7 +443,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         (
             ["simulate", "{seq}", "--out", "{tmp}/a.npz", "--resolution", "8", "--truth", "1"],
             1,
-            "truth has a place in DSEC's format",
+            "only DSEC's format (.h5) can store truth",
         ),
         (["convert", "{tmp}/none.h5", "{tmp}/a.raw"], 1, "none.h5: No such file"),
         (["convert", "{tmp}/bad.raw", "{tmp}/a.h5"], 1, "bad.raw: byte 0"),
@@ -467,7 +464,7 @@ def test_mistakes_get_one_clear_line(eres, sequence, tmp_path, arguments, code, 
 
 
 def test_a_damaged_frame_leaves_no_file(eres, sequence, tmp_path):
-    """Promise: when the light ends half-way, so does the command, and no half a file is left."""
+    """Promise: if the light ends half-way, so does the command, and no partial file is left."""
     folder = shutil.copytree(sequence.folder, tmp_path / "sequence")
     frame = sorted((folder / "frames").iterdir())[-1]
     frame.write_bytes(frame.read_bytes()[:100])

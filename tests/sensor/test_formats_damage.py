@@ -1,4 +1,4 @@
-"""Damaged files: an error that says where, or valid events; no crash, hang or silent loss."""
+"""Damaged files: an error with the place, or valid events; no crash, hang or silent loss."""
 
 import pytest
 from hypothesis import given, settings
@@ -16,7 +16,7 @@ FUZZ = settings(max_examples=150, deadline=5000)  # ms: nothing hangs
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """Every format's file of one stream: name -> (events, bytes)."""
+    """Return every format's file of one stream: name -> (events, bytes)."""
     folder = tmp_path_factory.mktemp("whole")
     events = random_events(400, model=MODEL)
     files = {}
@@ -28,7 +28,8 @@ def whole(tmp_path_factory):
 
 
 def outcome(folder, name, data):
-    """The events that a file of these bytes holds, checked again; None where it is refused."""
+    """Return the events of a file with these bytes, after a check; None if the reader refuses
+    it."""
     path = folder / f"damaged{SUFFIXES[name]}"
     path.write_bytes(data)
     try:
@@ -43,7 +44,8 @@ def outcome(folder, name, data):
 
 @EVERY
 def test_cut_anywhere_is_an_error(name, whole, tmp_path):
-    """Promise: a file that was cut off is refused; text, which cannot tell, gives whole lines."""
+    """Promise: the reader refuses a truncated file; text, which cannot detect it, gives whole
+    lines."""
     events, files = whole
     data = files[name]
     for length in [*range(0, len(data), 13), len(data) - 2, len(data) - 1]:
@@ -62,9 +64,9 @@ def test_cut_anywhere_is_an_error(name, whole, tmp_path):
     flips=st.lists(st.tuples(st.integers(0, 1 << 20), st.integers(0, 7)), min_size=1, max_size=3)
 )
 def test_flipped_bits_give_an_error_or_valid_events(name, flips, whole, tmp_path):
-    """Promise: whatever is flipped, what comes out is a valid stream, and all of it.
+    """Promise: with a flipped bit, the result is a valid stream of the full length.
 
-    DSEC and npz have checksums: there it is the very same stream, or an error.
+    DSEC and npz have checksums, so there it is the same stream, or an error.
     """
     events, files = whole
     data = bytearray(files[name])
@@ -83,7 +85,7 @@ def test_flipped_bits_give_an_error_or_valid_events(name, flips, whole, tmp_path
 @FUZZ
 @given(data=st.binary(max_size=400), keep=st.integers(0, 400))
 def test_garbage_is_refused(name, data, keep, whole, tmp_path):
-    """Promise: bytes of anything, after nothing or after a file's good start, do no harm."""
+    """Promise: random bytes, alone or after a file's valid start, do no harm."""
     _, files = whole
     outcome(tmp_path, name, data)
     outcome(tmp_path, name, files[name][:keep] + data)

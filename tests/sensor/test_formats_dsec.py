@@ -16,7 +16,7 @@ from sensor.formats import load_events, read_header, write_events
 
 
 class Slicer:
-    """How DSEC's `EventSlicer` gets a window: by milliseconds roughly, then by microseconds."""
+    """A window as DSEC's `EventSlicer` gets it: by milliseconds, then by microseconds."""
 
     def __init__(self, file):
         self.file = file
@@ -39,7 +39,7 @@ class Slicer:
 
 @pytest.mark.parametrize("start_us", [0, 7_654_321, 54_321_987_654, -3_500])
 def test_dsecs_slicer_gets_every_window(start_us, tmp_path, monkeypatch):
-    """Promise: windows by ms_to_idx are those of `between`, wherever the clock starts."""
+    """Promise: windows by ms_to_idx equal those of `between`, wherever the clock starts."""
     monkeypatch.setattr(parts, "PART_EVENTS", 777)
     events = random_events(5000, start_us=start_us, mean_us=12)
     write_events(tmp_path / "a.h5", events)
@@ -58,7 +58,7 @@ def test_dsecs_slicer_gets_every_window(start_us, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("batch", [2, 3, 100])
 def test_ms_to_idx_of_dsecs_example(batch, tmp_path, monkeypatch):
-    """Format: the example in DSEC's own source, however the stream is cut."""
+    """Format: the example in DSEC's own source, for any division of the stream."""
     monkeypatch.setattr(parts, "PART_EVENTS", batch)
     t_us = [0, 500, 2100, 5000, 5000, 7100, 7200, 7200, 8100, 9000]
     zeros = [0] * len(t_us)
@@ -80,7 +80,7 @@ def test_ms_to_idx_by_its_definition(tmp_path):
 
 
 def test_layout(tmp_path):
-    """Format: DSEC's names and dtypes, p as 0 and 1, zstd at level 1, and how it was made."""
+    """Format: DSEC's names and dtypes, p as 0 and 1, zstd at level 1, and the origin."""
     model = SensorModel(width=640, height=480, cutoff_hz=200.0, dark_level=1e-3)
     events = random_events(2000, model=model)
     write_events(tmp_path / "a.h5", events, origin={"seed": 5})
@@ -106,9 +106,9 @@ def test_layout(tmp_path):
 
 
 def test_clocks(tmp_path):
-    """Promise: times count from 0 with t_offset 0, unless 32 bits would soon not hold them.
+    """Promise: times count from 0 with t_offset 0, unless 32 bits would soon overflow.
 
-    Then they have 64, and DSEC's `t + t_offset` does not overflow.
+    Then they have 64 bits, and DSEC's `t + t_offset` does not overflow.
     """
     for start_us, offset_us in [(0, 0), (2_000_000_000, 0), (1 << 31, 2147483000), (-1, -1000)]:
         write_events(tmp_path / "a.h5", make_events([start_us], [0], [0], [1]))
@@ -119,7 +119,7 @@ def test_clocks(tmp_path):
 
 
 def dsec_file(path, **changed):
-    """A file as DSEC has it: no attributes, a clock offset; some columns in other ways."""
+    """Write a file like DSEC's: no attributes, a clock offset, and some columns in other ways."""
     columns = {
         "t": np.array([5, 9, 9], np.uint32),
         "x": np.array([1, 2, 639], np.uint16),
@@ -135,7 +135,7 @@ def dsec_file(path, **changed):
 
 
 def test_dsecs_own_recordings(tmp_path):
-    """Promise: files without our attributes are read when the size is given; t_offset is added."""
+    """Promise: files without our attributes need only a size; the reader adds t_offset."""
     path = dsec_file(tmp_path / "a.h5")
     with pytest.raises(EventFormatError, match="does not store the sensor's size"):
         load_events(path)
@@ -164,7 +164,7 @@ def test_dsecs_own_recordings(tmp_path):
     ],
 )
 def test_files_that_are_not_events_are_refused(changed, said, tmp_path):
-    """Promise: the object that is wrong is named, with what was found."""
+    """Promise: the error names the wrong object and its value."""
     path = dsec_file(tmp_path / "a.h5", **changed)
     with pytest.raises(EventFormatError) as error:
         load_events(path, size=(640, 480))
@@ -173,7 +173,7 @@ def test_files_that_are_not_events_are_refused(changed, said, tmp_path):
 
 @pytest.mark.parametrize("missing", ["h5py", "hdf5plugin"])
 def test_without_hdf5_the_error_says_what_to_install(missing, tmp_path):
-    """Promise: no HDF5, no traceback: one line that says what to install."""
+    """Promise: without HDF5, one line says which package to install, with no traceback."""
     code = (
         f"import sys; sys.modules[{missing!r}] = None\n"
         "from sensor import EventFormatError, Events\n"

@@ -1,4 +1,5 @@
-"""Prophesee RAW: checked against faery's codecs both ways, and word by word against the format."""
+"""Prophesee RAW: compared with faery's codecs in both directions, and with the format word by
+word."""
 
 import logging
 
@@ -29,7 +30,7 @@ STREAMS = {
 
 
 def by_faery(path):
-    """(version, events) of a RAW file as faery decodes it."""
+    """Return (version, events) of a RAW file as faery decodes it."""
     with faery_evt.Decoder(path, None, None) as decoder:
         found = [p["events"].copy() for p in decoder if p and "events" in p]
         all_of_them = np.concatenate(found)
@@ -40,7 +41,7 @@ def by_faery(path):
 @BOTH
 @pytest.mark.parametrize("kind", STREAMS)
 def test_an_independent_decoder_reads_what_we_write(name, kind, tmp_path):
-    """Promise: faery decodes every event of our files, its time above all."""
+    """Promise: faery decodes every event of our files, and above all its time."""
     events = STREAMS[kind]()
     write_events(tmp_path / "a.raw", events, format=name)
     version, decoded = by_faery(tmp_path / "a.raw")
@@ -50,7 +51,8 @@ def test_an_independent_decoder_reads_what_we_write(name, kind, tmp_path):
 
 @BOTH
 def test_times_of_the_clock_of_the_day_have_an_offset(name, tmp_path):
-    """Promise: what words of EVT cannot say is said as faery says it, and faery reads it."""
+    """Promise: times and sizes beyond EVT's words are stored as faery stores them, and faery reads
+    it."""
     events = random_events(3_000, start_us=1_600_000_000_123_457, mean_us=9)
     write_events(tmp_path / "a.raw", events, format=name, t_offset_us=1_600_000_000_000_000)
     assert b"% t0 1600000000000000\n" in (tmp_path / "a.raw").read_bytes()
@@ -64,7 +66,8 @@ def test_times_of_the_clock_of_the_day_have_an_offset(name, tmp_path):
 @pytest.mark.parametrize("from_zero", [False, True])
 @pytest.mark.parametrize("kind", STREAMS)
 def test_we_read_what_an_independent_encoder_writes(name, kind, from_zero, tmp_path):
-    """Promise: every event of faery's files is read, also where its header holds an offset `t0`."""
+    """Promise: our reader reads every event of faery's files, also with an offset `t0` in the
+    header."""
     events = STREAMS[kind]()
     path = tmp_path / "a.raw"
     size = events.width, events.height
@@ -97,7 +100,7 @@ def test_evt2_word_by_word(tmp_path):
 
 
 def test_evt3_word_by_word(tmp_path):
-    """Format: each word says what changed; five neighbors and more are one group of vectors."""
+    """Format: each word contains what changed; five or more neighbors are one group of vectors."""
     x = [5, 9, 10, 12, 13, 14, 20, 40, 600]
     events = make_events([3] * 8 + [5000], x, [7] * 9, [0] + [1] * 8)
     write_events(tmp_path / "a.raw", events, format="evt3")
@@ -146,7 +149,7 @@ def raw(path, header, words, dtype="<u2"):
 
 
 def test_evt3_of_a_camera(tmp_path):
-    """Format: repeated times, lone vectors, triggers and unknown masters, a clock that turns."""
+    """Format: repeated times, lone vectors, triggers and unknown masters, a clock that wraps."""
     words = [0x8FFF, 0x6001, 0x0005, 0x280A, 0x8FFF, 0xA001, 0xE014, 0xF123, 0x7004]
     words += [0x3064, 0x5081, 0x4801, 0x6001, 0x8000, 0x200B, 0x6002, 0x0805, 0x2805]
     events = load_events(raw(tmp_path / "a.raw", HEADER, words))
@@ -158,7 +161,7 @@ def test_evt3_of_a_camera(tmp_path):
 
 
 def test_a_stream_that_starts_in_the_middle(tmp_path, caplog):
-    """Promise: what comes before the first time and row is left out, and the log says how much."""
+    """Promise: the reader omits events before the first time and row, and logs their number."""
     words = [0x2001, 0x3002, 0x4003, 0x8001, 0x2003, 0x6001, 0x0004, 0x2005]
     with caplog.at_level(logging.WARNING):
         events = load_events(raw(tmp_path / "a.raw", HEADER, words))
@@ -167,7 +170,7 @@ def test_a_stream_that_starts_in_the_middle(tmp_path, caplog):
 
 
 def test_headers_of_other_writers(tmp_path):
-    """Promise: size by `geometry` or `format`, no `% end`, no size at all; the version if given."""
+    """Promise: size from `geometry` or `format`, no `% end`, no size at all; the given version."""
     words = [0x8000, 0x0001, 0x2002]
     for header in (b"% evt 3.0\n% geometry 640x480\n", b"% format EVT3;width=640;height=480\n"):
         assert len(load_events(raw(tmp_path / "a.raw", header, words))) == 1
@@ -220,7 +223,7 @@ def test_damage_is_named(header, words, said, tmp_path):
 
 
 def test_a_word_cut_in_two_is_an_error_after_the_events_before_it(tmp_path):
-    """Promise: nothing is lost in silence, and what came before can still be had."""
+    """Promise: no loss is silent, and the events before the error are still available."""
     words = np.array([0x8000, 0x0001, 0x2002], "<u2").tobytes()
     (tmp_path / "a.raw").write_bytes(HEADER + words + b"\x02")
     parts = read_events(tmp_path / "a.raw")

@@ -1,4 +1,4 @@
-"""The sensor stands alone: numpy, numba and scipy are all it needs."""
+"""The sensor is independent: it needs only numpy, numba and scipy."""
 
 import os
 import subprocess
@@ -43,7 +43,7 @@ for name in FORMATS:
 
 
 def test_sensor_works_with_numpy_numba_and_scipy_alone(tmp_path):
-    """Promise: `import sensor`, `simulate` and all formats but HDF5 need nothing else."""
+    """Promise: `import sensor`, `simulate` and all formats but HDF5 need no other package."""
     command = [sys.executable, "-c", ALONE]
     compiled = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
     environment = {"PYTHONPATH": str(ROOT), "PATH": "", **compiled}

@@ -1,4 +1,4 @@
-"""What every event format promises: all events come back, in bounded memory, or a clear refusal."""
+"""Promises of every event format: all events come back, in bounded memory, or a clear error."""
 
 import itertools
 import time
@@ -43,7 +43,7 @@ def in_parts(events, cuts):
 @QUICK
 @given(events=streams(), cuts=st.lists(st.integers(0, 40), max_size=3))
 def test_every_event_comes_back(name, events, cuts, tmp_path):
-    """Promise: written in any parts, read in parts, the columns, size and model are the same."""
+    """Promise: for any parts of writing and of reading, columns, size and model are the same."""
     path = file_of(tmp_path, name)
     assert write_events(path, in_parts(events, cuts), format=name) == len(events)
     back = load_events(path, format=name)
@@ -56,7 +56,7 @@ def test_every_event_comes_back(name, events, cuts, tmp_path):
 
 @EVERY
 def test_files_depend_on_the_events_not_on_how_they_were_cut(name, tmp_path, monkeypatch):
-    """Promise: the same stream in other parts makes the same bytes; many parts read as one."""
+    """Promise: the same stream in other parts gives the same bytes; many parts read as one."""
     monkeypatch.setattr(parts, "PART_EVENTS", 1000)
     events = random_events(4321)
     files = []
@@ -74,7 +74,7 @@ def test_files_depend_on_the_events_not_on_how_they_were_cut(name, tmp_path, mon
 
 @EVERY
 def test_memory_does_not_grow_with_the_stream(name, tmp_path, monkeypatch):
-    """Promise: ten times the events, read and written, take no more memory."""
+    """Promise: ten times as many events need no more memory to write or read."""
     monkeypatch.setattr(parts, "PART_EVENTS", 1 << 12)
     monkeypatch.setattr(evt, "_READ_WORDS", 1 << 12)
     monkeypatch.setattr(text, "_READ_BYTES", 1 << 14)
@@ -103,7 +103,7 @@ def test_memory_does_not_grow_with_the_stream(name, tmp_path, monkeypatch):
 
 @EVERY
 def test_simulated_streams_go_straight_to_files(name, tmp_path):
-    """Promise: `stream` into a file and back is `simulate`, with the model that was used."""
+    """Promise: `stream` into a file and back equals `simulate`, with its model."""
     y, x = np.mgrid[:24, :32]
     t_s = np.arange(60) * 1e-3
     frames = np.exp(np.sin(x / 3 + y / 5 + 90 * t_s[:, None, None]))
@@ -139,7 +139,7 @@ def test_origin_says_how_it_was_made(name, tmp_path):
 
 @EVERY
 def test_a_file_appears_whole_or_not_at_all(name, tmp_path):
-    """Promise: a stream that fails leaves the old file as it was, and nothing else."""
+    """Promise: a stream that fails does not change the old file and leaves no other file."""
     path = file_of(tmp_path, name)
     write_events(path, random_events(5), format=name)
     before = path.read_bytes()
@@ -177,7 +177,8 @@ CANNOT = {
 
 @pytest.mark.parametrize("case", CANNOT)
 def test_what_a_format_cannot_hold_is_refused(case, tmp_path):
-    """Promise: no event is bent to fit a format; the error says what was found, no file is left."""
+    """Promise: a format never changes an event to fit; the error names the value, and no file is
+    left."""
     name, stream_parts, said = CANNOT[case]
     with pytest.raises(EventFormatError) as error:
         write_events(file_of(tmp_path, name), stream_parts, format=name)
@@ -188,13 +189,14 @@ def test_what_a_format_cannot_hold_is_refused(case, tmp_path):
 
 @pytest.mark.parametrize("origin", [{"Seed": 1}, {"a b": 1}, {"x": None}, {"x": float("nan")}])
 def test_origins_that_no_file_could_say_are_refused(origin, tmp_path):
-    """Promise: entries of an origin are named values, or an error."""
+    """Promise: entries of an origin are named values, or cause an error."""
     with pytest.raises(EventFormatError, match="origin"):
         write_events(tmp_path / "a.npz", random_events(1), origin=origin)
 
 
 def test_the_extension_chooses_the_format(tmp_path):
-    """Promise: .h5 .hdf5 .raw .npz .txt in any case; a .raw that exists says its version."""
+    """Promise: .h5 .hdf5 .raw .npz .txt in any case; the header of an existing .raw has its
+    version."""
     for suffix, name in [("h5", "dsec"), ("HDF5", "dsec"), ("npz", "npz"), ("txt", "text")]:
         assert find_format(f"a.{suffix}").name == name
     path = tmp_path / "a.raw"
@@ -213,7 +215,8 @@ def test_the_extension_chooses_the_format(tmp_path):
 
 
 def test_sizes_are_stored_or_given_and_never_guessed(tmp_path):
-    """Promise: a file without a size needs one; one that contradicts the file is refused."""
+    """Promise: a file without a size needs one, and a size that contradicts the file is an
+    error."""
     bare = tmp_path / "bare.txt"
     bare.write_text("0.5 3 4 1\n1.25 5 6 0\n")
     with pytest.raises(EventFormatError, match="does not store the sensor's size"):
@@ -228,7 +231,7 @@ def test_sizes_are_stored_or_given_and_never_guessed(tmp_path):
 
 
 def test_missing_files_and_folders_are_the_systems_errors(tmp_path):
-    """Promise: the error names the missing file or folder before anything is written."""
+    """Promise: the error names the missing file or folder before any writing."""
     for suffix in SUFFIXES.values():
         with pytest.raises(FileNotFoundError) as error:
             read_events(tmp_path / f"none{suffix}")
@@ -239,7 +242,7 @@ def test_missing_files_and_folders_are_the_systems_errors(tmp_path):
 
 
 def test_numpy_reads_npz(tmp_path):
-    """Promise: an npz file is what `numpy.load` expects; one that numpy compressed reads too."""
+    """Promise: `numpy.load` reads an npz file; the reader also reads one that numpy compressed."""
     events = random_events(50)
     write_events(tmp_path / "a.npz", events, origin={"seed": 1})
     with np.load(tmp_path / "a.npz") as arrays:
@@ -252,7 +255,8 @@ def test_numpy_reads_npz(tmp_path):
 
 
 def test_text_is_seconds_and_zero_or_one(tmp_path):
-    """Promise: text is `t x y p`; other files' decimals, blanks and line ends read as well."""
+    """Promise: text is `t x y p`; the reader accepts other files' decimals, blanks and line
+    ends."""
     t_us = [-1_500_000, 0, 7, 123_456_789]
     events = make_events(t_us, [0, 1, 2, 639], [0, 0, 9, 479], [0, 1, 0, 1])
     path = tmp_path / "a.txt"
@@ -286,7 +290,7 @@ def test_text_is_seconds_and_zero_or_one(tmp_path):
     ],
 )
 def test_text_that_is_not_events_is_refused(text, said, tmp_path):
-    """Promise: the error shows a line that is not an event of this sensor, with its byte."""
+    """Promise: the error shows the line that is not an event of this sensor, and its byte."""
     path = tmp_path / "a.txt"
     path.write_text(text)
     with pytest.raises(EventFormatError) as error:

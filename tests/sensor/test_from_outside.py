@@ -1,4 +1,4 @@
-"""Sensors and event formats from outside need only public names and less than 20 lines each."""
+"""Sensors and event formats from outside need only public names and fewer than 20 lines each."""
 
 import inspect
 
@@ -44,12 +44,12 @@ def own_format():
 
 @pytest.mark.parametrize("written", [own_sensor, own_format])
 def test_it_takes_less_than_20_lines(written):
-    """Promise: a sensor or an event format from outside needs less than 20 lines of Python."""
+    """Promise: a sensor or an event format from outside needs fewer than 20 lines of Python."""
     assert len(inspect.getsource(written).splitlines()) < 20
 
 
 def test_a_sensor_from_outside_is_one_like_any_other(monkeypatch, tmp_path):
-    """Promise: with an entry in SENSORS it has a name, fires events, and files store it."""
+    """Promise: an entry in SENSORS gives it a name; it fires events, and files store it."""
     monkeypatch.setitem(SENSORS, "event1", own_sensor())
     events = simulate(FRAMES, T_S, find_sensor("event1").model)
     assert len(events) > 1000
@@ -58,12 +58,12 @@ def test_a_sensor_from_outside_is_one_like_any_other(monkeypatch, tmp_path):
 
 
 def test_a_format_from_outside_is_one_like_any_other(monkeypatch, tmp_path, caplog):
-    """Promise: with an entry in FORMATS its extension works, and a warning names what is lost."""
+    """Promise: an entry in FORMATS adds its extension, and a warning names lost data."""
     monkeypatch.setitem(FORMATS, "rows", own_format())
     events = simulate(FRAMES, T_S, own_sensor().model)
     file = tmp_path / "events.rows"
     assert write_events(file, events) == len(events) > 1000
-    assert "without sensor model, for which a row for each event has no place" in caplog.text
+    assert "a row for each event cannot store sensor model" in caplog.text
     assert (read_header(file).width, read_header(file).height) == (40, 30)
     for column, written in zip(load_events(file).columns, events.columns, strict=True):
         np.testing.assert_array_equal(column, written)

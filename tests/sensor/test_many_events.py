@@ -1,4 +1,4 @@
-"""More events than 32 bits count."""
+"""More events than 32 bits can count."""
 
 import itertools
 
@@ -11,7 +11,7 @@ from sensor import SensorModel, stream
 @pytest.mark.slow
 def test_more_than_two_to_the_31_events():
     """Promise: no counter, index or time wraps: light that swings by 5000.5 thresholds fires 5000
-    events a pixel and swing, however many that makes."""
+    events per pixel and swing, for any total."""
     side, swings, C = 16, 1700, 1e-4
     high, low = (np.full((side, side), np.exp(u)) for u in (0.50005, -0.00005))
     frames = itertools.chain([np.ones((side, side))], itertools.cycle([high, low]))

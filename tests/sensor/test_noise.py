@@ -1,4 +1,4 @@
-"""Pixel realism, each part against its closed-form statistics; all of it off by default."""
+"""Pixel realism: each part against its closed-form statistics; all of it is off by default."""
 
 import math
 
@@ -15,7 +15,7 @@ PIXELS = SIDE * SIDE
 
 
 def constant(light, seconds, frames=11):
-    """Frames of constant light, and their times."""
+    """Return frames of constant light, and their times."""
     light = np.broadcast_to(np.asarray(light, dtype=np.float64), (SIDE, SIDE))
     return np.broadcast_to(light, (frames, SIDE, SIDE)), np.linspace(0, seconds, frames)
 
@@ -31,20 +31,20 @@ def model(**kwargs):
 
 
 def counts(events, polarity=None):
-    """(SIDE, SIDE) number of events per pixel, of one polarity or both."""
+    """Return the (SIDE, SIDE) number of events per pixel, of one polarity or both."""
     chosen = slice(None) if polarity is None else events.p == polarity
     pixel = events.y[chosen].astype(int) * SIDE + events.x[chosen]
     return np.bincount(pixel, minlength=PIXELS).reshape(SIDE, SIDE)
 
 
 def test_defaults_are_the_noiseless_pixel():
-    """Promise: nothing of this file happens unless it is asked for."""
+    """Promise: all effects in this file are off by default."""
     assert len(simulate(*constant(0.5, 10.0), model())) == 0
 
 
 @pytest.mark.parametrize("cutoff_hz", [math.inf, 50.0])
 def test_leak_fires_on_events_at_its_rate(cutoff_hz):
-    """Physics: in constant light a leaking pixel fires ON every 1 / leak_hz, at any filter."""
+    """Physics: in constant light a leaking pixel fires ON every 1 / leak_hz, with any filter."""
     events = simulate(*constant(0.5, 3.05), model(leak_hz=10.0, cutoff_hz=cutoff_hz))
     assert np.all(events.p == 1)
     assert np.all(counts(events) == 30)
@@ -52,7 +52,7 @@ def test_leak_fires_on_events_at_its_rate(cutoff_hz):
 
 
 def test_leak_with_random_start_has_its_mean_rate():
-    """Physics: with memories spread out, each microsecond is as likely as the next."""
+    """Physics: with distributed memories, each microsecond is equally likely."""
     events = simulate(*constant(0.5, 2.03), model(leak_hz=1.0, random_start=True))
     late = events.between(1_000_000, 2_000_000)  # from then on all pixels are in their rhythm
     assert len(late) == PIXELS
@@ -61,16 +61,16 @@ def test_leak_with_random_start_has_its_mean_rate():
 
 @pytest.mark.parametrize("cutoff_hz", [math.inf, 50.0])
 def test_random_start_keeps_within_each_pixels_own_thresholds(cutoff_hz):
-    """Physics: a pixel that has been running lies within its thresholds, so nothing fires at once.
+    """Physics: the memory of a running pixel lies within its thresholds, so nothing fires at once.
 
-    In constant light it never fires, however small its own thresholds are.
+    In constant light it never fires, even with small thresholds.
     """
     drawn = model(random_start=True, threshold_mismatch=0.1, cutoff_hz=cutoff_hz)
     assert len(simulate(*constant(0.5, 0.1), drawn)) == 0
 
 
 def test_threshold_mismatch_is_a_fixed_pattern_of_its_spread():
-    """Physics: thresholds are normal about C, ON and OFF on their own, and stay with the pixel."""
+    """Physics: thresholds are normal around C, ON and OFF independently, and constant per pixel."""
     C, sigma, height = 0.2, 0.02, 40.0
     rise, t_s = ramp(height, 1.0)
     noisy = model(contrast_threshold=C, threshold_mismatch=sigma, dark_level=0.0)
@@ -87,7 +87,7 @@ def test_threshold_mismatch_is_a_fixed_pattern_of_its_spread():
 
 
 def test_shot_noise_is_a_poisson_process():
-    """Physics: counts have the variance of their mean, over any window, and both signs."""
+    """Physics: counts have the variance of their mean, over any window, for both polarities."""
     rate_hz, seconds = 8.0, 5.0
     dark = constant(0.0, seconds, frames=7)
     events = simulate(*dark, model(shot_noise_hz=rate_hz), seed=1)
@@ -125,7 +125,7 @@ def test_shot_noise_falls_with_the_light():
 
 
 def test_noise_does_not_move_the_signal(scene_in_motion):
-    """Physics: noise events come on top; those of the light stay what and when they were."""
+    """Physics: noise adds events; those of the light do not change."""
     frames, t_s = scene_in_motion
     clean = simulate(frames, t_s, model(cutoff_hz=200.0))
     noisy = simulate(frames, t_s, model(cutoff_hz=200.0, shot_noise_hz=300.0))
@@ -147,7 +147,7 @@ def scene_in_motion():
 
 
 def test_draws_depend_neither_on_threads_nor_on_chunks(scene_in_motion):
-    """Promise: one seed, one set of events, however the work is cut up."""
+    """Promise: one seed gives one set of events, for any division of the work."""
     frames, t_s = scene_in_motion
     everything = model(
         cutoff_hz=300.0,
@@ -177,7 +177,7 @@ def test_hot_pixels_are_few_and_fire_at_their_rate():
 
 
 def test_refractory_loses_reports_but_not_the_measurement():
-    """Promise: no two events of a pixel are nearer than the period; those left keep their times."""
+    """Promise: no two events of a pixel are closer than the period; the others keep their times."""
     rise, t_s = ramp(100.0, 0.5)  # an event every 2 ms
     free = simulate(rise, t_s, model(dark_level=0.0))
     tired = simulate(rise, t_s, model(dark_level=0.0, refractory_s=3e-3))
@@ -204,7 +204,8 @@ def test_one_pole_answers_as_one_pole(cutoff_hz):
 
 
 def test_cutoff_in_proportion_to_the_light():
-    """Physics: ten times the light, ten times the bandwidth: the same small step, ten times sooner.
+    """Physics: ten times the light gives ten times the bandwidth, so a small step is ten times
+    faster.
 
     The step is 2 % in light; C is so small that it crosses several levels.
     """
@@ -228,7 +229,8 @@ def test_cutoff_in_proportion_to_the_light():
 
 
 def test_illuminance_sets_the_cutoff():
-    """Physics: a kilolux gives the DVS128's published 3 kHz, and half the light half of it."""
+    """Physics: a kilolux gives the DVS128's published 3 kHz, and half the light gives half of
+    it."""
     assert cutoff_in_light(1000.0) == pytest.approx(3000.0)
     assert cutoff_in_light(500.0) == pytest.approx(1500.0)
     with pytest.raises(SensorError, match="illuminance_lux: found 0"):
@@ -236,7 +238,7 @@ def test_illuminance_sets_the_cutoff():
 
 
 def test_fill_factor_sees_the_middle_of_each_pixel():
-    """Physics: a pixel with fill factor 1/4 averages a square of half its side, in its middle."""
+    """Physics: a pixel with fill factor 1/4 averages a square of half its side, in its center."""
     rng = np.random.default_rng(0)
     frame = rng.gamma(1.0, 1.0, (24, 36))
     middles = frame.reshape(6, 4, 9, 4)[:, 1:3, :, 1:3].mean(axis=(1, 3))
@@ -263,6 +265,6 @@ def test_fill_factor_sees_the_middle_of_each_pixel():
     ],
 )
 def test_impossible_electronics_are_refused(kwargs, text):
-    """Promise: a number out of its range is named with what was found and expected."""
+    """Promise: an error names a number out of range, what was found and what was expected."""
     with pytest.raises(SensorError, match=f"SensorModel.{text}: found"):
         model(**kwargs)

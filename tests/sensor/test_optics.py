@@ -1,4 +1,4 @@
-"""Area integration: exact overlaps, and the mean conserved."""
+"""Area integration: exact overlaps, and a conserved mean."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from sensor.optics import area_weights, integrate
 
 @pytest.mark.parametrize(("n_in", "n_out"), [(1280, 346), (1280, 240), (1280, 128), (7, 7), (5, 3)])
 def test_weights_cover_every_sample_once(n_in, n_out):
-    """Physics: each sample's light is shared out whole, and each pixel is a mean."""
+    """Physics: each sample's light is divided completely, and each pixel is a mean."""
     first, count, weight = area_weights(n_in, n_out)
     received = np.zeros(n_in)
     for i in range(n_out):
@@ -21,7 +21,7 @@ def test_weights_cover_every_sample_once(n_in, n_out):
 
 @pytest.mark.parametrize("size", [(10, 7), (9, 13), (14, 1), (3, 20)])
 def test_fractional_box_matches_brute_force(size):
-    """Promise: fractional ratios are exact, both axes on their own."""
+    """Promise: fractional ratios are exact, each axis independently."""
     frame = np.random.default_rng(1).gamma(0.5, 2.0, (14, 20)).astype(np.float32)
     np.testing.assert_allclose(
         integrate(frame, *size), reference_sensor.area_mean(frame, *size), rtol=1e-13
@@ -29,7 +29,7 @@ def test_fractional_box_matches_brute_force(size):
 
 
 def test_mean_is_conserved_at_the_papers_ratio():
-    """Physics: 1280 / 346 = 3.699...; the sensor receives the light that the frame carries."""
+    """Physics: 1280 / 346 = 3.699...; the sensor receives the light of the frame."""
     frame = np.random.default_rng(2).gamma(0.3, 5.0, (1280, 1280)).astype(np.float32)
     mean = frame.mean(dtype=np.float64)
     assert abs(integrate(frame, 346, 346).mean() / mean - 1) < 1e-6

@@ -36,12 +36,12 @@ def test_log_is_exact_to_one_ulp():
 
 @pytest.mark.parametrize("cutoff_hz", [IDEAL, 200.0, 50.0])
 def test_constant_light_makes_no_event(cutoff_hz):
-    """Physics: an event needs a change of light, whatever the filter."""
+    """Physics: an event needs a change of light, with any filter."""
     assert len(one_pixel([0.3] * 50, np.arange(50) * 1e-3, cutoff_hz)) == 0
 
 
 def test_log_ramp_ideal_fires_at_equal_intervals():
-    """Physics: log intensity rising at s crosses a threshold every C / s seconds, Eq. (7)."""
+    """Physics: log intensity that rises at s crosses a threshold every C / s seconds, Eq. (7)."""
     s, C = 37.0, 0.2
     t_s = np.linspace(0, 0.1, 12)
     events = one_pixel(1.0 + s * t_s, t_s)
@@ -94,7 +94,7 @@ def test_sine_at_the_cutoff_is_halved_and_a_quarter_late(cutoff_hz):
 def test_long_frame_intervals_match_the_integrated_ode(cutoff_hz):
     """Promise: exact at any frame interval; here 5 ms, against the two poles' ODE, within 1 us.
 
-    The signal is drawn so that v2 turns inside intervals and crosses several levels in one.
+    The test draws the signal so that v2 turns inside intervals and crosses several levels in one.
     """
     a, C = 2 * math.pi * cutoff_hz, 0.1
     rng = np.random.default_rng(5)
@@ -138,7 +138,7 @@ def test_peak_inside_an_interval_fires_both_ways():
 
 
 def test_crossings_near_a_turn_are_solved():
-    """Promise: a level just short of where v2 turns is met within 1 us (y = 3e-4 at 50 Hz).
+    """Promise: the solver finds a level just below a turn of v2 within 1 us (y = 3e-4 at 50 Hz).
 
     Against bisection, on pieces that end where v2's slope vanishes.
     """

@@ -1,4 +1,4 @@
-"""`SENSORS` holds the cameras of the paper's Table 1."""
+"""`SENSORS` contains the cameras of the paper's Table 1."""
 
 import pytest
 
@@ -25,7 +25,7 @@ Insightness | Rhino 3 | 2018 | 320x262 | USB 2 | 50
 
 
 def test_presets_are_the_papers_table():
-    """Source: every row of Table 1, and nothing else."""
+    """Source: every row of Table 1, and no other."""
     rows = []
     for preset in SENSORS.values():
         size = f"{preset.model.width}x{preset.model.height}"
@@ -43,7 +43,7 @@ def test_presets_are_the_papers_table():
 
 
 def test_presets_are_found_by_name():
-    """Promise: a name that is almost right is suggested; the pixels are the paper's ideal ones."""
+    """Promise: the error suggests a similar name; the pixels are the paper's ideal ones."""
     model = find_sensor("davis346").model
     assert (model.contrast_threshold, model.cutoff_hz) == (0.2, float("inf"))
     with pytest.raises(SensorError, match="did you mean 'davis346'"):

@@ -29,13 +29,13 @@ def make(t_us, x=None, y=None, p=None, size=(64, 64)):
 
 
 def through(events, **kwargs):
-    """(events that leave, report)"""
+    """Return (events that leave, report)."""
     parts = read_out(events, Readout(**kwargs))
     return concatenate(list(parts)), parts.report
 
 
 def test_below_capacity_there_is_only_service_time():
-    """Physics: events further apart than one takes wait for nobody: delay = overhead + 1 / R."""
+    """Physics: events further apart than one takes do not wait: delay = overhead + 1 / R."""
     rng = np.random.default_rng(0)
     t_us = np.cumsum(rng.integers(4, 40, 1000))
     events = make(t_us, rng.integers(0, 64, 1000), rng.integers(0, 64, 1000))
@@ -64,7 +64,7 @@ def test_a_bus_with_plenty_to_spare_changes_nothing_but_the_last_microsecond():
 
 
 def test_overloaded_the_output_rate_is_the_capacity():
-    """Physics: twice what the bus carries leaves at R, half is dropped, the delay is D / R."""
+    """Physics: twice the capacity of the bus leaves at R, half is dropped, the delay is D / R."""
     t_us = np.repeat(np.arange(100_000), 2)
     events = make(t_us, np.tile([0, 1], 100_000))
     out, report = through(events, max_rate_hz=1e6, fifo_depth=500)
@@ -99,7 +99,7 @@ def test_a_fifo_drops_exactly_what_it_cannot_hold(depth):
 
 
 def test_a_row_is_read_together_and_pays_once():
-    """Physics: rows of n events are carried at n / (overhead + n / R), whatever their number."""
+    """Physics: rows of n events have a rate of n / (overhead + n / R), for any number of rows."""
     rows, n = 50, 20
     y, x = np.repeat(np.arange(rows), n), np.tile(np.arange(n), rows)
     _, report = through(
@@ -109,7 +109,7 @@ def test_a_row_is_read_together_and_pays_once():
 
 
 def test_the_row_that_waited_longest_is_next_and_latecomers_wait():
-    """Promise: a row that is granted takes what waits; what it fires then waits for its turn."""
+    """Promise: a granted row takes all waiting events; later events wait for its next turn."""
     # Row 5 is opened at once and pays 10 us. Row 2 fires at 3, row 5 again at 4, row 2 at 5.
     events = make([0, 3, 4, 5], [1, 2, 3, 4], [5, 2, 5, 2])
     out, report = through(events, max_rate_hz=1e6, row_overhead_s=10e-6, fifo_depth=9)
@@ -120,7 +120,7 @@ def test_the_row_that_waited_longest_is_next_and_latecomers_wait():
 
 
 def slow_read_out(events, rate_hz, depth, overhead_s):
-    """The same bus, event by event, in exact fractions of a microsecond."""
+    """Model the same bus, event by event, in exact fractions of a microsecond."""
     each, overhead = 1 / (Fraction(rate_hz) / 10**6), Fraction(overhead_s) * 10**6
     waiting, burst, sent, dropped = [], [], [], 0
     free_at = Fraction(-1)
@@ -163,7 +163,7 @@ def slow_read_out(events, rate_hz, depth, overhead_s):
     cuts=st.lists(st.integers(0, 400), max_size=6),
 )
 def test_every_event_is_where_the_slow_model_has_it(seed, rate_hz, depth, overhead_s, gap_us, cuts):
-    """Promise: exact times, drops and delays at any load, however the stream is cut into parts."""
+    """Promise: exact times, drops and delays at any load, for any division into parts."""
     rng = np.random.default_rng(seed)
     n = 400
     t_us = np.floor(np.cumsum(rng.exponential(gap_us, n))).astype(int)
@@ -193,7 +193,7 @@ def test_every_event_is_where_the_slow_model_has_it(seed, rate_hz, depth, overhe
 
 
 def test_what_is_not_one_stream_is_refused():
-    """Promise: parts of another sensor or out of order, and impossible buses, are named."""
+    """Promise: errors name parts of another sensor or out of order, and impossible buses."""
     first, second = make([5, 9]), make([3, 4])
     with pytest.raises(EventError, match="begins at 3 us after one that ends at 9 us"):
         list(read_out([first, second], Readout(max_rate_hz=1e6, fifo_depth=1)))
@@ -211,7 +211,7 @@ def test_what_is_not_one_stream_is_refused():
 
 
 def test_an_empty_stream_stays_empty():
-    """Promise: no events in, none out, nothing dropped, no delay."""
+    """Promise: without events, the bus emits none, drops none, and has no delay."""
     out, report = through(make([]), max_rate_hz=1e6, fifo_depth=4)
     assert len(out) == 0
     assert (report.fired, report.dropped_share, report.mean_delay_s) == (0, 0.0, 0.0)

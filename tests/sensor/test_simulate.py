@@ -1,4 +1,4 @@
-"""What `simulate` promises beyond one pixel: order, determinism, streaming, clear refusals."""
+"""Promises of `simulate` beyond one pixel: order, determinism, streaming, clear errors."""
 
 import math
 
@@ -12,7 +12,7 @@ COLUMNS = ("t_us", "x", "y", "p")
 
 
 def texture_in_motion(frames=25, size=48, interval_s=1e-3, seed=0):
-    """A 1/f texture that moves by 0.7 px a frame, up and to the left."""
+    """Return a 1/f texture that moves by 0.7 px per frame, up and to the left."""
     rng = np.random.default_rng(seed)
     n = 2 * size
     f = np.hypot(*np.meshgrid(np.fft.fftfreq(n), np.fft.fftfreq(n)))
@@ -40,7 +40,7 @@ def model(size=48, cutoff_hz=200.0, **kwargs):
 
 @pytest.mark.parametrize("cutoff_hz", [math.inf, 50.0])
 def test_identical_for_any_threads_and_chunks(scene, monkeypatch, cutoff_hz):
-    """Promise: neither threads nor chunks nor blocks nor a small pool change one bit."""
+    """Promise: threads, chunks, blocks and small pools change no bit."""
     frames, t_s = scene
     expected = simulate(frames, t_s, model(cutoff_hz=cutoff_hz), threads=1)
     assert len(expected) > 5000
@@ -52,7 +52,7 @@ def test_identical_for_any_threads_and_chunks(scene, monkeypatch, cutoff_hz):
 
 
 def test_a_full_pool_grows_and_loses_nothing():
-    """Promise: more events than the pools hold at first are neither lost nor doubled."""
+    """Promise: if the initial pools are too small, no event is lost or doubled."""
     frames = np.full((3, 64, 64), 1e-6)
     frames[1] = np.exp(np.random.default_rng(0).uniform(-10, 10, (64, 64)))
     t_s = [0.0, 1e-3, 2e-3]
@@ -78,7 +78,7 @@ def test_sorted_by_time_row_column(interval_s):
 
 
 def test_stream_is_simulate_in_parts(scene):
-    """Promise: parts join to the whole, in order, whatever the source of frames."""
+    """Promise: the parts form the whole, in order, for any source of frames."""
     frames, t_s = scene
     parts = list(stream((f for f in frames), t_s, model()))
     assert len(parts) > 2
@@ -188,7 +188,7 @@ BAD_FRAMES = {
 @pytest.mark.parametrize(("size", "cutoff_hz"), [(48, math.inf), (48, 200.0), (13, math.inf)])
 @pytest.mark.parametrize("case", BAD_FRAMES)
 def test_bad_frames_are_named(scene, case, size, cutoff_hz):
-    """Promise: unusable input gives one clear error that says where, never a result."""
+    """Promise: invalid input gives one clear error with its place, never a result."""
     spoil, text = BAD_FRAMES[case]
     frames, t_s = spoil(*scene)
     with pytest.raises(SensorError) as error:
@@ -198,8 +198,8 @@ def test_bad_frames_are_named(scene, case, size, cutoff_hz):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_faintest_negative_light_is_refused(dtype):
-    """Promise: less than nothing is an error for an ideal pixel too, which needs no logarithm of
-    light that fires nothing."""
+    """Promise: negative light is an error also for an ideal pixel, which needs no logarithm of
+    light that fires no events."""
     frames = np.ones((4, 3, 3), dtype)
     frames[2, 1, 0] = -np.finfo(dtype).smallest_subnormal
     with pytest.raises(SensorError, match="frame 2, pixel x=0 y=1"):
@@ -209,7 +209,7 @@ def test_the_faintest_negative_light_is_refused(dtype):
 @pytest.mark.parametrize(("dtype", "decades"), [(np.float32, 37), (np.float64, 300)])
 @pytest.mark.parametrize("leak_hz", [0.0, 0.1])
 def test_ideal_pixels_fire_in_the_faintest_and_in_the_brightest_light(dtype, decades, leak_hz):
-    """Physics: |change of log intensity| / C events, whatever the light that a float can hold."""
+    """Physics: |change of log intensity| / C events, for any light that a float can store."""
     rng = np.random.default_rng(0)
     scale = 10.0 ** rng.uniform(-decades, decades, (1, 40, 40))
     steps = np.exp(np.cumsum(rng.normal(0, 0.15, (30, 40, 40)), axis=0))
@@ -243,17 +243,17 @@ def test_ideal_pixels_fire_in_the_faintest_and_in_the_brightest_light(dtype, dec
     ],
 )
 def test_bad_models_are_refused(kwargs, text):
-    """Promise: a model that cannot exist is refused where it is made."""
+    """Promise: the constructor refuses an impossible model."""
     with pytest.raises(SensorError, match=text):
         SensorModel(**{"width": 4, "height": 4, **kwargs})
 
 
 def test_sensor_finer_than_frames_and_black_scenes_are_refused(scene):
-    """Promise: no upsampling of light, no logarithm of nothing."""
+    """Promise: no upsampling of light, no logarithm of 0."""
     frames, t_s = scene
     with pytest.raises(SensorError, match="finer than the frames of 48x48"):
         simulate(frames, t_s, model(49))
-    with pytest.raises(SensorError, match="first frame is black"):
+    with pytest.raises(SensorError, match="a black first frame"):
         simulate(np.zeros_like(frames), t_s, model())
     with pytest.raises(SensorError, match="dark_level is 0"):
         simulate(np.zeros_like(frames), t_s, model(dark_level=0.0))
@@ -264,7 +264,7 @@ def test_sensor_finer_than_frames_and_black_scenes_are_refused(scene):
 
 
 def test_events_refuse_what_is_not_an_event_stream():
-    """Promise: `Events` checks dtype, shape, range and order when it is made."""
+    """Promise: the constructor of `Events` checks dtype, shape, range and order."""
     t = np.array([1, 2, 3])
     x = np.array([0, 1, 2], np.uint16)
     p = np.array([1, -1, 1], np.int8)

@@ -1,4 +1,4 @@
-"""Statistics against histograms made the slow way, and against fields of known scaling."""
+"""Statistics against histograms computed slowly, and against fields of known scaling."""
 
 import math
 from collections import defaultdict
@@ -56,7 +56,7 @@ def test_intervals_are_those_of_each_pixel(seed, n, every_row, cut):
 
 
 def test_a_steady_ramp_has_one_interval():
-    """Physics: log intensity rising at s fires every C / s, Eq. (7); s is doubled, it is halved."""
+    """Physics: log intensity that rises at s fires every C / s, Eq. (7); twice s halves it."""
     t_s = np.linspace(0, 0.2, 5)
     modes = []
     for s in (40.0, 80.0):
@@ -96,8 +96,8 @@ def test_log_slope_is_the_derivative():
 
 
 def test_an_exact_power_law_is_found_exactly():
-    """Promise: the fit returns the exponent and factor of p^-gamma, with an interval of no width
-    where all blocks agree and one that covers it where they scatter."""
+    """Promise: the fit returns the exponent and factor of p^-gamma, with an interval of width 0 if
+    all blocks agree, and one that covers the exponent if they vary."""
     p = np.array([1.0, 2.0, 5.0, 10.0])
     blocks = np.outer([1.0, 3.0, 9.0], 7 * p**-0.8)
     law = fit_power_law(p, blocks, np.array([1, 1, 2]))
@@ -114,7 +114,7 @@ def test_an_exact_power_law_is_found_exactly():
 
 
 def moving_field(exponent, size=256, shift_px=0.05):
-    """Two frames, 1 ms apart, of a faint random field with spectrum f^-exponent that moves."""
+    """Return two frames, 1 ms apart, of a faint moving random field with spectrum f^-exponent."""
     rng = np.random.default_rng(1)
     fy, fx = np.fft.fftfreq(size)[:, None], np.fft.fftfreq(size)[None]
     radius = np.hypot(fx, fy)
@@ -135,7 +135,8 @@ def test_white_noise_and_smooth_light_scale_as_theory_says():
 
 
 def test_edges_are_the_steepest_pixels_and_blocks_weigh_what_they_hold():
-    """Promise: the edge share is kept, and the weighted mean over blocks is that over pixels."""
+    """Promise: the share of edges is correct, and the weighted mean over blocks is that over
+    pixels."""
     first, second = moving_field(1.0)
     sizes = (1, 3)
     found = slopes_by_pixel_size(first, second, 1e-3, 0.1, sizes_px=sizes, blocks_a_side=8)

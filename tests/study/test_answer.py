@@ -1,4 +1,4 @@
-"""What a run answers is the same in its report, in README and in the docs."""
+"""A run's answers are the same in its report, in README and in the docs."""
 
 import html
 import math
@@ -31,15 +31,15 @@ def of_the_paper() -> dict[Series, Choices]:
 def test_what_the_pages_say_is_what_the_run_says(
     of_the_paper: dict[Series, Choices], page: str
 ) -> None:
-    """Promise: the answers in README and docs are those of docs/results/paper, to the letter; if
-    not, `make answers` rewrites them."""
+    """Promise: README and docs have the exact answers of docs/results/paper; if not, `make answers`
+    rewrites them."""
     text = (ROOT / page).read_text()
     assert with_answers(text, of_the_paper) == text
 
 
 def test_readme_and_report_give_one_answer(of_the_paper: dict[Series, Choices]) -> None:
-    """Promise: README has the headline of the report word for word, and every condition that a
-    headline names is a column of its table with the same widths."""
+    """Promise: README has the headline of the report word for word, and every condition in a
+    headline is a column of its table with the same widths."""
     report = (RUN / "report.html").read_text()
     heads, *rows = re.findall(r"^\| (.*) \|$", (ROOT / "README.md").read_text(), re.MULTILINE)
     table = {row.split(" | ")[0]: row.split(" | ")[1:] for row in rows}
@@ -62,7 +62,7 @@ def test_readme_and_report_give_one_answer(of_the_paper: dict[Series, Choices]) 
 
 
 def named(line: str, series: Series) -> bool:
-    """Whether a line of a table is that of a series; what follows its title are scenes."""
+    """Return whether a line of a table is that of a series; scenes follow its title."""
     return re.fullmatch(rf"{re.escape(series.title)}, (\w+)( / \w+)*", line) is not None
 
 
@@ -75,8 +75,8 @@ def choices(rows: list[Row], *series: Series) -> dict[Series, Choices]:
 
 
 def test_the_conditions_of_an_answer() -> None:
-    """Every light at the lowest speed, then the least light at the highest; what only one scene
-    has, here a speed of 10 on the carpet, is not among them."""
+    """Every light at the lowest speed, then the least light at the highest; conditions of only one
+    scene, here a speed of 10 on the carpet, are not in the list."""
     found = choices(paper_rows(EPF), EPF)[EPF]
     assert answered(found) == [(math.inf, 1.0), (200.0, 1.0), (50.0, 1.0), (50.0, 2.0)]
     slow = {where: choice for where, choice in found.items() if where[2] == 1.0}
@@ -87,9 +87,9 @@ def test_the_conditions_of_an_answer() -> None:
 
 
 def test_the_table_has_a_line_for_each_method() -> None:
-    """Images are best at 1280 px but at night, where at speed 2 no width on the carpet beats doing
-    nothing; the filter is on the carpet only. Scenes that agree share a number, and the paper
-    stands beside ours."""
+    """Images are best at 1280 px except at night, where at speed 2 no width on the carpet beats
+    doing nothing; the filter is on the carpet only. Scenes that agree share a number, and the
+    paper's number is next to ours."""
     images = paper_rows(scenes=("carpet", "rocks"))
     rows = images + nothing_rows(images, 14.3) + paper_rows(HF, scenes=("carpet",))
     text = overview(choices(rows, EI, HF))
@@ -129,8 +129,8 @@ def test_what_the_samples_do_not_tell_apart_is_in_brackets() -> None:
 
 
 def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
-    """What is around the comments stays, what is between them is replaced, also when run again; a
-    page without a place, or with one for something else, is named and not touched."""
+    """The text around the comments does not change, and repeated runs replace the text between
+    them; an error names a page without a place, or with an unknown one, and does not change it."""
     write_rows(tmp_path / "rows.parquet", paper_rows(scenes=("carpet",)))
     page = tmp_path / "page.md"
     page.write_text(PAGE.format("overview, of a run"))
@@ -144,7 +144,7 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
         assert "old" not in text
         assert " ".join(text.split()).count("it takes all **1280 px**") == 1
     for content, fault in (
-        ("Nothing.\n", "no place for an answer; expected <!-- answer: overview -->"),
+        ("Nothing.\n", "found no answer block, expected <!-- answer: overview -->"),
         (PAGE.format("summary"), "found <!-- answer: summary -->, expected <!-- answer: overview"),
     ):
         page.write_text(content)
@@ -156,7 +156,7 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
 
 
 def test_words_of_the_report_are_escaped() -> None:
-    """A scene of that name stays text, and what is bold in Markdown is bold in HTML."""
+    """A scene of that name is plain text, and bold in Markdown is bold in HTML."""
     rows = [replace(r, scene="<i>x") for r in paper_rows(scenes=("carpet",))]
     page = answer_html(choices(rows)[EI], EI)
     assert "&lt;i&gt;x" in page

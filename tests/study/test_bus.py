@@ -1,4 +1,4 @@
-"""Real cameras' buses carry what is simulated, or it is said that they do not."""
+"""The buses of real cameras carry the simulated events, or the report says that they do not."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_bus_saturates_above_its_capacity() -> None:
 
 
 def test_cameras_without_a_width_or_a_bandwidth_are_left_out() -> None:
-    """No camera is invented; those of one width come by their capacity."""
+    """The table invents no camera; cameras of one width are sorted by capacity."""
     assert bus_loads({304: 1e6, 1000: 1e6}) == []
     names = [load.camera.camera for load in bus_loads({1280: 1e9, 640: 1e8})]
     assert names == [
@@ -39,7 +39,7 @@ def test_cameras_without_a_width_or_a_bandwidth_are_left_out() -> None:
 
 
 def test_capacities_are_those_of_real_buses() -> None:
-    """Each once, from the slowest to the fastest; a camera that states none has none."""
+    """Each camera once, from the slowest to the fastest; one without a published rate has none."""
     found = capacities_hz()
     assert found == sorted(set(found))
     assert (found[0], found[-1]) == (1e6, 1200e6)

@@ -1,4 +1,4 @@
-"""A choice is the smallest width that does as well as the best."""
+"""A choice is the smallest width with a score as good as the best."""
 
 import math
 from collections.abc import Mapping
@@ -47,7 +47,8 @@ def test_a_tie_needs_samples_that_do_not_tell_the_widths_apart() -> None:
 
 
 def test_doing_nothing_is_what_a_choice_is_worth() -> None:
-    """Worthwhile is to beat doing nothing by more than 0.1 dB, which is 20.5, 20.95 or 21.5 dB."""
+    """A width is worthwhile if it beats doing nothing by over 0.1 dB; that is 20.5, 20.95 or 21.5
+    dB."""
     rows = [row(w, i, v + i) for w, v in {640: 20.0, 1280: 21.0}.items() for i in range(3)]
     for nothing, worthwhile in ((20.5, True), (20.95, False), (21.5, False)):
         idle = [
@@ -65,7 +66,7 @@ def measured(
     rates_hz: Mapping[int, float],
     nothing: float | Mapping[int, float] | None = None,
 ) -> Choice:
-    """The choice from median scores in dB, event rates and the score of doing nothing by width."""
+    """Return the choice from medians in dB, event rates and do-nothing scores by width."""
     rows = [replace(row(w, 0, v), event_rate_hz=rates_hz[w]) for w, v in values.items()]
     for width in values if nothing is not None else ():
         idle = nothing[width] if isinstance(nothing, Mapping) else nothing
@@ -76,13 +77,13 @@ def measured(
 
 
 def on_buses(choice: Choice) -> dict[float, int | None]:
-    """What is enough by capacity in Mev/s."""
+    """Return the sufficient widths by capacity in Mev/s."""
     return {bus.capacity_hz / 1e6: bus.enough for bus in choice.on_buses}
 
 
 def test_a_bus_is_asked_of_every_width_of_the_study() -> None:
-    """No camera has 80 or 160 px, one has 320: all three are asked whether a bus carries what they
-    fire themselves. 320 px, which doing nothing beats by 0.02 dB, is never recommended."""
+    """No camera has 80 or 160 px, one has 320: the test asks for all three whether a bus carries
+    their own events. 320 px, which doing nothing beats by 0.02 dB, is never recommended."""
     values = {80: 19.50, 160: 19.70, 320: 18.87}
     choice = measured(values, {80: 0.4e6, 160: 1.5e6, 320: 6e6}, nothing=18.89)
     assert choice.enough == 160
@@ -96,9 +97,9 @@ def test_a_bus_is_asked_of_every_width_of_the_study() -> None:
 
 
 def test_a_bus_may_not_carry_the_best() -> None:
-    """1280 px fire what 600 Mev/s just carry, 640 px 90 % of 66, 128 px half of 1: the finer, the
-    faster the bus must be. With three times the events each needs a faster one, 1280 px faster
-    than there is; where every width fires too much for any bus, none is left."""
+    """600 Mev/s just carry the events of 1280 px; 640 px fire 90 % of 66, and 128 px half of 1: the
+    finer the sensor, the faster the bus must be. With three times the events each needs a faster
+    one, 1280 px faster than any; if every width fires too many events for any bus, none is left."""
     values = {128: 18.0, 640: 20.0, 1280: 24.0}
     rates_hz = {128: 0.5e6, 640: 59.4e6, 1280: 600e6}
     choice = measured(values, rates_hz, nothing=10.0)
@@ -114,15 +115,15 @@ def test_a_bus_may_not_carry_the_best() -> None:
 
 
 def test_a_slower_bus_never_asks_for_more_events() -> None:
-    """A bus that 128 px at 1.01 Mev/s are too much for has no room for 240 px at 3.4 Mev/s: not
-    even if some camera of 240 px has a faster one. With that, 128 px, the best, are carried."""
+    """A bus that is too slow for 128 px at 1.01 Mev/s cannot carry 240 px at 3.4 Mev/s, even if
+    some camera of 240 px has a faster one. With that bus, it carries 128 px, the best."""
     choice = measured({128: 18.85, 240: 18.74}, {128: 1.01e6, 240: 3.4e6})
     assert on_buses(choice) == {1.0: None, 12.0: 128}
 
 
 def test_what_a_bus_carries_must_beat_doing_nothing() -> None:
-    """Alone 640 px beat doing nothing by 2 dB; what 12 Mev/s carry comes to within 0.1 dB of it,
-    which is no more than negligible: nothing is recommended there, by the same rule."""
+    """Alone 640 px beat doing nothing by 2 dB. The width that 12 Mev/s carry is within 0.1 dB of
+    doing nothing, which is negligible, so the same rule recommends nothing there."""
     values = {128: 17.0, 346: 18.09, 640: 20.0}
     choice = measured(values, {128: 0.5e6, 346: 10e6, 640: 60e6}, nothing=18.0)
     assert choice.worthwhile
@@ -133,7 +134,8 @@ def test_what_a_bus_carries_must_beat_doing_nothing() -> None:
 
 
 def test_equal_scores_are_won_by_the_fewest_pixels() -> None:
-    """Three equal medians: the smallest is best and enough; of two that a bus carries likewise."""
+    """Three equal medians: the smallest is best and sufficient; so is the smaller of two on a
+    bus."""
     choice = measured(dict.fromkeys((240, 346, 640), 20.0), {240: 2e6, 346: 1e6, 640: 1e6})
     assert (choice.best, choice.enough) == (240, 240)
     assert on_buses(choice) == {1.0: 346, 12.0: 240}
@@ -149,8 +151,8 @@ def test_equal_scores_are_won_by_the_fewest_pixels() -> None:
 def test_nothing_that_doing_nothing_beats_is_recommended(
     found: dict[int, tuple[float, float, float]],
 ) -> None:
-    """Promise: whatever scores, rates and scores of doing nothing are, every recommendation beats
-    doing nothing at its width, is within 0.1 dB of the best of those carried, and is carried."""
+    """Promise: for any scores, rates and do-nothing scores, every recommendation beats doing
+    nothing at its width, is within 0.1 dB of the best that the bus carries, and is carried."""
     values, idle, rates_hz = ({w: v[k] for w, v in found.items()} for k in range(3))
     choice = measured(values, rates_hz, nothing=idle)
     recommended = [(math.inf, choice.enough)] if choice.worthwhile else []
@@ -171,10 +173,8 @@ def test_a_width_with_lost_samples_leaves_no_choice() -> None:
 
 
 def test_the_papers_choice_is_by_the_same_rule_on_its_medians() -> None:
-    """At night on the carpet it prints 15.47 dB at 240 px, 15.69 at 346 and 15.72 at 640.
-
-    It has no 300 px, so it makes no choice among widths of which that is one.
-    """
+    """At night on the carpet it prints 15.47 dB at 240 px, 15.69 at 346 and 15.72 at 640. It has no
+    300 px, so it makes no choice among widths that include it."""
     choices = choose_all(Scores(paper_rows(EI, lambda width, c, s, v: 20.0 - width / 1e6)), EI)
     for cutoff_hz, width in ((math.inf, 1280), (200.0, 1280), (50.0, 346)):
         choice = choices["carpet", cutoff_hz, 1.0]
@@ -189,11 +189,9 @@ def test_the_papers_choice_is_by_the_same_rule_on_its_medians() -> None:
 
 
 def test_for_errors_the_smallest_is_best() -> None:
-    """640 px has the least error, 346 px is within 0.05 px of it; 3.5 px is what doing nothing has.
-
-    Failed features count with their starting error, and a speed that only one scene has is chosen
-    for on that scene alone.
-    """
+    """640 px has the least error, 346 px is within 0.05 px of it; doing nothing has 3.5 px. Failed
+    features count with their initial error, and a speed of only one scene has a choice on that
+    scene alone."""
     errors = {128: 2.0, 346: 0.40, 640: 0.36, 1280: 0.48}
     rows = paper_rows(EPF, lambda width, c, s, v: errors.get(width, 1.0), items=3)
     choices = choose_all(Scores(rows + nothing_rows(rows, 3.5)), EPF)

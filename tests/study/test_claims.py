@@ -23,7 +23,7 @@ def verdict(number: int, rows: list[Row]) -> Verdict:
 
 
 def test_every_claim_is_judged_once() -> None:
-    """Each claim has its number once, in order."""
+    """Each claim has one number, and they are in order."""
     judged = [v.number for v in judge_all(paper_rows(), {})]
     assert judged == [*range(1, 11), *range(12, 17), *range(18, 22), 24]
     assert len(judged) == len(CLAIMS)
@@ -117,7 +117,8 @@ def _tail(r: Row) -> tuple[int, float, float, float, int, str, float, float]:
 
 
 def test_one_scene_that_fails_settles_it_and_one_that_lacks_rows_does_not() -> None:
-    """Fails on any scene: does not hold. Holds on some and lacks rows on others: not measured."""
+    """It fails on any scene: does not hold. It holds on some and lacks rows on others: not
+    measured."""
     carpet = paper_rows(scenes=("carpet",))
     rocks = paper_rows(EI, FAILURES[3], scenes=("rocks",))
     assert verdict(3, carpet + rocks).status is Status.DOES_NOT_HOLD
@@ -149,7 +150,7 @@ def test_a_mean_over_scenes_is_the_papers() -> None:
 
 
 def test_the_bootstrap_is_paired_and_seeded() -> None:
-    """The difference of conditions with a common shift has no spread; a single median has."""
+    """The difference of conditions with a common shift has no spread; a single median has one."""
     scores = Scores(paper_rows())
     fine, coarse = (Condition("carpet", width, math.inf, 1.0) for width in (1280, 640))
     cells = {where: scores.cell(EI, where) for where in (fine, coarse)}
@@ -163,7 +164,7 @@ def test_the_bootstrap_is_paired_and_seeded() -> None:
 
 
 def test_an_interval_on_both_sides_of_the_bound_is_called_unsettled() -> None:
-    """The night's best width leads by less than the samples scatter."""
+    """The night's best width leads by less than the spread of the samples."""
     rows = [
         Row(*(r.scene, r.task, r.method, *_tail(r)[:6]), r.value + 0.3 * (-1) ** r.sample, 1.0)
         if r.width == 640
@@ -174,7 +175,7 @@ def test_an_interval_on_both_sides_of_the_bound_is_called_unsettled() -> None:
 
 
 def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
-    """Value, interval and unit, or value and unit."""
+    """Return value, interval and unit, or value and unit."""
     assert Estimate(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
     assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"
 
@@ -192,7 +193,7 @@ COARSEST_IS_WORST = SceneClaim(
 
 
 def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
-    """Promise: numbers, intervals, the paper's column and the scope come with it."""
+    """Promise: the verdict has its numbers, intervals, the paper's column and the scope."""
     *others, own = judge_all(paper_rows(samples=7), {}, [*CLAIMS, COARSEST_IS_WORST])
     assert len(others) == len(CLAIMS)
     assert own.number == 101

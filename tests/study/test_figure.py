@@ -1,4 +1,4 @@
-"""The static figure is whole, the same for the same scores, and legible."""
+"""The static figure is complete, the same for the same scores, and legible."""
 
 import math
 

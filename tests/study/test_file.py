@@ -1,4 +1,4 @@
-"""A study from a TOML file: read whole, and refused by file and field."""
+"""A study from a TOML file: read completely, or refused with file and field."""
 
 import math
 

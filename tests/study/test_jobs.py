@@ -1,4 +1,4 @@
-"""Which stretches of a path a study renders."""
+"""The stretches of a path that a study renders."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def test_only_what_is_scored_is_rendered() -> None:
 
 
 def test_a_scene_with_nothing_to_do_is_named() -> None:
-    """Promise: pose tracking alone in a room, which has no plane, is refused."""
+    """Promise: a study with only pose tracking in a room, which has no plane, is an error."""
     tracking = replace(NO_TASKS, tracking=Tracking())
     study = Study(name="pose", scenes=("room",), evaluate=tracking)
     with pytest.raises(StudyError, match="no method that suits room"):

@@ -47,7 +47,7 @@ BASELINES = ("no_events", "blank", "initial_flow", "initial_path")
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How far a row may be off; None where there is nothing to compare."""
+    """Tolerance of a row; None where there is nothing to compare."""
 
     event_rate: float  # a share of it
     psnr_db: float
@@ -60,7 +60,7 @@ ELSEWHERE = Tolerances(event_rate=0.05, psnr_db=0.1, rnepe_px=None, position_err
 
 
 def table(rows: list[Row]) -> str:
-    """Rows as CSV in order of what they are of, a line each; numbers to 7 digits."""
+    """Return rows as CSV in order of their keys, one per line; numbers to 7 digits."""
     file = io.StringIO()
     names = (*KEY, "value", "event_rate_hz", "failure")
     writer = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
@@ -77,13 +77,13 @@ def table(rows: list[Row]) -> str:
 
 
 def stored(text: str) -> dict[tuple[str, ...], dict[str, str]]:
-    """Lines of a table by their keys."""
+    """Return the lines of a table by their keys."""
     lines = csv.DictReader(io.StringIO(text))
     return {tuple(line[name] for name in KEY): line for line in lines}
 
 
 def changes(old: str, new: str, allowed: Tolerances) -> list[str]:
-    """What is not the same in two tables, a line for each row."""
+    """Return the differences of two tables, one line per row."""
     before, after = stored(old), stored(new)
     found = [f"{', '.join(key)}: is new" for key in after.keys() - before.keys()]
     found += [f"{', '.join(key)}: is gone" for key in before.keys() - after.keys()]
@@ -131,12 +131,12 @@ def test_numbers_are_those_that_are_stored(run):
 
 
 def test_scores_are_the_same_to_the_bit(run):
-    """Promise: on the machine on which they were stored, to the last bit; see test_guards.py."""
+    """Promise: on the machine that stored them, the same to the last bit; see test_guards.py."""
     assert score_digest(run[1]) == stored_bits("scores")
 
 
 def test_a_change_is_told_by_row_and_size(run):
-    """Promise: 1 % of a rate, 0.02 dB, a failure, a row more or less: each is told, alone."""
+    """Promise: 1 % of a rate, 0.02 dB, a failure, a row more or less: each is reported, alone."""
     _, rows = run
     old = table(rows)
     assert changes(old, table(rows[::-1]), HERE) == []

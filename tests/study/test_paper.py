@@ -1,4 +1,4 @@
-"""Promise: `published` returns what the paper printed."""
+"""Promise: `published` returns the paper's printed numbers."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a run says of where it was computed."""
+"""A run stores where it was computed."""
 
 import importlib.util
 import subprocess
@@ -8,7 +8,7 @@ from tasks.study.run import provenance
 
 
 def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
-    """Promise: the commit that a run names is that of its code, and "dirty" is its code alone."""
+    """Promise: a run stores the commit of its code, and "dirty" covers its code alone."""
     copy = tmp_path / "tasks" / "study" / "run" / "provenance.py"
     copy.parent.mkdir(parents=True)
     copy.write_text(Path(provenance.__file__).read_text())

@@ -1,4 +1,4 @@
-"""A report is one file that says what the rows say, and nothing more."""
+"""A report is one file with the content of the rows, and nothing else."""
 
 import html
 import json
@@ -45,7 +45,7 @@ def html_of(folder: Path, rows: list[Row]) -> str:
 
 
 def plots_of(page: str) -> list[dict]:
-    """The plots as the page's script reads them."""
+    """Return the plots as the page's script reads them."""
     found = re.findall(r'<script type="application/json">(.*?)</script>', page, re.DOTALL)
     return [json.loads(plot) for plot in found]
 
@@ -57,7 +57,7 @@ def answer_of(page: str) -> str:
 
 
 def test_a_run_with_scores_that_are_no_numbers_still_has_a_report(tmp_path: Path) -> None:
-    """Promise: a method all of whose values are NaN is shown as missing, beside the others."""
+    """Promise: the report shows a method with only NaN values as missing, next to the others."""
     rows = task_rows(EPF, samples=3, scenes=["carpet"])
     lost = [replace(row, method="mine.flow:lost", value=np.nan) for row in rows]
     page = html_of(tmp_path, [*rows, *lost, *nothing_rows(rows, 3.5)])
@@ -65,7 +65,7 @@ def test_a_run_with_scores_that_are_no_numbers_still_has_a_report(tmp_path: Path
 
 
 def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
-    """Nothing is loaded from elsewhere, the file is small, and no half file stays behind."""
+    """The page loads nothing from elsewhere, the file is small, and no partial file remains."""
     run = make_run(tmp_path, paper_rows())
     add_previews(run)
     report = write_report(run)
@@ -82,7 +82,7 @@ def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
 
 
 def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
-    """Tables, plot data, claims and provenance all made it into the page, escaped."""
+    """The page has tables, plot data, claims and provenance, all escaped."""
     page = html_of(tmp_path, paper_rows())
     for width in WIDTHS:
         assert f">{width} px<" in page
@@ -97,7 +97,7 @@ def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
 
 
 def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
-    """The figure as PNG and SVG, and the tables as CSV, a line a cell."""
+    """The figure is a PNG and an SVG, and the tables are CSV with one line per cell."""
     html_of(tmp_path, paper_rows())
     assert {p.name for p in (tmp_path / "figures").iterdir()} == {
         *("tradeoff_event_integration.png", "tradeoff_event_integration.svg")
@@ -106,8 +106,8 @@ def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
 
 
 def test_the_answer_follows_from_the_rows(tmp_path: Path) -> None:
-    """The paper's medians: ideal light takes 1280 px; at night 346 px is within 0.1 dB of the best
-    at speed 1, and 128 px at speed 2. Each sentence says which light and which speed."""
+    """The paper's medians: 1280 px wins in ideal light; at night 346 px is within 0.1 dB of the
+    best at speed 1, and 128 px at speed 2. Each sentence names its light and its speed."""
     answer = answer_of(html_of(tmp_path, paper_rows()))
     assert answer == (
         "On carpet, in ideal light and speed 1, it takes all 1280 px (12.09 dB better than doing "
@@ -119,7 +119,8 @@ def test_the_answer_follows_from_the_rows(tmp_path: Path) -> None:
 
 
 def test_the_answer_names_the_scenes_where_there_are_several(tmp_path: Path) -> None:
-    """Carpet and the same 1 dB better as room, without do-nothing rows: both named, no gain."""
+    """Carpet, and room with 1 dB more, without do-nothing rows: the report names both and no
+    gain."""
     carpet = [r for r in paper_rows() if r.method != "no_events"]
     room = [replace(r, scene="room", value=r.value + 1) for r in carpet]
     answer = answer_of(html_of(tmp_path, carpet + room))
@@ -131,14 +132,14 @@ def test_the_answer_names_the_scenes_where_there_are_several(tmp_path: Path) -> 
 
 
 def test_scores_below_doing_nothing_recommend_nothing(tmp_path: Path) -> None:
-    """Where the image without events is better, the answer says that no resolution helps."""
+    """If the image without events is better, the answer says that no resolution helps."""
     page = html_of(tmp_path, paper_rows(nothing_db=15.0))
     assert "At night and speed 2, no resolution beats doing nothing." in answer_of(page)
     assert 'class="worthless"' in page
 
 
 def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
-    """One lost sample of one width: that condition is not measured in full, in answer and table."""
+    """One width lost one sample: answer and table say that the condition is not fully measured."""
     lost = (240, 50.0, 2.0, 3)
     rows = [
         r
@@ -151,14 +152,14 @@ def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
 
 
 def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:
-    """Two samples make a report that says how little that is; seven need no such words."""
+    """With two samples the report warns that they are few; with seven it does not."""
     caution = "too few for confidence intervals"
     assert caution in html_of(tmp_path, paper_rows(samples=2))
     assert caution not in html_of(tmp_path, paper_rows(samples=7))
 
 
 def test_the_pictures_are_explained(tmp_path: Path) -> None:
-    """What the colors mean, over which time, and that the radiance is tone-mapped."""
+    """The captions explain the colors and the time, and say that the radiance is tone-mapped."""
     run = make_run(tmp_path, paper_rows(samples=1))
     add_previews(run)
     page = without_space(write_report(run).read_text())
@@ -169,12 +170,12 @@ def test_the_pictures_are_explained(tmp_path: Path) -> None:
 
 
 def test_a_run_without_previews_says_so(tmp_path: Path) -> None:
-    """Previews are optional, their absence is told."""
+    """Previews are optional; the report says that they are absent."""
     assert "This run has no previews." in html_of(tmp_path, paper_rows())
 
 
 def test_a_scene_with_markup_in_its_name_stays_text(tmp_path: Path) -> None:
-    """Names from outside neither break the page nor its data."""
+    """Names from outside break neither the page nor its data."""
     rows = [replace(r, scene="</script><b>x") for r in paper_rows()]
     page = html_of(tmp_path, rows)
     assert "</script><b>x" not in page
@@ -182,7 +183,7 @@ def test_a_scene_with_markup_in_its_name_stays_text(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("file", ["rows.parquet", "environment.json", "study.json"])
 def test_a_missing_file_is_named(tmp_path: Path, file: str) -> None:
-    """Without one of its files a run has no report, and the error names the file."""
+    """A run without one of its files has no report, and the error names the file."""
     make_run(tmp_path, paper_rows(samples=1))
     (tmp_path / file).unlink()
     with pytest.raises(ResultError, match=re.escape(file)):
@@ -191,7 +192,8 @@ def test_a_missing_file_is_named(tmp_path: Path, file: str) -> None:
 
 
 def test_damaged_files_are_named(tmp_path: Path) -> None:
-    """No JSON, a lost preview, an entry without caption or of another kind: each is told."""
+    """Invalid JSON, a lost preview, an entry without caption or of another kind: an error for
+    each."""
     make_run(tmp_path, paper_rows(samples=1))
     add_previews(tmp_path)
     index = tmp_path / "previews" / "index.json"
@@ -212,14 +214,14 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
 
 
 def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:
-    """A run with nothing but the do-nothing rows is refused."""
+    """The report refuses a run with only do-nothing rows."""
     rows = [r for r in paper_rows(samples=1) if r.method == "no_events"]
-    with pytest.raises(ResultError, match="only do-nothing rows"):
+    with pytest.raises(ResultError, match="found only do-nothing rows"):
         write_report(make_run(tmp_path, rows))
 
 
 def all_tasks() -> list[Row]:
-    """One sample of everything; tracking from 2 mm succeeds, from 20 mm 240 px does not."""
+    """One sample of each task; tracking from 2 mm succeeds, from 20 mm 240 px does not."""
     rows = [r for one in (EI, HF, EPF, CM) for r in task_rows(one, samples=1, scenes=["carpet"])]
     rows += task_rows(EPF._replace(variant="61 px patch"), samples=1, scenes=["carpet"])
     rows += task_rows(EPF, samples=1, scenes=["carpet"], method="photometric_flow_with_delay")
@@ -232,7 +234,7 @@ def all_tasks() -> list[Row]:
 
 
 def test_every_task_has_its_place(tmp_path: Path) -> None:
-    """A selector with the plots of all but one hidden, answers, tables, failures; few figures."""
+    """A selector with one visible set of plots, answers, tables, failures; few figures."""
     page = html_of(tmp_path, all_tasks())
     options = re.findall(r'<option value="(\d+)">([^<]*)</option>', page)
     assert [name for _, name in options] == [
@@ -254,7 +256,7 @@ def test_every_task_has_its_place(tmp_path: Path) -> None:
 
 
 def test_a_run_of_one_task_needs_no_selector(tmp_path: Path) -> None:
-    """Event integration alone: its plots are shown, and nothing is said to choose from."""
+    """Event integration alone: its plots are visible, and there is no selector."""
     page = html_of(tmp_path, paper_rows(samples=1))
     assert "<select" not in page
     assert '<div class="plots" hidden>' not in page
@@ -262,7 +264,7 @@ def test_a_run_of_one_task_needs_no_selector(tmp_path: Path) -> None:
 
 
 def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:
-    """The report's size has a limit, and the error says what to do."""
+    """The report's size has a limit, and the error says how to reduce it."""
     make_run(tmp_path, paper_rows(samples=1))
     add_previews(tmp_path)
     (tmp_path / "previews" / "128.png").write_bytes(bytes(MAX_BYTES))
@@ -271,8 +273,8 @@ def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_section_of_your_own(tmp_path: Path) -> None:
-    """Promise: an entry with its data and its template adds a section and its link, from outside
-    of the package."""
+    """Promise: an entry with data and template adds a section and its link, from outside the
+    package."""
     template = TEMPLATES.from_string("<p>{{ data|join(', ') }}</p>{{ MISSING }}")
     mine = Section("mine", "Mine", "What I see", template, lambda run: ["<a>", *run.scenes])
     none = Section("none", "None", "Nothing to see", template, lambda run: None)
@@ -285,6 +287,6 @@ def test_a_section_of_your_own(tmp_path: Path) -> None:
 
 
 def test_python_holds_no_tags() -> None:
-    """Promise: HTML is written in templates alone."""
+    """Promise: only templates contain HTML."""
     for path in (ROOT / "tasks").rglob("*.py"):
         assert not re.search(r"</?[a-z]+[ >]", path.read_text()), path

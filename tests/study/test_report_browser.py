@@ -1,4 +1,4 @@
-"""A report in a real browser: nothing fails, all is readable on a phone and usable by keyboard."""
+"""A report in a real browser: no errors, readable on a phone, and usable by keyboard."""
 
 import shutil
 from collections.abc import Iterator
@@ -76,7 +76,7 @@ STOPS = """[...document.querySelectorAll("a, button, select, summary, .scroll, .
 
 
 def some_rows() -> list[Row]:
-    """A sample of each task of Fig. 3."""
+    """Return a sample of each task of Fig. 3."""
     every = (EI, EPF, EPPT)
     rows = [r for one in every for r in task_rows(one, samples=1, scenes=["carpet"])]
     return rows + nothing_rows(rows, 1.0)
@@ -103,7 +103,7 @@ def chromium() -> Iterator[sync_api.Browser]:
 
 @pytest.fixture
 def page(chromium: sync_api.Browser, report: Path) -> Iterator[sync_api.Page]:
-    """The report on a desk; whatever it complains of fails the test."""
+    """Open the report on a desktop screen; any message of the page fails the test."""
     page = chromium.new_page(viewport=dict(zip(("width", "height"), DESK, strict=True)))
     complaints = watched(page)
     page.goto(report.as_uri())
@@ -113,7 +113,7 @@ def page(chromium: sync_api.Browser, report: Path) -> Iterator[sync_api.Page]:
 
 
 def watched(page: sync_api.Page) -> list[str]:
-    """What a page complains of from now on."""
+    """Collect the messages of a page from now on."""
     complaints: list[str] = []
     page.on(
         "console", lambda m: complaints.append(m.text) if m.type in ("error", "warning") else None
@@ -127,8 +127,8 @@ def watched(page: sync_api.Page) -> list[str]:
 def test_it_opens_without_complaint_and_network(
     chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str
 ) -> None:
-    """Promise: no error or warning, no address but its own, nothing wider than the window, and
-    every text has the contrast of WCAG AA, with all that can be unfolded open."""
+    """Promise: no error or warning, no foreign address, nothing wider than the window, and every
+    text has the contrast of WCAG AA, with all parts unfolded."""
     viewport = dict(zip(("width", "height"), size, strict=True))
     page = chromium.new_page(viewport=viewport, color_scheme=scheme, is_mobile=size == PHONE)
     complaints, addresses = watched(page), set()
@@ -144,8 +144,8 @@ def test_it_opens_without_complaint_and_network(
 
 
 def test_tab_reaches_everything(page: sync_api.Page) -> None:
-    """Promise: without a mouse each link, button, choice, folded part, wide table and panel is
-    reached, has a name, and shows that it has the focus."""
+    """Promise: without a mouse the user reaches each link, button, choice, folded part, wide table
+    and panel; each has a name and shows its focus."""
     count = page.evaluate(STOPS)
     assert count > 30
     reached = []
@@ -162,7 +162,7 @@ def test_tab_reaches_everything(page: sync_api.Page) -> None:
 
 
 def test_arrow_keys_read_the_points(page: sync_api.Page) -> None:
-    """Promise: the points of a panel are read one after the other, as their tooltips are shown."""
+    """Promise: the arrow keys read the points of a panel in order, as their tooltips show them."""
     page.locator(".mark").first.focus()
     lines = []
     for _ in range(15):
@@ -178,8 +178,8 @@ def test_arrow_keys_read_the_points(page: sync_api.Page) -> None:
 
 
 def test_a_series_is_hidden_and_a_panel_zoomed(page: sync_api.Page) -> None:
-    """Promise: without 1280 px the axis of the others is drawn larger, and each panel can have an
-    axis of its own; ticks are those of the data in the page."""
+    """Promise: without 1280 px the axis of the others is larger, and each panel can have its own
+    axis; ticks are those of the data in the page."""
     plot = page.locator(".plot").first
 
     def ticks() -> list[list[str]]:
@@ -197,8 +197,8 @@ def test_a_series_is_hidden_and_a_panel_zoomed(page: sync_api.Page) -> None:
 
 
 def test_the_picker_and_a_preview_by_keyboard(page: sync_api.Page) -> None:
-    """Promise: typing chooses another method's plots; Enter enlarges a preview, Escape closes it
-    and the focus is where it was."""
+    """Promise: typing selects another method's plots; Enter enlarges a preview, and Escape closes
+    it and restores the focus."""
     shown = page.locator(".plots:not([hidden])")
     assert shown.locator("h3").inner_text() == "carpet, reconstruction by event integration"
     page.focus("#pick")
@@ -215,7 +215,7 @@ def test_the_picker_and_a_preview_by_keyboard(page: sync_api.Page) -> None:
 
 
 def test_a_screen_reader_finds_names(page: sync_api.Page) -> None:
-    """Promise: nothing that is announced as a picture, control or region is without a name."""
+    """Promise: every picture, control and region that a screen reader announces has a name."""
     page.evaluate(OPEN_ALL)
     roles = {"image", "img", "button", "link", "combobox", "region", "DisclosureTriangle"}
     nodes = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")["nodes"]

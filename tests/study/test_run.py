@@ -38,7 +38,7 @@ from tasks.study.run.jobs import jobs_of
 
 
 def tiny_study(scene_folder):
-    """Every task, and a warm-up that fits no more than it must."""
+    """Every task, and a warm-up that leaves room for no more samples than necessary."""
     return Study(
         name="tiny",
         scenes=(str(scene_folder),),
@@ -59,7 +59,7 @@ def scene_folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def finished(scene_folder, tmp_path_factory):
-    """A run, with a cache of its own."""
+    """A run with its own cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(tmp_path_factory.mktemp("cache")))
         patch.setattr(environment, "_git_commit", lambda: "git 89ab")  # whatever becomes of ours
@@ -84,7 +84,7 @@ def test_rows_fill_the_grid(finished):
 
 
 def test_every_task_has_its_truth(finished):
-    """Physics: what does nothing scores what was put in: sigma px of flow, sigma mm of path."""
+    """Physics: doing nothing scores the initial error: sigma px of flow, sigma mm of path."""
     _, rows = finished
     flow = [r.value for r in rows if r.method == "initial_flow" and r.speed == 1.0]
     assert 1 < np.median(flow) < 8  # sigma 3 px in two components: the median is 3.5 px
@@ -101,7 +101,7 @@ def test_every_task_has_its_truth(finished):
 
 
 def test_flow_from_events_beats_none_at_the_finest(finished):
-    """Physics: in ideal light events tell the motion better than the initial guess does."""
+    """Physics: in ideal light events improve on the initial guess of the motion."""
     _, rows = finished
     where = {"width": 96, "cutoff_hz": np.inf, "speed": 1.0, "variant": "61 px patch"}
     start = score(rows, "initial_flow", **where)
@@ -130,7 +130,8 @@ def test_the_physics_shows_in_the_numbers(finished):
 
 
 def test_scaling_statistics_are_kept(finished):
-    """Promise: the first clip of each scene leaves its histograms and slopes; counts fit rates."""
+    """Promise: the first clip of each scene stores its histograms and slopes; counts match
+    rates."""
     out, rows = finished
     (scaling,) = read_scaling(out / "scaling").values()
     assert {(s.width, s.cutoff_hz, s.speed) for s in scaling.intervals} == {
@@ -152,7 +153,7 @@ def test_scaling_statistics_are_kept(finished):
 
 
 def test_a_run_without_its_scaling_statistics_makes_them(finished, scene_folder):
-    """Promise: a run from before they existed gets them, and its rows stay the same."""
+    """Promise: an older run without them gets them, and its rows do not change."""
     out, rows = finished
     (file,) = (out / "scaling").glob("*.json")
     numbers = file.read_text()
@@ -162,14 +163,15 @@ def test_a_run_without_its_scaling_statistics_makes_them(finished, scene_folder)
 
 
 def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
-    """Promise: a finished run is read, not made; not even the renderer is loaded."""
+    """Promise: eres reads a finished run and computes nothing; it does not even load the
+    renderer."""
     out, rows = finished
     monkeypatch.setattr(local, "compute_job", None)
     assert run_study(tiny_study(scene_folder), out) == rows
 
 
 def test_more_samples_keep_the_old_ones(finished, scene_folder):
-    """Promise: what decides a clip names it, so another number of samples reuses what fits."""
+    """Promise: a clip's name depends on its settings alone, so other sample numbers reuse clips."""
     study = tiny_study(scene_folder)
     scene = load_scene(scene_folder)
     job, other, *_ = jobs_of(study, scene)
@@ -186,7 +188,8 @@ def test_more_samples_keep_the_old_ones(finished, scene_folder):
 
 
 def test_cost_is_said_before_the_start(finished, scene_folder):
-    """Promise: frames are estimated to a factor of two, and twice the work costs twice."""
+    """Promise: estimates of frames are within a factor of two; twice the work has twice the
+    cost."""
     work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
     rendered = len(list((cache_dir() / "frames").rglob("*.exr")))
     said = estimate_work(work, cores=2)
@@ -199,7 +202,7 @@ def test_cost_is_said_before_the_start(finished, scene_folder):
 
 
 def test_report_of_a_real_run(finished):
-    """Promise: what a run leaves is what a report needs."""
+    """Promise: a run stores everything that a report needs."""
     out, rows = finished
     page = write_report(out).read_text()
     assert "96 px" in page
@@ -209,7 +212,7 @@ def test_report_of_a_real_run(finished):
 
 
 def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
-    """Promise: an impossible grid is refused before anything is rendered, by name."""
+    """Promise: the error for an impossible grid names the field, before any rendering."""
     study = tiny_study(scene_folder)
     with pytest.raises(StudyError, match=r"simulate.widths: found 128 px, finer than"):
         replace(study, simulate=replace(study.simulate, widths=(64, 128)))
@@ -226,7 +229,8 @@ def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
 
 
 def test_frame_cache_is_bounded_and_drops_the_oldest(tmp_path, monkeypatch):
-    """Promise: the cache stays within its limit, oldest out first, never what is in use."""
+    """Promise: the cache stays within its limit and removes the oldest first, never clips in
+    use."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path))
     monkeypatch.setattr(frame_cache, "LIMIT_BYTES", 3500)
     folders = [tmp_path / "frames" / name for name in ("a", "b", "c")]
@@ -249,12 +253,12 @@ def test_frame_cache_is_bounded_and_drops_the_oldest(tmp_path, monkeypatch):
 
 
 def warnings_of_tasks(caplog):
-    """Our own: libraries that other tests used may have something to say as well."""
+    """Return our own messages; libraries of other tests may also log."""
     return [record.getMessage() for record in caplog.records if record.name.startswith("tasks.")]
 
 
 def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path, caplog):
-    """Promise: damage costs the job, not the run; jobs that are of no use are counted."""
+    """Promise: damage costs a job, not the run; a message counts unused jobs."""
     out, rows = finished
     shutil.copytree(out, tmp_path / "run")
     first, second, *_ = sorted((tmp_path / "run" / "parts").iterdir())
@@ -263,7 +267,7 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
     caplog.set_level(logging.WARNING)
     assert run_study(tiny_study(scene_folder), tmp_path / "run") == rows
     damaged, unused = warnings_of_tasks(caplog)
-    assert damaged.startswith(f"{first}: not a whole Parquet file")
+    assert damaged.startswith(f"{first}: not a complete Parquet file")
     assert damaged.endswith("; the job is computed again")
     assert unused.endswith("1 job of another study or version is not used")
     assert read_rows(first) == read_rows(out / "parts" / first.name)
@@ -272,7 +276,8 @@ def test_damaged_jobs_are_named_and_made_again(finished, scene_folder, tmp_path,
 def test_where_the_finished_jobs_were_computed_stays_known(
     finished, scene_folder, tmp_path, caplog
 ):
-    """Promise: a run that goes on elsewhere names both places; damage is said and costs that."""
+    """Promise: a run that continues elsewhere stores both places; damage causes a message and loses
+    the place."""
     run = tmp_path / "run"
     shutil.copytree(finished[0], run)
     file = run / "environment.json"
@@ -295,7 +300,7 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     assert compute_one_again('{"cores": 2}') == here
     not_json, not_text = warnings_of_tasks(caplog)
     assert not_json.startswith(f"{file}: not JSON: Expecting property name")
-    assert not_json.endswith("; where the finished jobs were computed is lost")
+    assert not_json.endswith("; the provenance of the finished jobs is lost")
     assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
 
 
@@ -304,7 +309,7 @@ FULL = "No space left on device"
 
 @pytest.mark.parametrize("name", ["study.json", "parts/{key}.parquet", "rows.parquet"])
 def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, name):
-    """Promise: when the disk takes no more, the error names the file, which keeps what it was."""
+    """Promise: on a full disk, the error names the file, which keeps its old content."""
     out, rows = finished
     shutil.copytree(out, tmp_path / "run")
     study = tiny_study(scene_folder)
@@ -322,7 +327,7 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, name):
 
 
 def test_full_disk_while_rendering(scene_folder, tmp_path, monkeypatch):
-    """Promise: the same for frames, whose library has errors of its own; then the run goes on."""
+    """Promise: the same for frames, where OpenEXR raises its own errors; then the run continues."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
     study = replace(tiny_study(scene_folder), evaluate=Evaluate())
     study = replace(study, render=replace(study.render, samples=1, max_displacement_px=4.0))

@@ -1,4 +1,4 @@
-"""Claims 1 and 2, and the section on scaling, say what the statistics say and nothing more."""
+"""Claims 1 and 2, and the section on scaling, follow the statistics alone."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def slopes(exponent: float) -> Slopes:
 
 
 def peak(mode_us: float) -> tuple[int, ...]:
-    """Counts with their mode in the bin of `mode_us`."""
+    """Return counts with their mode in the bin of `mode_us`."""
     at = int(np.searchsorted(EDGES_US, mode_us, side="right")) - 1
     return tuple(max(1, 1000 - 50 * abs(k - at)) for k in range(len(EDGES_US) - 1))
 
@@ -85,7 +85,7 @@ def test_a_pixel_rate_that_does_not_rise_fails_claim_1() -> None:
 
 @pytest.mark.parametrize(("cutoff", "speed"), [(math.inf, 1.0), (50.0, 2.0)])
 def test_one_mode_that_rises_fails_claim_2(cutoff: float, speed: float) -> None:
-    """In any light and at any speed that was measured."""
+    """In any measured light and at any measured speed."""
     scaling = made()
     rising = tuple(
         replace(one, counts=peak(8_000))
@@ -121,7 +121,7 @@ def write_made(folder: Path) -> None:
 
 
 def test_numbers_survive_the_disk(tmp_path: Path) -> None:
-    """What is written is read again, and a damaged file is named."""
+    """The reader returns the written values, and names a damaged file."""
     write_made(tmp_path)
     assert read_scaling(tmp_path) == {"carpet": made()}
     assert read_scaling(tmp_path / "none") == {}
@@ -131,7 +131,7 @@ def test_numbers_survive_the_disk(tmp_path: Path) -> None:
 
 
 def section_of(folder: Path) -> str:
-    """The section of a run on the carpet, whose numbers lie in `folder` / scaling."""
+    """Return the section of a run on the carpet, with its numbers in `folder` / scaling."""
     run = FinishedRun(folder, [Scores(paper_rows(scenes=("carpet",)))], {}, {})
     return section("scaling.html", data=scaling(run))
 

@@ -1,4 +1,4 @@
-"""A study on many machines, and its resilience: same rows, whoever computes them and dies of it."""
+"""A study on many machines gives the same rows for any workers, even if some of them die."""
 
 import logging
 import os
@@ -45,7 +45,7 @@ pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
 
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
-    """A scheduler on a busy machine may be slow to answer."""
+    """Allow a scheduler on a busy machine more time to answer."""
     monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
 
 
@@ -64,23 +64,23 @@ def local_cluster(**options):
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two workers, each a process of one thread that is restarted when it dies."""
+    """Start two workers, each a process of one thread that restarts after its death."""
     with local_cluster(n_workers=2, threads_per_worker=1, processes=True) as cluster:
         yield cluster
 
 
 @pytest.fixture
 def one_worker():
-    """A worker in this process, so that tests can change what it does."""
+    """Start a worker in this process, so that tests can change its behavior."""
     with local_cluster(n_workers=1, threads_per_worker=1, processes=False) as cluster:
         yield cluster
 
 
 def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
-    """Promise: rows and pictures are those of a local run, byte by byte, in every task.
+    """Promise: rows and pictures equal those of a local run, byte by byte, in every task.
 
-    Workers' linear algebra has one thread, that of a local run one for each core, which join in
-    where a view has more than 10,000 px.
+    Workers' linear algebra has one thread. In a local run it has one for each core, which it uses
+    if a view has more than 10,000 px.
     """
     study = replace(
         tiny_study(scene_folder),
@@ -102,7 +102,7 @@ def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
 
 
 def test_a_killed_worker_costs_its_job_only(cluster, scene_folder, tmp_path):
-    """Promise: SIGKILL in the middle of a job; others go on, and the rows are the same."""
+    """Promise: after SIGKILL in the middle of a job, others continue, and the rows are the same."""
     study = tiny_study(scene_folder, seed=1, samples=5)
     before, killed, over = frames_begun(cache_dir()), [], threading.Event()
 
@@ -129,12 +129,12 @@ def test_a_killed_worker_costs_its_job_only(cluster, scene_folder, tmp_path):
 
 
 def frames_begun(cache):
-    """Clips in a cache of which there is a frame."""
+    """Return the clips in a cache with at least one frame."""
     return {file for file in cache.glob("frames/*/SHA256SUMS") if file.stat().st_size}
 
 
 def kill_and_resume(study, folder, moments, *options):
-    """Start the study in processes, each killed at its moment; returns the study's final rows."""
+    """Start the study in processes, kill each at its moment, and return the study's final rows."""
     code = (
         "from pathlib import Path; from small_study import tiny_study; from tasks.study.run import "
         f"run_study; run_study(tiny_study({study.scenes[0]!r}, {study.render.seed}, "
@@ -152,7 +152,7 @@ def kill_and_resume(study, folder, moments, *options):
 
 
 def random_moments(folder, count):
-    """Moments to kill at, up to 1.5 s from when study.json is written, before the first job."""
+    """Draw moments to kill at, up to 1.5 s after study.json is written, before the first job."""
 
     def moment(delay_s):
         if not (folder / "study.json").exists():
@@ -165,7 +165,7 @@ def random_moments(folder, count):
 
 
 def test_a_run_that_is_killed_resumes_to_the_same_rows(scene_folder, tmp_path, monkeypatch):
-    """Promise: killed in mid-render and between two jobs, a run ends as an unbroken one does."""
+    """Promise: a run killed in mid-render and between two jobs ends with the same rows."""
     study = tiny_study(scene_folder, seed=2)
     rows = run_study(study, tmp_path / "unbroken")
     cache, broken = tmp_path / "cache", tmp_path / "broken"
@@ -177,7 +177,7 @@ def test_a_run_that_is_killed_resumes_to_the_same_rows(scene_folder, tmp_path, m
 
 @pytest.mark.slow
 def test_a_run_that_is_killed_often(scene_folder, tmp_path, monkeypatch):
-    """Promise: kill -9 at any moment, run again, and the rows are those of an unbroken run."""
+    """Promise: after kill -9 at any moment and a new start, the rows are the same."""
     study = tiny_study(scene_folder, seed=3, samples=15)
     rows = run_study(study, tmp_path / "unbroken")
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
@@ -189,7 +189,7 @@ def test_a_run_that_is_killed_often(scene_folder, tmp_path, monkeypatch):
 def test_a_client_that_is_killed_resumes_with_what_workers_had_done(
     cluster, scene_folder, tmp_path
 ):
-    """Promise: jobs are written as they come, so a killed client loses no more than those."""
+    """Promise: jobs are written as they arrive, so a killed client loses only the others."""
     study = tiny_study(scene_folder, seed=4, samples=15)
     options = (cluster.scheduler_address,)
     broken = tmp_path / "broken"
@@ -199,7 +199,7 @@ def test_a_client_that_is_killed_resumes_with_what_workers_had_done(
 
 @pytest.mark.slow
 def test_a_job_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monkeypatch):
-    """Promise: it is given up after some workers, by name, and what others did is kept."""
+    """Promise: after some workers the error names the job, and the results of others remain."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "deadly.py").write_text(
         "import os\nfrom tasks.reconstruction import ReconstructionSample\n"
@@ -223,7 +223,8 @@ def nothing_computed(job, on_progress, *, with_highlights):
 
 
 def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
-    """Promise: here in shares of a job, on workers in whole ones; complete at the end."""
+    """Promise: progress counts parts of a job here, whole jobs on workers; it is complete at the
+    end."""
     for module in (cluster_module, local_module):
         monkeypatch.setattr(module, "compute_job", nothing_computed)
     jobs = queued_jobs(scene_folder)
@@ -239,7 +240,8 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
 
 
 def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch):
-    """Promise: an error of the system costs a job two retries, then it ends the run by name."""
+    """Promise: an error of the system costs a job two retries, then the run ends and names the
+    job."""
     tries = []
 
     def failing(job, on_progress, *, with_highlights):
@@ -257,7 +259,7 @@ def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkey
 def test_a_mistake_in_your_own_method_ends_the_run_at_once(
     one_worker, scene_folder, tmp_path, monkeypatch
 ):
-    """Promise: said by name from the worker too, after one small job; no other is begun."""
+    """Promise: the error on a worker has the name too, after one small job; no other begins."""
     (tmp_path / "rash.py").write_text(
         "from tasks.flow import FlowSample\n\ndef estimate(sample: FlowSample):\n    return 1 / 0\n"
     )
@@ -282,7 +284,7 @@ def test_a_mistake_in_your_own_method_ends_the_run_at_once(
 def test_a_worker_of_other_code_or_scenes_is_refused(
     one_worker, scene_folder, tmp_path, monkeypatch
 ):
-    """Promise: a worker never computes what its own files would make different; it says so."""
+    """Promise: a worker refuses a job that its own files would change; the error says so."""
 
     def refusal(study):
         with pytest.raises(StudyError, match=r"^worker tcp://\S+ on \S+: ") as refused:
@@ -298,7 +300,7 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
             assert refusal(study) == f"found code of versions {here}, expected {other}"
     with monkeypatch.context() as patch:
         patch.setattr(cluster_module, "_order", lambda job: pickle.dumps(replace(job, key="other")))
-        assert refusal(study).startswith("found other code of a method of your own")
+        assert refusal(study).startswith("found other code of your own method")
     with monkeypatch.context() as patch:
         edited = small_carpet_folder(tmp_path / "edited")
         toml = edited / "scene.toml"
@@ -311,7 +313,7 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
 
 
 def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
-    """Promise: two jobs at once in one process would share a renderer, so it is not begun."""
+    """Promise: the run refuses workers that share a process, as two jobs would share a renderer."""
     study, said = tiny_study(scene_folder), r"found 2 threads, .* start it with --nthreads 1"
     with (
         local_cluster(n_workers=1, threads_per_worker=2, processes=False) as cluster,
@@ -328,7 +330,7 @@ def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
     ],
 )
 def test_no_scheduler_is_said_before_anything_else(eres, tmp_path, monkeypatch, address, text):
-    """Promise: one line, exit code 1, no folder, and no look at scenes that may not be there."""
+    """Promise: one line, exit code 1, no folder, and no access to scenes, which may not exist."""
     monkeypatch.setattr(cluster_module, "_CONNECT_S", 0.5)
     args = ("--scenes", "nowhere", "--out", tmp_path / "run", "--scheduler", address)
     code, _, err = eres("study", *args)
@@ -339,7 +341,7 @@ def test_no_scheduler_is_said_before_anything_else(eres, tmp_path, monkeypatch, 
 
 
 def test_without_dask_the_error_says_how_to_get_it(eres, tmp_path, monkeypatch):
-    """Promise: the extra is named."""
+    """Promise: the error names the extra."""
     monkeypatch.setitem(sys.modules, "distributed", None)
     code, _, err = eres("study", "--out", tmp_path / "run", "--scheduler", "tcp://127.0.0.1:9")
     assert (code, len(err.splitlines())) == (1, 1)

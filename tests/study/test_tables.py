@@ -1,4 +1,4 @@
-"""Tables print medians over the same samples everywhere, and never hide what is missing."""
+"""Tables print medians over the same samples everywhere, and never hide missing values."""
 
 import csv
 import io
@@ -27,7 +27,7 @@ def row(width: int, sample: int, value: float, **changes: object) -> Row:
 
 
 def grid() -> list[Row]:
-    """Two widths, three samples, medians 16 and 25 dB, nothing 12 dB."""
+    """Two widths, three samples, medians 16 and 25 dB, do-nothing 12 dB."""
     values = {128: (15.0, 16.0, 30.0), 1280: (24.0, 25.0, 26.0)}
     rows = [row(w, i, v) for w, samples in values.items() for i, v in enumerate(samples)]
     return rows + [replace(r, method="no_events", value=12.0, event_rate_hz=0.0) for r in rows]
@@ -64,7 +64,7 @@ def test_the_best_of_a_column_is_marked_and_the_baseline_is_not() -> None:
 
 @pytest.mark.parametrize("broken", ["absent", "nan"])
 def test_a_cell_without_all_samples_has_no_median(broken: str) -> None:
-    """A sample that is absent, or not finite, leaves a marked gap and no winner."""
+    """An absent or non-finite sample leaves a marked gap and no winner."""
     rows = grid()
     lost = next(r for r in rows if r.width == 1280 and r.sample == 1 and r.method == EI.method)
     rows.remove(lost)
@@ -80,7 +80,7 @@ def test_a_cell_without_all_samples_has_no_median(broken: str) -> None:
 
 
 def test_a_condition_that_was_not_run_prints_as_missing() -> None:
-    """The night was run at 128 px only: 1280 px has a dash there, not a number."""
+    """The night has only 128 px: 1280 px has a dash there, not a number."""
     night = [row(128, i, 14.0, cutoff_hz=50.0) for i in range(3)]
     table = comparison_table(Scores(grid() + night), EI)
     assert table.cutoffs_hz == (math.inf, 50.0)
@@ -99,7 +99,7 @@ def test_speeds_select_the_layout() -> None:
 
 
 def test_a_scene_outside_the_paper_has_no_paper_numbers() -> None:
-    """An own scene gets the same table, with dashes for the paper and no m/s."""
+    """Your own scene gets the same table, with dashes for the paper and no m/s."""
     table = comparison_table(Scores([replace(r, scene="<mine>") for r in grid()]), EI)
     assert table.blocks[0].lines[0].entries[0].paper is None
     assert "&lt;mine&gt; <small>speed 1</small>" in comparison_html(table)
@@ -125,7 +125,7 @@ def test_contradictory_rows_are_refused() -> None:
 
 
 def test_doing_nothing_has_a_line_for_each_width_where_they_differ() -> None:
-    """One line where all widths agree; each its own where not, none hidden."""
+    """One line where all widths agree; one for each otherwise, none hidden."""
     rows = grid()
     rows[-1] = replace(rows[-1], value=13.0)
     rows[-2] = replace(rows[-2], value=13.0)
@@ -138,7 +138,8 @@ def test_doing_nothing_has_a_line_for_each_width_where_they_differ() -> None:
 
 
 def test_a_score_that_does_not_beat_doing_nothing_is_struck_out() -> None:
-    """128 px scores 16 dB, nothing 17 dB: struck out in HTML and 0 in the CSV; 1280 px is not."""
+    """128 px scores 16 dB, doing nothing 17 dB: struck out in HTML and 0 in the CSV; not so 1280
+    px."""
     rows = [replace(r, value=17.0) if r.method == "no_events" else r for r in grid()]
     table = comparison_table(Scores(rows), EI)
     assert "<s>16.00</s>" in comparison_html(table)
@@ -191,7 +192,7 @@ def test_a_lost_item_leaves_a_gap() -> None:
 
 
 def test_tables_fit_a_terminal() -> None:
-    """Three cutoffs with large errors and all successes: nothing is cut off at 80 columns."""
+    """Three cutoffs with large errors and all successes: no text is cut at 80 columns."""
     for series, nothing in ((EI, 12.0), (EPF, 3.5), (EPPT, 8.0)):
         rows = paper_rows(series, samples=1, scenes=["carpet"], rate=lambda *_: 987e6)
         scores = Scores(rows + nothing_rows(rows, nothing))
@@ -221,7 +222,7 @@ def test_main_tables_leave_out_variants_and_our_changes() -> None:
 
 
 def test_unknown_names_and_empty_runs_are_refused() -> None:
-    """What cannot be judged is named."""
+    """The text names claims without a verdict."""
     with pytest.raises(ResultError, match="unknown metric 'ssim'"):
         Scores([row(128, 0, 1.0, metric="ssim")])
     with pytest.raises(ResultError, match="unknown task 'juggling'"):

@@ -66,7 +66,7 @@ def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
 
 
 def test_tracking_that_never_suffers_at_night_fails_claim_19() -> None:
-    """346 px is still best on rocks at night, but 1280 px is no worse there than in ideal light."""
+    """346 px is still best on rocks at night, but 1280 px is as good there as in ideal light."""
     found = verdict(19, rows_for(19, lambda w, c, s, v: 20 if w == 1280 else v))
     assert found.status is Status.DOES_NOT_HOLD
     assert "growth 1.0 " in found.ours
@@ -143,7 +143,7 @@ def test_few_samples_say_so_instead_of_an_interval(number: int) -> None:
 
 
 def test_the_papers_contradictions_are_told() -> None:
-    """Each note says which reading of the paper was taken."""
+    """Each note names the chosen reading of the paper."""
     notes = {number: verdict(number, rows_for(number)).note for number in (12, 14, 16, 20)}
     assert "9 of 9" in notes[12]
     assert "6 of 8" in notes[14]
@@ -155,7 +155,8 @@ def test_the_papers_contradictions_are_told() -> None:
 
 @pytest.mark.parametrize("number", [13, 19])
 def test_a_delay_is_reported_and_does_not_decide(number: int) -> None:
-    """With the delay as an unknown the light does not matter: printed, but the verdict stays."""
+    """With an unknown delay the light does not matter: the text has the numbers, the verdict
+    stays."""
     method = f"{SERIES[number].method}_with_delay"
     delayed = paper_rows(SERIES[number], lambda w, c, s, v: w / 1280, method=method)
     found = verdict(number, rows_for(number) + delayed)
@@ -243,7 +244,7 @@ def test_a_lead_over_nothing_that_the_samples_do_not_settle_is_counted() -> None
 
 
 def test_without_the_rows_of_doing_nothing_claim_24_is_not_measured() -> None:
-    """No baseline, or one that lacks a sample, in one cell."""
+    """One cell has no baseline, or one that lacks a sample."""
     rows = paper_rows(EI, scenes=["carpet"])
     assert verdict(24, rows).status is Status.NOT_MEASURED
     nothing = nothing_rows([r for r in rows if r.cutoff_hz > 50 or r.sample], 5.0)

@@ -1,4 +1,4 @@
-"""A study's scores do not depend on how many threads linear algebra has on a machine."""
+"""A study's scores do not depend on the number of linear algebra threads."""
 
 import json
 
@@ -40,10 +40,10 @@ def rows_with(threads, scene_folder, folder):
 
 
 def test_rows_do_not_depend_on_the_threads_of_blas(tmp_path):
-    """Promise: the same rows to the last bit, frames and all, with one thread and with two.
+    """Promise: the same rows to the last bit, including frames, with one thread and with two.
 
     Dask gives its workers' linear algebra one thread; a local run has one for each core. On a
-    machine of one core this compares nothing.
+    machine with one core this compares nothing.
     """
     scene_folder = small_carpet_folder(tmp_path / "carpet")
     one = rows_with("1", scene_folder, tmp_path)

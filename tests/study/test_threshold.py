@@ -1,4 +1,4 @@
-"""A run of several contrast thresholds: the page is about the first, one section compares them."""
+"""A run with several contrast thresholds: the page shows the first, one section compares them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
 
 
 def at(threshold: float, rows: list[Row]) -> list[Row]:
-    """Rows as of another threshold; the event rate goes with 1 / C."""
+    """Return rows of another threshold; the event rate is proportional to 1 / C."""
     gains = {(EI.method, 1280): GAIN_DB[threshold]}
     return [
         replace(
@@ -44,7 +44,7 @@ def at(threshold: float, rows: list[Row]) -> list[Row]:
 
 
 def usual_rows(series: Series = EI, nothing: float = 12.0, samples: int = 7) -> list[Row]:
-    """The paper's medians on carpet, 100 events a second a pixel, and doing nothing."""
+    """The paper's medians on carpet, 100 events per second and pixel, and doing nothing."""
     rows = paper_rows(series, samples=samples, scenes=["carpet"], rate=lambda w, _: 100.0 * w**2)
     return rows + nothing_rows(rows, nothing)
 
@@ -71,18 +71,18 @@ def section_of(page: str) -> str:
 
 
 def threshold_html(found: list[Scores], series: Series) -> str:
-    """The section on one series."""
+    """Return the section on one series."""
     data = {series: compare_thresholds(found, series)}
     return section("threshold.html", data=data, run=FinishedRun(Path(), found, {}, {}))
 
 
 def points_of(plot: Plot) -> list[int]:
-    """How many points each panel has."""
+    """Return the number of points of each panel."""
     return [sum(len(line.points) for line in panel.lines) for panel in plot.panels]
 
 
 def choices_of(content: str) -> dict[str, list[str]]:
-    """Recommended widths by cutoff, thresholds ascending, of a section on one scene."""
+    """Return recommended widths by cutoff, thresholds ascending, of a section on one scene."""
     found = re.search(r'<table class="choice">.*?</table>', content, re.DOTALL)
     assert found
     return {
@@ -92,7 +92,7 @@ def choices_of(content: str) -> dict[str, list[str]]:
 
 
 def test_the_first_threshold_of_the_rows_comes_first() -> None:
-    """Not the smallest: a study's own order says which one its report is about."""
+    """The first threshold of the study, not the smallest, determines its report."""
     found = by_threshold(several(usual_rows()))
     assert [scores.contrast_threshold for scores in found] == [0.2, 0.1, 0.4]
     for scores in found:
@@ -152,7 +152,7 @@ def test_what_does_not_beat_doing_nothing_is_struck_out() -> None:
 
 
 def test_failures_are_told_beside_the_scores() -> None:
-    """One of seven samples gave up at 1280 px in ideal light: 14 % there, nothing elsewhere."""
+    """One of seven samples failed at 1280 px in ideal light: 14 % there, nothing elsewhere."""
     rows = [
         replace(r, failure="no convergence" * (r.width == 1280 and r.sample == 0))
         for r in paper_rows(EPF, samples=7, scenes=["carpet"])
@@ -181,7 +181,8 @@ def page(tmp_path_factory) -> tuple[Path, str]:
 
 
 def test_the_page_is_about_the_first_threshold_and_says_so(page, tmp_path) -> None:
-    """Answer, plots, tables and claims are those of a run of 0.2 alone, but for what says so."""
+    """Answer, plots, tables and claims equal those of a run of 0.2 alone, except for its
+    mention."""
     alone = run_of(
         tmp_path, [r for r in read_rows(page[0] / "rows.parquet") if r.contrast_threshold == 0.2]
     )
@@ -201,7 +202,7 @@ def test_the_page_is_about_the_first_threshold_and_says_so(page, tmp_path) -> No
 
 
 def test_every_main_method_is_compared(page) -> None:
-    """The section has a part for each task and method, the first one open, and is linked to."""
+    """The section has a part for each task and method, the first one open, and a link to it."""
     section = section_of(page[1])
     titles = re.findall(r"<summary>([^<]* by [^<]*)</summary>", section)
     assert titles == [
@@ -214,7 +215,7 @@ def test_every_main_method_is_compared(page) -> None:
 
 
 def test_the_tables_hold_all_thresholds(page) -> None:
-    """A column says which; beside the paper stand only those of the paper's own, 0.2."""
+    """A column names the threshold; only rows of the paper's own, 0.2, are next to the paper's."""
     records = list(csv.DictReader((page[0] / "tables.csv").read_text().splitlines()))
     thresholds = [record["contrast_threshold"] for record in records]
     assert {name: thresholds.count(name) for name in thresholds} == {
@@ -233,7 +234,7 @@ def test_the_tables_hold_all_thresholds(page) -> None:
 
 
 def test_another_threshold_has_no_numbers_of_the_paper() -> None:
-    """At 0.4 alone there is nothing to compare with: no column of the paper's, and it is said."""
+    """At 0.4 alone no comparison is possible: the page has no column of the paper, and says so."""
     (scores,) = by_threshold(several(usual_rows(), (0.4,)))
     table = comparison_table(scores, EI)
     assert "not in the paper at a contrast threshold of 0.4" in table.footnote
@@ -253,7 +254,7 @@ def test_another_threshold_has_no_numbers_of_the_paper() -> None:
     ],
 )
 def test_claims_say_at_which_threshold_they_are_judged(eres, tmp_path, thresholds, said) -> None:
-    """On the first of the run; in the terminal and in the report, unless it goes without saying."""
+    """Terminal and report name the first threshold of the run, unless it alone is the paper's."""
     run = run_of(tmp_path, several(usual_rows(samples=1), thresholds))
     code, out, _ = eres("claims", run)
     assert code == 0
@@ -267,7 +268,7 @@ def test_claims_say_at_which_threshold_they_are_judged(eres, tmp_path, threshold
 
 
 def test_a_report_of_several_thresholds_from_the_command_line(eres, tmp_path) -> None:
-    """`eres report` writes it and says where it is."""
+    """`eres report` writes the file and prints its path."""
     run = run_of(tmp_path, several(usual_rows(samples=1)))
     code, out, _ = eres("report", run)
     assert code == 0
@@ -276,7 +277,8 @@ def test_a_report_of_several_thresholds_from_the_command_line(eres, tmp_path) ->
 
 
 def test_the_terminal_prints_the_first_threshold(tmp_path, monkeypatch, eres) -> None:
-    """What `eres study` prints: the first threshold's scores, and where the others are."""
+    """Return the output of `eres study`: the first threshold's scores, and the place of the
+    others."""
     run = run_of(tmp_path, several(usual_rows(samples=1)))
     monkeypatch.setattr("tasks.study.run.run_study", lambda *given: None)
     code, out, _ = eres("study", "--out", run)

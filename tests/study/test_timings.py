@@ -1,4 +1,4 @@
-"""What a run took: kept by job, and told in the report as rates and times of an estimate."""
+"""The costs of a run: stored for each job, reported as rates and times of an estimate."""
 
 import re
 from dataclasses import replace
@@ -20,7 +20,7 @@ from tasks.study.report.sections.timings import summarize
 
 
 def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:
-    """Promise: a file a job, in order of scene and sample; no folder, no costs."""
+    """Promise: one file for each job, in order of scene and sample; without a folder, no costs."""
     assert read_timings(tmp_path / "costs") == []
     jobs = [JOB, replace(JOB, sample=3), replace(JOB, scene="rocks", methods=())]
     for job, name in zip(jobs, "cab", strict=True):
@@ -29,7 +29,7 @@ def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:
 
 
 def test_damaged_costs_are_named(tmp_path: Path) -> None:
-    """Promise: no JSON, and fields that are others, are refused with the file's name."""
+    """Promise: the error for invalid JSON or other fields names the file."""
     file = tmp_path / "job.json"
     file.write_text("{")
     with pytest.raises(ResultError, match=r"job\.json: not JSON"):
@@ -44,7 +44,7 @@ def costs_html(parts: list[JobTimings]) -> str:
 
 
 def cells(page: str) -> dict[str, list[str]]:
-    """Texts of the cells of each line of the tables, by the line's head."""
+    """Return the texts of the cells of each line of the tables, by the line's head."""
     lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', page, re.DOTALL)
     return {
         head: [
@@ -56,8 +56,8 @@ def cells(page: str) -> dict[str, list[str]]:
 
 
 def test_rates_and_times_are_those_of_the_jobs() -> None:
-    """Promise: amounts over times by hand; the job that compiled first moves no median, and
-    frames from the cache are not taken for rendered ones."""
+    """Promise: amounts over times by hand; the job that compiled first changes no median, and
+    frames from the cache do not count as rendered."""
     compiling = replace(JOB, simulating_s=30.0, methods=(replace(FLOW, cpu_s=22.0),))
     cached = replace(JOB, rendered_frames=0, rendering_s=0.0)
     table = cells(costs_html([compiling, JOB, cached]))
@@ -81,12 +81,12 @@ def test_rates_and_times_are_those_of_the_jobs() -> None:
 
 
 def test_a_run_without_costs_says_so() -> None:
-    """Promise: runs from before still have a report."""
+    """Promise: runs from before costs existed still have a report."""
     assert "no timings" in costs_html([])
 
 
 def test_frames_are_timed_as_they_come() -> None:
-    """Promise: rendered frames alone are counted, and all progress is passed on."""
+    """Promise: only rendered frames count, and all progress is passed on."""
     said = []
     timer = FrameTimer(lambda *what: said.append(what))
     timer("rendering", 3, 9)

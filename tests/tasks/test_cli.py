@@ -1,4 +1,4 @@
-"""The command line: help, exit codes, one clear line for every mistake, nothing half-written."""
+"""The command line: help, exit codes, one clear line for every mistake, no partial files."""
 
 import errno
 import re
@@ -26,7 +26,7 @@ COMMANDS = [
 
 
 def test_version_and_lists(eres):
-    """Promise: --version, scenes and methods answer on stdout."""
+    """Promise: --version, scenes and methods print to stdout."""
     assert eres("--version")[1].startswith("eres 0.")
     code, out, _ = eres("scenes")
     assert (code, "carpet" in out, "0.9 m/s" in out) == (0, True, True)
@@ -35,7 +35,7 @@ def test_version_and_lists(eres):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(eres, command):
-    """Promise: help exits 0 and says what the command does."""
+    """Promise: help exits 0 and describes the command."""
     code, out, _ = eres(command, "--help")
     assert code == 0
     assert len(out.splitlines()) > 3
@@ -49,7 +49,7 @@ def test_every_option_has_help(eres):
 
 
 def test_help_lists_the_commands_in_short(eres):
-    """Promise: what there is fits a screen; each command's own help has the rest."""
+    """Promise: the list of commands fits a screen; each command's own help has the rest."""
     code, out, _ = eres("--help")
     assert (code, len(out.splitlines()) < 45) == (0, True)
     assert all(f"• {command} " in out for command in COMMANDS)
@@ -82,7 +82,7 @@ def test_help_lists_the_commands_in_short(eres):
     ],
 )
 def test_mistakes_get_one_clear_line(eres, tmp_path, args, code, text):
-    """Promise: exit code 1 with one line, 2 for usage; no traceback, nothing left behind."""
+    """Promise: exit code 1 with one line, 2 for usage; no traceback, no files."""
     (tmp_path / "file").write_text("in the way")
     got, out, err = eres(*[arg.format(tmp=tmp_path) for arg in args])
     assert got == code
@@ -94,7 +94,7 @@ def test_mistakes_get_one_clear_line(eres, tmp_path, args, code, text):
 
 
 def test_full_disk_is_said_and_leaves_nothing(eres, tmp_path, monkeypatch):
-    """Promise: when the disk is full the one line says so, and no file has a final name."""
+    """Promise: when the disk is full one line says so, and no file has a final name."""
 
     def full(self, data):
         raise OSError(errno.ENOSPC, "No space left on device", str(self))

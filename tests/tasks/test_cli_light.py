@@ -1,4 +1,4 @@
-"""The light side of the command line: any scene, truth, convergence; bad input is refused."""
+"""Commands for light: any scene, truth, convergence; an error for bad input."""
 
 import json
 import re
@@ -33,7 +33,7 @@ def write_poses(folder, positions=((3, 0, 0), (2.8, 1, 0.1), (2.5, 1.5, 0)), t_s
 
 
 def missing_texture(folder):
-    """Let a scene folder's scene.xml name an image that is not there."""
+    """Make a scene folder's scene.xml name an image that does not exist."""
     xml = (folder / "scene.xml").read_text()
     wall = """<shape type="rectangle"><bsdf type="diffuse">
         <texture type="bitmap" name="reflectance">
@@ -43,7 +43,7 @@ def missing_texture(folder):
 
 
 def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
-    """Promise: any Mitsuba file with poses renders; info and truth speak about the result."""
+    """Promise: any Mitsuba file with poses renders; info and truth describe the result."""
     xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path)
     options = ["--resolution", "24", "--spp", "4", "--max-displacement", "1", "--continuous"]
     code, out, _ = eres("render", xml, "--trajectory", poses, "--out", tmp_path / "out", *options)
@@ -104,7 +104,8 @@ def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):
 
 
 def test_truth_replaces_truth_only_when_told(eres, tmp_path):
-    """Promise: a folder never holds truth of two steps; --overwrite removes the old, no more."""
+    """Promise: a folder never has truth of two steps; --overwrite removes the old truth, no
+    more."""
     folder, out = room_folder(tmp_path / "room"), tmp_path / "truth"
     options = ["--resolution", 24, "--spp", 1, "--samples", 1, "--max-displacement", 1]
     assert eres("render", folder, "--out", tmp_path / "r", *options)[0] == 0
@@ -116,7 +117,7 @@ def test_truth_replaces_truth_only_when_told(eres, tmp_path):
     (out / "depth" / "mine.exr").write_text("mine")
     code, _, err = eres(*truth, 0.025)
     assert (code, len(err.splitlines())) == (1, 1)
-    assert f"{out}: holds truth already" in err
+    assert f"{out}: contains truth already" in err
     assert "--overwrite" in err
     assert set(out.rglob("*")) - set(fine) == {out / "notes.txt", out / "depth" / "mine.exr"}
 
@@ -185,7 +186,7 @@ BAD_NUMBERS = [
 
 @pytest.mark.parametrize(("parts", "text"), BAD_SCENES)
 def test_bad_scenes_are_refused_and_leave_nothing(eres, tmp_path, parts, text):
-    """Promise: exit code 1, one line that names the file and what is wrong with it."""
+    """Promise: exit code 1, one line that names the file and the mistake."""
     xml, poses = write_scene(tmp_path, *parts), write_poses(tmp_path)
     refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, "--out", tmp_path / "out")
 
@@ -269,7 +270,7 @@ end_header
 
 
 def write_mesh(folder, material=""):
-    """A mesh in the colors of its vertices, and the poses of a camera above it."""
+    """Write a mesh with vertex colors, and the poses of a camera above it."""
     (folder / "mesh.ply").write_text(PLY)
     mesh = f'<shape type="ply"><string name="filename" value="mesh.ply"/>{material}</shape>'
     xml = write_scene(folder, CAMERA, '<emitter type="constant"/>', mesh)
@@ -277,8 +278,8 @@ def write_mesh(folder, material=""):
 
 
 def test_colors_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplog):
-    """Promise: a mesh with colors, as scanners write it, renders without a word of Mitsuba's; one
-    without UV coordinates is path-traced, not a traceback."""
+    """Promise: a mesh with colors, as scanners write it, renders without a message of Mitsuba; one
+    without UV coordinates is path-traced, with no traceback."""
     scene = load_scene(*write_mesh(tmp_path))
     (sequence,) = render_scene(scene, tmp_path / "r", resolution=8, spp=1, continuous=True)
     assert "".join(capfd.readouterr()) == ""
@@ -287,7 +288,7 @@ def test_colors_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplo
 
 
 def test_colors_of_a_mesh_that_a_material_uses_are_said_once(tmp_path, capfd, caplog):
-    """Promise: what Mitsuba warns of that matters is said, with the scene's name, and once."""
+    """Promise: relevant warnings of Mitsuba appear once, with the scene's name."""
     material = """<bsdf type="diffuse"><texture type="mesh_attribute" name="reflectance">
         <string name="name" value="vertex_color"/></texture></bsdf>"""
     xml, poses = write_mesh(tmp_path, material)
@@ -299,7 +300,7 @@ def test_colors_of_a_mesh_that_a_material_uses_are_said_once(tmp_path, capfd, ca
 
 
 def test_a_scene_without_a_lamp_is_not_baked_for_minutes(eres, tmp_path):
-    """Promise: one clear line before the light is computed, where there is none."""
+    """Promise: a scene without light causes one clear line before any computation of the light."""
     plane = '<shape type="rectangle" id="floor"/>'
     xml = write_scene(tmp_path, CAMERA, plane)
     poses = write_poses(tmp_path, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)))
@@ -310,7 +311,7 @@ def test_a_scene_without_a_lamp_is_not_baked_for_minutes(eres, tmp_path):
 
 
 def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
-    """Promise: given what `eres render` was given, the error names a folder to give instead."""
+    """Promise: for the same argument as `eres render` got, the error names the folder to give."""
     for k in range(2):
         (tmp_path / "r" / f"clip_00{k}").mkdir(parents=True)
         (tmp_path / "r" / f"clip_00{k}" / "manifest.json").write_text("{}")
@@ -323,7 +324,7 @@ def test_the_folder_above_clips_is_not_a_sequence(eres, tmp_path):
 
 
 def test_truth_beyond_memory_is_one_line(eres, tmp_path):
-    """Promise: images of truth that no machine holds are refused, and leave nothing."""
+    """Promise: truth images that are too large for any machine are an error, and leave no files."""
     folder, out = room_folder(tmp_path / "room"), tmp_path / "out"
     render = ["--resolution", 16, "--spp", 1, "--samples", 1, "--out", tmp_path / "r"]
     assert eres("render", folder, *render)[0] == 0
@@ -335,7 +336,7 @@ def test_truth_beyond_memory_is_one_line(eres, tmp_path):
 
 
 def test_a_file_is_not_a_sequence(eres, tmp_path):
-    """Promise: who gives a file of events where a folder belongs is told so."""
+    """Promise: a file of events in place of a folder causes a clear error."""
     recording = tmp_path / "a.h5"
     recording.touch()
     said = f"{recording}: found a file, expected the folder of a rendered sequence"
@@ -344,8 +345,8 @@ def test_a_file_is_not_a_sequence(eres, tmp_path):
 
 
 def test_frames_far_apart_are_said(eres, tmp_path, caplog):
-    """Promise: whoever renders, simulates or evaluates frames more than 1 px apart is told by how
-    many; at 1 px nothing is said."""
+    """Promise: rendering, simulating or evaluating frames more than 1 px apart causes a warning
+    with the distance; at 1 px there is none."""
     folder = room_folder(tmp_path / "room")
     usual = ["--resolution", 32, "--spp", 1, "--samples", 1]
     for motion in (1, 3.5):

@@ -1,4 +1,4 @@
-"""Tables on stdout: every word is whole, at any width of the screen and in a pipe."""
+"""Tables on stdout: every word is complete, at any width of the screen and in a pipe."""
 
 import ast
 import io
@@ -23,7 +23,7 @@ OWN = "my_group.my_own_methods_of_this_year:photometric_flow_with_everything"
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    """A clip whose folder has a name longer than a screen is wide, and events of it."""
+    """A clip in a folder with a name longer than the screen is wide, and its events."""
     folder = tmp_path_factory.mktemp("a_folder_of_which_the_name_is_much_longer_than_the_screen")
     scene = small_carpet_folder(folder / "scene_with_a_long_name_that_would_be_cut")
     options = ("--resolution", "64", "--spp", "1", "--samples", "1", "--out", str(folder / "clips"))
@@ -36,7 +36,7 @@ def clip(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def finished_run(tmp_path_factory):
-    """A run with a method of long name beside the paper's, as far as its tables need it."""
+    """A run with a method of long name next to the paper's, with all data of its tables."""
     folder = tmp_path_factory.mktemp("run")
     rows = [row for series in (EI, EPF, EPPT) for row in paper_rows(series, samples=3)]
     rows += paper_rows(EPF, samples=3, method=OWN)
@@ -51,7 +51,7 @@ def finished_run(tmp_path_factory):
 
 
 def run(*args, screen="80"):
-    """Run a command on a screen; what it prints, and each table's words by where it is made."""
+    """Run a command on a screen; return its output, and each table's words by their origin."""
     width, is_terminal = SCREENS[screen]
     out = io.StringIO()
     made = {}
@@ -76,7 +76,7 @@ def run(*args, screen="80"):
 
 
 def every_table(clip, finished_run, screen):
-    """What every command that has a table prints, and the words of each of them."""
+    """Return the output of every command with a table, and the words of each table."""
     sequence, events = clip
     outcome = convergence.Outcome(convergence.USUAL, 123, 4_567_890, 12.345)
     fast = {"converge": lambda *_, **__: iter([outcome, outcome])}
@@ -102,7 +102,7 @@ def every_table(clip, finished_run, screen):
 
 
 def tables_in_code():
-    """File and function of every table that a command may print."""
+    """Return file and function of every table that a command may print."""
     found = set()
     for file in (ROOT / "tasks" / "cli").rglob("*.py"):
         for function in ast.walk(ast.parse(file.read_text())):
@@ -120,7 +120,7 @@ def tables_in_code():
 
 @pytest.mark.parametrize("screen", SCREENS)
 def test_no_table_shortens_a_word(clip, finished_run, screen):
-    """Promise: names can be copied from any table; no table of the code is left out here."""
+    """Promise: users can copy names from any table; the test covers every table of the code."""
     seen = set()
     for args, out, made in every_table(clip, finished_run, screen):
         printed = set(out.split())
@@ -132,7 +132,7 @@ def test_no_table_shortens_a_word(clip, finished_run, screen):
 
 
 def test_tables_wrap_between_words_where_that_is_enough(clip):
-    """Promise: prose keeps within a terminal; in a pipe a row is one line."""
+    """Promise: prose stays within a terminal; in a pipe a row is one line."""
     out, _ = run("scenes", screen="80")
     assert max(map(len, out.splitlines())) <= 80
     assert len(out.splitlines()) > 4

@@ -1,4 +1,4 @@
-"""Paths on the clock of the day: when they started is kept, to the last digit, everywhere."""
+"""Paths on the clock of the day: their start is stored exactly, everywhere."""
 
 import json
 from decimal import Decimal
@@ -20,7 +20,7 @@ T_S = [Decimal(text) for text in ("0", "0.1000001", "0.23", "0.3333333333333333"
 
 
 def write_path(file, start):
-    """The first 0.4 s of the carpet's path as poses, from a time on."""
+    """Return the first 0.4 s of the carpet's path as poses that start at a time."""
     poses = load_scene("carpet").trajectory().pose([float(t) for t in T_S])
     lines = tum_text(np.arange(len(T_S)), poses).splitlines()[1:]
     rest = (line.split(" ", 1)[1] for line in lines)
@@ -30,7 +30,7 @@ def write_path(file, start):
 
 @pytest.fixture(scope="module")
 def sequences(tmp_path_factory):
-    """The same clip, on the clock of the day and from 0."""
+    """Render the same clip on the clock of the day and from 0."""
     folder = tmp_path_factory.mktemp("clock")
     carpet = small_carpet_folder(folder / "carpet")
     found = []
@@ -43,7 +43,7 @@ def sequences(tmp_path_factory):
 
 @pytest.mark.parametrize("offset_us", [0, OFFSET_US, -3, 10**18])
 def test_times_and_offset_make_the_round_trip(tmp_path, offset_us):
-    """Promise: a time of 17 digits with an offset in front comes back to the last bit."""
+    """Promise: a time of 17 digits with an offset returns with the same last bit."""
     t_s = np.array([0.0, 1e-9, 0.1, 1 / 3, np.nextafter(0.5, 1), 1234.567890123456])
     (tmp_path / "a.txt").write_text(tum_text(t_s, np.tile(np.eye(4), (6, 1, 1)), offset_us))
     np.testing.assert_array_equal(read_tum(tmp_path / "a.txt", offset_us)[0], t_s)
@@ -53,7 +53,7 @@ def test_times_and_offset_make_the_round_trip(tmp_path, offset_us):
 
 
 def test_a_path_is_the_same_at_any_time_of_day(tmp_path):
-    """Promise: poses since 1970 are not moved by the 0.2 us that float64 would round them to."""
+    """Promise: float64 would round poses since 1970 by 0.2 us; the reader does not."""
     day = read_tum_from_start(write_path(tmp_path / "day.txt", START))
     zero = read_tum_from_start(write_path(tmp_path / "zero.txt", Decimal(0)))
     assert (day[0], zero[0]) == (OFFSET_US, 0)
@@ -65,8 +65,10 @@ def test_a_path_is_the_same_at_any_time_of_day(tmp_path):
 
 
 def test_a_sequence_keeps_when_it_started(eres, sequences, tmp_path):
-    """Promise: manifest, poses.txt, `eres info` and `eres truth` say it; frames do not change. A
-    sequence from 0 is as it ever was."""
+    """Promise: manifest, poses.txt, `eres info` and `eres truth` have it; frames do not change.
+
+    A sequence from 0 does not change either.
+    """
     day, zero = sequences
     assert (day.t_offset_us, zero.t_offset_us) == (OFFSET_US, 0)
     assert json.loads((day.folder / "manifest.json").read_text())["t_offset_us"] == OFFSET_US
@@ -91,7 +93,7 @@ def test_a_sequence_keeps_when_it_started(eres, sequences, tmp_path):
 
 @pytest.mark.parametrize("name", list(FORMATS))
 def test_events_keep_when_they_happened(eres, sequences, tmp_path, name):
-    """Promise: to the microsecond, in any format and on to another, beside their truth."""
+    """Promise: to the microsecond, in any format and its conversions, together with their truth."""
     day, zero = (tmp_path / f"{which}{SUFFIXES[name]}" for which in ("day", "zero"))
     options = ["--format", name, "--resolution", 16, "--speed", 2, "--threshold", 0.1]
     options += ["--truth", 0.1] if name == "dsec" else []

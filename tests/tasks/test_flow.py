@@ -1,4 +1,4 @@
-"""Flow methods: gradients, the paper's objective, and made-up cases with a known answer."""
+"""Flow methods: gradients, the paper's objective, and synthetic cases with a known answer."""
 
 import math
 from dataclasses import replace
@@ -33,7 +33,8 @@ C = 0.2
 
 
 def band_limited(seed, size, shift):
-    """Log intensity of a periodic texture with no detail below 4 px, shifted by (x, y) px."""
+    """Return the log intensity of a periodic texture, shifted by (x, y) px; no detail below 4
+    px."""
     rng = np.random.default_rng(seed)
     fy, fx = np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size), indexing="ij")
     radius = np.hypot(fx, fy)
@@ -46,7 +47,8 @@ def band_limited(seed, size, shift):
 
 @cache
 def translating_texture(seed=3, cutoff_hz=math.inf, warmup_s=0.0):
-    """Events of a texture that moves by FLOW in a 50 ms window, and its image at the start."""
+    """Return events of a texture that moves by FLOW in a 50 ms window, and its image at the
+    start."""
     t_s = np.linspace(-warmup_s, 0.05, 60 + round(1200 * warmup_s))
     frames = np.exp(np.stack([band_limited(seed, SIZE, FLOW * t / 0.05) for t in t_s]))
     model = SensorModel(
@@ -85,10 +87,10 @@ def samples(translating, count, sigma_px, seed=0):
     ],
 )
 def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bound_px, warmup_s):
-    """Physics: on noise-free events of a pure translation the answer is known.
+    """Physics: for noise-free events of a pure translation the answer is known.
 
     The pixels' memories start at the texture's first image, or have moved on from there. A search
-    that starts more than two sigma off may end in another minimum; it is counted at its start.
+    that starts more than two sigma off may end in another minimum; it then scores its start.
     """
     sigma_px = 3 * WIDTH / 1280
     moving = translating_texture(warmup_s=warmup_s) if warmup_s else translating
@@ -103,7 +105,8 @@ def test_recovers_the_motion_of_a_translating_texture(translating, estimate, bou
 
 
 def test_a_slow_sensor_moves_the_flow_and_a_delay_explains_most_of_it():
-    """Physics: two poles at a delay slow changes by 2 / a; EPF without that sees another flow."""
+    """Physics: two poles delay slow changes by 2 / a; EPF without the delay estimates another
+    flow."""
     cutoff_hz = 200.0
     delay = 2 / (2 * math.pi * cutoff_hz) / 0.05  # windows
     moving = translating_texture(cutoff_hz=cutoff_hz, warmup_s=0.01)
@@ -121,7 +124,7 @@ def test_a_slow_sensor_moves_the_flow_and_a_delay_explains_most_of_it():
 
 
 def test_a_search_on_blurred_events_goes_on_to_the_minimum():
-    """Promise: a search is not given up while it goes down, to be scored as where it started.
+    """Promise: a search continues while its cost decreases, and does not score its start.
 
     A sensor that is much slower than its texture contradicts the image everywhere: the cost is
     rough, and Levenberg-Marquardt takes many small steps.
@@ -147,7 +150,7 @@ def test_a_search_on_blurred_events_goes_on_to_the_minimum():
 
 
 def test_contrast_need_not_be_known(translating):
-    """Promise: the scale-free objective gives the same flow whatever C the sample claims."""
+    """Promise: the scale-free objective gives the same flow for any C of the sample."""
     (sample,) = samples(translating, 1, 1.0)
     wrong = replace(sample, contrast_threshold=2 * C)
     free = photometric_flow.estimate_unknown_contrast
@@ -207,9 +210,10 @@ def test_photometric_gradient_is_that_of_its_cost(translating):
 
 
 def test_the_printed_objective_is_minimal_at_rest_and_ours_is_not(translating):
-    """Finding: with the best C put in, Eq. (11) is 0 at v = 0, whatever the events say.
+    """Finding: with the best C inserted, Eq. (11) is 0 at v = 0, for any events.
 
-    With C known, or scale-free, rest is as bad as an objective gets, and the truth far better.
+    With C known, or scale-free, rest has the worst possible objective, and the truth a far better
+    one.
     """
     (sample,) = samples(translating, 1, 1.0)
     events = photometric_events(sample)
@@ -245,7 +249,7 @@ def test_the_printed_objective_is_minimal_at_rest_and_ours_is_not(translating):
 
 
 def votes(column, row, shape):
-    """Bilinear votes of points, slowly."""
+    """Return bilinear votes of points, computed slowly."""
     image = np.zeros(shape)
     for x, y in zip(column, row, strict=True):
         for j in (math.floor(y), math.floor(y) + 1):
@@ -256,7 +260,8 @@ def votes(column, row, shape):
 
 @pytest.mark.parametrize("objective", ["variance", "gradient"])
 def test_contrast_is_that_of_a_slow_reference(translating, objective):
-    """Promise: votes less those of an even spread, blurred by 1 px, squared or their slopes."""
+    """Promise: votes minus those of an even distribution, blurred by 1 px, squared or their
+    slopes."""
     (sample,) = samples(translating, 1, 1.0)
     sample = replace(sample, **{k: getattr(sample, k)[::7] for k in ("x_px", "y_px", "t")})
     flow, far = np.array([9.0, 6.0]), 20
@@ -282,7 +287,7 @@ def test_contrast_is_that_of_a_slow_reference(translating, objective):
 
 
 def noise(rng, per_px, initial=(0.0, 0.0), sigma_px=4.0):
-    """Events that are spread over a patch of 31 px and its window at random."""
+    """Return events at random places and times in a patch of 31 px and its window."""
     area = patch(np.array([50.0, 50.0]), 31, 100, 100)
     count = per_px * 31**2
     x, y = (rng.integers(first, last, count) for first, last in area.T)
@@ -305,8 +310,8 @@ def noise(rng, per_px, initial=(0.0, 0.0), sigma_px=4.0):
 def test_no_flow_scores_on_events_without_texture():
     """Physics: a patch's edges and the scatter of its events favor no flow, small or large.
 
-    Events at random add 1 / 4 pi / (events a pixel) to the contrast, the integral of a Gaussian of
-    1 px squared; bilinear votes blur a little more.
+    Random events add 1 / 4 pi / (events per pixel) to the contrast, the integral of a Gaussian of 1
+    px squared; bilinear votes blur a little more.
     """
     rng = np.random.default_rng(0)
     flows = np.array([[0, 0], [5, 0], [-3, 9], [15, 0], [12, -15.5]])
@@ -329,7 +334,7 @@ def test_no_flow_scores_on_events_without_texture():
     ],
 )
 def test_a_search_that_goes_far_is_a_counted_failure(translating, method, reason):
-    """Promise: beyond four sigma an answer is none; the initial flow stands, with the reason."""
+    """Promise: an answer beyond four sigma is none; the initial flow remains, with the reason."""
     (sample,) = samples(translating, 1, 1.0)
     away = replace(sample, initial=FLOW + np.array([2.0, 0.0]), initial_sigma_px=0.4)
     answer = method.estimate(away)
@@ -339,7 +344,7 @@ def test_a_search_that_goes_far_is_a_counted_failure(translating, method, reason
 
 
 def test_too_few_events_is_a_counted_failure(translating):
-    """Promise: a starved patch is marked with the reason and keeps its initial flow."""
+    """Promise: a patch with too few events has the reason and keeps its initial flow."""
     events, log_image = translating
     for method in (photometric_flow, contrast_maximization):
         sample = flow_sample(
@@ -351,7 +356,7 @@ def test_too_few_events_is_a_counted_failure(translating):
 
 
 def test_times_before_are_those_of_the_same_pixel():
-    """Promise: each event knows the one before it at its own pixel."""
+    """Promise: each event has the index of the previous event at its own pixel."""
     pixel = np.array([3, 1, 3, 3, 1, 2])
     t = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     expected = [np.nan, np.nan, 0.1, 0.3, 0.2, np.nan]
@@ -366,7 +371,7 @@ def test_patches_shrink_with_the_sensor_and_errors_are_normalized():
 
 
 def test_patches_are_cut_at_the_sensors_edge(translating):
-    """Promise: a patch is those pixels whose centers are nearest, less what is off the sensor."""
+    """Promise: a patch has the pixels with the nearest centers, except those off the sensor."""
     np.testing.assert_array_equal(patch(np.array([50.2, 40.5]), 7, 128, 128), [[47, 37], [54, 44]])
     np.testing.assert_array_equal(patch(np.array([5.0, 125.0]), 61, 128, 128), [[0, 95], [36, 128]])
     mask = patch_mask(np.array([[5.0, 5.0], [60.0, 60.0]]), 61, 128, 128)
@@ -381,7 +386,7 @@ def test_patches_are_cut_at_the_sensors_edge(translating):
 
 
 def test_corners_of_a_checkerboard():
-    """Promise: where squares meet, pixel centers at integers + 0.5; none on an even image."""
+    """Promise: where squares meet, pixel centers are at integers + 0.5; none on an even image."""
     y, x = np.mgrid[:320, :320]
     board = 0.2 + 0.6 * (((x // 40) + (y // 40)) % 2)
     found = corners(board, 50)
@@ -391,7 +396,7 @@ def test_corners_of_a_checkerboard():
 
 
 def sliding_camera(distance=None):
-    """A camera that slides by 0.1 m/s in x, 1 m before a wall; 100 px wide, f = 86.6 px."""
+    """Return a camera that slides by 0.1 m/s in x, 1 m from a wall; 100 px wide, f = 86.6 px."""
     poses = np.tile(np.eye(4), (5, 1, 1))
     poses[:, 0, 3] = 0.1 * (np.arange(5) - 1.0)
     wall = Plane((0.0, 0.0, 1.0), 1.0)
@@ -407,7 +412,7 @@ def wall_behind_a_post(origin, way):
 
 
 def test_features_have_the_flow_of_the_geometry():
-    """Physics: a wall at 1 m passes a camera of f px at 0.1 m/s by 0.1 f px a second, evenly."""
+    """Physics: a wall at 1 m passes a camera of f px at 0.1 m/s by 0.1 f px per second, evenly."""
     rng = np.random.default_rng(5)
     image = cv2.GaussianBlur(rng.uniform(0, 1, (100, 100)), (0, 0), 2)
     truth = sliding_camera()
@@ -424,7 +429,7 @@ def test_features_have_the_flow_of_the_geometry():
 
 
 def test_features_that_do_not_stay_in_sight_are_passed_over():
-    """Promise: what is hidden, or leaves the image, within the window is no feature."""
+    """Promise: a point that is hidden, or leaves the image, within the window is not a feature."""
     rng = np.random.default_rng(5)
     image = cv2.GaussianBlur(rng.uniform(0, 1, (100, 100)), (0, 0), 2)
     free = find_features(image, sliding_camera(), (0.0, 1.0), ("wall", 0), count=60)
@@ -445,7 +450,7 @@ def test_features_that_do_not_stay_in_sight_are_passed_over():
 
 
 def test_initial_flows_are_drawn_once_for_all_sensors():
-    """Promise: sensors compare on the same draws, which scale; scenes and samples differ."""
+    """Promise: sensors share the same draws, which scale; scenes and samples have their own."""
     rng = np.random.default_rng(5)
     image = cv2.GaussianBlur(rng.uniform(0, 1, (100, 100)), (0, 0), 2)
     find = partial(find_features, image, sliding_camera(), (0.2, 0.7))

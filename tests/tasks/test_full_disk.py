@@ -1,7 +1,7 @@
-"""A disk that takes no more: one line that names the file, exit code 1, nothing half written.
+"""A full disk: one line that names the file, exit code 1, no partial files.
 
-A limit on the size of files, which any system has, stands for it; where a file system can be
-mounted, a full one is tried as well.
+A limit on the size of files, which any system has, acts as the full disk; if the test can mount a
+file system, it also fills a real one.
 """
 
 import json
@@ -44,7 +44,7 @@ print("codes", codes)
 
 
 def run(*commands):
-    """Run (limit in bytes or None, arguments) pairs; returns the exit code and stderr of each."""
+    """Run (limit in bytes or None, arguments) pairs; return the exit code and stderr of each."""
     asked = json.dumps([(limit, list(map(str, arguments))) for limit, arguments in commands])
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(
@@ -56,7 +56,7 @@ def run(*commands):
 
 
 def assert_refused(outcome, path, reason):
-    """Exit code 1, and one line: the file, and the system's words for what is wrong with it."""
+    """Check for exit code 1 and one line: the file, and the system's words for the error."""
     code, err = outcome
     (line,) = (line for line in err.splitlines() if not line.startswith(NOTES))
     assert code == 1
@@ -67,7 +67,7 @@ def assert_refused(outcome, path, reason):
 
 @pytest.fixture(scope="module")
 def events(tmp_path_factory):
-    """A file of 200,000 events of a sensor, and the size that each format makes of it."""
+    """Return a file of 200,000 events of a sensor, and its size in each format."""
     folder = tmp_path_factory.mktemp("events")
     source = folder / "events.npz"
     stream = random_events(200_000, model=SensorModel(width=640, height=480))
@@ -81,7 +81,7 @@ def events(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
-    """A rendered clip of 32 x 32 px."""
+    """Render a clip of 32 x 32 px."""
     folder = tmp_path_factory.mktemp("clip")
     scene = load_scene(small_carpet_folder(folder / "carpet"))
     return render_scene(
@@ -90,8 +90,8 @@ def sequence(tmp_path_factory):
 
 
 def test_no_room_for_events(events, tmp_path):
-    """Promise: wherever in the file of whatever format it happens, also within its last bytes,
-    HDF5's too, whose process used to end in a segmentation fault."""
+    """Promise: for a full disk anywhere in the file, in any format, also within its last bytes.
+    HDF5 used to end the process there with a segmentation fault."""
     source, sizes = events
     out = {name: tmp_path / f"{name}{SUFFIXES[name]}" for name in FORMATS}
     tried = [(name, size) for name in FORMATS for size in (0, 5000, sizes[name] // 2, sizes[name])]
@@ -107,7 +107,7 @@ def test_no_room_for_events(events, tmp_path):
 
 
 def test_no_room_for_truth(sequence, tmp_path):
-    """Promise: nor does a file of events whose truth does not fit appear, made or copied."""
+    """Promise: a file of events with truth that does not fit does not appear, made or copied."""
     whole, out = tmp_path / "whole" / "out.h5", tmp_path / "out.h5"
     whole.parent.mkdir()
     simulate = ["simulate", sequence.folder, "--resolution", 32, "--truth", 0.005, "--out"]
@@ -122,7 +122,7 @@ def test_no_room_for_truth(sequence, tmp_path):
 
 
 def test_no_room_for_a_folder_of_truth(sequence, tmp_path):
-    """Promise: a folder of truth is whole, or not there."""
+    """Promise: a folder of truth is complete, or absent."""
     out = tmp_path / "truth"
     truth = ["truth", sequence.folder, "--out", out, "--width", 32, "--step", 0.01]
     (outcome,) = run((1500, truth))
@@ -131,7 +131,7 @@ def test_no_room_for_a_folder_of_truth(sequence, tmp_path):
 
 
 def test_no_room_for_frames(sequence, tmp_path):
-    """Promise: a render names the file, keeps what was whole before, and leaves no part of it."""
+    """Promise: a render names the file, keeps complete files, and leaves no partial ones."""
     scene, out = sequence.manifest.scene_source, tmp_path / "r"
     render = ["render", scene, "--resolution", 32, "--spp", 1, "--samples", 1, "--out"]
     first = sequence.folder / "frames" / "000000.exr"
@@ -156,7 +156,7 @@ def test_no_room_for_a_study(tmp_path):
 
 
 def test_a_file_system_that_is_full(events, tmp_path):
-    """Promise: the same where no file is too large, and the disk is full."""
+    """Promise: the same when no file is too large, but the disk is full."""
     mounted = ["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(tmp_path)]
     if shutil.which("mount") is None or subprocess.run(mounted, capture_output=True).returncode:
         pytest.skip("no file system can be mounted here")

@@ -1,4 +1,4 @@
-"""Mistakes in your own methods are reported by name on the first sample, or counted as failures."""
+"""Mistakes in your own methods: named on the first sample, or counted as failures."""
 
 import math
 import traceback
@@ -57,7 +57,7 @@ def path_of(value):
 
 
 class Blank:
-    """Right in everything; those below are wrong in one thing each."""
+    """A correct method; each of those below has one mistake."""
 
     def __init__(self, width, height, contrast_threshold):
         self.shape = height, width
@@ -160,7 +160,7 @@ def tiny_study(scene_folder):
 def test_a_wrong_method_ends_the_study_on_its_first_sample(
     scene_folder, tmp_path, monkeypatch, method, said
 ):
-    """Promise: by name, with what was found, in one line; only one sensor has seen one clip."""
+    """Promise: one line with the method's name and the finding, after one sensor and one clip."""
     monkeypatch.setitem(globals(), "method", method)
     study = with_method(tiny_study(scene_folder), f"{HERE}:method")
     computed = []
@@ -181,7 +181,7 @@ def test_a_wrong_method_ends_the_study_on_its_first_sample(
 
 
 def test_the_traceback_of_what_a_method_raised_is_kept(scene_folder, tmp_path, monkeypatch):
-    """Promise: from Python the method's own error is the cause, with every line on the way."""
+    """Promise: in Python the method's own error is the cause, with its full traceback."""
     monkeypatch.setitem(globals(), "method", flow_of(raises))
     study = with_method(tiny_study(scene_folder), f"{HERE}:method")
     with pytest.raises(MethodError) as refused:
@@ -204,7 +204,7 @@ NOT_FINITE = {
 
 
 def test_what_is_not_finite_is_a_failure(scene_folder, tmp_path, monkeypatch):
-    """Promise: it scores what doing nothing does, is counted with its reason, and is reported."""
+    """Promise: a failed method scores like doing nothing; the report counts it with its reason."""
     own = {}
     for task, methods in NOT_FINITE.items():
         for i, method in enumerate(methods):
@@ -234,7 +234,7 @@ def test_what_is_not_finite_is_a_failure(scene_folder, tmp_path, monkeypatch):
 def test_a_method_of_another_task_is_refused_before_anything_is_rendered(
     eres, scene_folder, tmp_path, monkeypatch
 ):
-    """Promise: by what it says it takes; one line that names both tasks, nothing is left."""
+    """Promise: the annotation tells the task; one line names both tasks, and no files remain."""
     monkeypatch.setattr(local, "compute_job", None)
     monkeypatch.setitem(globals(), "function", image_of(None))
     for task, name, found in (
@@ -269,7 +269,8 @@ def test_evaluate_says_whose_mistake_it_is(eres, scene_folder, tmp_path, monkeyp
 
 
 def test_every_new_method_is_tried_once_where_it_can_work(scene_folder):
-    """Promise: tracking on the first planar scene, video without its stretch, none tried before."""
+    """Promise: trials use tracking on the first planar scene, video without its stretch, and no
+    method that a job has tried."""
     study = replace(
         preset("quick"),
         scenes=("room", "carpet"),
@@ -316,13 +317,13 @@ def of_unknown(sample: "NoSuchSample"):  # noqa: F821
 
 @pytest.mark.parametrize("name", ["untyped", "of_unknown"])
 def test_a_method_whose_task_cannot_be_told_is_refused(name):
-    """Promise: also where its annotations are missing or cannot be looked up."""
+    """Promise: also if its annotations are missing or cannot be resolved."""
     with pytest.raises(TaskError, match="as the type of its first parameter, expected one of Rec"):
         task_of(f"{HERE}:{name}")
 
 
 def test_a_module_that_raises_when_imported_is_named(tmp_path, monkeypatch):
-    """Promise: whatever it raises, a syntax error too, is one line with the method's name."""
+    """Promise: any exception, also a syntax error, causes one line with the method's name."""
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "unfinished.py").write_text("def estimate(sample:\n")
     (tmp_path / "unlucky.py").write_text("1 / 0\n")

@@ -1,4 +1,4 @@
-"""Image reconstruction: the metric, and what event integration must achieve by physics."""
+"""Image reconstruction: the metric, and the physical limits of event integration."""
 
 import math
 
@@ -13,7 +13,7 @@ from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
 
 
 def smooth_frames(size, frames):
-    """Radiance of a few drifting waves, (frames, size, size)."""
+    """Return radiance of a few drifting waves, (frames, size, size)."""
     y, x = np.mgrid[:size, :size] / size
     t = np.linspace(0, 1, frames)[:, None, None]
     waves = np.sin(6 * x + 9 * t) + np.cos(11 * y - 5 * t) + 0.5 * np.sin(17 * (x + y) + 12 * t)
@@ -21,7 +21,7 @@ def smooth_frames(size, frames):
 
 
 def test_ideal_event_integration_is_within_a_threshold_of_the_truth():
-    """Physics: an ideal pixel's memory is never C away from its light, so EI is not, Eq. (8)."""
+    """Physics: an ideal pixel's memory is within C of its light, and so is EI, Eq. (8)."""
     C = 0.1
     frames, t_s = smooth_frames(32, 20), np.arange(20) * 1e-3
     model = SensorModel(width=32, height=32, contrast_threshold=C, dark_level=0.01)
@@ -34,13 +34,13 @@ def test_ideal_event_integration_is_within_a_threshold_of_the_truth():
 
 @pytest.mark.parametrize("upsampling", ["nearest", "bilinear", "bicubic"])
 def test_upsampling_keeps_a_uniform_change(upsampling):
-    """Promise: U spreads a change that is the same everywhere without loss, at any ratio."""
+    """Promise: U distributes a uniform change without loss, at any ratio."""
     sample = ReconstructionSample(np.zeros((37, 37)), np.full((10, 10), 3.0), 0.2)
     np.testing.assert_allclose(reconstruct(sample, upsampling), 0.6, rtol=1e-12)
 
 
 def test_upsampling_keeps_pixel_centres_aligned():
-    """Promise: a change in the middle of the sensor lands in the middle of the image."""
+    """Promise: a change at the center of the sensor appears at the center of the image."""
     delta = np.zeros((5, 5))
     delta[2, 2] = 1.0
     up = reconstruct(ReconstructionSample(np.zeros((20, 20)), delta, 1.0))
@@ -62,14 +62,14 @@ def test_psnr_of_known_errors():
 
 
 def test_white_is_a_high_percentile():
-    """Promise: one glint in a thousand pixels does not set the white level."""
+    """Promise: one highlight in a thousand pixels does not set the white level."""
     image = np.zeros(10_000)
     image[:5] = 50.0
     assert log_white_level(image.reshape(100, 100)) == 0.0
 
 
 def test_methods_are_found_by_name():
-    """Promise: every listed method loads; an unknown one is answered with the nearest."""
+    """Promise: every listed method loads; the error for an unknown one suggests the nearest."""
     for task, listed in METHODS.items():
         assert all(callable(load_method(task, name)) for name in listed)
     with pytest.raises(TaskError, match="did you mean 'event_integration'"):

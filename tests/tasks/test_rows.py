@@ -1,4 +1,4 @@
-"""Rows in Parquet: nothing lost, nothing but rows read, and damage that is named."""
+"""Rows in Parquet: no loss, nothing but rows, and errors that name damage."""
 
 import math
 import random
@@ -31,7 +31,7 @@ def file(rows, tmp_path):
 
 
 def test_rows_come_back_bit_for_bit(rows, file):
-    """Promise: every float, inf too, text and count; none at all are rows as well."""
+    """Promise: every float, inf too, text and count survives; a file without rows is valid."""
     assert read_rows(file) == rows
     assert any(math.isinf(r.cutoff_hz) for r in rows)
     write_rows(file, [])
@@ -47,7 +47,8 @@ def test_others_read_the_columns_by_name(rows, file):
 
 
 def test_what_is_not_rows_is_refused_by_name(file):
-    """Promise: file, field, found and expected; also a number that no row can have."""
+    """Promise: the error has file, field, found and expected, also for a number that no row can
+    have."""
     table = pq.read_table(file)
     width = table.schema.get_field_index("width")
     some = pa.array([None, *table["value"].to_pylist()[1:]], pa.float64())
@@ -74,12 +75,13 @@ def test_what_is_not_rows_is_refused_by_name(file):
 
 
 def test_damage_is_named(rows, file):
-    """Promise: a file cut off anywhere is refused; with a flipped bit it is, or says the same."""
+    """Promise: the reader refuses a truncated file; with a flipped bit it refuses it or is
+    correct."""
     whole = file.read_bytes()
     rng = random.Random(5)
     for size in [0, 1, len(whole) - 1, *rng.sample(range(len(whole)), 200)]:
         file.write_bytes(whole[:size])
-        with pytest.raises(ResultError, match=r"rows\.parquet: not a whole Parquet file"):
+        with pytest.raises(ResultError, match=r"rows\.parquet: not a complete Parquet file"):
             read_rows(file)
     refused = 0
     for where in rng.sample(range(len(whole)), 600):
@@ -96,7 +98,7 @@ def test_damage_is_named(rows, file):
 
 
 def test_importing_rows_does_not_load_pyarrow():
-    """Promise: `eres --help` answers before pyarrow would be there."""
+    """Promise: `eres --help` answers before pyarrow is loaded."""
     code = "import sys, tasks.cli, tasks.row; print('pyarrow' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

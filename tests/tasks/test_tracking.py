@@ -1,4 +1,5 @@
-"""Pose tracking: the spline and its derivatives, the metric, and a made-up case with known path."""
+"""Pose tracking: the spline and its derivatives, the metric, and a synthetic case with known
+path."""
 
 import math
 from dataclasses import replace
@@ -35,7 +36,7 @@ CAMERA = Camera(WIDTH, WIDTH, math.radians(60))
 
 
 def band_limited(seed, size):
-    """Periodic texture with no detail below 4 of its texels."""
+    """Return a periodic texture with no detail below 4 of its texels."""
     rng = np.random.default_rng(seed)
     fy, fx = np.meshgrid(np.fft.fftfreq(size), np.fft.fftfreq(size), indexing="ij")
     radius = np.hypot(fx, fy)
@@ -45,7 +46,7 @@ def band_limited(seed, size):
 
 
 def moving_camera(seed):
-    """Pose over time: 1 m above the floor, at 0.9 m/s, accelerating and turning."""
+    """Return the pose over time: 1 m above the floor, at 0.9 m/s, accelerating and turning."""
     rng = np.random.default_rng(seed)
     t = np.linspace(-0.01, 0.04, 6)
     way = rng.normal(size=3) * [1.0, 1.0, 0.3]
@@ -60,7 +61,7 @@ def moving_camera(seed):
 
 
 def made_up(seed):
-    """Exact sensor above a known texture: (events, log image at 0, pose over time)."""
+    """Simulate an exact sensor above a known texture: (events, log image at 0, pose over time)."""
     pose = moving_camera(seed)
     texel_m = 1.0 / CAMERA.focal_px
     texture = ndimage.spline_filter(band_limited(seed, 1024), mode="grid-wrap")
@@ -96,7 +97,7 @@ def error_mm(path, scene):
 
 
 def winding_path():
-    """Ten control poses that turn far, so that no small-angle shortcut could pass."""
+    """Return ten control poses that turn too far for any small-angle approximation."""
     rng = np.random.default_rng(0)
     controls = np.tile(np.eye(4), (10, 1, 1))
     controls[:, :3, :3] = Rotation.from_rotvec(rng.normal(0.0, 0.8, (10, 3))).as_matrix()
@@ -114,7 +115,7 @@ def tabulated(path, wanted=None):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_recovers_a_known_path(scene, seed):
-    """Physics: with exact events of a band-limited plane at 1 m, the path is known to 0.5 mm."""
+    """Physics: exact events of a band-limited plane at 1 m give the path to 0.5 mm."""
     sample = sample_of(scene, 0.002, seed)
     answer = eppt.estimate(sample)
     start, end = error_mm(sample.initial, scene), error_mm(answer.path, scene)
@@ -135,7 +136,7 @@ def test_coarse_to_fine_reaches_ten_pixels(scene):
 
 @pytest.mark.slow
 def test_recovers_a_known_path_in_every_trial():
-    """Physics: as above, 20 trials on each of two textures and motions."""
+    """Physics: the same for 20 trials on each of two textures and motions."""
     for scene_seed in (4, 5):
         scene = made_up(scene_seed)
         for seed in range(20):
@@ -156,7 +157,7 @@ def test_spline_is_that_of_the_trajectories():
 
 
 def test_spline_is_tabulated_where_wanted():
-    """Promise: a row does not depend on which others are wanted, nor on the segment before it."""
+    """Promise: a row does not depend on the other rows, nor on the segment before it."""
     wanted = np.random.default_rng(0).random(14_000) < 0.1
     wanted[2000:6000] = False  # two segments without any
     some, every = tabulated(winding_path(), wanted), tabulated(winding_path())
@@ -165,7 +166,7 @@ def test_spline_is_tabulated_where_wanted():
 
 
 def test_spline_derivatives_are_those_of_its_values():
-    """Promise: how each control pose turns and moves the pose agrees with differences."""
+    """Promise: the pose's derivatives by each control pose agree with differences."""
     path, h = winding_path(), 1e-6
     segment, table = tabulated(path)
     for row in (0, 700, 3999, 4000, 9123, 13_999):
@@ -184,7 +185,7 @@ def test_spline_derivatives_are_those_of_its_values():
 
 
 def sum_at(sample, path, huber_in_c):
-    """Cost, gradient, Hessian and events outside at a path."""
+    """Return cost, gradient, Hessian and the number of events outside, for a path."""
     problem, _ = problem_of(sample, 14_000)
     (level,) = eppt.pyramid(sample.log_image, sample.camera.K, 0.0)
     with pytest.MonkeyPatch.context() as patch:
@@ -227,7 +228,8 @@ def test_hessian_of_one_residual_is_the_square_of_its_jacobian(scene):
 
 
 def test_all_directions_are_seen(scene):
-    """Physics: relative to the reference view of a texture no pose is free, so nothing is fixed."""
+    """Physics: relative to the reference view of a texture every pose is determined, so none is
+    fixed."""
     sample = sample_of(scene, 0.0, 0)
     hessian = sum_at(sample, sample.initial, 0.5).hessian
     scale = 1 / np.sqrt(np.diag(hessian))
@@ -236,7 +238,8 @@ def test_all_directions_are_seen(scene):
 
 
 def test_normal_equations_are_solved_as_lapack_does():
-    """Oracle: LAPACK, to what the condition allows; what is not positive definite is said to be."""
+    """Oracle: LAPACK, within the condition number; the solver reports a matrix that is not positive
+    definite."""
     rng = np.random.default_rng(0)
     for n in (1, 6, 60, 150):
         J = rng.standard_normal((3 * n, n))
@@ -264,7 +267,7 @@ def test_the_gain_of_a_blurred_view_is_that_of_a_regression():
 
 
 def test_looking_away_is_counted_and_does_not_pay(scene):
-    """Promise: events that see nothing of the reference view pull nowhere, and cost rho(C)."""
+    """Promise: events outside the reference view have no gradient, and cost rho(C)."""
     sample = sample_of(scene, 0.0, 0, max_events=2000)
     away = np.zeros((10, 6))
     away[:, 0] = 5.0
@@ -279,7 +282,7 @@ def test_looking_away_is_counted_and_does_not_pay(scene):
 
 
 def test_a_delay_is_told_apart_by_the_reference_view(scene):
-    """Physics: events late by d fit the path moved by d; where it passes T_0 gives d back."""
+    """Physics: events late by d fit the path moved by d; its passage through T_0 determines d."""
     events, log_image, pose = scene
     late_us = 1000
     late = Events(events.t_us + late_us, events.x, events.y, events.p, WIDTH, WIDTH, events.model)
@@ -297,7 +300,7 @@ def test_a_delay_is_told_apart_by_the_reference_view(scene):
 
 
 def test_a_random_part_keeps_pixels_whole(scene):
-    """Promise: a kept pixel has all its events, so each knows the right one before it."""
+    """Promise: a kept pixel has all its events, so each event has its true predecessor."""
     whole = sample_of(scene, 0.002, 0, max_events=None)
     part = sample_of(scene, 0.002, 0, max_events=50_000)
     again = sample_of(scene, 0.002, 0, max_events=50_000)
@@ -341,7 +344,7 @@ def test_joined_events_add_up(scene):
 
 
 def test_what_fails_keeps_the_initial_path_and_says_why(scene):
-    """Promise: too few events or a search that goes astray is a counted failure."""
+    """Promise: too few events or a search that diverges is a counted failure."""
     starved = sample_of(scene, 0.002, 0, max_events=200)
     answer = eppt.estimate(starved)
     assert "events" in answer.failure
@@ -358,7 +361,7 @@ def test_what_fails_keeps_the_initial_path_and_says_why(scene):
 
 
 def test_bad_input_is_refused(scene):
-    """Promise: what cannot be tracked is named."""
+    """Promise: the error names samples that cannot be tracked."""
     events, log_image, pose = scene
     initial = path_at(pose, 0.0)
     good = [events, START_US, log_image, C, CAMERA, FLOOR, pose(0.0), initial, 0.002]
@@ -396,7 +399,7 @@ def test_the_error_is_the_mean_distance_and_the_baseline_keeps_it(scene):
 
 @pytest.mark.slow
 def test_the_optimum_is_that_of_ceres(scene):
-    """Promise: Ceres, on residuals written down apart from ours, ends at the same path."""
+    """Promise: Ceres, with independently written residuals, ends at the same path."""
     pyceres = pytest.importorskip("pyceres")
     sample = sample_of(scene, 0.0005, 0, max_events=6000)
     sample = replace(sample, initial_sigma_m=0.0)  # one level
@@ -414,7 +417,7 @@ def test_the_optimum_is_that_of_ceres(scene):
         return np.array([bicubic.sample(sample.log_image, *point)[0] for point in at])
 
     def residuals(step):
-        """Whose squares sum to twice the robust cost."""
+        """Residuals with squares that sum to twice the robust cost."""
         path = search.moved(sample.initial, step.reshape(10, 6))
         change = seen(path, sample.t_us[later]) - seen(path, sample.t_before_us[later])
         r = sample.p[later] * change - C

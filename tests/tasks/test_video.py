@@ -1,4 +1,4 @@
-"""Video from events: the high-pass filter against its equation, and how images are compared."""
+"""Video from events: the high-pass filter against its equation, and the comparison of images."""
 
 import math
 from itertools import pairwise
@@ -32,14 +32,14 @@ def random_events(count=2000, seed=0, size=SIZE):
 
 
 def train(period_us, count, polarity=1):
-    """Events of one pixel at even times."""
+    """Return events of one pixel at even times."""
     nothing = np.zeros(count, np.uint16)
     t_us = np.arange(count) * period_us
     return Events(t_us, nothing, nothing, np.full(count, polarity, np.int8), 1, 1)
 
 
 def slow_filter(events, t_us, cutoff_hz, per_event_decay):
-    """The filter's state from its definition: each event, decayed by all that came after it."""
+    """Return the filter's state from its definition: each event, decayed by all later ones."""
     omega = 2 * math.pi * cutoff_hz
     image = np.zeros((events.height, events.width))
     for y, x in np.ndindex(image.shape):
@@ -53,7 +53,7 @@ def slow_filter(events, t_us, cutoff_hz, per_event_decay):
 
 @pytest.mark.parametrize(("cutoff_hz", "decay"), [(0.06, 0.06), (0.06, 0.0), (2.0, 0.3)])
 def test_filter_is_that_of_a_slow_reference(cutoff_hz, decay):
-    """Promise: image(t) is the sum of all events before t, each forgotten by its age and rank."""
+    """Promise: image(t) is the sum of all events before t, each decayed by its age and rank."""
     events = random_events()
     taker = ImageTaker(
         HighPassFilter(SIZE, SIZE, C, cutoff_hz, decay), [1_000_000, 2_500_000, 4_000_000]
@@ -64,7 +64,7 @@ def test_filter_is_that_of_a_slow_reference(cutoff_hz, decay):
 
 
 def test_one_event_fades_by_the_time_constant():
-    """Physics: exp(-2 pi f t) of it is left after t; 2.65 s leave 1 / e at 0.06 Hz."""
+    """Physics: exp(-2 pi f t) remains after t; 2.65 s leave 1 / e at 0.06 Hz."""
     tau_us = 1e6 / (2 * math.pi * 0.06)
     method = HighPassFilter(1, 1, C)
     method.push(train(1, 1))
@@ -81,7 +81,7 @@ def test_a_steady_rise_saturates():
 
 
 def test_without_forgetting_it_is_event_integration():
-    """Physics: at cutoff 0 and no decay an event, the filter adds up p C."""
+    """Physics: at cutoff 0 and without decay per event, the filter adds up p C."""
     events = random_events()
     method = HighPassFilter(SIZE, SIZE, C, cutoff_hz=0.0, per_event_decay=0.0)
     method.push(events)
@@ -89,7 +89,7 @@ def test_without_forgetting_it_is_event_integration():
 
 
 def test_it_passes_what_is_fast_and_stops_what_is_slow():
-    """Physics: a sine at the cutoff comes out 3 dB down and 45 degrees ahead, as of one pole."""
+    """Physics: a sine at the cutoff is 3 dB down and 45 degrees ahead, as for one pole."""
     cutoff_hz, contrast, amplitude = 2.0, 0.002, 1.0
     t_s = np.arange(4001) / 1000  # 8 periods
     signal = amplitude * np.sin(2 * math.pi * cutoff_hz * t_s)
@@ -106,7 +106,7 @@ def test_it_passes_what_is_fast_and_stops_what_is_slow():
 
 
 def test_event_decay_bounds_the_state():
-    """Promise: no pixel is ever farther from 0 than C / (1 - exp(-d)), whatever its events."""
+    """Promise: every pixel is within C / (1 - exp(-d)) of 0, for any events."""
     method = HighPassFilter(1, 1, C, cutoff_hz=0.0)
     bound = C / (1 - math.exp(-0.06))
     method.push(train(1, 100_000, polarity=-1))
@@ -119,7 +119,7 @@ def test_event_decay_bounds_the_state():
 @settings(max_examples=30)
 @given(st.lists(st.integers(0, 2000), max_size=6), st.lists(st.integers(0, 3_500_000), max_size=5))
 def test_any_division_of_the_stream_gives_the_same_images(cuts, times):
-    """Promise: parts, and the images taken on the way, change nothing, not even rounding."""
+    """Promise: parts, and images between them, change nothing, not even rounding."""
     events = random_events()
     whole = ImageTaker(HighPassFilter(SIZE, SIZE, C), sorted(times))
     expected = whole.push(events) + whole.finish()
@@ -165,7 +165,7 @@ def smooth_noise(seed, size=160, blur_px=3.0):
 
 
 def test_the_filter_makes_a_better_image_than_nothing():
-    """Physics: a texture that moves by many of its details shows in the events; blank is blank."""
+    """Physics: a texture that moves by many of its details appears in the image; blank is blank."""
     t_s = np.linspace(0, 0.3, 150)
     wide = smooth_noise(1, 260)
     frames = np.exp([cv2.warpAffine(wide, _shift(300 * t), (160, 160)) for t in t_s])
@@ -207,7 +207,7 @@ def test_equalized_images_know_no_level_and_no_contrast(equalization):
 
 
 def test_local_equalization_knows_no_slow_shading():
-    """Promise: what varies over many tiles is taken out, what varies within one stays."""
+    """Promise: variation over many tiles is removed, variation within one stays."""
     log_image = smooth_noise(4)
     y, _ = np.mgrid[:160, :160] / 160
     shaded = log_image + 8 * y
@@ -231,7 +231,7 @@ def test_clahe_is_opencvs():
 
 
 def test_predictions_are_enlarged_about_their_middle():
-    """Promise: any sensor's image is compared at the truth's resolution, centers aligned."""
+    """Promise: any sensor's image is compared at the truth's resolution, with aligned centers."""
     truth = smooth_noise(6, blur_px=16.0)
     small = cv2.resize(truth, (40, 40), interpolation=cv2.INTER_AREA)
     aligned = psnr_db(picture(small, (160, 160)), picture(truth, (160, 160)))
@@ -250,7 +250,7 @@ def test_bad_pictures_are_refused():
 
 
 class TwoFrames:
-    """Stands for a sequence: radiance 1 at 0 s, 4 at 1 s."""
+    """Stand-in for a sequence: radiance 1 at 0 s, 4 at 1 s."""
 
     t_s = np.array([0.0, 1.0])
 
@@ -259,7 +259,7 @@ class TwoFrames:
 
 
 def test_light_between_frames_is_a_line_in_log_intensity():
-    """Promise: the truth is the light that the sensor was given, at any time."""
+    """Promise: the truth is the light that the sensor received, at any time."""
     for t_s, expected in ((0.0, 1.0), (0.5, 2.0), (1.0, 4.0)):
         np.testing.assert_allclose(log_light(TwoFrames(), t_s, 0.0), math.log(expected))
     assert log_light(TwoFrames(), 0.0, 1.0)[0, 0] == pytest.approx(math.log(2))

@@ -153,7 +153,7 @@ def with_answers(page: str, found: Mapping[Series, Choices]) -> str:
     """
     expected = " or ".join(f"<!-- answer: {name} -->" for name in BLOCKS)
     if not (kinds := [block[2] for block in _BLOCK.finditer(page)]):
-        raise ResultError(f"no place for an answer; expected {expected} … <!-- end of answer -->")
+        raise ResultError(f"found no answer block, expected {expected} … <!-- end of answer -->")
     for kind in kinds:
         if kind not in BLOCKS:
             raise ResultError(f"found <!-- answer: {kind} -->, expected {expected}")

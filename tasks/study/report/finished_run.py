@@ -125,5 +125,5 @@ def read_run(folder: Path) -> FinishedRun:
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)
     config = read_json(dict[str, Any], folder / "study.json", ResultError)
     if not found[0].series():
-        raise ResultError(f"{rows_file}: only do-nothing rows, no method to report on")
+        raise ResultError(f"{rows_file}: found only do-nothing rows, expected rows of a method")
     return FinishedRun(folder, found, environment, config)

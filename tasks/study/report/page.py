@@ -104,7 +104,7 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     page = _page(run, sections).encode()
     if len(page) > MAX_BYTES:
         raise ResultError(
-            f"{run_dir}: the report would have {len(page) / 1e6:.1f} MB, more than "
+            f"{run_dir}: found {len(page) / 1e6:.1f} MB of report, expected at most "
             f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
         )
     tables = [comparison_table(one, series) for one in run.found for series in one.series()]

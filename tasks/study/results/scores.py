@@ -111,7 +111,7 @@ def by_threshold(rows: Iterable[Row]) -> list[Scores]:
 def _some(rows: Iterable[Row]) -> list[Row]:
     found = list(rows)
     if not found:
-        raise ResultError("there are no rows to make tables, claims or a report from")
+        raise ResultError("found no rows, expected at least one")
     return found
 
 

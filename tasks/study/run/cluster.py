@@ -175,7 +175,7 @@ def _as_found_here(job: Job, key: str) -> Job:
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError("found other code of a method of your own than at the start of the study")
+        raise StudyError("found other code of your own method than at the start of the study")
     return here
 
 
@@ -192,7 +192,7 @@ def _result(future: Future, job: Job) -> ComputedJob:
             f"the last was {error.last_worker.address}"
         ) from None
     except FutureCancelledError:
-        raise StudyError(f"{named}: the Dask scheduler is gone, or gave up the job") from None
+        raise StudyError(f"{named}: the Dask scheduler ended or gave up the job") from None
     except OSError as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):

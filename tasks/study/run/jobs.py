@@ -141,7 +141,7 @@ def _samples(study: Study, scene: Scene) -> Iterator[Job]:
     )
     for task, settings in evaluate.tasks.items():
         if settings.methods and TASKS[task].planar_only and scene.plane is None:
-            _log.info("%s is not planar: no %s on it", scene.name, TASKS[task].title)
+            _log.info("%s is not planar; %s is skipped on it", scene.name, TASKS[task].title)
             evaluate = replace(evaluate, **{task: getattr(NO_TASKS, task)})
     if not any(methods_of(evaluate).values()):
         return

@@ -109,7 +109,7 @@ def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progres
     """
     if not jobs:
         return
-    _log.info("first, methods of your own are tried on one sample")
+    _log.info("trying your own methods on one sample first")
     queued = [QueuedJob(job, job.key, False) for job in jobs]
     for _ in computing.compute(queued, _counted(on_progress, 0, len(jobs))):
         pass  # the study does not keep these scores
@@ -155,7 +155,7 @@ def _environment_so_far(file: Path) -> dict[str, str]:
     try:
         found = read_json(dict[str, str], file, ResultError)
     except ResultError as error:
-        _log.warning("%s; where the finished jobs were computed is lost", error)
+        _log.warning("%s; the provenance of the finished jobs is lost", error)
         return {}
     return {name: value for name, value in found.items() if name != "command"}
 
