@@ -38,9 +38,9 @@ pygments_style = "friendly"
 
 
 def link_names(app, doctree, docname):
-    """Make `sensor.simulate` in a text a link to what the reference says of it.
+    """Link `sensor.simulate` in a text to its entry in the reference.
 
-    So the pages stay plain Markdown, which a code host shows as well.
+    The pages stay plain Markdown, which a code host shows as well.
     """
     known = app.env.get_domain("py").objects
     for literal in list(doctree.findall(nodes.literal)):
@@ -54,7 +54,7 @@ def link_names(app, doctree, docname):
 
 
 def break_names(app, doctree, docname):
-    """Let long names in tables break where their parts end, not anywhere or nowhere."""
+    """Break long names in tables between their parts, not anywhere or nowhere."""
     for entry in doctree.findall(nodes.entry):
         for literal in list(entry.findall(nodes.literal)):
             parts = re.split(r"(?<=[._/:])(?=\w)", literal.astext())
@@ -64,7 +64,7 @@ def break_names(app, doctree, docname):
 
 
 def keep_bars(app, what, name, obj, options, lines):
-    """Let |x| in a docstring be a magnitude, not a substitution of reStructuredText."""
+    """Keep |x| in a docstring as a magnitude; reStructuredText would read a substitution."""
     lines[:] = [line.replace("|", r"\|") for line in lines]
 
 

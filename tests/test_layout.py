@@ -61,7 +61,7 @@ def test_only_the_rendering_folder_touches_mitsuba():
     assert users == {"eres_render/rendering"}
 
 
-# Which of these a folder may import; what is not listed may import none of the others here.
+# Folders that a folder may import; one that is not listed may import none of the others here.
 WINGS = {
     "sensor.kernels": set(),
     "sensor.engine": {"sensor.kernels"},

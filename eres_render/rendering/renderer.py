@@ -207,8 +207,8 @@ class Renderer:
         if not white > 0:
             raise SceneError(
                 f"{self.scene.xml_file}: found no light (white, the 99.9th percentile of radiance "
-                f"along the path, is {white:g}), expected an <emitter> that lights what the camera "
-                "sees"
+                f"along the path, is {white:g}), expected an <emitter> that lights the camera's "
+                "view"
             )
         return white
 

@@ -156,7 +156,7 @@ def _fov_rad(camera: Element) -> float:
     elif axis == "larger":
         axis = "x" if aspect > 1 else "y"
     if axis not in ("x", "y", "diagonal"):
-        raise ValueError(f"fov_axis: found {axis!r}")
+        raise ValueError(f"fov_axis: found {axis!r}, expected x, y, diagonal, smaller or larger")
     if axis == "y":
         half *= aspect
     elif axis == "diagonal":

@@ -43,7 +43,7 @@ def write_luminance(
     with np.errstate(over="ignore"):
         half = np.ascontiguousarray(image, dtype=np.float16)
     if not np.isfinite(half).all():
-        raise RenderError(f"{path}: a value of the image is not finite in half precision")
+        raise RenderError(f"{path}: found a value that is not finite in half precision")
     write_channels(path, {"Y": half}, attributes)
 
 

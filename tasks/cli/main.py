@@ -48,7 +48,7 @@ def main() -> None:
     except MemoryError as error:
         _fail(f"out of memory: {error}; choose a lower resolution")
     except KeyboardInterrupt:
-        terminal.err.print("stopped; the same command continues with what is complete")
+        terminal.err.print("stopped; the same command continues after the completed parts")
         sys.exit(130)
     sys.exit(code or 0)
 

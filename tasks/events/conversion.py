@@ -46,7 +46,7 @@ def convert(
     """
     header = read_header(source, format=input_format)
     if out.exists() and out.samefile(source):
-        raise TaskError(f"{out}: is {source} itself, which cannot be replaced while it is read")
+        raise TaskError(f"{out}: is the input {source}, which cannot be replaced while it is read")
     check_new(out, overwrite)
     to = find_format(out, format, new=True)
     left_out, add = list(header.others), None

@@ -95,8 +95,8 @@ class PixelOptions:
             cutoff_hz = cutoff_in_light(self.illuminance)
         if self.cutoff_follows_light and cutoff_hz == float("inf"):
             raise TaskError(
-                "cutoff-follows-light: expected a cutoff or an illuminance with it, such as "
-                "--cutoff 200"
+                "cutoff-follows-light: found no cutoff, expected --cutoff or --illuminance, such "
+                "as --cutoff 200"
             )
         return replace(
             model,
@@ -149,7 +149,7 @@ class BusOptions:
         """
         if self.bus is None:
             if self != NO_BUS:
-                raise TaskError("fifo, row-overhead: expected a bus with them, such as --bus 12")
+                raise TaskError("fifo, row-overhead: found no bus, expected one, such as --bus 12")
             return None
         rate_mev_s: float | None
         try:

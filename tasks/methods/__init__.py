@@ -81,7 +81,7 @@ def task_of(name: str) -> str:
         expected = ", ".join(sample.__name__ for sample in _samples().values())
         raise TaskError(
             f"method {name!r}: found {_first_type(function)} as the type of its first parameter, "
-            f"expected one of {expected}, which tells the task"
+            f"expected one of {expected}, which determines the task"
         )
     return told
 

@@ -58,7 +58,7 @@ def changed_leaf(value: Any) -> Any:
         return value + 1
     if value in ((), None):
         return ("x",) if value == () else 1
-    if value in TEXTURES:  # whose kind must be known
+    if value in TEXTURES:  # the kind must be known
         return "stones" if value != "stones" else "carpet"
     return f"{value}x"
 

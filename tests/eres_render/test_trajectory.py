@@ -64,7 +64,7 @@ def test_constant_velocity_is_reproduced_exactly():
     controls[:, :3, 3] = k[:, None] * np.array([0.3, 0.1, -0.2])
     path = Trajectory(0.5 * np.arange(-1, len(controls) - 1), controls)
     t = np.linspace(0, path.duration_s, 57)
-    s = 1 + t / 0.5  # the path starts beside the second control
+    s = 1 + t / 0.5  # the path starts at the second control
     T = path.pose(t)
     np.testing.assert_allclose(T[:, :3, 3], s[:, None] * [0.3, 0.1, -0.2], atol=1e-13)
     expected = Rotation.from_rotvec(0.1 * s[:, None] * axis).as_matrix()

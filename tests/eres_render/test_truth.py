@@ -213,7 +213,7 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
     camera = json.loads((tmp_path / "out/camera.json").read_text())
     np.testing.assert_array_equal(camera["K"], truth.camera(40).K)
 
-    # A changed scene is no truth about frames of the old one.
+    # A changed scene gives no truth for frames of the old one.
     xml = (folder / "scene.xml").read_text()
     (folder / "scene.xml").write_text(xml.replace("0 0 1.5", "0 0 1.6"))
     with pytest.raises(SceneError, match=r"scene\.xml: has changed since .* was rendered"):

@@ -61,7 +61,7 @@ def drawn(seed):
         leak_hz = rng.uniform(0.1, 4) / interval_s
     if kind in ("leak", "half microseconds") and rng.random() < 0.7:
         # A period that divides the interval, or is divided by it: levels fall on frame times, but
-        # not on the last one, after which nobody could say whether the event still comes.
+        # not on the last one, where it is uncertain whether the event still comes.
         n = int(rng.integers(1, 5))
         t_s = np.arange(len(t_s)) * interval_s + (t_s[0] if kind != "leak" else 0.0)
         t_s[-1] += 0.37 * interval_s

@@ -62,7 +62,7 @@ def test_a_full_pool_grows_and_loses_nothing():
     rise = np.floor(np.log((frames[1] + 1e-9) / (1e-6 + 1e-9)) / 0.003)
     turns = np.zeros((64, 64))
     np.add.at(turns, (events.y, events.x), np.abs(events.p, dtype=float))
-    # All the way up and down again, but for the last threshold's width.
+    # All the way up and down again, except for the last threshold's width.
     np.testing.assert_allclose(turns, 2 * np.abs(rise), atol=2)
     assert np.abs(events.polarity_sum()).max() <= 1  # dark, bright, dark again
 

@@ -180,7 +180,7 @@ def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
     assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"
 
 
-# ---- a claim of your own -----------------------------------------------------------------------
+# ---- your own claim ---------------------------------------------------------------------------
 
 COARSEST_IS_WORST = SceneClaim(
     number=101,

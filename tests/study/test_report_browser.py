@@ -23,8 +23,8 @@ pytestmark = pytest.mark.skipif(
 PHONE, DESK = (390, 844), (1280, 2000)
 OPEN_ALL = "document.querySelectorAll('details').forEach((one) => (one.open = true))"
 
-# Ratio of WCAG 2.1 for every text that is shown, against what is painted behind it; those below
-# 4.5. A canvas turns any CSS color into sRGB.
+# Texts with a WCAG 2.1 contrast below 4.5 against their background. A canvas converts any CSS color
+# to sRGB.
 LOW_CONTRAST = """(() => {
   const brush = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   const rgba = (color) => {
@@ -57,7 +57,7 @@ LOW_CONTRAST = """(() => {
   return low;
 })()"""
 
-# What is focused, in words, and whether that can be seen; nothing once all have had their turn.
+# The focused element and whether its focus is visible; null after all had the focus.
 FOCUSED = """(() => {
   const one = document.activeElement, style = getComputedStyle(one);
   if (one === document.body || one.dataset.reached) return null;
@@ -69,7 +69,7 @@ FOCUSED = """(() => {
   return { kind: ring ? "point" : one.localName, seen, name };
 })()"""
 
-# What a mouse can press or a wheel can scroll; of a panel's points the Tab key reaches one.
+# Elements that a mouse can click or scroll; in a panel the Tab key reaches one point.
 STOPS = """[...document.querySelectorAll("a, button, select, summary, .scroll, .panel")]
   .filter((one) => one.checkVisibility() && !one.matches("dialog *"))
   .filter((one) => !one.matches(".panel") || one.querySelector(".mark")).length"""

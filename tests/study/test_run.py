@@ -148,7 +148,7 @@ def test_scaling_statistics_are_kept(finished):
             and (r.sample, r.method) == (first, "event_integration")
         }
         intervals = sum(one.counts) + one.shorter + one.longer
-        # Each event in the window ends an interval, but for each pixel's first.
+        # Each event in the window ends an interval, except each pixel's first.
         assert 0 <= rate_hz * 0.05 / one.speed - intervals <= one.width**2
 
 

@@ -39,7 +39,7 @@ from tasks.study.run.compute import ComputedJob
 from tasks.study.run.jobs import QueuedJob, jobs_of
 from tasks.study.run.scheduler import open_scheduler
 
-# Dask complains of a disk that takes a second to make a folder.
+# Dask warns of a disk that takes a second to make a folder.
 pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
 
 

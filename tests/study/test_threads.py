@@ -5,8 +5,8 @@ import json
 from another_process import run_python
 from light_scenes import small_carpet_folder
 
-# Reference views of more than 10,000 px and paths of more than 140 unknowns: from there on
-# OpenBLAS has a second thread join in.
+# Reference views of more than 10,000 px and paths of more than 140 unknowns: above that
+# OpenBLAS uses a second thread.
 CODE = """
 import json, sys
 from dataclasses import asdict

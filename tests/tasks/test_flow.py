@@ -117,7 +117,7 @@ def test_a_slow_sensor_moves_the_flow_and_a_delay_explains_most_of_it():
         delays.append(answer.delay)
         with_delay.append(np.linalg.norm(answer.flow - FLOW))
         without.append(np.linalg.norm(photometric_flow.estimate(sample).flow - FLOW))
-    # What is seen comes d v short of where it is, and the flow makes up for that.
+    # The seen place is d v short of the true one, and the flow compensates for that.
     assert np.median(without) > 0.5 * delay * np.linalg.norm(FLOW)
     assert np.median(with_delay) < 0.05
     assert np.median(delays) == pytest.approx(delay, rel=0.02)

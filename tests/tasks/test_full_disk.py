@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 NOTES = ("1 job to do: ", "jit_kernel_write(): ")  # a study's cost; Dr.Jit on a cache of its own
 
 # Commands, one after the other in one process, each under its limit; then the process ends, which
-# is when HDF5 lets go of files that it could not close.
+# is when HDF5 releases files that it could not close.
 COMMANDS = """
 import json, resource, sys
 from tasks import cli

@@ -59,7 +59,7 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     if sample.max_delay_us <= 0:
         raise TaskError(
             f"delay: found max_delay_us = {sample.max_delay_us} in the sample, expected the "
-            "largest delay to look for"
+            "largest delay to search"
         )
     begun, blur_px = _begun(sample)
     late = _extended(begun, sample.max_delay_us)
