@@ -11,7 +11,7 @@ from docs_page import follow
 from eres_render import load_scene, open_sequence
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.methods import METHOD_VERSIONS, code_of, load_method, task_of
+from tasks.methods import METHOD_VERSIONS, check_method, code_of, load_method, task_of
 from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.config import Evaluate
@@ -152,6 +152,18 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     assert code_of(["edited_method:estimate"]) != before
     monkeypatch.setitem(METHOD_VERSIONS, "contrast_maximization", 2)
     assert code_of(["contrast_maximization"]) == {"contrast_maximization": "2"}
+
+
+def test_several_tasks_can_take_classes(page):
+    """Promise: a class is refused only by tasks whose methods are functions of a sample."""
+    folder, _ = page
+    (folder / "my_class.py").write_text("class Count: ...\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        for task in ("video", "rate"):
+            check_method(task, "my_class:Count")
+        with pytest.raises(TaskError, match="found a class, which is for video, expected a func"):
+            check_method("flow", "my_class:Count")
 
 
 def test_methods_that_are_not_there_are_refused(tmp_path, monkeypatch):
