@@ -12,7 +12,6 @@ from dataclasses import replace
 from itertools import product
 
 from eres_render import load_scene
-from tasks.evaluation.settings import NO_TASKS
 from tasks.study.config import Simulate, preset
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import Job, jobs_of
@@ -23,13 +22,13 @@ FRAMES_AT_A_TIME = 10
 
 def render_s(job: Job) -> float:
     """Return the core seconds of a job's frames."""
-    blind = replace(job, simulate=replace(job.simulate, widths=()), evaluate=NO_TASKS)
+    blind = replace(job, simulate=replace(job.simulate, widths=()), evaluate={})
     return estimate_work([blind], cores=1).seconds
 
 
 def simulate_s(job: Job) -> float:
     """Return the core seconds of a job's sensors."""
-    return estimate_work([replace(job, evaluate=NO_TASKS)], cores=1).seconds - render_s(job)
+    return estimate_work([replace(job, evaluate={})], cores=1).seconds - render_s(job)
 
 
 def single_sensors(sensors: Simulate) -> list[Simulate]:
@@ -63,7 +62,7 @@ def main() -> None:
     kinds: dict[tuple[str, str], list[Job]] = {}
     for job in work:
         fast = "fast samples" if job.simulate.speeds != study.simulate.speeds else "samples"
-        kind = "video" if job.evaluate.video.methods else fast
+        kind = "video" if "video" in job.evaluate else fast
         kinds.setdefault((job.scene.name, kind), []).append(job)
     print("core minutes of one job            jobs  frames    GB  render  simulate  score    all")
     for (scene, kind), found in kinds.items():

@@ -7,7 +7,7 @@ task's `methods`. Places are strings, so that listing tasks and methods imports 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
@@ -49,6 +49,10 @@ class TaskSpec:
         Whether the scene must be a plane.
     share_column
         How tables show failures. None where a method cannot fail.
+    extensions
+        Names of the methods that are our variants of the paper's.
+    labels
+        Names of methods in words, where these are not the words of the name.
     """
 
     title: str
@@ -60,6 +64,13 @@ class TaskSpec:
     sample: str | None = None
     planar_only: bool = False
     share_column: ShareColumn | None = None
+    extensions: tuple[str, ...] = ()
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    def label(self, method: str) -> str:
+        """Return a method's name in words; a ``module:function`` stays as it is."""
+        words = method if ":" in method else method.replace("_", " ")
+        return self.labels.get(method, words)
 
 
 _METHODS = "tasks.methods"
@@ -98,6 +109,11 @@ TASKS = {
         baseline="blank",
         scorer=f"{_SCORERS}.video:VideoScorer",
         settings=f"{_SETTINGS}:Video",
+        extensions=("high_pass_filter_no_event_decay",),
+        labels={
+            "high_pass_filter": "high-pass filter",
+            "high_pass_filter_no_event_decay": "high-pass filter without event decay",
+        },
     ),
     "flow": TaskSpec(
         title="optical flow",
@@ -116,6 +132,7 @@ TASKS = {
         settings=f"{_SETTINGS}:Flow",
         sample="tasks.flow:FlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
+        extensions=("photometric_flow_unknown_contrast", "photometric_flow_with_delay"),
     ),
     "tracking": TaskSpec(
         title="pose tracking",
@@ -133,6 +150,7 @@ TASKS = {
         sample="tasks.tracking:TrackingSample",
         planar_only=True,
         share_column=ShareColumn("ok", "share of trials that succeed", of_successes=True),
+        extensions=("photometric_tracking_with_delay",),
     ),
 }
 

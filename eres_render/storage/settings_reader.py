@@ -95,7 +95,7 @@ def read_typed(
         list), a Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. A union with
         None is for an optional field.
     found
-        The parsed value.
+        The parsed value, or one that has the type already, which stays as it is.
     file, field
         The place of the value, for error messages.
     error
@@ -137,7 +137,7 @@ def read_typed(
         result = float(found)
     elif kind == FloatOrInf and (number := _number(found)) is not None:
         result = number
-    elif kind in (str, int, bool) and type(found) is kind:
+    elif kind is not float and type(found) is kind:
         result = found
     else:
         raise refuse(f"found {found!r}, expected {_name(kind)}")

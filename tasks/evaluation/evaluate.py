@@ -76,9 +76,9 @@ def evaluate(
         with stopwatch("scoring"):
             scores = _score(sensors, workers, on_progress)
     rows = [
-        _row(sequence, sensor, score)
+        _row(sequence, sensor, task, score)
         for sensor, found in zip(sensors, scores, strict=True)
-        for score in found
+        for task, score in found
     ]
     return Evaluation(rows, _timings(sequence, sensors, scores, stopwatch.seconds), reference)
 
@@ -97,11 +97,11 @@ class _Sensor:
         self.fired = 0
         self._in_window = 0
         self._watch = watch
-        self._scorers: list[Scorer] = [
-            load(TASKS[name].scorer)(reference, setting, task)
+        self._scorers: dict[str, Scorer] = {
+            name: load(TASKS[name].scorer)(reference, setting, task)
             for name, task in tasks.items()
             if task.methods
-        ]
+        }
 
     @property
     def event_rate_hz(self) -> float:
@@ -112,14 +112,14 @@ class _Sensor:
         """Add the next events, those of the warm-up included."""
         self.fired += len(events)
         self._in_window += len(events.between(self.setting.start_us, self.setting.end_us))
-        for scorer in self._scorers:
+        for scorer in self._scorers.values():
             scorer.push(events)
         if self._watch:
             self._watch(self.setting, events)
 
-    def scores(self) -> list[Score]:
-        """Return the scores of all tasks, after the last event."""
-        return [score for scorer in self._scorers for score in scorer.scores()]
+    def scores(self) -> list[tuple[str, Score]]:
+        """Return the scores of all tasks, each with its task, after the last event."""
+        return [(task, score) for task, one in self._scorers.items() for score in one.scores()]
 
 
 def _collect(
@@ -163,29 +163,29 @@ def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, 
 
 def _score(
     sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress
-) -> list[list[Score]]:
-    """Return the scores of each sensor."""
+) -> list[list[tuple[str, Score]]]:
+    """Return the scores of each sensor, each with its task."""
     # Large sensors take longest. They come first, so that no core ends with one alone.
     order = sorted(range(len(sensors)), key=lambda i: -sensors[i].setting.model.width)
-    scores: dict[int, list[Score]] = {}
+    scores: dict[int, list[tuple[str, Score]]] = {}
     for i, found in zip(order, workers.map(lambda i: sensors[i].scores(), order), strict=True):
         scores[i] = found
         on_progress("scoring", len(scores), len(sensors))
     return [scores[i] for i in range(len(sensors))]
 
 
-def _row(sequence: RadianceSequence, sensor: _Sensor, score: Score) -> Row:
+def _row(sequence: RadianceSequence, sensor: _Sensor, task: str, score: Score) -> Row:
     model = sensor.setting.model
     return Row(
         scene=sequence.manifest.scene,
-        task=score.task,
+        task=task,
         method=score.method,
         width=model.width,
         cutoff_hz=model.cutoff_hz,
         contrast_threshold=model.contrast_threshold,
         speed=sensor.setting.speed,
         sample=sequence.manifest.clip if score.sample is None else score.sample,
-        metric=score.metric,
+        metric=TASKS[task].metric.name,
         value=score.value,
         event_rate_hz=sensor.event_rate_hz,
         variant=score.variant,
@@ -197,7 +197,7 @@ def _row(sequence: RadianceSequence, sensor: _Sensor, score: Score) -> Row:
 def _timings(
     sequence: RadianceSequence,
     sensors: Sequence[_Sensor],
-    scores: Sequence[Sequence[Score]],
+    scores: Sequence[Sequence[tuple[str, Score]]],
     seconds: Mapping[str, float],
 ) -> JobTimings:
     manifest, models = sequence.manifest, [sensor.setting.model for sensor in sensors]
@@ -216,19 +216,19 @@ def _timings(
         collecting_s=seconds["collecting"],
         scoring_s=seconds["scoring"],
         methods=_method_timings(
-            (model.width, score)
+            (model.width, task, score)
             for model, found in zip(models, scores, strict=True)
-            for score in found
+            for task, score in found
         ),
     )
 
 
-def _method_timings(scored: Iterable[tuple[int, Score]]) -> tuple[MethodTimings, ...]:
-    """Return the timings of each method on each width, from scores and their sensors' widths."""
+def _method_timings(scored: Iterable[tuple[int, str, Score]]) -> tuple[MethodTimings, ...]:
+    """Return the timings of each method on each width, from widths, tasks and scores."""
     groups: dict[tuple[str, str, str, int], list[Score]] = {}
-    for width, score in scored:
+    for width, task, score in scored:
         if not score.copied:
-            key = score.task, score.method, score.variant, width
+            key = task, score.method, score.variant, width
             groups.setdefault(key, []).append(score)
     return tuple(
         MethodTimings(

@@ -1,12 +1,36 @@
-"""Settings of the tasks: one frozen dataclass for each, and `Evaluate` for all of them."""
+"""Settings of the tasks: a frozen dataclass for each, and `Evaluate` for all of them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
-from typing import Literal, Self
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple, Self
 
 from eres_render.storage.settings_reader import formerly
+from tasks.errors import TaskError
 from tasks.methods import check_method
+from tasks.registry import TASKS, load
+
+MAY_BE_ZERO = {"may be zero": True}
+"""Metadata of a field whose numbers may be 0; those of other fields must be positive."""
+
+
+class Stretches(NamedTuple):
+    """Stretches of a path on which a study scores a task; by default, those around its samples.
+
+    Attributes
+    ----------
+    continuous_s
+        Run-in and length of one stretch from the start of the path instead, seconds.
+    speeds
+        Factors on the base speed, in place of the study's.
+    scenes
+        Names of the scenes; all by default.
+    """
+
+    continuous_s: tuple[float, ...] = ()
+    speeds: tuple[float, ...] = ()
+    scenes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,6 +44,10 @@ class TaskSettings:
     """
 
     methods: tuple[str, ...] = ()
+
+    def plan(self) -> Mapping[Stretches, Self]:
+        """Return the stretches that a study scores, each with the settings for it."""
+        return {Stretches(): self}
 
     def score_s(self, width: int) -> float:
         """Estimate how long it takes to score one sensor at base speed, in seconds of one core."""
@@ -90,11 +118,16 @@ class Flow(TaskSettings):
     methods: tuple[str, ...] = ("photometric_flow", "contrast_maximization", "initial_flow")
     features: int = 20
     native_patch: bool = False
-    initial_sigma_px: float = 3.0
+    initial_sigma_px: float = field(default=3.0, metadata=MAY_BE_ZERO)
     fast_methods: tuple[str, ...] = ()
     fast_speed: float = 10.0
     fast_scenes: tuple[str, ...] = ()
-    seed: int = 0
+    seed: int = field(default=0, metadata=MAY_BE_ZERO)
+
+    def plan(self) -> Mapping[Stretches, Self]:
+        usual = replace(self, fast_methods=())
+        fast = Stretches(speeds=(self.fast_speed,), scenes=self.fast_scenes)
+        return {Stretches(): usual, fast: replace(usual, methods=self.fast_methods)}
 
     def score_s(self, width: int) -> float:
         patches = self.features * (1 + self.native_patch)
@@ -128,8 +161,8 @@ class Tracking(TaskSettings):
     methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
     sigmas_mm: tuple[float, ...] = (10.0,)
     max_events: int = 100_000
-    max_delay_us: int = 10_000
-    seed: int = 0
+    max_delay_us: int = field(default=10_000, metadata=MAY_BE_ZERO)
+    seed: int = field(default=0, metadata=MAY_BE_ZERO)
 
     def score_s(self, width: int) -> float:
         us_per_event = 8  # of the most that a method gets, at any width
@@ -163,11 +196,14 @@ class Video(TaskSettings):
     methods: tuple[str, ...] = ()
     scenes: tuple[str, ...] = ()
     duration_s: float = 2.0
-    run_in_s: float = 0.5
+    run_in_s: float = field(default=0.5, metadata=MAY_BE_ZERO)
     every_s: float = 0.05
     equalization: Literal["none", "global", "local", "clahe"] = field(
         default="local", metadata=formerly("equalisation")
     )
+
+    def plan(self) -> Mapping[Stretches, Self]:
+        return {Stretches((self.run_in_s, self.duration_s), scenes=self.scenes): self}
 
     def score_s(self, width: int) -> float:
         images = round((self.duration_s - self.run_in_s) / self.every_s)
@@ -178,30 +214,37 @@ class Video(TaskSettings):
         return replace(self, methods=methods, every_s=window_s)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Evaluate:
-    """The tasks. One without methods is left out."""
+class Evaluate(Mapping[str, TaskSettings]):
+    """Settings of every task in the registry, by name. A task without methods is left out.
 
-    reconstruction: Reconstruction = field(default_factory=Reconstruction)
-    flow: Flow = field(default_factory=Flow)
-    tracking: Tracking = field(default_factory=Tracking)
-    video: Video = field(default_factory=Video)
+    Parameters
+    ----------
+    tasks
+        Settings of some tasks; the others have their defaults.
 
-    @property
-    def tasks(self) -> dict[str, TaskSettings]:
-        """Settings of each task, by its name."""
-        return {task.name: getattr(self, task.name) for task in fields(self)}
+    Raises
+    ------
+    TaskError
+        A task is not in the registry.
+    """
+
+    def __init__(self, **tasks: TaskSettings) -> None:
+        for task in tasks:
+            if task not in TASKS:
+                raise TaskError(f"evaluate.{task}: unknown, expected one of {', '.join(TASKS)}")
+        self._given = tasks
+
+    def __getitem__(self, task: str) -> TaskSettings:
+        return self._given.get(task) or load(TASKS[task].settings)()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(TASKS)
+
+    def __len__(self) -> int:
+        return len(TASKS)
 
 
-def methods_of(evaluate: Evaluate) -> dict[str, tuple[str, ...]]:
-    """Return the names of the methods of each task, those for the fast samples included."""
-    return {
-        task: (*settings.methods, *getattr(settings, "fast_methods", ()))
-        for task, settings in evaluate.tasks.items()
-    }
-
-
-def check_methods(evaluate: Evaluate) -> None:
+def check_methods(evaluate: Mapping[str, TaskSettings]) -> None:
     """Check before any rendering that all methods exist.
 
     Raises
@@ -209,11 +252,7 @@ def check_methods(evaluate: Evaluate) -> None:
     TaskError
         A method does not exist, or is for another task.
     """
-    for task, names in methods_of(evaluate).items():
-        for name in names:
-            check_method(task, name)
-
-
-NO_TASKS = Evaluate(
-    **{task.name: replace(getattr(Evaluate(), task.name), methods=()) for task in fields(Evaluate)}
-)
+    for task, settings in evaluate.items():
+        for planned in settings.plan().values():
+            for name in planned.methods:
+                check_method(task, name)

@@ -76,14 +76,14 @@ def task_of(name: str) -> str:
         The first parameter does not tell the task.
     """
     function = load_method(next(iter(TASKS)), name)
-    told = _told_task(function)
-    if told is None:
+    told = _told_tasks(function)
+    if not told:
         expected = ", ".join(sample.__name__ for sample in _samples().values())
         raise TaskError(
             f"method {name!r}: found {_first_type(function)} as the type of its first parameter, "
             f"expected one of {expected}, which determines the task"
         )
-    return told
+    return told[0]
 
 
 def check_method(task: str, name: str) -> None:
@@ -102,14 +102,14 @@ def check_method(task: str, name: str) -> None:
         The task has no such method, or the method says that it is for another task.
     """
     function = load_method(task, name)
-    told = _told_task(function) if ":" in name else None
-    if told not in (task, None):
+    told = _told_tasks(function) if ":" in name else []
+    if told and task not in told:
         found, expected = (
             f"a function of a {_samples()[one].__name__}" if TASKS[one].sample else "a class"
-            for one in (told, task)
+            for one in (told[0], task)
         )
         raise TaskError(
-            f"{task}, method {name!r}: found {found}, which is for {told}, expected {expected}"
+            f"{task}, method {name!r}: found {found}, which is for {told[0]}, expected {expected}"
         )
 
 
@@ -118,12 +118,12 @@ def _samples() -> dict[str, type]:
     return {task: load(spec.sample) for task, spec in TASKS.items() if spec.sample}
 
 
-def _told_task(function: Callable[..., Any]) -> str | None:
-    """Return the task that a method says it is for, None if it does not say."""
+def _told_tasks(function: Callable[..., Any]) -> list[str]:
+    """Return the tasks that a method says it is for, none if it does not say."""
     if inspect.isclass(function):
-        return next(task for task, spec in TASKS.items() if spec.sample is None)
+        return [task for task, spec in TASKS.items() if spec.sample is None]
     kind = _first_type(function)
-    return next((task for task, sample in _samples().items() if kind is sample), None)
+    return [task for task, sample in _samples().items() if kind is sample]
 
 
 def _first_type(function: Callable[..., Any]) -> Any:

@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import math
-import operator
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from eres_render.storage.settings_reader import FloatOrInf
 from tasks.errors import StudyError
-from tasks.evaluation.settings import Evaluate
+from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.methods import task_of
 
 LEAST_RESOLUTION = 62
 """Side of frames, px, in which `sensor.statistics.slope_scaling` has room for its blocks."""
-
-_MAY_BE_ZERO = {
-    *("seed", "dark_fraction", "warmup_time_constants"),
-    *("initial_sigma_px", "max_delay_us", "run_in_s"),
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +42,7 @@ class Render:
     window_s: float = 0.05
     every_s: float = 0.5
     samples: int | None = None
-    seed: int = 0
+    seed: int = field(default=0, metadata=MAY_BE_ZERO)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,8 +69,8 @@ class Simulate:
     cutoffs_hz: tuple[FloatOrInf, ...] = (math.inf, 200.0, 50.0)
     contrast_thresholds: tuple[float, ...] = (0.2,)
     speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
-    dark_fraction: float = 1e-3
-    warmup_time_constants: float = 6.0
+    dark_fraction: float = field(default=1e-3, metadata=MAY_BE_ZERO)
+    warmup_time_constants: float = field(default=6.0, metadata=MAY_BE_ZERO)
 
     @property
     def warmup_s(self) -> float:
@@ -101,12 +96,10 @@ class Study:
     evaluate: Evaluate = field(default_factory=Evaluate)
 
     def __post_init__(self) -> None:
-        for section in (
-            "render",
-            "simulate",
-            *(f"evaluate.{task.name}" for task in fields(Evaluate)),
-        ):
-            self._check_numbers(section)
+        _check_numbers("render", self.render)
+        _check_numbers("simulate", self.simulate)
+        for task, settings in self.evaluate.items():
+            _check_numbers(f"evaluate.{task}", settings)
         sensors = self.simulate
         for name in ("widths", "cutoffs_hz", "contrast_thresholds", "speeds"):
             values = getattr(sensors, name)
@@ -125,17 +118,17 @@ class Study:
                 f"{self.render.resolution} px"
             )
 
-    def _check_numbers(self, section: str) -> None:
-        values = operator.attrgetter(section)(self)
-        for name in (one.name for one in fields(values)):
-            found = getattr(values, name)
-            for value in found if isinstance(found, tuple) else (found,):
-                if type(value) not in (int, float) or value > 0:
-                    continue
-                if name not in _MAY_BE_ZERO:
-                    raise StudyError(f"{section}.{name}: found {value}, expected a positive number")
-                if value != 0:
-                    raise StudyError(f"{section}.{name}: found {value}, expected 0 or more")
+
+def _check_numbers(section: str, values: Any) -> None:
+    for one in fields(values):
+        found, place = getattr(values, one.name), f"{section}.{one.name}"
+        for value in found if isinstance(found, tuple) else (found,):
+            if type(value) not in (int, float) or value > 0:
+                continue
+            if not MAY_BE_ZERO.items() <= one.metadata.items():
+                raise StudyError(f"{place}: found {value}, expected a positive number")
+            if value != 0:
+                raise StudyError(f"{place}: found {value}, expected 0 or more")
 
 
 def with_method(study: Study, name: str) -> Study:
@@ -158,18 +151,20 @@ def with_method(study: Study, name: str) -> Study:
         If the method cannot be imported, or its task is unclear.
     """
     task = task_of(name)
-    section = getattr(study.evaluate, task)
+    section = study.evaluate[task]
     section = replace(section, methods=(*section.methods, name))
-    return replace(study, evaluate=replace(study.evaluate, **{task: section}))
+    return replace(study, evaluate=Evaluate(**{**study.evaluate, task: section}))
 
 
 def to_json(study: Study) -> dict[str, Any]:
     """Return the study as plain JSON values; inf becomes "inf"."""
-    return _plain(asdict(study))
+    return _plain(study)
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
+    if is_dataclass(value):
+        return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+    if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import field, make_dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from eres_render.storage.settings_reader import FloatOrInf, read_toml, read_typed
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
+from tasks.evaluation.settings import Evaluate
+from tasks.registry import TASKS, load
 from tasks.study.settings import Study
 
 
@@ -33,14 +35,23 @@ def read_study(file: Path) -> Study:
             raise StudyError(f"{file}: simulate: found both cutoffs_hz and illuminance_lux")
         table["simulate"] = {**sensors, "cutoffs_hz": _cutoffs_hz(sensors, file)}
         del table["simulate"]["illuminance_lux"]
+    table["evaluate"] = _evaluate(table.get("evaluate", {}), file)
     study = read_typed(Study, table, file, StudyError)
     scenes = [str(file.parent / name) if "/" in name else name for name in study.scenes]
     return replace(study, scenes=tuple(scenes))
 
 
+def _evaluate(sections: Any, file: Path) -> Evaluate:
+    """Read each task's section by the class of its settings."""
+    kinds = {task: load(spec.settings) for task, spec in TASKS.items()}
+    defaults = [(task, kind, field(default_factory=kind)) for task, kind in kinds.items()]
+    table = make_dataclass("Evaluate", defaults)
+    return Evaluate(**vars(read_typed(table, sections, file, StudyError, "evaluate")))
+
+
 def _cutoffs_hz(sensors: dict[str, Any], file: Path) -> list[float]:
-    field, kind = "simulate.illuminance_lux", tuple[FloatOrInf, ...]
-    found = read_typed(kind, sensors["illuminance_lux"], file, StudyError, field)
+    place, kind = "simulate.illuminance_lux", tuple[FloatOrInf, ...]
+    found = read_typed(kind, sensors["illuminance_lux"], file, StudyError, place)
     if not all(lux > 0 for lux in found):
-        raise StudyError(f"{file}: {field}: found {found}, expected positive numbers")
+        raise StudyError(f"{file}: {place}: found {found}, expected positive numbers")
     return [lux if math.isinf(lux) else cutoff_in_light(lux) for lux in found]

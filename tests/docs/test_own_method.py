@@ -1,20 +1,25 @@
 """docs/methods.md: the test writes its files and runs its commands, from top to bottom."""
 
+import json
 import os
+from dataclasses import replace
 
 import pytest
 
 from another_process import environment, run_python
 from docs_page import follow
-from eres_render import open_sequence
-from tasks.errors import TaskError
+from eres_render import load_scene, open_sequence
+from tasks.errors import StudyError, TaskError
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.methods import METHOD_VERSIONS, code_of, load_method, task_of
+from tasks.methods import METHOD_VERSIONS, check_method, code_of, load_method, task_of
 from tasks.registry import TASKS
 from tasks.row import read_rows
+from tasks.study.config import Evaluate
+from tasks.study.run.jobs import jobs_of
+from tasks.study.study_file import read_study
 
 DOOR_LINES = 20
-"""From outside, a method or a task takes fewer lines of code than this."""
+"""From outside, a method or a task takes fewer lines of code than this, besides imports."""
 
 
 @pytest.fixture(scope="module")
@@ -25,8 +30,9 @@ def page(tmp_path_factory):
 
 
 def code_lines(file):
-    """Return the lines that are not blank."""
-    return sum(bool(line.strip()) for line in file.read_text().splitlines())
+    """Return the lines that are neither blank nor imports."""
+    lines = filter(None, map(str.strip, file.read_text().splitlines()))
+    return sum(not line.startswith(("import ", "from ")) for line in lines)
 
 
 def test_your_own_method_is_scored_next_to_ours(page):
@@ -44,35 +50,94 @@ def test_your_own_task_is_scored(page):
     sequence's events; so do your own methods for it."""
     folder, _ = page
     assert code_lines(folder / "my_rate.py") < DOOR_LINES
-    (folder / "my_count.py").write_text("def estimate(events, seconds): return 2 * events\n")
-    names = ("per_second", "my_count:estimate")
+    (folder / "my_count.py").write_text("def estimate(events, us): return 2 * events\n")
+    names = ("exact", "my_count:estimate")
     clip = open_sequence(folder / "clips" / "clip_000")
-    rows = evaluate_sequence(clip, "rate", methods=names, width=32)
+    exact, count = rows = evaluate_sequence(clip, "rate", methods=names, width=32)
     assert [(row.task, row.method, row.metric) for row in rows] == [
-        ("rate", name, "events_per_s") for name in names
+        ("rate", name, "rate_mev_s") for name in names
     ]
-    rate, count = rows
-    assert rate.value == rate.event_rate_hz > 0
-    start_s, end_s = clip.window_s
-    assert count.value == pytest.approx(2 * rate.value * (end_s - start_s), rel=1e-4)
+    assert exact.value > 0
+    assert count.value == pytest.approx(2 * exact.value * 10_000)
     with pytest.raises(TaskError, match="rate: no method 'no_events'"):
         evaluate_sequence(clip, "rate", methods=("no_events",))
 
 
-def test_a_study_knows_the_metric_of_your_own_task(page):
-    """Promise: with the entry in the registry, rows of the task are scores like any others."""
+def test_a_study_runs_your_own_task(page):
+    """Promise: with the registry entry alone, the task has its section in a study's file, jobs with
+    those of the other tasks, rows, tables and a place in the report."""
+    folder, _ = page
+    study = read_study(folder / "rates.toml")
+    assert study.evaluate["rate"].first_us == 5000
+    (job,) = jobs_of(study, load_scene("carpet"))
+    assert list(job.evaluate) == ["reconstruction", "rate"]
+    rows = read_rows(folder / "rates" / "rows.parquet")
+    rates = [row for row in rows if (row.task, row.method) == ("rate", "exact")]
+    assert len(rates) == 2 * len(study.simulate.cutoffs_hz) * len(study.simulate.speeds)
+    others = [row for row in rows if row.method == "event_integration"]
+    assert [row.event_rate_hz for row in rates] == [row.event_rate_hz for row in others]
+    assert all(row.value > 0 for row in rates)
+    stored = json.loads((folder / "rates" / "study.json").read_text())
+    assert stored["evaluate"]["rate"] == {"methods": ["exact", "rounded"], "first_us": 5000}
+    assert "carpet,rate,exact,,rate_mev_s,64,inf" in (folder / "rates" / "tables.csv").read_text()
+    assert "event rate by exact" in (folder / "rates" / "report.html").read_text()
+
+
+def test_settings_of_your_own_task_are_in_the_key_of_its_jobs(page):
+    """Promise: another value computes the jobs that score the task again, and no others."""
+    folder, _ = page
+    study = read_study(folder / "rates.toml")
+    rate = replace(study.evaluate["rate"], first_us=6000)
+    without = replace(rate, methods=())
+    keys = {
+        tuple(job.key for job in jobs_of(replace(study, evaluate=evaluate), load_scene("carpet")))
+        for evaluate in (
+            study.evaluate,
+            Evaluate(**{**study.evaluate, "rate": rate}),
+            Evaluate(**{**study.evaluate, "rate": without}),
+            Evaluate(**{**study.evaluate, "rate": replace(without, first_us=7000)}),
+        )
+    }
+    assert len(keys) == 3
+
+
+@pytest.mark.parametrize(
+    ("edit", "said"),
+    [
+        ("first_us = 0", "evaluate.rate.first_us: found 0, expected a positive number"),
+        ("first_us = 0.5", "evaluate.rate.first_us: found 0.5, expected an integer"),
+        ("last_us = 5", "evaluate.rate.last_us: unknown, expected one of methods, first_us"),
+        (
+            "[evaluate.rates]",
+            "evaluate.rates: unknown, expected one of .*, rate$",
+        ),
+    ],
+)
+def test_mistakes_in_the_section_of_your_own_task_are_named(page, tmp_path, edit, said):
+    folder, _ = page
+    file = tmp_path / "rates.toml"
+    file.write_text((folder / "rates.toml").read_text().replace("first_us = 5000", edit))
+    with pytest.raises(StudyError, match=f"rates.toml: {said}"):
+        read_study(file)
+
+
+def test_it_does_not_matter_when_your_own_task_is_imported(page):
+    """Promise: a task that is registered after everything is imported is a task like any other."""
     folder, _ = page
     code = """if True:
-        import my_rate
         from tasks.row import Row
-        from tasks.study.results.metrics import METRICS
+        from tasks.study.config import preset
         from tasks.study.results.scores import Scores
-        row = Row("carpet", "rate", "own", 32, 50.0, 0.2, 1.0, 0, "events_per_s", 1e6, 1e6)
+        quick = preset("quick")
+        import my_rate
+        print(quick.evaluate["rate"])
+        row = Row("carpet", "rate", "own", 32, 50.0, 0.2, 1.0, 0, "rate_mev_s", 1.0, 1e6)
         (series,) = Scores([row]).series()
-        print(series.title, METRICS[series.metric].text(row.value))
+        print(series.title)
     """
     path = f"{folder}{os.pathsep}{environment()['PYTHONPATH']}"
-    assert run_python(code, PYTHONPATH=path).stdout == "event rate by own 1000000\n"
+    said = run_python(code, PYTHONPATH=path).stdout
+    assert said == "Rate(methods=(), first_us=10000)\nevent rate by own\n"
 
 
 def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
@@ -87,6 +152,18 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     assert code_of(["edited_method:estimate"]) != before
     monkeypatch.setitem(METHOD_VERSIONS, "contrast_maximization", 2)
     assert code_of(["contrast_maximization"]) == {"contrast_maximization": "2"}
+
+
+def test_several_tasks_can_take_classes(page):
+    """Promise: a class is refused only by tasks whose methods are functions of a sample."""
+    folder, _ = page
+    (folder / "my_class.py").write_text("class Count: ...\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        for task in ("video", "rate"):
+            check_method(task, "my_class:Count")
+        with pytest.raises(TaskError, match="found a class, which is for video, expected a func"):
+            check_method("flow", "my_class:Count")
 
 
 def test_methods_that_are_not_there_are_refused(tmp_path, monkeypatch):

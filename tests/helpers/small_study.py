@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -30,6 +31,12 @@ STUDY = Study(
         ),
     ),
 )
+
+
+def only(**tasks):
+    """Return tasks without all others."""
+    none = {task: replace(settings, methods=()) for task, settings in Evaluate().items()}
+    return Evaluate(**none | tasks)
 
 
 def digest(*chunks: bytes) -> str:

@@ -39,8 +39,8 @@ def test_every_field_of_a_study_can_be_said(tmp_path):
     assert study.scenes == ("rocks", f"{tmp_path}/my_scene")
     assert (study.render.resolution, study.render.samples) == (640, 2)
     assert study.simulate.cutoffs_hz == (math.inf, 100.0)
-    assert study.evaluate.flow.methods[1] == "my_package.flow:estimate"
-    assert study.evaluate.tracking == Evaluate().tracking
+    assert study.evaluate["flow"].methods[1] == "my_package.flow:estimate"
+    assert study.evaluate["tracking"] == Evaluate()["tracking"]
 
 
 def test_light_stands_for_cutoffs(tmp_path):
@@ -55,7 +55,7 @@ def test_old_words_are_read(tmp_path):
         read_study(written(tmp_path, text.format(w))) for w in ("equalisation", "equalization")
     )
     assert old == new
-    assert new.evaluate.video.equalization == "global"
+    assert new.evaluate["video"].equalization == "global"
 
 
 @pytest.mark.parametrize(

@@ -1,30 +1,26 @@
 """The stretches of a path that a study renders."""
 
-from dataclasses import replace
-
 import pytest
 
 from eres_render import load_scene
+from small_study import only
 from tasks.errors import StudyError
-from tasks.evaluation.settings import NO_TASKS
 from tasks.study.config import PRESETS, Study, Tracking, Video
 from tasks.study.run.jobs import jobs_of
 
 
 def test_only_what_is_scored_is_rendered() -> None:
     """Promise: a study of videos alone has one stretch, and no clips around samples."""
-    video = replace(NO_TASKS, video=Video(methods=("blank",)))
-    (stretch,) = jobs_of(
-        Study(name="video", scenes=("carpet",), evaluate=video), load_scene("carpet")
-    )
-    assert stretch.evaluate == video
+    video = Video(methods=("blank",))
+    study = Study(name="video", scenes=("carpet",), evaluate=only(video=video))
+    (stretch,) = jobs_of(study, load_scene("carpet"))
+    assert stretch.evaluate == {"video": video}
     assert stretch.clip.t_window_end_s == Video().duration_s
 
 
 def test_a_scene_with_nothing_to_do_is_named() -> None:
     """Promise: a study with only pose tracking in a room, which has no plane, is an error."""
-    tracking = replace(NO_TASKS, tracking=Tracking())
-    study = Study(name="pose", scenes=("room",), evaluate=tracking)
+    study = Study(name="pose", scenes=("room",), evaluate=only(tracking=Tracking()))
     with pytest.raises(StudyError, match="no method that suits room"):
         jobs_of(study, load_scene("room"))
 

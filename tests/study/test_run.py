@@ -178,11 +178,11 @@ def test_more_samples_keep_the_old_ones(finished, scene_folder):
     more = jobs_of(replace(study, render=replace(study.render, samples=4)), scene)
     assert job.key != other.key
     assert {one.key for one in jobs_of(study, scene)} < {one.key for one in more}
-    reconstruction = replace(study.evaluate.reconstruction, upsampling="nearest")
+    nearest = replace(study.evaluate["reconstruction"], upsampling="nearest")
     for changed in (
         replace(study, render=replace(study.render, spp=9)),
         replace(study, simulate=replace(study.simulate, contrast_thresholds=(0.3,))),
-        replace(study, evaluate=replace(study.evaluate, reconstruction=reconstruction)),
+        replace(study, evaluate=Evaluate(**{**study.evaluate, "reconstruction": nearest})),
     ):
         assert jobs_of(changed, scene)[0].key != job.key
 

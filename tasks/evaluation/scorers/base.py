@@ -15,11 +15,11 @@ from sensor import Events
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Score of one method on one item; with a `Setting` it makes a `Row`.
+    """Score of one method on one item, in the task's metric.
 
     Parameters
     ----------
-    task, method, metric, value, variant, item, failure
+    method, value, variant, item, failure
         As in `Row`.
     sample
         As in `Row`; None for that of the clip.
@@ -31,9 +31,7 @@ class Score:
         Whether the score is that of another variant, which is the same here.
     """
 
-    task: str
     method: str
-    metric: str
     value: float
     variant: str = ""
     item: int = 0

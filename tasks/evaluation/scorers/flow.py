@@ -64,9 +64,7 @@ class FlowScorer:
                     error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
                     for variant in variants:
                         yield Score(
-                            "flow",
                             name,
-                            "rnepe_px",
                             error_px,
                             variant,
                             item,

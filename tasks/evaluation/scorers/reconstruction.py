@@ -45,12 +45,4 @@ class ReconstructionScorer:
             answer, cpu_s = ask("reconstruction", name, method, sample, **options)
             prediction, failure = image_answer("reconstruction", name, answer, reference.log_start)
             value = psnr_db(prediction, reference.log_end, reference.log_white)
-            yield Score(
-                "reconstruction",
-                name,
-                "psnr_db",
-                value,
-                failure=failure,
-                events=self._events,
-                cpu_s=cpu_s,
-            )
+            yield Score(name, value, failure=failure, events=self._events, cpu_s=cpu_s)

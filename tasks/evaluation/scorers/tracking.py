@@ -80,9 +80,7 @@ class TrackingScorer:
                 lost = moved and not succeeded(estimate, error_mm, initial_mm)
                 failure = estimate.failure or ("ended far off" if lost else "")
                 yield Score(
-                    "tracking",
                     name,
-                    "position_error_mm",
                     error_mm,
                     variant=f"sigma {sigma_mm:g} mm",
                     failure=failure,

@@ -61,9 +61,7 @@ class VideoScorer:
             value = psnr_db(found, truth)
             self._scores.append(
                 Score(
-                    "video",
                     name,
-                    "psnr_db",
                     value,
                     failure=failure,
                     sample=sample,

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tasks.metric import Metric
+from tasks.registry import TASKS
 from tasks.study.claims.statistics import SceneCell, Statistic
 from tasks.study.results.intervals import Estimate, estimate
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Cell, Condition, Scores
@@ -34,7 +35,7 @@ class SceneScores:
     @property
     def metric(self) -> Metric:
         """Metric of the scores."""
-        return METRICS[self.series.metric]
+        return TASKS[self.series.task].metric
 
     def cell(self, where: SceneCell) -> Cell:
         """Return one cell; it has no values if it was not measured."""

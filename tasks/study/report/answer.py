@@ -18,10 +18,11 @@ from textwrap import fill
 
 from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
+from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.headline import headline
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import shown_series, sigma_mm
 from tasks.study.results.scores import by_threshold
@@ -55,7 +56,7 @@ BLOCKS = {"overview": overview, "details": details}
 
 
 def _rule_text(found: Mapping[Series, Choices]) -> str:
-    metrics = [METRICS[metric] for metric in dict.fromkeys(one.metric for one in found)]
+    metrics = dict.fromkeys(TASKS[one.task].metric for one in found)
     near = join_words([f"{metric.negligible:g} {metric.unit}" for metric in metrics], "or")
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "

@@ -16,7 +16,6 @@ from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.comparison import line_label
 from tasks.study.results.headline import headline
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
-from tasks.study.results.metrics import METRICS
 from tasks.study.results.perturbation import REQUIRED_SUCCESS
 
 TEMPLATES = Environment(
@@ -28,7 +27,6 @@ TEMPLATES = Environment(
 )
 TEMPLATES.globals |= {
     "CAPACITIES_MEV_S": [f"{capacity / 1e6:g}" for capacity in capacities_hz()],
-    "METRICS": METRICS,
     "TASKS": TASKS,
     "MIN_SAMPLES": MIN_SAMPLES_FOR_INTERVAL,
     "MISSING": words.MISSING,

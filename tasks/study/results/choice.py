@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tasks.metric import Metric
+from tasks.registry import TASKS
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Cell, Condition, Scores
 
 
@@ -136,7 +137,7 @@ def choose(
     Choice or None
         None if a width lacks samples.
     """
-    metric = METRICS[series.metric]
+    metric = TASKS[series.task].metric
     sign = metric.sign
     cells = {}
     medians: dict[int, float] = {}

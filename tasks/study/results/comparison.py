@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
-from tasks.study.results.metrics import METRICS, Series, method_label
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
@@ -79,7 +79,7 @@ class ComparisonTable:
     @property
     def title(self) -> str:
         """Return the title with metric, unit and the better direction."""
-        metric = METRICS[self.series.metric]
+        metric = TASKS[self.series.task].metric
         name = self.series.title[0].upper() + self.series.title[1:]
         return f"{name}: median {metric.label} [{metric.unit}] {metric.arrow}"
 
@@ -111,7 +111,7 @@ class ComparisonTable:
         columns = [Column("ours", "ours", _ours)]
         if self.source is not None:
             columns += [Column("paper", "paper", _paper), Column("Δ", "difference", _difference)]
-        if METRICS[self.series.metric].reference_width_px is not None:
+        if TASKS[self.series.task].metric.reference_width_px is not None:
             columns.append(Column("native px", "rate", _native, in_terminal=False))
         if share is not None:
             columns.append(Column(share.head, "rate", _share))
@@ -168,8 +168,8 @@ def _block(
         cells = [scores.cell(series, condition) for condition in where]
         nothing = [scores.baseline(series, condition) for condition in where]
         paper = [scores.published(series, condition) for condition in where]
-        best = _best([cell.median for cell in cells], series.metric)
-        paper_best = _best(paper, series.metric)
+        best = _best([cell.median for cell in cells], series)
+        paper_best = _best(paper, series)
         columns.append(
             [
                 Entry(cell, value, i == best, i == paper_best, beats(cell, idle, series))
@@ -195,16 +195,16 @@ def _same(values: list[float | None]) -> bool:
     return all(value is not None and math.isclose(value, first, rel_tol=1e-6) for value in others)
 
 
-def _best(values: list[float | None], metric: str) -> int | None:
+def _best(values: list[float | None], series: Series) -> int | None:
     """Return the index of the best value, or None if a value is missing."""
     present = [value for value in values if value is not None]
     if not present or len(present) < len(values):
         return None
-    return present.index(max(present, key=lambda value: METRICS[metric].sign * value))
+    return present.index(max(present, key=lambda value: TASKS[series.task].metric.sign * value))
 
 
 def _number(series: Series, value: float | None, sign: str = "") -> str:
-    return MISSING if value is None else METRICS[series.metric].text(value, sign)
+    return MISSING if value is None else TASKS[series.task].metric.text(value, sign)
 
 
 def _ours(series: Series, entry: Entry, line: Line) -> str:
@@ -257,7 +257,7 @@ def native_px(value: float | None, line: Line, series: Series) -> float | None:
     float or None
         Score in px, or None if it is missing or not in pixels.
     """
-    reference_px = METRICS[series.metric].reference_width_px
+    reference_px = TASKS[series.task].metric.reference_width_px
     if value is None or line.width is None or reference_px is None:
         return None
     return value * line.width / reference_px
@@ -280,5 +280,5 @@ def line_label(line: Line, series: Series) -> str:
     """
     if not line.nothing:
         return f"{line.width} px"
-    label = method_label(TASKS[series.task].baseline)
+    label = TASKS[series.task].label(TASKS[series.task].baseline)
     return label if line.width is None else f"{label}, {line.width} px"

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from tasks.registry import TASKS
 from tasks.study.results.choice import Choice, Choices, answered
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.words import cutoff_label, join_words
 
 
@@ -76,7 +77,7 @@ def _enough_text(found: Mapping[str, Choice | None], series: Series) -> str:
 
 def _near_text(choices: list[Choice], series: Series) -> str:
     """State how close these are to the best, and how good the best is."""
-    metric = METRICS[series.metric]
+    metric = TASKS[series.task].metric
     gain = _gain_text(choices, series)
     if all(choice.enough == choice.best for choice in choices):
         return f" (the best{gain and f', {gain}'})"
@@ -86,7 +87,7 @@ def _near_text(choices: list[Choice], series: Series) -> str:
 
 def _gain_text(choices: Iterable[Choice], series: Series) -> str:
     """State the lead of the best width over doing nothing, as a range over the scenes."""
-    metric = METRICS[series.metric]
+    metric = TASKS[series.task].metric
     gains = [choice.gain for choice in choices if choice.gain is not None]
     if not gains:
         return ""

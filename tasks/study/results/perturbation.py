@@ -45,7 +45,7 @@ def sweep(scores: Scores, method: str) -> list[Series]:
     found = [
         (sigma, one)
         for one in scores.series()
-        if one[:3] == ("tracking", method, TRACKING.metric)
+        if one[:3] == TRACKING._replace(method=method)[:3]
         and (sigma := sigma_mm(one.variant)) is not None
     ]
     return [one for _, one in sorted(found)]
@@ -115,12 +115,10 @@ def shown_series(scores: Scores) -> list[Series]:
     judged = judged_series(scores)
     kept = []
     for one in scores.series():
-        if one.task == "tracking" and sigma_mm(one.variant) is not None:
-            variants = [other.variant for other in sweep(scores, one.method)]
-            usual = judged.variant if judged and judged.variant in variants else variants[0]
-            if one.variant != usual:
-                continue
-        kept.append(one)
+        variants = sweep(scores, one.method)
+        usual = judged and judged._replace(method=one.method)
+        if one not in variants or one == (usual if usual in variants else variants[0]):
+            kept.append(one)
     return sorted(kept, key=lambda one: (order.index(one.task), not is_main(one)))
 
 

@@ -17,7 +17,7 @@ from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.results.bootstrap import resampled_medians
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CONTRAST_THRESHOLD, every_published, published
 
 
@@ -345,12 +345,11 @@ class Scores:
 
 
 def _check_known(row: Row) -> None:
-    for field, name, known in (
-        ("task", row.task, sorted(TASKS)),
-        ("metric", row.metric, sorted(METRICS)),
-    ):
-        if name not in known:
-            raise ResultError(f"unknown {field} {name!r}; expected {' or '.join(known)}")
+    if row.task not in TASKS:
+        raise ResultError(f"unknown task {row.task!r}; expected {' or '.join(sorted(TASKS))}")
+    metric = TASKS[row.task].metric.name
+    if row.metric != metric:
+        raise ResultError(f"unknown metric {row.metric!r} of {row.task}; expected {metric}")
 
 
 @cache
@@ -400,4 +399,4 @@ def beats(cell: Cell, nothing: Cell, series: Series) -> bool | None:
     """
     if cell.median is None or nothing.median is None:
         return None
-    return METRICS[series.metric].sign * (cell.median - nothing.median) > 0
+    return TASKS[series.task].metric.sign * (cell.median - nothing.median) > 0

@@ -74,7 +74,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
             sequence,
             light.truth(sequence),
             settings,
-            job.evaluate.tasks,
+            job.evaluate,
             on_progress,
             highlights.push if highlights else None,
         )

@@ -67,10 +67,9 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     seconds = 0.0
     for job, n, px in zip(jobs, frames, pixels, strict=True):
         seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        sensors, tasks = job.simulate, job.evaluate.tasks.values()
-        for width in sensors.widths:
+        for width in job.simulate.widths:
             one_s = n * width**2 * 1e-9 * _SIMULATE_NS_PER_PX
-            one_s += sum(task.score_s(width) for task in tasks)
+            one_s += sum(task.score_s(width) for task in job.evaluate.values())
             seconds += _settings(job) * one_s
     disk = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
     return WorkEstimate(len(jobs), sum(frames), disk, seconds / cores)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor import SensorModel
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import NO_TASKS, Evaluate, methods_of
+from tasks.evaluation.settings import Stretches, TaskSettings
 from tasks.methods import code_of
 from tasks.registry import TASKS
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
@@ -27,27 +26,25 @@ class Job:
     """A stretch of a scene's path, the sensors that see it, and the tasks that use their events.
 
     A job is the unit of work: one process renders, simulates and scores it, and a run keeps its
-    rows under its `key`.
+    rows under its `key`. `evaluate` has only the tasks that the job scores.
     """
 
     scene: Scene
     clip: Clip
     render: Render
     simulate: Simulate
-    evaluate: Evaluate
+    evaluate: Mapping[str, TaskSettings]
 
     @property
     def key(self) -> str:
         """Name of the job's rows: a digest of everything that determines them."""
-        methods = {task: names for task, names in methods_of(self.evaluate).items() if names}
+        methods = chain.from_iterable(task.methods for task in self.evaluate.values())
         return digest(
             {
                 **self._stretch,
                 "simulate": self.simulate,
-                "evaluate": {
-                    task: getattr(self.evaluate, task) for task in methods if methods[task]
-                },
-                "methods": code_of(chain.from_iterable(methods.values())),
+                "evaluate": self.evaluate,
+                "methods": code_of(methods),
                 "versions": STAGE_VERSIONS,
             }
         )
@@ -126,58 +123,47 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         The study asks for more samples than the path has, a stretch is longer than the path, or no
         method suits the scene.
     """
-    found = [*_samples(study, scene), *_fast_samples(study, scene), *_video(study, scene)]
-    if not found:
+    planned = _planned(study, scene)
+    if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
+    return [
+        job
+        for stretches in sorted(planned)
+        for job in _jobs_on(stretches, planned[stretches], study, scene)
+    ]
+
+
+def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettings]]:
+    """Return the tasks of a scene by the stretches that they share."""
+    found: dict[Stretches, dict[str, TaskSettings]] = {}
+    for task, settings in study.evaluate.items():
+        for stretches, planned in settings.plan().items():
+            if not planned.methods or scene.name not in (stretches.scenes or [scene.name]):
+                continue
+            if TASKS[task].planar_only and scene.plane is None:
+                _log.info("%s is not planar; %s is skipped on it", scene.name, TASKS[task].title)
+                continue
+            found.setdefault(stretches._replace(scenes=()), {})[task] = planned
     return found
 
 
-def _samples(study: Study, scene: Scene) -> Iterator[Job]:
-    """Yield the usual jobs: a clip around each sample."""
-    evaluate = replace(
-        study.evaluate,
-        flow=replace(study.evaluate.flow, fast_methods=()),
-        video=NO_TASKS.video,
-    )
-    for task, settings in evaluate.tasks.items():
-        if settings.methods and TASKS[task].planar_only and scene.plane is None:
-            _log.info("%s is not planar; %s is skipped on it", scene.name, TASKS[task].title)
-            evaluate = replace(evaluate, **{task: getattr(NO_TASKS, task)})
-    if not any(methods_of(evaluate).values()):
-        return
-    for clip in _spread_clips(study, scene, study.simulate):
-        yield Job(scene, clip, study.render, study.simulate, evaluate)
+def _jobs_on(
+    stretches: Stretches, tasks: Mapping[str, TaskSettings], study: Study, scene: Scene
+) -> Iterator[Job]:
+    """Yield the jobs on some stretches; the warm-up is longer at a higher speed."""
+    simulate = replace(study.simulate, speeds=stretches.speeds or study.simulate.speeds)
+    if stretches.continuous_s:
+        run_in_s, duration_s = stretches.continuous_s
+        found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
+    else:
+        found = _spread_clips(study.render, scene, simulate.warmup_s)
+    for clip in found:
+        yield Job(scene, clip, study.render, simulate, tasks)
 
 
-def _fast_samples(study: Study, scene: Scene) -> Iterator[Job]:
-    """Yield the same samples at the much higher speed, with a longer warm-up."""
-    flow = study.evaluate.flow
-    if not flow.fast_methods or scene.name not in (flow.fast_scenes or [scene.name]):
-        return
-    simulate = replace(study.simulate, speeds=(flow.fast_speed,))
-    evaluate = replace(NO_TASKS, flow=replace(flow, methods=flow.fast_methods, fast_methods=()))
-    for clip in _spread_clips(study, scene, simulate):
-        yield Job(scene, clip, study.render, simulate, evaluate)
-
-
-def _video(study: Study, scene: Scene) -> Iterator[Job]:
-    """Yield one continuous stretch from the start of the path."""
-    video = study.evaluate.video
-    if not video.methods or scene.name not in (video.scenes or [scene.name]):
-        return
-    clip = replace(continuous_stretch(scene, video.duration_s), t_window_start_s=video.run_in_s)
-    yield Job(scene, clip, study.render, study.simulate, replace(NO_TASKS, video=video))
-
-
-def _spread_clips(study: Study, scene: Scene, simulate: Simulate) -> list[Clip]:
+def _spread_clips(render: Render, scene: Scene, warmup_s: float) -> list[Clip]:
     """Return the study's samples, spread evenly over the path; all that fit if it says None."""
-    render = study.render
-    fitting = clips(
-        scene,
-        every_s=render.every_s,
-        window_s=render.window_s,
-        warmup_s=simulate.warmup_s,
-    )
+    fitting = clips(scene, every_s=render.every_s, window_s=render.window_s, warmup_s=warmup_s)
     count = len(fitting) if render.samples is None else render.samples
     if not 1 <= count <= len(fitting):
         raise StudyError(
@@ -191,8 +177,8 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     """Return small jobs that try every method of the user's own that is new to a run once.
 
     A method is tried on the first clip that suits it, with the smallest sensor and one sample. The
-    frames are those of a job to do, except for video: only the stretch up to its first image is
-    rendered.
+    frames are those of a job to do, except on a continuous stretch: only as much as a sample's
+    window is rendered.
 
     Parameters
     ----------
@@ -219,20 +205,17 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
 
 def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
     """Return task and name of each of the user's own methods, once."""
-    named = (item for job in jobs for item in methods_of(job.evaluate).items())
-    return list(dict.fromkeys((task, one) for task, names in named for one in names if ":" in one))
+    tasks = (item for job in jobs for item in job.evaluate.items())
+    return list(dict.fromkeys((name, m) for name, task in tasks for m in task.methods if ":" in m))
 
 
 def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
     sensors, clip = study.simulate, job.clip
-    if job.evaluate.video.methods:
-        end_s = min(clip.t_start_s + study.evaluate.video.every_s, clip.t_window_end_s)
+    if clip.t_window_end_s > clip.t_window_start_s + study.render.window_s:  # continuous
+        end_s = clip.t_start_s + study.render.window_s
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
     window_s = clip.t_window_end_s - clip.t_window_start_s
-    trials: dict[str, Any] = {
-        task: settings.trial(tuple(name for at, name in methods if at == task), window_s)
-        for task, settings in study.evaluate.tasks.items()
-    }
+    names = {task: tuple(name for at, name in methods if at == task) for task, _ in methods}
     return replace(
         job,
         clip=clip,
@@ -243,5 +226,7 @@ def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
             contrast_thresholds=sensors.contrast_thresholds[:1],
             speeds=sensors.speeds[:1],
         ),
-        evaluate=Evaluate(**trials),
+        evaluate={
+            task: study.evaluate[task].trial(of_task, window_s) for task, of_task in names.items()
+        },
     )

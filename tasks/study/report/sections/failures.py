@@ -10,7 +10,7 @@ from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, width_keys
 from tasks.study.report.table import Table, Text, cutoff_text, width_texts
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import TRACKING, ideal_success, judged_series, sigma_mm, sweep
 from tasks.study.results.scores import Condition, Scores, base_speed
 from tasks.study.results.words import MISSING, share_text
@@ -64,7 +64,7 @@ def _sweep(scores: Scores, found: list[Series]) -> Sweep:
 
 
 def _table(scores: Scores, found: list[Series], scene: str) -> Table:
-    metric, widths = METRICS[found[0].metric], scores.widths(found[0])
+    metric, widths = TASKS[found[0].task].metric, scores.widths(found[0])
 
     def text(series: Series, width: int, cutoff_hz: float) -> Text:
         where = Condition(scene, width, cutoff_hz, base_speed(scores, series))

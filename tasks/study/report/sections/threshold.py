@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Line, Panel, Plot, width_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
 from tasks.study.report.table import Cell, Rows, Table, Text, cutoff_text
 from tasks.study.results.choice import choose
-from tasks.study.results.metrics import METRICS, Series
+from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.scores import Condition, Scores, base_speed, beats
 from tasks.study.results.words import MISSING, rate_label, share_text
@@ -53,7 +54,8 @@ def compare_thresholds(found: Sequence[Scores], series: Series) -> list[SceneThr
 
 
 def _scene(ascending: list[Scores], first: Scores, series: Series, scene: str) -> SceneThresholds:
-    metric, speed, widths = METRICS[series.metric], base_speed(first, series), first.widths(series)
+    metric = TASKS[series.task].metric
+    speed, widths = base_speed(first, series), first.widths(series)
     panels: list[Panel] = []
     choices: dict[Text, list[Cell]] = {}
     blocks: dict[Text, Rows] = {}
@@ -91,4 +93,4 @@ def _score(scores: Scores, series: Series, where: Condition) -> Text:
     idle = beats(cell, scores.baseline(series, where), series) is False
     failed = f", {share_text(cell.failure_share)} fail" if cell.failed.any() else ""
     rate = f"{rate_label(cell.event_rate_hz)} M/s{failed}"
-    return Text(METRICS[series.metric].text(cell.median), rate, "struck" if idle else "")
+    return Text(TASKS[series.task].metric.text(cell.median), rate, "struck" if idle else "")

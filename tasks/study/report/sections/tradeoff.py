@@ -11,7 +11,7 @@ from tasks.study.report.plot import Key, Line, Panel, Plot, Point, plot, width_k
 from tasks.study.report.sections.bandwidth import Buses, buses
 from tasks.study.report.table import cutoff_text
 from tasks.study.results.intervals import estimate
-from tasks.study.results.metrics import METRICS, Series, method_label
+from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores
 from tasks.study.results.words import (
     cutoff_label,
@@ -77,7 +77,7 @@ def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence
     Plot
         Description for both drawers.
     """
-    metric = METRICS[series.metric]
+    metric = TASKS[series.task].metric
     heights = [y for one in panels for line in one.lines for _, y in line.places]
     heights += [y for one in panels for y in one.references]
     better = "" if metric.higher_is_better else ", less is better"
@@ -99,10 +99,10 @@ def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Pane
         lines.append(Line([p for at in where if (p := score_point(scores, series, at))]))
         idle = [scores.baseline(series, at).median for at in where]
         baselines |= {round(median, 3) for median in idle if median is not None}
-    texts = [METRICS[series.metric].text(score) for score in sorted(baselines)]
+    texts = [TASKS[series.task].metric.text(score) for score in sorted(baselines)]
     if len(texts) > 3:
         texts = [f"{texts[0]} to {texts[-1]}"]
-    label = f"{method_label(TASKS[series.task].baseline)} {', '.join(texts)}"
+    label = f"{TASKS[series.task].label(TASKS[series.task].baseline)} {', '.join(texts)}"
     return Panel(*cutoff_text(cutoff_hz)[:2], lines, sorted(baselines), label)
 
 
@@ -126,7 +126,7 @@ def score_point(scores: Scores, series: Series, where: Condition) -> Point | Non
     cell = scores.cell(series, where)
     if cell.median is None or not cell.event_rate_hz:
         return None
-    metric = METRICS[series.metric]
+    metric = TASKS[series.task].metric
     interval = estimate({where: cell}, lambda medians: medians[where])
     lines = [
         f"{where.width} px",
