@@ -66,6 +66,7 @@ WINGS = {
     "sensor.kernels": set(),
     "sensor.engine": {"sensor.kernels"},
     "sensor.formats": set(),
+    "sensor.representations": set(),
     "eres_render.storage": set(),
     "eres_render.trajectory": set(),
     "eres_render.textures": set(),
