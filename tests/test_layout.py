@@ -85,7 +85,8 @@ WINGS = {
     "tasks.numerics": set(),
     "tasks.methods": {"tasks.numerics"},
     "tasks.evaluation": {"tasks.methods"},
-    "tasks.events": {"tasks.evaluation"},
+    "tasks.footage": set(),
+    "tasks.events": {"tasks.evaluation", "tasks.footage"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},
     "tasks.study.report": {
