@@ -13,6 +13,7 @@ from sensor.errors import EventError
 from sensor.model import SensorModel
 
 _DTYPES = {"t_us": np.int64, "x": np.uint16, "y": np.uint16, "p": np.int8}
+_STRUCTURED = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.bool_)])
 
 
 class Columns(NamedTuple):
@@ -175,6 +176,64 @@ class Events:
         """Return a copy of the events."""
         t_us, x, y, p = self.columns
         return Events.trusted(t_us.copy(), x.copy(), y.copy(), p.copy(), like=self)
+
+    @classmethod
+    def from_structured(
+        cls, array: NDArray[np.void], width: int, height: int, model: SensorModel | None = None
+    ) -> Events:
+        """Make events from a structured array, such as those of tonic.
+
+        Parameters
+        ----------
+        array
+            (N,) with the fields x, y, t (whole microseconds) and p (positive for brighter), sorted
+            by t.
+        width, height
+            Size of the sensor, px.
+        model
+            The sensor that fired the events, if known.
+
+        Returns
+        -------
+        Events
+
+        Raises
+        ------
+        EventError
+            A field is missing, or its values are out of range or order.
+        """
+        if not {"x", "y", "t", "p"} <= set(array.dtype.names or ()):
+            raise EventError(
+                f"Events.from_structured: found fields {array.dtype.names}, expected x, y, t and p"
+            )
+        if array["t"].dtype.kind not in "iu":
+            raise EventError(
+                f"Events.from_structured: found t of {array['t'].dtype}, expected integers, us"
+            )
+        for name in ("x", "y"):
+            if len(array) and not 0 <= array[name].min() <= array[name].max() < 2**16:
+                found = f"{array[name].min()} to {array[name].max()}"
+                raise EventError(f"Events.from_structured: found {name} = {found}, expected pixels")
+        x, y = (array[name].astype(np.uint16) for name in ("x", "y"))
+        p = np.where(array["p"] > 0, 1, -1).astype(np.int8)
+        return cls(array["t"].astype(np.int64), x, y, p, width, height, model)
+
+    def to_structured(self) -> NDArray[np.void]:
+        """Return an (N,) structured array with tonic's fields: x and y int16, t int64 us, p bool.
+
+        Raises
+        ------
+        EventError
+            The sensor is too large for int16.
+        """
+        if max(self.width, self.height) > 2**15:
+            raise EventError(
+                f"Events.to_structured: found {self.width}x{self.height} px, expected at most "
+                f"{2**15} px, which int16 holds"
+            )
+        array = np.empty(len(self), _STRUCTURED)
+        array["x"], array["y"], array["t"], array["p"] = self.x, self.y, self.t_us, self.p > 0
+        return array
 
     def polarity_sum(self) -> NDArray[np.int64]:
         """Return the sum of polarities per pixel, (height, width) int64: Delta L / C of Eq. (8)."""

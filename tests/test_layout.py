@@ -66,6 +66,7 @@ WINGS = {
     "sensor.kernels": set(),
     "sensor.engine": {"sensor.kernels"},
     "sensor.formats": set(),
+    "sensor.representations": set(),
     "eres_render.storage": set(),
     "eres_render.trajectory": set(),
     "eres_render.textures": set(),
@@ -84,7 +85,8 @@ WINGS = {
     "tasks.numerics": set(),
     "tasks.methods": {"tasks.numerics"},
     "tasks.evaluation": {"tasks.methods"},
-    "tasks.events": {"tasks.evaluation"},
+    "tasks.footage": set(),
+    "tasks.events": {"tasks.evaluation", "tasks.footage"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},
     "tasks.study.report": {

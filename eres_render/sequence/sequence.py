@@ -88,6 +88,16 @@ class RadianceSequence:
         return self.manifest.white_level
 
     @property
+    def width(self) -> int:
+        """Width of the frames, px."""
+        return self.manifest.width
+
+    @property
+    def height(self) -> int:
+        """Height of the frames, px."""
+        return self.manifest.height
+
+    @property
     def camera(self) -> Camera:
         """The camera that took the frames."""
         return self.manifest.camera

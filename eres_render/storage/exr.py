@@ -104,6 +104,22 @@ def read_luminance(path: Path, *, intact: bool = False) -> NDArray[np.float32]:
         return np.asarray(file.channels()["Y"].pixels, dtype=np.float32)
 
 
+def read_channels(path: Path) -> dict[str, NDArray[np.float32]]:
+    """Read all channels of an image.
+
+    Returns
+    -------
+    (H, W) float32 each, by name.
+
+    Raises
+    ------
+    RenderError
+        If the file is missing, truncated or not an image.
+    """
+    with _silence(), _open(path, expected="a whole image", separate=True) as file:
+        return {name: np.asarray(one.pixels, np.float32) for name, one in file.channels().items()}
+
+
 def read_attributes(path: Path) -> dict[str, str]:
     """Read the text attributes of an image's header.
 
@@ -157,13 +173,16 @@ def _silence() -> Iterator[None]:
 
 @contextmanager
 def _open(
-    path: Path, header_only: bool = False, expected: str = "an image with a channel Y"
+    path: Path,
+    header_only: bool = False,
+    expected: str = "an image with a channel Y",
+    separate: bool = False,
 ) -> Iterator[OpenEXR.File]:
     """Open an image; errors of the library become a RenderError that names the file."""
     if not path.is_file():
         raise RenderError(f"{path}: missing")
     try:
-        with OpenEXR.File(str(path), header_only=header_only) as file:
+        with OpenEXR.File(str(path), separate_channels=separate, header_only=header_only) as file:
             yield file
     except (RuntimeError, ValueError, KeyError, TypeError) as error:
         found = f"{path.stat().st_size} bytes that OpenEXR cannot read"

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.errors import TaskError
+from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_frames
 from tasks.events.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
+
+if TYPE_CHECKING:
+    from sensor import ReadoutReport
 
 
 def simulate(
-    path: Annotated[Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip")],
+    path: Annotated[
+        Positional[Path],
+        arg(metavar="FRAMES", help="folder of a rendered clip, video, or folder of images"),
+    ],
     out: Path,
     sensor: str | None = None,
     resolution: int | None = None,
@@ -22,14 +32,16 @@ def simulate(
     format: str | None = None,
     truth: float | None = None,
     overwrite: bool = False,
+    footage: OmitArgPrefixes[FootageOptions] = NO_FOOTAGE,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
     bus: OmitArgPrefixes[BusOptions] = NO_BUS,
 ) -> None:
-    """Simulate a sensor on a rendered sequence, and write its events to a file.
+    """Simulate a sensor on frames, and write its events to a file.
 
-    The dark level is a thousandth of the sequence's white. If the sensor's shape differs from the
-    frames', the sensor sees their center. The file includes the events of the warm-up and, if its
-    format can, the start and end of the window, the sensor and the seed.
+    The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. The dark
+    level is a thousandth of their white. If the sensor's shape differs from the frames', the sensor
+    sees their center. The file includes the events of a clip's warm-up and, if its format can, the
+    start and end of its window, the sensor and the seed.
 
     Parameters
     ----------
@@ -38,11 +50,12 @@ def simulate(
     sensor
         Name of a camera (`eres sensors` lists them), instead of a resolution.
     resolution
-        Width of the sensor, px, instead of a camera.
+        Width of the sensor, px, instead of a camera. Footage needs neither: the sensor then has its
+        size.
     threshold
         Contrast threshold, log units; 0.2 by default.
     speed
-        Factor by which the scene moves faster than it was rendered.
+        Factor by which the scene moves faster than in the frames.
     seed
         Seed of everything random in the sensor.
     format
@@ -52,27 +65,35 @@ def simulate(
     overwrite
         Replace an existing file.
     """
-    from eres_render import open_sequence
     from tasks.cli.progress_bar import progress_bar
+    from tasks.events.footage_simulation import simulate_footage
     from tasks.events.simulation import sensor_for, simulate_sequence
+    from tasks.footage import Footage
 
-    sequence = open_sequence(path)
+    frames = open_frames(path, footage)
+    simulate_frames: Callable[..., tuple[int, ReadoutReport | None]]
+    if isinstance(frames, Footage):
+        if truth is not None:
+            raise TaskError(f"{path}: found footage, whose truth is unknown; leave out --truth")
+        if sensor is None and resolution is None:
+            resolution = frames.width
+        simulate_frames = partial(simulate_footage, frames, interpolate=footage.interpolate)
+    else:
+        simulate_frames = partial(simulate_sequence, frames, truth_step_s=truth)
     model = sensor_for(
-        sequence,
+        frames,
         sensor=sensor,
         resolution=resolution,
         contrast_threshold=threshold,
         pixel=pixel,
     )
     with progress_bar(terminal.err) as on_progress:
-        count, report = simulate_sequence(
-            sequence,
+        count, report = simulate_frames(
             model,
             out,
             speed=speed,
             seed=seed,
             readout=bus.readout(),
-            truth_step_s=truth,
             format=format,
             overwrite=overwrite,
             on_progress=on_progress,

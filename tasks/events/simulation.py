@@ -1,10 +1,11 @@
-"""Simulate a sensor on a sequence, and write its events."""
+"""Simulate a sensor on frames, and write its events."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +25,37 @@ from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.truth import truth_to_add
 
 
+class Frames(Protocol):
+    """Frames of linear radiance with their times: a `RadianceSequence`, or `Footage`."""
+
+    @property
+    def t_s(self) -> NDArray[np.float64]: ...
+    @property
+    def t_offset_us(self) -> int: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def white_level(self) -> float: ...
+    def __len__(self) -> int: ...
+    def __iter__(self) -> Iterator[NDArray[np.float32]]: ...
+
+
 def sensor_for(
-    sequence: RadianceSequence,
+    frames: Frames,
     *,
     sensor: str | None = None,
     resolution: int | None = None,
     contrast_threshold: float | None = None,
     pixel: PixelOptions = IDEAL_PIXEL,
 ) -> SensorModel:
-    """Choose a sensor for a sequence; its dark level is a thousandth of the sequence's white.
+    """Choose a sensor for frames; its dark level is a thousandth of their white.
 
     Parameters
     ----------
-    sequence
-        The sequence.
+    frames
+        The frames.
     sensor, resolution
         One of them: a preset's name, or a width in pixels; the height then follows the frames'.
     contrast_threshold
@@ -59,7 +77,6 @@ def sensor_for(
     if sensor is not None and resolution is None:
         model = find_sensor(sensor).model
     elif sensor is None and resolution is not None:
-        frames = sequence.manifest
         height = max(1, round(resolution * frames.height / frames.width))
         model = SensorModel(width=resolution, height=height)
     else:
@@ -69,7 +86,7 @@ def sensor_for(
             "`eres sensors`, or --resolution WIDTH"
         )
     C = model.contrast_threshold if contrast_threshold is None else contrast_threshold
-    white = sequence.white_level
+    white = frames.white_level
     lit = replace(model, contrast_threshold=C, dark_level=DARK_FRACTION * white)
     return pixel.applied_to(lit, white)
 
@@ -129,45 +146,114 @@ def simulate_sequence(
     TaskError
         The speed is not positive, the file exists, or its format cannot hold ground truth.
     """
-    check_new(out, overwrite)
-    if not 0 < speed < np.inf:
-        raise TaskError(f"speed: found {speed}, expected a positive factor")
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)
-    manifest = sequence.manifest
-    offset_us = sequence.t_offset_us
-    window_us = [offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
-    origin: dict[str, Value] = {
-        "scene": manifest.scene,
-        "clip": manifest.clip,
-        "frames_width": manifest.width,
-        "frames_height": manifest.height,
-        "samples_per_pixel": manifest.spp,
-        "speed": float(speed),
-        "seed": seed,
-        "window_start_us": window_us[0],
-        "window_end_us": window_us[1],
-    }
-    rows, columns = crop_to_aspect(manifest.height, manifest.width, model.height, model.width)
-
-    def frames() -> Iterator[NDArray[np.float32]]:
-        for k, frame in enumerate(sequence, start=1):
-            yield frame[rows, columns]
-            on_progress("simulating", k, len(sequence))
-
-    parts: Iterable[Events] = stream(frames(), sequence.t_s / speed, model, seed=seed)
-    leaving = None
-    if readout is not None:
-        origin |= {f"readout_{name}": value for name, value in asdict(readout).items()}
-        parts = leaving = read_out(parts, readout)
-    if offset_us:
-        parts = _later(parts, offset_us)
     add = None
     if truth_step_s is not None:
         if find_format(out, format, new=True).name != "dsec":
             raise TaskError(f"{out}: only DSEC's format (.h5) can store truth")
         add = truth_to_add(sequence, model, speed, truth_step_s)
-    count = write_events(out, parts, format=format, origin=origin, t_offset_us=offset_us, add=add)
+    manifest = sequence.manifest
+    window_us = [sequence.t_offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
+    origin: dict[str, Value] = {
+        "scene": manifest.scene,
+        "clip": manifest.clip,
+        "samples_per_pixel": manifest.spp,
+        "window_start_us": window_us[0],
+        "window_end_us": window_us[1],
+    }
+    return simulate_frames(
+        sequence,
+        model,
+        out,
+        origin=origin,
+        speed=speed,
+        seed=seed,
+        readout=readout,
+        format=format,
+        overwrite=overwrite,
+        add=add,
+        on_progress=on_progress,
+    )
+
+
+def simulate_frames(
+    frames: Frames,
+    model: SensorModel,
+    out: Path,
+    *,
+    origin: Mapping[str, Value],
+    speed: float = 1.0,
+    seed: int = 0,
+    readout: Readout | None = None,
+    format: str | None = None,
+    overwrite: bool = False,
+    add: Callable[[Path], object] | None = None,
+    on_progress: Progress = silent,
+) -> tuple[int, ReadoutReport | None]:
+    """Write the events that a sensor fires on frames.
+
+    If the sensor's shape differs from the frames', the sensor sees their center, so that its pixels
+    are square.
+
+    Parameters
+    ----------
+    frames
+        The frames.
+    model
+        The sensor.
+    out
+        The file.
+    origin
+        Where the frames come from, for the file.
+    speed
+        Factor by which the scene moves faster than in the frames: their times are divided by it.
+    seed
+        Seed of everything random in the sensor.
+    readout
+        The bus on which the events leave; None if all leave when they fire.
+    format, add
+        As for `write_events`.
+    overwrite
+        Whether to replace an existing file.
+    on_progress
+        Called after each frame.
+
+    Returns
+    -------
+    The number of events, and the report of the bus, None without one.
+
+    Raises
+    ------
+    TaskError
+        The speed is not positive, or the file exists.
+    """
+    check_new(out, overwrite)
+    if not 0 < speed < np.inf:
+        raise TaskError(f"speed: found {speed}, expected a positive factor")
+    facts = {
+        **origin,
+        "frames_width": frames.width,
+        "frames_height": frames.height,
+        "speed": float(speed),
+        "seed": seed,
+    }
+    rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
+
+    def seen() -> Iterator[NDArray[np.float32]]:
+        for k, frame in enumerate(frames, start=1):
+            yield frame[rows, columns]
+            on_progress("simulating", k, len(frames))
+
+    parts: Iterable[Events] = stream(seen(), frames.t_s / speed, model, seed=seed)
+    leaving = None
+    if readout is not None:
+        facts |= {f"readout_{name}": value for name, value in asdict(readout).items()}
+        parts = leaving = read_out(parts, readout)
+    offset_us = frames.t_offset_us
+    if offset_us:
+        parts = _later(parts, offset_us)
+    count = write_events(out, parts, format=format, origin=facts, t_offset_us=offset_us, add=add)
     return count, leaving.report if leaving is not None else None
 
 

@@ -1,0 +1,57 @@
+"""Measure the representations: ns of CPU an event, and the share of the empty array.
+
+    python benchmarks/bench_representations.py [--size 1280] [--events 2] [--runs 5]
+
+The events come from a moving texture with edges (as in bench_formats.py) and fill one window. A
+representation writes its whole array, whatever the number of events: "array" says how long that
+takes alone, in ms. The representations take turns; the fastest run counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from bench_formats import stream_of
+
+from sensor.events import Events, concatenate, no_events
+from sensor.representations import event_counts, time_surface, voxel_grid
+
+REPRESENTATIONS = {
+    "voxel grid, 5 bins": lambda events: voxel_grid(events, 5, normalize=False),
+    "voxel grid, 5 bins, normalized": lambda events: voxel_grid(events, 5),
+    "voxel grid, 15 bins, E-RAFT": lambda events: voxel_grid(events, 15, convention="eraft"),
+    "voxel grid, 15 bins, between pixels": lambda events: voxel_grid(
+        events, 15, convention="eraft", positions=np.stack([events.x + 0.3, events.y + 0.7], 1)
+    ),
+    "polarity sum": Events.polarity_sum,
+    "counts": event_counts,
+    "time surface": lambda events: time_surface(events, 1e4),
+}
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--size", type=int, default=1280, help="side of the sensor, px")
+    parser.add_argument("--events", type=float, default=2.0, help="million events in the window")
+    parser.add_argument("--runs", type=int, default=5, help="runs, of which the fastest counts")
+    arguments = parser.parse_args()
+    events = concatenate(stream_of(round(1e6 * arguments.events), arguments.size))
+    inputs = {"all": events, "none": no_events(arguments.size, arguments.size, None)}
+    least = {(name, which): np.inf for name in REPRESENTATIONS for which in inputs}
+    for _ in range(arguments.runs + 1):
+        for name, which in least:
+            start = time.process_time()
+            REPRESENTATIONS[name](inputs[which])
+            least[name, which] = min(least[name, which], time.process_time() - start)
+    print(f"{arguments.size} px, {len(events)} events")
+    print(f"{'':36s} ns/event  array, ms")
+    for name in REPRESENTATIONS:
+        whole, array = 1e9 * least[name, "all"] / len(events), 1e3 * least[name, "none"]
+        print(f"{name:36s} {whole:8.1f} {array:10.1f}")
+
+
+if __name__ == "__main__":
+    main()

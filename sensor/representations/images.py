@@ -1,0 +1,80 @@
+"""One number per pixel and polarity: how many events, and how long ago the last one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.compiling import compiler
+from sensor.errors import EventError
+from sensor.events import Columns, Events
+
+jit = compiler(Path(__file__).parent)
+
+
+def event_counts(events: Events) -> NDArray[np.int32]:
+    """Count the events of each pixel.
+
+    Returns
+    -------
+    counts
+        (2, height, width) int32: OFF events, ON events. For their signed sum, see
+        `Events.polarity_sum`.
+    """
+    counts = np.zeros((2, events.height, events.width), np.int32)
+    _count(events.columns, counts)
+    return counts
+
+
+@jit
+def _count(events: Columns, counts: NDArray[np.int32]) -> None:
+    for k in range(events.x.size):
+        counts[np.int64(events.p[k] > 0), events.y[k], events.x[k]] += 1
+
+
+def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDArray[np.float32]:
+    """Return an exponentially decaying time surface.
+
+    Parameters
+    ----------
+    events
+        Events up to `t_us`.
+    tau_us
+        Time constant of the decay, microseconds.
+    t_us
+        Time of the surface, microseconds; that of the last event by default.
+
+    Returns
+    -------
+    surface
+        (2, height, width) float32 in [0, 1]: exp(-(t_us - t) / tau_us) with the time t of a pixel's
+        last OFF event and last ON event; 0 where there is none. HATS (CVPR 2018), Eq. (2).
+
+    Raises
+    ------
+    EventError
+        An event is later than `t_us`, or `tau_us` is not positive.
+    """
+    if not tau_us > 0:
+        raise EventError(f"time_surface: found tau_us = {tau_us}, expected a positive number")
+    latest_us = int(events.t_us[-1]) if len(events) else 0
+    if t_us is None:
+        t_us = latest_us
+    elif len(events) and latest_us > t_us:
+        raise EventError(
+            f"time_surface: found an event at {latest_us} us, expected none after t_us = {t_us}; "
+            "`Events.between` selects a window"
+        )
+    surface = np.zeros((2, events.height, events.width), np.float32)
+    _decay(events.columns, t_us, tau_us, surface)
+    return surface
+
+
+@jit
+def _decay(events: Columns, t_us: int, tau_us: float, surface: NDArray[np.float32]) -> None:
+    rate = 1 / tau_us
+    for k in range(events.x.size):
+        age_us = np.float64(t_us - events.t_us[k])
+        surface[np.int64(events.p[k] > 0), events.y[k], events.x[k]] = np.exp(-rate * age_us)

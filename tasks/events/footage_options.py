@@ -1,0 +1,76 @@
+"""Options of `eres simulate` for videos and folders of images."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tasks.errors import TaskError
+
+if TYPE_CHECKING:
+    from eres_render import RadianceSequence
+    from tasks.footage import Footage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FootageOptions:
+    """Videos, and folders of images.
+
+    Parameters
+    ----------
+    fps
+        Frames per second; folders need it unless they have a timestamps.txt with one time a line.
+        For a video, instead of its own times, such as 960 for slow motion that plays at 30.
+    time_unit
+        Unit of timestamps.txt: s, ms, us or ns; needed unless its first line is such as
+        "# unit: us".
+    encoding
+        Transfer function of the stored numbers: srgb, rec709, linear, or gamma:2.2. By default
+        rec709 for videos, linear for floats, else srgb.
+    interpolate
+        Insert motion-compensated frames: into how many intervals to divide each, or auto, which
+        leaves half a pixel of motion from frame to frame.
+    """
+
+    fps: float | None = None
+    time_unit: str | None = None
+    encoding: str | None = None
+    interpolate: str | None = None
+
+
+NO_FOOTAGE = FootageOptions()
+
+
+def open_frames(path: Path, footage: FootageOptions) -> RadianceSequence | Footage:
+    """Open what a sensor can be simulated on.
+
+    Parameters
+    ----------
+    path
+        Folder of a rendered clip, recognized by its manifest, a video, or a folder of images.
+    footage
+        Options for the latter two.
+
+    Returns
+    -------
+    RadianceSequence or Footage
+
+    Raises
+    ------
+    TaskError, SequenceError
+        Nothing there can be opened, or a rendered clip has options of footage.
+    """
+    from eres_render import open_sequence
+    from tasks.footage import open_footage
+
+    if not (any(path.glob("manifest.json")) or any(path.glob("*/manifest.json"))):
+        return open_footage(
+            path, fps=footage.fps, time_unit=footage.time_unit, encoding=footage.encoding
+        )
+    if footage != NO_FOOTAGE:
+        raise TaskError(
+            f"{path}: found a rendered sequence, expected fps, time-unit, encoding and interpolate "
+            "only with a video or a folder of images"
+        )
+    return open_sequence(path)

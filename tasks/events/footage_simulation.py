@@ -1,0 +1,122 @@
+"""Simulate a sensor on footage, and write its events."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.progress import Progress, silent
+from sensor import Readout, ReadoutReport, SensorModel
+from sensor.formats.header import Value
+from sensor.optics import crop_to_aspect
+from tasks.errors import TaskError
+from tasks.events.overwriting import check_new
+from tasks.events.simulation import simulate_frames
+from tasks.footage import Footage
+from tasks.footage.interpolation import interpolated, steps_for
+from tasks.footage.motion import displacements_px
+
+_log = logging.getLogger(__name__)
+
+_FAR_PX = 1.0
+# Motion from frame to frame, px, and the least and largest share of events that is lost on the
+# rendered scenes; see docs/footage.md.
+_LOST = np.array([[1, 0.09, 0.15], [2, 0.26, 0.40], [4, 0.46, 0.62], [8, 0.65, 0.80]])
+
+
+def simulate_footage(
+    footage: Footage,
+    model: SensorModel,
+    out: Path,
+    *,
+    interpolate: str | None = None,
+    speed: float = 1.0,
+    seed: int = 0,
+    readout: Readout | None = None,
+    format: str | None = None,
+    overwrite: bool = False,
+    on_progress: Progress = silent,
+) -> tuple[int, ReadoutReport | None]:
+    """Write the events that a sensor fires on footage.
+
+    The log says which encoding is assumed, and how far things move from frame to frame. A warning
+    says about how many events are lost where that is more than a pixel of the sensor.
+
+    Parameters
+    ----------
+    footage
+        The footage.
+    model
+        The sensor.
+    out
+        The file.
+    interpolate
+        Number of intervals into which each interval between frames is divided by
+        motion-compensated frames, or "auto": as many as it takes to have half a pixel of motion.
+    speed, seed, readout, format, overwrite, on_progress
+        As for `simulate_frames`.
+
+    Returns
+    -------
+    The number of events, and the report of the bus, None without one.
+
+    Raises
+    ------
+    TaskError
+        `interpolate` is neither a positive number nor "auto", or as for `simulate_frames`.
+    """
+    check_new(out, overwrite)
+    steps = _parsed(interpolate)
+    _log.info(
+        "%s: %d frames of %dx%d px in %.4g s, encoding %s",
+        *(footage.path, len(footage), footage.width, footage.height),
+        *(footage.t_s[-1] - footage.t_s[0], footage.encoding),
+    )
+    _, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)
+    sensor_px = model.width / (columns.stop - columns.start)
+    motion_px = sensor_px * displacements_px(footage, on_progress)
+    if steps is None:
+        _warn_if_far(motion_px)
+    else:
+        divided = steps_for(motion_px) if steps == 0 else [steps] * len(motion_px)
+        footage = interpolated(footage, divided)
+        _log.info("%d frames with those in between", len(footage))
+    origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
+    if interpolate is not None:
+        origin["interpolate"] = interpolate
+    return simulate_frames(
+        footage,
+        model,
+        out,
+        origin=origin,
+        speed=speed,
+        seed=seed,
+        readout=readout,
+        format=format,
+        overwrite=overwrite,
+        on_progress=on_progress,
+    )
+
+
+def _parsed(interpolate: str | None) -> int | None:
+    """Return the number of intervals, 0 for as many as it takes, None for no interpolation."""
+    if interpolate is None or interpolate == "auto":
+        return None if interpolate is None else 0
+    if not interpolate.isdecimal() or int(interpolate) < 1:
+        raise TaskError(f"interpolate: found {interpolate!r}, expected auto, or 1 or more")
+    return int(interpolate)
+
+
+def _warn_if_far(motion_px: NDArray[np.float64]) -> None:
+    far_px = float(np.median(motion_px))
+    if far_px <= _FAR_PX:
+        return
+    least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
+    _log.warning(
+        "things move by %.2g px of the sensor from frame to frame: about %.0f to %.0f %% of the "
+        "events are lost in between; --interpolate auto brings most of them back",
+        *(far_px, least, most),
+    )

@@ -1,0 +1,132 @@
+"""`Footage`: frames of linear radiance from a video or a folder of images."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.engine.bank import white_level
+from tasks.errors import TaskError
+from tasks.footage import images, video
+from tasks.footage.luminance import Luminance
+
+Float32 = NDArray[np.float32]
+Coded = NDArray[np.generic]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Footage:
+    """Frames of linear radiance with their times.
+
+    Iterating reads the frames in order, (H, W) float32 each; only one is in memory.
+
+    Parameters
+    ----------
+    path
+        The video, or the folder.
+    t_s
+        (T,) times of the frames, seconds, increasing.
+    t_offset_us
+        Time 0 on the clock of the footage, microseconds; the first frame comes less than 1 us
+        later.
+    height, width
+        Size of the frames, px.
+    encoding
+        Transfer function of the stored numbers, see `sensor.to_linear`.
+    white_level
+        Radiance of white: 1 for encoded numbers, else the 99.9th percentile of the first frame.
+    frames
+        Starts reading: returns an iterator of (H, W) float32.
+    """
+
+    path: Path
+    t_s: NDArray[np.float64]
+    t_offset_us: int
+    height: int
+    width: int
+    encoding: str
+    white_level: float
+    frames: Callable[[], Iterator[Float32]]
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def __iter__(self) -> Iterator[Float32]:
+        return self.frames()
+
+
+def open_footage(
+    path: str | Path,
+    *,
+    fps: float | None = None,
+    time_unit: str | None = None,
+    encoding: str | None = None,
+) -> Footage:
+    """Open a video, or a folder of images.
+
+    Parameters
+    ----------
+    path
+        A video that FFmpeg reads, or a folder of PNG, JPEG, TIFF or OpenEXR images, in the order of
+        the numbers in their names.
+    fps
+        Frames per second. A folder needs it unless it has a timestamps.txt; a video then plays at
+        this rate instead of its own times, as slow-motion footage should.
+    time_unit
+        Unit of timestamps.txt, "s", "ms", "us" or "ns", unless the file states it in a first line
+        such as "# unit: us".
+    encoding
+        Transfer function of the stored numbers, see `sensor.to_linear`; by default "rec709" for
+        videos, "linear" for floats, else "srgb".
+
+    Returns
+    -------
+    Footage
+        Colors become luminance (ITU-R BT.709) after they are made linear.
+
+    Raises
+    ------
+    TaskError
+        The footage cannot be read, its frames differ in size, or its times are unknown or do not
+        fit. Frames are checked when they are read.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise TaskError(f"{path}: found neither a video nor a folder of images under this name")
+    if fps is not None and not 0 < fps < math.inf:
+        raise TaskError(f"fps: found {fps}, expected a positive number of frames per second")
+    coded: Callable[[], Iterator[Coded]]
+    if path.is_dir():
+        files = images.list_images(path)
+        t_ns = images.times_ns(path, files, fps, time_unit)
+        coded = partial(images.read_images, files)
+    else:
+        if time_unit is not None:
+            raise TaskError(f"{path}: found time-unit, expected it only with timestamps.txt")
+        t_ns = video.times_ns(path, fps)
+        coded = partial(video.read_frames, path, len(t_ns))
+    first = next(coded())
+    floats = first.dtype.kind == "f"
+    if encoding is None:
+        encoding = "linear" if floats else "srgb" if path.is_dir() else "rec709"
+    elif floats and encoding != "linear":
+        raise TaskError(f"{path}: found floats with encoding {encoding}, expected linear")
+    luminance = Luminance(encoding)
+    light = luminance(first)
+    offset_us = t_ns[0] // 1000
+    return Footage(
+        path=path,
+        t_s=1e-9 * np.array([t - 1000 * offset_us for t in t_ns]),
+        t_offset_us=offset_us,
+        height=light.shape[0],
+        width=light.shape[1],
+        encoding=encoding,
+        white_level=white_level(light) if floats else 1.0,
+        frames=lambda: map(luminance, coded()),
+    )

@@ -1,0 +1,198 @@
+"""Folders of images: their order, their times, their numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.storage.exr import read_channels
+from tasks.errors import TaskError
+
+NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+_TIMES = "timestamps.txt"
+_KINDS = {
+    ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
+}  # fmt: skip
+# A decoder returns what it can of a file that was cut off; the end tells.
+_ENDS = {"png": b"IEND", "jpeg": b"\xff\xd9"}
+_END_BYTES = 1 << 12
+
+
+def list_images(folder: Path) -> list[Path]:
+    """Return the images of a folder, in the order of the numbers in their names.
+
+    Raises
+    ------
+    TaskError
+        There are fewer than two, or of several kinds.
+    """
+    files = [file for file in folder.iterdir() if file.suffix.lower() in _KINDS]
+    kinds = sorted({_KINDS[file.suffix.lower()] for file in files})
+    if len(kinds) > 1:
+        raise TaskError(f"{folder}: found images of kinds {' and '.join(kinds)}, expected one kind")
+    if len(files) < 2:
+        raise TaskError(
+            f"{folder}: found {len(files)} images, expected two or more of PNG, JPEG, TIFF or EXR"
+        )
+    return sorted(files, key=_natural)
+
+
+def _natural(file: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts 10 after 9."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in _parts(file)]
+
+
+def _parts(file: Path) -> list[str]:
+    return [part for part in re.split(r"(\d+)", file.stem) if part]
+
+
+def times_ns(
+    folder: Path, files: list[Path], fps: float | None, time_unit: str | None
+) -> list[int]:
+    """Return the times of the images of a folder.
+
+    Parameters
+    ----------
+    folder
+        The folder, which may have a timestamps.txt with one time a line.
+    files
+        Its images.
+    fps
+        Frames per second, instead of the file.
+    time_unit
+        Unit of the file, if its first line does not state it.
+
+    Returns
+    -------
+    Nanoseconds, increasing, one per image.
+
+    Raises
+    ------
+    TaskError
+        The times or their unit are unknown or given twice, times and images differ in number, or an
+        image is missing from an evenly timed folder.
+    """
+    file = folder / _TIMES
+    if fps is None and not file.exists():
+        raise TaskError(f"{folder}: found no {_TIMES}, expected one, or --fps, such as --fps 240")
+    if fps is not None:
+        if file.exists() or time_unit is not None:
+            found = _TIMES if file.exists() else "time-unit"
+            raise TaskError(f"{folder}: found both fps and {found}, expected one of them")
+        _check_complete(files)
+        return [round(k * 1e9 / fps) for k in range(len(files))]
+    times = _read_times(file, time_unit)
+    if len(times) != len(files):
+        raise TaskError(f"{file}: found {len(times)} times, expected {len(files)}, one per image")
+    return times
+
+
+def _check_complete(files: list[Path]) -> None:
+    """Refuse gaps in the numbering, where even times would be wrong from there on."""
+    numbers = [[int(part) for part in _parts(file) if part.isdigit()][-1:] for file in files]
+    counts = [number[0] for number in numbers if number]
+    if len(counts) < len(files):
+        return
+    steps = np.diff(counts)
+    wide = np.flatnonzero(steps > np.min(steps))
+    if wide.size:
+        before, after = files[wide[0]], files[wide[0] + 1]
+        raise TaskError(
+            f"{after.parent}: found {after.name} after {before.name}, expected the images between "
+            f"them too, or a {_TIMES}"
+        )
+
+
+def _read_times(file: Path, time_unit: str | None) -> list[int]:
+    try:
+        lines = file.read_text().splitlines()
+    except UnicodeDecodeError as error:
+        raise TaskError(
+            f"{file}: found bytes that are not text, expected one time a line"
+        ) from error
+    stated = re.fullmatch(r"#\s*unit\s*:\s*(\w+)\s*", lines[0]) if lines else None
+    unit = time_unit or (stated and stated[1])
+    if unit is None or unit not in NANOSECONDS:
+        found = "no unit" if unit is None else f"unit {unit!r}"
+        raise TaskError(
+            f"{file}: found {found}, expected --time-unit s, ms, us or ns, or a first line such as "
+            "'# unit: us'; common files differ, so none is assumed"
+        )
+    times: list[int] = []
+    for k, line in enumerate(lines, start=1):
+        text = line.partition("#")[0].strip()
+        if not text:
+            continue
+        try:
+            # Exact: a float of seconds since 1970 has steps of a quarter of a microsecond.
+            times.append(round(Decimal(text) * NANOSECONDS[unit]))
+        except (InvalidOperation, ValueError, OverflowError):
+            raise TaskError(f"{file}:{k}: found {text!r}, expected one time") from None
+        if times[1:] and times[-1] <= times[-2]:
+            raise TaskError(f"{file}:{k}: found {text}, expected a time after the one before it")
+    return times
+
+
+def read_images(files: list[Path]) -> Iterator[NDArray[np.generic]]:
+    """Read images one after another.
+
+    Yields
+    ------
+    (H, W), or (H, W, 3) red, green, blue; uint8, uint16 or float32.
+
+    Raises
+    ------
+    TaskError
+        An image is damaged, or its size differs from the first one's.
+    """
+    shape: tuple[int, ...] | None = None
+    for file in files:
+        image = _read(file)
+        shape = shape or image.shape[:2]
+        if image.shape[:2] != shape:
+            raise TaskError(
+                f"{file}: found {image.shape[1]}x{image.shape[0]} px, expected {shape[1]}x"
+                f"{shape[0]} px, as in {files[0].name}"
+            )
+        yield image
+
+
+def _read(file: Path) -> NDArray[np.generic]:
+    kind = _KINDS[file.suffix.lower()]
+    if kind == "exr":
+        return _checked(file, _read_exr(file))
+    data = file.read_bytes()
+    end = _ENDS.get(kind, b"")
+    image = None
+    if end in data[-_END_BYTES:]:
+        # Bits and colors as stored, without alpha, turned as a camera says.
+        image = cv2.imdecode(
+            np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
+        )
+    if image is None:
+        raise TaskError(f"{file}: found {len(data)} bytes that are no whole {kind.upper()} image")
+    if image.dtype not in (np.uint8, np.uint16, np.float32):
+        raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bit, or 32 bit floats")
+    return _checked(file, image if image.ndim == 2 else image[..., ::-1])
+
+
+def _read_exr(file: Path) -> NDArray[np.float32]:
+    channels = read_channels(file)
+    if "Y" in channels:
+        return channels["Y"]
+    missing = {"R", "G", "B"}.difference(channels)
+    if missing:
+        raise TaskError(f"{file}: found channels {', '.join(channels)}, expected Y, or R, G and B")
+    return np.stack([channels[name] for name in "RGB"], axis=2)
+
+
+def _checked(file: Path, image: NDArray[np.generic]) -> NDArray[np.generic]:
+    if image.dtype.kind == "f" and not (np.isfinite(image).all() and image.min() >= 0):
+        raise TaskError(f"{file}: found NaN, infinite or negative light, expected 0 or more")
+    return image

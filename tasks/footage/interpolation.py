@@ -1,0 +1,113 @@
+"""Motion-compensated frames between the frames of footage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.footage.footage import Footage
+from tasks.footage.motion import gray, optical_flow
+
+Float32 = NDArray[np.float32]
+
+
+def steps_for(displacements_px: NDArray[np.float64], most_px: float = 0.5) -> list[int]:
+    """Return how finely to divide intervals.
+
+    Parameters
+    ----------
+    displacements_px
+        (T - 1,) motion in each interval, px.
+    most_px
+        Largest motion per step, px.
+
+    Returns
+    -------
+    (T - 1,) steps.
+    """
+    return [max(1, math.ceil(shift / most_px)) for shift in displacements_px]
+
+
+def interpolated(footage: Footage, steps: Sequence[int]) -> Footage:
+    """Return footage with motion-compensated frames between its own.
+
+    Parameters
+    ----------
+    footage
+        The footage.
+    steps
+        (T - 1,) number of intervals into which each interval of the footage is divided.
+
+    Returns
+    -------
+    The footage with 1 + sum(steps) frames.
+    """
+    own = pairwise(footage.t_s)
+    inside = [a + (b - a) * np.arange(n) / n for (a, b), n in zip(own, steps, strict=True)]
+
+    def frames() -> Iterator[Float32]:
+        for (before, after), n in zip(pairwise(footage), steps, strict=True):
+            yield before
+            if n > 1:
+                between = _Between(before, after, footage.white_level)
+                yield from (between.at(k / n) for k in range(1, n))
+        yield after
+
+    return replace(footage, t_s=np.append(np.concatenate(inside), footage.t_s[-1]), frames=frames)
+
+
+class _Between:
+    """Frames between two frames: both are moved along the flow to the time in between and blended.
+
+    The flow at the time in between comes from those of both ends (Jiang et al., Super SloMo, CVPR
+    2018, Eq. 4). Where an end does not see what the other sees, its weight falls.
+    """
+
+    def __init__(self, before: Float32, after: Float32, white_level: float) -> None:
+        self.ends = before, after
+        first, second = (gray(one, white_level) for one in self.ends)
+        self.there = optical_flow(first, second)
+        self.back = optical_flow(second, first)
+        rows, columns = before.shape
+        self.grid = np.dstack(
+            np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
+        )
+        self.seen = (
+            _consistency(self.grid, self.there, self.back),
+            _consistency(self.grid, self.back, self.there),
+        )
+
+    def at(self, t: float) -> Float32:
+        """Return the frame at a time between 0 and 1."""
+        to_first = -(1 - t) * t * self.there + t * t * self.back
+        to_second = (1 - t) ** 2 * self.there - t * (1 - t) * self.back
+        total, weights = np.zeros((2, *self.ends[0].shape), np.float32)
+        for image, seen, shift, near in (
+            (self.ends[0], self.seen[0], to_first, 1 - t),
+            (self.ends[1], self.seen[1], to_second, t),
+        ):
+            at = self.grid + shift
+            weight = near * (_sample(seen, at, cv2.INTER_LINEAR) + 1e-3)
+            total += weight * _sample(image, at, cv2.INTER_LANCZOS4)
+            weights += weight
+        frame: Float32 = np.maximum(total / weights, 0)
+        return frame
+
+
+def _consistency(grid: Float32, there: Float32, back: Float32) -> Float32:
+    """Return 1 where a point comes back to itself, less where it does not: it is hidden there."""
+    missed = there + _sample(back, grid + there, cv2.INTER_LINEAR)
+    error: Float32 = np.einsum("yxc,yxc->yx", missed, missed)
+    return np.exp(-error)
+
+
+def _sample(image: Float32, at: Float32, interpolation: int) -> Float32:
+    """Sample an image at (H, W, 2) positions; beyond its border the border continues."""
+    x, y = at[..., 0], at[..., 1]
+    return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))

@@ -1,0 +1,46 @@
+"""Linear luminance of images as files store them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.encoding import to_linear
+
+_BT709 = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709-6, item 3.2
+
+
+class Luminance:
+    """Converts stored numbers to linear luminance.
+
+    Parameters
+    ----------
+    encoding
+        Transfer function of the stored numbers, see `sensor.to_linear`.
+
+    Raises
+    ------
+    SensorError
+        The encoding is unknown.
+    """
+
+    def __init__(self, encoding: str) -> None:
+        types = (np.uint8, np.uint16)
+        codes = [np.arange(np.iinfo(one).max + 1, dtype=one) for one in types]
+        self._light = {code.dtype.name: to_linear(code, encoding) for code in codes}
+
+    def __call__(self, image: NDArray[np.generic]) -> NDArray[np.float32]:
+        """Return the luminance of an image.
+
+        Parameters
+        ----------
+        image
+            (H, W) or (H, W, 3) red, green, blue; uint8 or uint16, or floats, which are linear.
+
+        Returns
+        -------
+        (H, W) float32.
+        """
+        light = self._light[image.dtype.name][image] if image.dtype.kind == "u" else image
+        linear: NDArray[np.float32] = light.astype(np.float32, copy=False)
+        return linear if linear.ndim == 2 else linear @ _BT709

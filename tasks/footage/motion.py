@@ -1,0 +1,86 @@
+"""How far things move from frame to frame.
+
+From frame to frame the light of a pixel changes along a straight line. Where a texture moves by
+more than about a pixel, the line skips its ups and downs, and their events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.progress import Progress, silent
+from tasks.footage.footage import Footage
+
+Float32 = NDArray[np.float32]
+
+_MEASURED_PX = 320  # longer side of the images in which motion is measured
+_PERCENTILE = 95  # of the displacements: a few wrong vectors do not count
+
+
+def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArray[np.float64]:
+    """Measure the motion from each frame to the next, by DIS optical flow on small images.
+
+    Parameters
+    ----------
+    footage
+        The footage.
+    on_progress
+        Called after each frame.
+
+    Returns
+    -------
+    (T - 1,) 95th percentile of the displacements of each pair of frames, px of the footage.
+    """
+    scale = min(1.0, _MEASURED_PX / max(footage.width, footage.height))
+    width, height = (max(16, round(scale * side)) for side in (footage.width, footage.height))
+    found = []
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        for k, frame in enumerate(footage, start=1):
+            small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA)
+            yield gray(small, footage.white_level)
+            on_progress("measuring motion", k, len(footage))
+
+    for before, after in pairwise(images()):
+        shift = np.hypot(*np.moveaxis(optical_flow(before, after), 2, 0))
+        found.append(np.percentile(shift, _PERCENTILE) / scale)
+    return np.array(found)
+
+
+def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:
+    """Return an image for optical flow: dark and bright textures have similar contrast.
+
+    Parameters
+    ----------
+    light
+        (H, W) linear radiance.
+    white_level
+        Radiance of white.
+
+    Returns
+    -------
+    (H, W) uint8.
+    """
+    return np.clip(255 * np.sqrt(light / white_level), 0, 255).astype(np.uint8)
+
+
+def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32:
+    """Return dense optical flow (DIS; Kroeger et al., ECCV 2016).
+
+    Parameters
+    ----------
+    before, after
+        (H, W) images as from `gray`.
+
+    Returns
+    -------
+    (H, W, 2) float32 displacements of the points of `before`, px: columns, rows.
+    """
+    still = np.zeros((*before.shape, 2), np.float32)
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    return np.asarray(dis.calc(before, after, still), np.float32)

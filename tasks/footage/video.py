@@ -1,0 +1,123 @@
+"""Videos, read by FFmpeg's libraries through PyAV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.errors import TaskError
+
+_HIGH_DEFINITION = 720  # rows from which video without a tag has the matrix of BT.709
+
+
+@contextmanager
+def _open(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a video: (container, stream); errors name the file."""
+    import av  # here: it loads FFmpeg's libraries
+
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                raise TaskError(f"{path}: found no video in it")
+            stream = container.streams.video[0]
+            if stream.codec_context is None:
+                raise TaskError(f"{path}: found a codec that this build of FFmpeg lacks")
+            stream.thread_type = "AUTO"
+            yield container, stream
+    except av.FFmpegError as error:
+        raise TaskError(f"{path}: cannot be read as a video: {error.strerror or error}") from error
+
+
+def times_ns(path: Path, fps: float | None) -> list[int]:
+    """Return when each frame of a video is shown.
+
+    Parameters
+    ----------
+    path
+        The video.
+    fps
+        Frames per second, instead of the video's own times, which may be uneven.
+
+    Returns
+    -------
+    Nanoseconds, increasing, one per frame.
+
+    Raises
+    ------
+    TaskError
+        The video cannot be read, has fewer than two frames, or two at one time.
+    """
+    with _open(path) as (container, stream):
+        shown = [
+            packet.pts
+            for packet in container.demux(stream)
+            if packet.size and not packet.is_discard
+        ]
+        step = Fraction(stream.time_base) if stream.time_base else None
+    if len(shown) < 2:
+        raise TaskError(f"{path}: found {len(shown)} frames, expected two or more")
+    if fps is not None:
+        return [round(k * 1e9 / fps) for k in range(len(shown))]
+    if step is None or None in shown:
+        raise TaskError(f"{path}: found frames without a time, expected --fps")
+    times = sorted(shown)
+    if len(set(times)) < len(times):
+        raise TaskError(f"{path}: found two frames at the same time, expected --fps")
+    return [round(t * step * 10**9) for t in times]
+
+
+def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
+    """Decode the frames of a video one after another.
+
+    Parameters
+    ----------
+    path
+        The video.
+    count
+        Number of its frames.
+
+    Yields
+    ------
+    (H, W) for gray video, else (H, W, 3) red, green, blue; uint8, or uint16 for more than 8 bits.
+
+    Raises
+    ------
+    TaskError
+        The video is damaged, or has another number of frames.
+    """
+    found = 0
+    with _open(path) as (container, stream):
+        for frame in container.decode(stream):
+            found += 1
+            yield _numbers(frame)
+    if found != count:
+        raise TaskError(f"{path}: decoded {found} frames, expected {count}; the video is damaged")
+
+
+def _numbers(frame: Any) -> NDArray[np.generic]:
+    """Return the numbers of a frame in the full range, by the matrix that its tags state."""
+    from av.video.reformatter import ColorRange, Colorspace, Interpolation
+
+    components = frame.format.components
+    deep = max(component.bits for component in components) > 8
+    if len(components) == 1 and not frame.format.has_palette and not frame.format.is_bayer:
+        target = "gray16le" if deep else "gray"
+    else:
+        target = "rgb48le" if deep else "rgb24"
+    untagged = Colorspace.ITU709 if frame.height >= _HIGH_DEFINITION else Colorspace.ITU601
+    tags = {one.value: one for one in Colorspace}
+    numbers: NDArray[np.generic] = frame.to_ndarray(
+        format=target,
+        src_colorspace=tags.get(frame.colorspace, untagged),
+        dst_colorspace=Colorspace.ITU709,
+        src_color_range=frame.color_range or ColorRange.MPEG,
+        dst_color_range=ColorRange.JPEG,
+        interpolation=Interpolation.BILINEAR | Interpolation.ACCURATE_RND,
+    )
+    return numbers

@@ -1,0 +1,330 @@
+"""Videos and folders of images become light, and events."""
+
+import logging
+import tracemalloc
+from fractions import Fraction
+
+import av
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+
+from eres_render.storage.exr import write_luminance
+from sensor import SensorModel, simulate, to_linear
+from sensor.events import concatenate
+from sensor.formats import read_events
+from tasks.errors import TaskError
+from tasks.events.footage_simulation import simulate_footage
+from tasks.footage import open_footage
+from tasks.footage.interpolation import interpolated, steps_for
+from tasks.footage.motion import displacements_px
+
+BT709 = np.array([0.2126, 0.7152, 0.0722])
+
+
+def pictures(count=4, height=20, width=26, dtype=np.uint8, seed=0):
+    """Return (count, height, width, 3) random colors."""
+    rng = np.random.default_rng(seed)
+    return rng.integers(0, np.iinfo(dtype).max, (count, height, width, 3), dtype, endpoint=True)
+
+
+def write_folder(folder, images, suffix):
+    """Write images in red, green, blue, numbered from 8: 8, 9, 10, ..."""
+    folder.mkdir()
+    for k, image in enumerate(images, start=8):
+        assert cv2.imwrite(str(folder / f"frame{k}{suffix}"), image[..., ::-1])
+    return folder
+
+
+def write_video(path, planes, *, times=None, codec="ffv1", pixels="yuv444p", matrix=1, wide=1):
+    """Write (T, 3, H, W) planes as a lossless video with the given tags; times in milliseconds."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=1000)
+        stream.height, stream.width = planes.shape[-2:]
+        stream.pix_fmt = pixels
+        stream.codec_context.time_base = Fraction(1, 1000)
+        stream.codec_context.colorspace = matrix
+        stream.codec_context.color_range = wide
+        for t_ms, plane in zip(times or range(len(planes)), planes, strict=True):
+            frame = av.VideoFrame.from_ndarray(plane, format=pixels)
+            frame.colorspace, frame.color_range = matrix, wide
+            frame.pts, frame.time_base = t_ms, Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize(("suffix", "encoding"), [(".png", "srgb"), (".tif", "gamma:2.2")])
+def test_colors_become_luminance_after_they_are_linear(tmp_path, suffix, encoding, dtype):
+    """Physics: light adds up, numbers of a transfer function do not; 8 and 16 bit."""
+    images = pictures(dtype=dtype)
+    folder = write_folder(tmp_path / "in", images, suffix)
+    footage = open_footage(folder, fps=240, encoding=None if encoding == "srgb" else encoding)
+    assert (footage.encoding, footage.white_level) == (encoding, 1.0)
+    assert (footage.width, footage.height, len(footage)) == (26, 20, 4)
+    np.testing.assert_allclose(footage.t_s, np.arange(4) / 240, atol=1e-9)
+    np.testing.assert_allclose(list(footage), to_linear(images, encoding) @ BT709, rtol=1e-5)
+
+
+def test_gray_and_transparent_images_have_the_same_light(tmp_path):
+    """Promise: R = G = B is gray; alpha does not count."""
+    gray = pictures()[..., 0]
+    for name, image in (("gray", gray), ("alpha", np.stack([gray, gray, gray, gray // 2], 3))):
+        folder = tmp_path / name
+        folder.mkdir()
+        for k, one in enumerate(image):
+            cv2.imwrite(str(folder / f"{k}.png"), one)
+        np.testing.assert_allclose(
+            list(open_footage(folder, fps=1)), to_linear(gray, "srgb"), rtol=1e-6
+        )
+
+
+def test_floats_are_linear(tmp_path):
+    """Promise: EXR, as luminance or colors, and float TIFF hold light; white is its 99.9th
+    percentile."""
+    light = np.random.default_rng(0).random((3, 20, 26, 3)).astype(np.float32) * 7
+    for name in ("y", "rgb", "tiff"):
+        (tmp_path / name).mkdir()
+    for k, image in enumerate(light):
+        write_luminance(tmp_path / "y" / f"{k}.exr", image @ BT709)
+        channels = {one: np.ascontiguousarray(image[..., i]) for i, one in enumerate("RGB")}
+        OpenEXR.File({}, channels).write(str(tmp_path / "rgb" / f"{k}.exr"))
+        cv2.imwrite(str(tmp_path / "tiff" / f"{k}.tif"), image[..., ::-1])
+    for name, tolerance in (("y", 1e-3), ("rgb", 1e-6), ("tiff", 1e-6)):
+        footage = open_footage(tmp_path / name, fps=1)
+        assert footage.encoding == "linear"
+        np.testing.assert_allclose(list(footage), light @ BT709, rtol=tolerance)
+        assert footage.white_level == pytest.approx(np.percentile(light[0] @ BT709, 99.9), 1e-3)
+        with pytest.raises(TaskError, match="found floats with encoding srgb, expected linear"):
+            open_footage(tmp_path / name, fps=1, encoding="srgb")
+
+
+def rgb_of(planes, matrix, wide):
+    """Decode Y'CbCr by the definition of ITU-R BT.601 or BT.709, full or studio range."""
+    kr, kb = {1: (0.2126, 0.0722), 5: (0.299, 0.114)}[matrix]
+    y, b, r = np.moveaxis(planes.astype(float), 1, 0)
+    y, b, r = (
+        (y / 255, (b - 128) / 255, (r - 128) / 255)
+        if wide == 2
+        else ((y - 16) / 219, (b - 128) / 224, (r - 128) / 224)
+    )
+    red, blue = y + 2 * (1 - kr) * r, y + 2 * (1 - kb) * b
+    green = (y - kr * red - kb * blue) / (1 - kr - kb)
+    return np.clip(np.stack([red, green, blue], -1), 0, 1)
+
+
+@pytest.mark.parametrize("matrix", [1, 5])
+@pytest.mark.parametrize("wide", [1, 2])
+def test_videos_are_decoded_by_their_tags(tmp_path, matrix, wide):
+    """Physics: the matrix and range that a video states decide its light; FFmpeg's default is
+    another one."""
+    planes = np.random.default_rng(1).integers(60, 180, (3, 3, 32, 48), np.uint8)
+    video = write_video(tmp_path / "a.mkv", planes, matrix=matrix, wide=wide)
+    footage = open_footage(video)
+    assert footage.encoding == "rec709"
+    expected = to_linear(rgb_of(planes, matrix, wide), "rec709") @ BT709
+    np.testing.assert_allclose(list(footage), expected, atol=4e-3)
+
+
+def test_video_with_ten_bits_keeps_them(tmp_path):
+    """Promise: steps below 1/255 survive."""
+    levels = np.arange(400, 500, dtype=np.uint16)
+    planes = np.broadcast_to(levels, (2, 1, 16, 100))[:, 0].copy()
+    video = write_video(tmp_path / "a.mkv", planes, pixels="gray10le", wide=2)
+    light = next(iter(open_footage(video, encoding="linear")))[0]
+    np.testing.assert_allclose(light, levels / 1023, atol=3e-4)
+
+
+def test_videos_keep_their_own_times(tmp_path):
+    """Promise: a video of variable rate has its own times; --fps replaces them."""
+    planes = np.full((5, 3, 16, 16), 128, np.uint8)
+    video = write_video(tmp_path / "a.mkv", planes, times=[0, 10, 13, 40, 41])
+    np.testing.assert_allclose(open_footage(video).t_s, [0, 0.010, 0.013, 0.040, 0.041])
+    np.testing.assert_allclose(open_footage(video, fps=1000).t_s, np.arange(5) / 1000)
+
+
+def test_command_turns_a_folder_into_events(tmp_path, eres):
+    """Promise: the same events as `simulate` on the linear frames; the sensor has their size."""
+    images = pictures(6)
+    folder, out = write_folder(tmp_path / "in", images, ".png"), tmp_path / "e.npz"
+    assert eres("simulate", folder, "--fps", 100, "--out", out)[0] == 0
+    light = to_linear(images, "srgb").astype(np.float32) @ BT709.astype(np.float32)
+    model = SensorModel(width=26, height=20, dark_level=1e-3)
+    expected = simulate(light, np.arange(6) / 100, model)
+    found = concatenate(list(read_events(out)))
+    for name in ("t_us", "x", "y", "p"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert len(found) > 1000
+
+
+def test_times_from_a_file(tmp_path):
+    """Promise: exact times in the unit that is stated or given; absolute times stay the clock."""
+    folder = write_folder(tmp_path / "in", pictures(3), ".png")
+    times = folder / "timestamps.txt"
+    times.write_text("# unit: s\n1700000000.000001\n1700000000.000011\n\n1700000000.5 # late\n")
+    footage = open_footage(folder)
+    assert footage.t_offset_us == 1_700_000_000_000_001
+    np.testing.assert_allclose(footage.t_s, [0, 1e-5, 0.499999], atol=1e-12)
+    times.write_text("7\n8\n9\n")
+    np.testing.assert_allclose(open_footage(folder, time_unit="ns").t_s, [7e-9, 8e-9, 9e-9])
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "error"),
+    [
+        ("1\n2\n3\n", None, "found no unit, expected --time-unit s, ms, us or ns"),
+        ("# unit: day\n1\n2\n3\n", None, "found unit 'day'"),
+        ("1\n2\n", "s", "found 2 times, expected 3, one per image"),
+        ("1\n3\n2\n", "s", "txt:3: found 2, expected a time after the one before it"),
+        ("1\nx\n2\n", "s", "txt:2: found 'x', expected one time"),
+        ("1\nnan\n2\n", "s", "txt:2: found 'nan', expected one time"),
+        ("1 0.png\n2\n3\n", "s", "txt:1: found '1 0.png', expected one time"),
+    ],
+)
+def test_times_are_checked(tmp_path, text, unit, error):
+    """Promise: a unit is never guessed, and times that do not fit are named with their line."""
+    folder = write_folder(tmp_path / "in", pictures(3), ".png")
+    (folder / "timestamps.txt").write_text(text)
+    with pytest.raises(TaskError, match=error):
+        open_footage(folder, time_unit=unit)
+
+
+def test_folders_are_checked(tmp_path):
+    """Promise: what is missing, mixed, damaged or of another size is named."""
+    with pytest.raises(TaskError, match="neither a video nor a folder of images"):
+        open_footage(tmp_path / "none")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(TaskError, match="found 0 images, expected two or more of PNG, JPEG"):
+        open_footage(tmp_path / "empty", fps=1)
+    folder = write_folder(tmp_path / "in", pictures(5), ".png")
+    with pytest.raises(TaskError, match=r"found no timestamps.txt, expected one, or --fps"):
+        open_footage(folder)
+    with pytest.raises(TaskError, match="fps: found 0, expected a positive number"):
+        open_footage(folder, fps=0)
+    (folder / "frame10.png").rename(tmp_path / "kept.png")
+    with pytest.raises(TaskError, match=r"found frame11.png after frame9.png, expected the images"):
+        open_footage(folder, fps=1)
+    data = (tmp_path / "kept.png").read_bytes()
+    (folder / "frame10.png").write_bytes(data[:-20])
+    with pytest.raises(TaskError, match=r"frame10.png: found \d+ bytes that are no whole PNG"):
+        list(open_footage(folder, fps=1))
+    cv2.imwrite(str(folder / "frame10.png"), np.zeros((7, 9), np.uint8))
+    with pytest.raises(TaskError, match=r"frame10.png: found 9x7 px, expected 26x20 px, as in fr"):
+        list(open_footage(folder, fps=1))
+    (folder / "x.jpg").write_bytes(b"")
+    with pytest.raises(TaskError, match="found images of kinds jpeg and png, expected one kind"):
+        open_footage(folder, fps=1)
+
+
+def test_a_truncated_jpeg_is_refused(tmp_path):
+    """Trap: decoders fill the rest of such an image with gray."""
+    folder = write_folder(tmp_path / "in", pictures(2, 200, 200), ".jpg")
+    assert len(list(open_footage(folder, fps=1))) == 2
+    data = (folder / "frame9.jpg").read_bytes()
+    (folder / "frame9.jpg").write_bytes(data[: len(data) // 2])
+    with pytest.raises(TaskError, match=r"frame9.jpg: found \d+ bytes that are no whole JPEG"):
+        list(open_footage(folder, fps=1))
+
+
+def test_videos_are_checked(tmp_path):
+    """Promise: no video, a cut one, and options that do not fit are named."""
+    text = tmp_path / "a.mp4"
+    text.write_text("this is no video")
+    with pytest.raises(TaskError, match=r"a.mp4: cannot be read as a video"):
+        open_footage(text)
+    planes = np.random.default_rng(0).integers(0, 255, (20, 3, 64, 64), np.uint8)
+    video = write_video(tmp_path / "b.mkv", planes)
+    with pytest.raises(TaskError, match="found time-unit"):
+        open_footage(video, time_unit="s")
+    video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
+    assert 2 <= len(list(open_footage(video))) < 20  # Matroska can be read up to where it ends
+
+
+def waves(t_px, size=96):
+    """Return a smooth texture, moved by (t_px, t_px / 2)."""
+    y, x = np.mgrid[:size, :size].astype(float)
+    x, y = x - t_px, y - t_px / 2
+    return (
+        2
+        + np.sin(x / 3) * np.cos(y / 4)
+        + 0.5 * np.sin(x / 7 + y / 5)
+        + 0.3 * np.cos(x / 2 - y / 9)
+    ).astype(np.float32)
+
+
+def footage_of(tmp_path, frames, fps=100.0):
+    """Return frames of light, stored as EXR."""
+    folder = tmp_path / f"frames{len(list(tmp_path.iterdir()))}"
+    folder.mkdir()
+    for k, frame in enumerate(frames):
+        write_luminance(folder / f"{k:03d}.exr", frame)
+    return open_footage(folder, fps=fps)
+
+
+def test_motion_is_measured(tmp_path):
+    """Analytic: a texture that moves by (3, 1.5) px has displacements of 3.35 px."""
+    footage = footage_of(tmp_path, [waves(t) for t in (0, 3, 6)])
+    np.testing.assert_allclose(displacements_px(footage), np.hypot(3, 1.5), rtol=0.1)
+    assert steps_for(np.array([0.0, 0.4, 0.6, 5.0])) == [1, 1, 2, 10]
+
+
+def test_frames_in_between_follow_the_motion(tmp_path):
+    """Analytic: half way, the texture has moved half as far; own frames stay as they are."""
+    footage = footage_of(tmp_path, [waves(0), waves(4), waves(8)])
+    dense = interpolated(footage, [4, 1])
+    np.testing.assert_allclose(dense.t_s, [0, 0.0025, 0.005, 0.0075, 0.01, 0.02])
+    frames = list(dense)
+    inside = slice(12, -12)  # what enters at the border was seen in one frame only
+    for frame, t_px in zip(frames, (0, 1, 2, 3, 4, 8), strict=True):
+        error = (frame - waves(t_px))[inside, inside]
+        assert np.sqrt(np.mean(error**2)) < 0.02, t_px
+    blended = 0.5 * (waves(0) + waves(4)) - waves(2)
+    assert np.sqrt(np.mean(blended[inside, inside] ** 2)) > 0.15
+    for own, k in ((0, 0), (1, 4), (2, 5)):
+        np.testing.assert_array_equal(list(footage)[own], frames[k])
+
+
+def test_interpolation_brings_events_back(tmp_path, caplog):
+    """Promise: 8 px from frame to frame lose a third of the events, and the log says so; auto
+    brings most of them back."""
+    model = SensorModel(width=96, height=96, contrast_threshold=0.1)
+    moments = np.arange(0, 49)
+    every = simulate(np.stack([waves(0.5 * t) for t in moments]), moments * 1e-3, model)
+    thin = footage_of(tmp_path, [waves(0.5 * t) for t in moments[::16]], fps=62.5)
+    caplog.set_level(logging.INFO)
+    few, _ = simulate_footage(thin, model, tmp_path / "few.npz")
+    assert "px of the sensor from frame to frame: about" in caplog.text
+    assert "4 frames of 96x96 px in 0.048 s, encoding linear" in caplog.text
+    caplog.clear()
+    many, _ = simulate_footage(thin, model, tmp_path / "many.npz", interpolate="auto")
+    assert "frame to frame" not in caplog.text
+    assert few < 0.65 * len(every)
+    assert 0.85 * len(every) < many < 1.1 * len(every)
+    with pytest.raises(TaskError, match="interpolate: found '0', expected auto, or 1 or more"):
+        simulate_footage(thin, model, tmp_path / "x.npz", interpolate="0")
+
+
+def test_memory_does_not_grow_with_the_footage(tmp_path):
+    """Promise: a few frames are in memory at a time."""
+    footage = footage_of(tmp_path, [waves(t, 256) for t in range(12)])
+    tracemalloc.start()
+    count = sum(1 for _ in interpolated(footage, [4] * 11))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert count == 45
+    assert peak < 40 * 4 * 256 * 256
+
+
+def test_options_of_footage_are_refused_with_a_sequence(tmp_path, eres):
+    """Promise: no option is silently ignored."""
+    (tmp_path / "manifest.json").write_text("{}")
+    out = tmp_path / "e.h5"
+    code, _, said = eres("simulate", tmp_path, "--fps", 9, "--resolution", 8, "--out", out)
+    assert code == 1
+    assert "found a rendered sequence, expected fps, time-unit, encoding and interpolate" in said
+    folder = write_folder(tmp_path / "in", pictures(2), ".png")
+    code, _, said = eres("simulate", folder, "--fps", 9, "--truth", 0.1, "--out", out)
+    assert code == 1
+    assert "whose truth is unknown; leave out --truth" in said
