@@ -83,7 +83,7 @@ class EventSource:
 
 def sensor_title(model: SensorModel) -> str:
     """Return the size of a sensor and its cutoff."""
-    size = f"{model.width} x {model.height} px"
+    size = f"{model.width}x{model.height} px"
     return f"{size}, {model.cutoff_hz:g} Hz" if np.isfinite(model.cutoff_hz) else f"{size}, ideal"
 
 

@@ -17,7 +17,7 @@ from tasks.view.drawing import Picture
 
 _ENCODERS = ("libx264", "libopenh264")  # of H.264, the best first
 _PALETTE_PICTURES = 5  # that decide the colors of a GIF
-_WEBP_QUALITY = 70
+_WEBP_QUALITY = 60
 
 
 def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
@@ -45,7 +45,7 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
         raise TaskError(f"{path}: PyAV's FFmpeg has no encoder for H.264; write a .webp or .gif")
     rate = Fraction(fps).limit_denominator(1000)
     first = next(pictures)
-    options = {"crf": "18", "preset": "medium"} if encoder == "libx264" else {}
+    options = {"crf": "23", "preset": "medium"} if encoder == "libx264" else {}
     with (
         new_file(path) as file,
         av.open(str(file), "w", format="mp4", options={"movflags": "+faststart"}) as container,

@@ -15,8 +15,9 @@ from tasks.view.panel import Panel
 
 _SMALL_PX = 360  # lower pictures grow, by a whole factor
 _GAP_PX = 8
-_TEXT_SHARE = 0.045  # of the height of the pictures
-_SMALLEST_TEXT_PX, _LARGEST_TEXT_PX = 11, 26
+_TEXT_SHARE = 0.065  # of the height of the pictures
+_SMALLEST_TEXT_PX, _LARGEST_TEXT_PX = 12, 24
+_FINER = 4  # letters are drawn this much larger and averaged, which places them between pixels
 
 
 class Layout:
@@ -74,13 +75,12 @@ class Layout:
         below = self._height + _GAP_PX // 2
         height = below + 3 * line + 2 * _GAP_PX
         page = Image.new("RGB", (width + width % 2, height + height % 2), self._palette.page)
-        brush = ImageDraw.Draw(page)
         for panel, left, wide in zip(panels, starts, self._widths, strict=False):
             picture = resized(panel.picture, wide, self._height)
             page.paste(Image.fromarray(picture), (int(left), 0))
-            for k, text in enumerate((panel.title, panel.detail)):
-                self._write(brush, int(left) + 4, below + k * line, text, size, k)
-        self._write(brush, 4, below + _GAP_PX + 2 * line, footer, size, 1)
+            self._write(page, int(left), below, panel.title, size)
+            self._write(page, int(left), below + line, panel.detail, size, dim=True)
+        self._write(page, 0, below + _GAP_PX + 2 * line, footer, size, dim=True)
         return np.asarray(page)
 
     def _text_px(self, texts: Sequence[str]) -> int:
@@ -92,11 +92,15 @@ class Layout:
         return max(_SMALLEST_TEXT_PX, min(size, int(size * share)))
 
     def _write(
-        self, brush: ImageDraw.ImageDraw, x: int, y: int, text: str, size: int, dim: int
+        self, page: Image.Image, x: int, y: int, text: str, size: int, dim: bool = False
     ) -> None:
-        text_color, page = np.array(self._palette.text), np.array(self._palette.page)
-        color = text_color + (0.3 if dim else 0.0) * (page - text_color)
-        brush.text((x, y), text, tuple(color.astype(int)), font=_font(size))
+        text_color, behind = np.array(self._palette.text), np.array(self._palette.page)
+        color = text_color + (0.3 if dim else 0.0) * (behind - text_color)
+        font = _font(_FINER * size)
+        wide, high = math.ceil(font.getlength(text) / _FINER), round(1.4 * size)
+        mask = Image.new("L", (_FINER * wide, _FINER * high))
+        ImageDraw.Draw(mask).text((0, 0), text, 255, font=font)
+        page.paste(tuple(color.astype(int)), (x + 4, y), mask.reduce(_FINER))
 
 
 @lru_cache

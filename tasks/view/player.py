@@ -95,9 +95,9 @@ def write_player(
     every = -(-sum(counts) // MOST_EVENTS)
     if every > 1:
         _log.warning(
-            "%s: has every %dth of %d events, so that a browser can hold them; choose a part with "
-            "--start and --end for all",
-            *(path, every, sum(counts)),
+            "%s: keeps one of %d events, as there are %d and a browser holds %d; choose a part "
+            "with --start and --end for all of them",
+            *(path, every, sum(counts), MOST_EVENTS),
         )
     packed = []
     for k, source in enumerate(sources, start=1):

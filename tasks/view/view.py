@@ -197,7 +197,11 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
     """Return the ends of the pictures' windows, us."""
     start_us, end_us = subject.start_us, subject.end_us
     if kind == ".png":
-        return [(start_us + end_us) // 2 if look.at is None else round(1e6 * look.at)]
+        t_us = (start_us + end_us) // 2 if look.at is None else round(1e6 * look.at)
+        if not start_us <= t_us <= end_us:
+            span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
+            raise TaskError(f"at: found {look.at} s, expected {span}, as in the files")
+        return [t_us]
     step_us = 1e6 / (look.fps * _slow(subject, look, kind))
     lead_us = 0.0
     if subject.event_sources:  # the first picture shows a whole window
