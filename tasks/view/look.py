@@ -45,7 +45,14 @@ class Look:
     palette: Literal["blue-red", "dark"] = "blue-red"
     height: int | None = None
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Refuse values that are not positive.
+
+        Raises
+        ------
+        TaskError
+            The text names the option.
+        """
         for name in ("window", "count", "slow", "fps", "height"):
             value = getattr(self, name)
             if value is not None and not 0 < value < math.inf:

@@ -97,6 +97,7 @@ def view(
     TaskError
         The kind of file is unknown, it exists, or there is nothing to show in it.
     """
+    look.check()
     kind = ".rrd" if out is None else out.suffix.lower()
     if kind not in KINDS:
         raise TaskError(f"{out}: found extension {kind!r}, expected one of {', '.join(KINDS)}")
