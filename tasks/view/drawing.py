@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.events import Events
+from sensor.compiling import compiler
+from sensor.events import Columns, Events
+
+jit = compiler(Path(__file__).parent)
 
 Color = tuple[int, int, int]
 Picture = NDArray[np.uint8]  # (H, W, 3) red, green, blue
@@ -92,14 +96,32 @@ def draw_events(events: Events, ground: Picture, palette: Palette) -> Picture:
     -------
     (height, width, 3) uint8.
     """
-    total = events.polarity_sum()
-    y, x = np.nonzero(total)
-    fired = total[y, x]
-    strength = np.take(STRENGTHS, np.minimum(np.abs(fired), len(STRENGTHS) - 1))[:, None]
-    color = np.where((fired > 0)[:, None], palette.brighter, palette.darker)
     picture = ground.copy()
-    picture[y, x] = np.round(color * strength + ground[y, x] * (1 - strength))
+    total = np.zeros(ground.shape[:2], np.int64)
+    colors = np.array([palette.darker, palette.brighter], np.float64)
+    _blend(events.columns, colors, np.array(STRENGTHS), total, picture)
     return picture
+
+
+@jit
+def _blend(
+    events: Columns,
+    colors: NDArray[np.float64],
+    strengths: NDArray[np.float64],
+    total: NDArray[np.int64],
+    picture: Picture,
+) -> None:
+    for k in range(events.x.size):
+        total[events.y[k], events.x[k]] += events.p[k]
+    height, width = total.shape
+    for y in range(height):
+        for x in range(width):
+            if total[y, x]:
+                strength = strengths[min(abs(total[y, x]), strengths.size - 1)]
+                color = colors[np.int64(total[y, x] > 0)]
+                for c in range(3):
+                    mixed = strength * color[c] + (1 - strength) * picture[y, x, c]
+                    picture[y, x, c] = np.uint8(mixed + 0.5)
 
 
 def tone_mapped(radiance: NDArray[np.float32], white_level: float) -> Picture:

@@ -10,7 +10,8 @@ from typing import Literal
 
 from eres_render import RadianceSequence, ground_truth, open_sequence
 from eres_render.progress import Progress, silent
-from sensor.formats import read_header
+from sensor.errors import EventFormatError
+from sensor.formats import Header, read_header
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
 from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
@@ -104,7 +105,7 @@ def view(
     if out is not None:
         check_new(out, overwrite)
     clip = None if over is None else open_sequence(over)
-    subject = _subject(paths, look, clip, show, size, format)
+    subject = _subject(paths, look, clip, show, size, format, on_progress)
     if kind == ".rrd":
         write_recording(out, subject.sources, _times(subject, look, kind), on_progress)
         return
@@ -131,9 +132,10 @@ def _subject(
     show: Show,
     size: tuple[int, int] | None,
     format: str | None,
+    on_progress: Progress,
 ) -> Subject:
     files = [path for path in paths if not path.is_dir()]
-    headers = {path: read_header(path, format=format).with_size(size) for path in files}
+    headers = {path: _header(path, size, format) for path in files}
     speeds = {float(header.origin.get("speed", 1.0)) for header in headers.values()}
     if len(speeds) > 1 and len(files) < len(paths):
         found = " and ".join(f"{speed:g}" for speed in sorted(speeds))
@@ -157,7 +159,15 @@ def _subject(
         else:
             clip = ClipFrames(open_sequence(path), next(iter(speeds), 1.0))
             sources.append(_clip_source(clip, show))
-    return _timed(tuple(sources), look)
+    return _timed(tuple(sources), look, on_progress)
+
+
+def _header(path: Path, size: tuple[int, int] | None, format: str | None) -> Header:
+    header = read_header(path, format=format)
+    try:
+        return header.with_size(size)
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
 
 
 def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
@@ -167,13 +177,14 @@ def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
     return DepthSource(frames, truth) if show == "depth" else FlowSource(frames, truth)
 
 
-def _timed(sources: tuple[Source, ...], look: Look) -> Subject:
+def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Subject:
     start_us, end_us = (None if t_s is None else round(1e6 * t_s) for t_s in (look.start, look.end))
     if start_us is not None and end_us is not None and not start_us < end_us:
         raise TaskError(f"start, end: found {look.start} to {look.end} s, expected a span")
     files = any(isinstance(source, EventSource) for source in sources)
     starts, ends, counts = [], [], []
-    for source in sources:
+    for k, source in enumerate(sources):
+        on_progress("reading", k, len(sources))
         if isinstance(source, EventSource):
             span = span_of(source.parts(), start_us, end_us)
             if span is None:
