@@ -20,7 +20,6 @@ from event_streams import make_events, random_events
 from light_scenes import small_carpet_folder
 from sensor import SensorModel
 from sensor.formats import write_events
-from tasks.view import view as view_module
 from tasks.view.clip import ClipFrames
 from tasks.view.drawing import (
     PALETTES,
@@ -318,7 +317,7 @@ def test_a_damaged_file_leaves_no_video(eres, tmp_path, monkeypatch):
     """Promise: what goes wrong on the way names the file of events, and leaves no output."""
     file, out = tmp_path / "events.txt", tmp_path / "out.mp4"
     write_events(file, random_events(3000, 16, 12, mean_us=50.0))
-    monkeypatch.setattr(view_module, "span_of", lambda *_: Span(0, 150_000, 3000))
+    monkeypatch.setattr("tasks.view.subject.span_of", lambda *_: Span(0, 150_000, 3000))
     file.write_text(file.read_text() + "not an event\n")
     code, _, err = eres("view", file, "--out", out)
     assert (code, "events.txt" in err) == (1, True)
