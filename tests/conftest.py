@@ -30,6 +30,8 @@ os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imp
 
 from numba.core.caching import IndexDataCacheFile  # noqa: E402
 
+from eres_render import load_scene  # noqa: E402
+from light_scenes import light_evenly, small_carpet_folder  # noqa: E402
 from tasks import cli  # noqa: E402
 from tasks.cli import terminal  # noqa: E402
 
@@ -89,6 +91,19 @@ def own_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(cache))
         yield
+
+
+@pytest.fixture(scope="module")
+def scene_folder(tmp_path_factory):
+    """Write a small carpet that is baked when it is rendered."""
+    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
+
+
+@pytest.fixture(scope="module")
+def small_carpet(tmp_path_factory):
+    """Load a small carpet in even light, which needs no baking on any machine."""
+    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
+    return load_scene(light_evenly(folder, "carpet", 3.0))
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import pytest
 from eres_render import Camera, Renderer, load_scene
 from eres_render.rendering import renderer as renderer_module
 from eres_render.rendering.backend import select_variant
-from light_scenes import light_evenly, small_carpet_folder
 
 
 def log_difference(renderer, full, pose):
@@ -69,15 +68,8 @@ def quads(rng, n, length, width, distance, parallel):
 WIDTH = 160
 
 
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory):
-    """A scene whose world is replaced: `Renderer` needs one that is baked."""
-    folder = small_carpet_folder(tmp_path_factory.mktemp("plain"))
-    return load_scene(light_evenly(folder, "carpet", 1.0))
-
-
 def renderers(monkeypatch, scene, camera, shapes):
-    """A renderer that looks up, and one that traces, of a world of our own."""
+    """A renderer that looks up, and one that traces, of our own world in place of the scene's."""
     import mitsuba as mi
 
     world = mi.load_dict({"type": "scene", **shapes})
@@ -101,7 +93,7 @@ def wall(mi, rng):
 @pytest.mark.parametrize("parallel", [False, True])
 @pytest.mark.parametrize("length_px", [None, 1.0])
 @pytest.mark.parametrize("width_px", [0.1, 0.3, 1.0, 3.0])
-def test_no_thin_thing_is_missed(plain, monkeypatch, width_px, length_px, parallel):
+def test_no_thin_thing_is_missed(small_carpet, monkeypatch, width_px, length_px, parallel):
     """Rods and specks between the corners of pixels: no pixel is off by more than 1e-2."""
     import mitsuba as mi
 
@@ -113,7 +105,7 @@ def test_no_thin_thing_is_missed(plain, monkeypatch, width_px, length_px, parall
     things = glowing(mi, corners, faces, 100.0)
     camera = Camera(WIDTH, WIDTH, fx=float(WIDTH))
     shapes = {"wall": wall(mi, rng), "things": things}
-    looked_up, traced = renderers(monkeypatch, plain, camera, shapes)
+    looked_up, traced = renderers(monkeypatch, small_carpet, camera, shapes)
     monkeypatch.setattr("eres_render.rendering.lookup._SAMPLES_AN_EDGE", 0)
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     difference = log_difference(looked_up, traced, pose)
