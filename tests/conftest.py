@@ -59,9 +59,9 @@ save, IndexDataCacheFile.save = IndexDataCacheFile.save, save_alone
 # worker compiles the sensor's kernels while another makes the textures of the scenes.
 FIRST = (
     "sensor/test_simulate.py",
-    "eres_render/test_lookup.py",
     "eres_render/test_scenes.py",
     "study/test_schedule.py",
+    "eres_render/test_bake.py",
     "eres_render/test_memory.py",
     "tasks/test_cli_light.py",
     "study/test_run.py",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eres_render import load_scene
+from eres_render import Renderer, load_scene
 from eres_render.scene.load import scene_root
 from eres_render.storage.exr import write_luminance
 from eres_render.trajectory.generators import look_at
@@ -107,6 +107,13 @@ def write_poses(
     file = folder / "poses.txt"
     file.write_text(tum_text(np.array(t_s), poses))
     return file
+
+
+def log_difference(renderer: Renderer, full: Renderer, pose: np.ndarray) -> np.ndarray:
+    """Return ln of radiance looked up over radiance traced, (H, W); 0 where both are black."""
+    looked_up, traced = renderer.frame(pose).astype(float), full.frame(pose).astype(float)
+    assert np.array_equal(looked_up == 0, traced == 0)
+    return np.log(np.where(looked_up > 0, looked_up, 1) / np.where(traced > 0, traced, 1))
 
 
 def tilted_pose() -> np.ndarray:
