@@ -22,7 +22,7 @@ from eres_render import (
 from eres_render.rendering.backend import select_variant
 from eres_render.sequence.ground_truth import surface_distance
 from eres_render.storage.exr import write_luminance
-from light_scenes import dots_folder, light_evenly, room_folder, small_carpet_folder, tilted_pose
+from light_scenes import dots_folder, light_evenly, room_folder, tilted_pose
 
 WIDE = Camera(128, 72, fx=130.0, fy=104.0, cx=49.5, cy=41.25)
 CLIP = Clip(0, 0.24, 0.25, 0.26)
@@ -56,12 +56,6 @@ def ramps(tmp_path_factory):
         (folder / "scene.xml").write_text(xml[: xml.index("<shape")] + glow)
         scenes.append(load_scene(light_evenly(folder, "floor", 0.0)))
     return scenes
-
-
-@pytest.fixture(scope="module")
-def small_carpet(tmp_path_factory):
-    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
-    return load_scene(light_evenly(folder, "carpet", 3.0))
 
 
 def seen_m(camera, T, points_px):

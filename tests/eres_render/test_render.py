@@ -22,17 +22,10 @@ from eres_render import (
     render_clip,
     render_scene,
 )
-from light_scenes import DOTS_M, dots_folder, light_evenly, small_carpet_folder, tilted_pose
+from light_scenes import DOTS_M, dots_folder, light_evenly, tilted_pose
 
 ROOT = Path(__file__).parents[2]
 CLIP = Clip(0, 0.24, 0.25, 0.29)
-
-
-@pytest.fixture(scope="module")
-def small_carpet(tmp_path_factory):
-    """A carpet that loads in a fraction of a second, on any machine."""
-    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
-    return load_scene(light_evenly(folder, "carpet", 3.0))
 
 
 @pytest.fixture(scope="module")

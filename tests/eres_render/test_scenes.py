@@ -7,14 +7,26 @@ from eres_render import Renderer, clips, list_scenes, load_scene
 from eres_render.interior.atlas import CELL_M
 from eres_render.interior.pieces import PIECES
 from eres_render.rendering import backend
+from eres_render.rendering import renderer as renderer_module
 from eres_render.storage.exr import read_attributes, read_luminance
+from light_scenes import log_difference
 
 SPEEDS_MPS = {"carpet": 0.9, "rocks": 0.7, "room": 1.2}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def loaded():
+    """Load each scene once for all renderers: the room and its textures take seconds."""
+    backend.select_variant()
+    scenes = {name: renderer_module.baked_scene(load_scene(name)) for name in SPEEDS_MPS}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(renderer_module, "baked_scene", lambda scene, _: scenes[scene.name])
+        yield
+
+
 @pytest.fixture(scope="module")
-def renderers():
-    """Return one small renderer of each scene; loading the room's textures takes seconds."""
+def renderers(loaded):
+    """Return one small renderer of each scene."""
     return {name: Renderer(load_scene(name), 48, 4, integrator="baked") for name in SPEEDS_MPS}
 
 
@@ -78,6 +90,20 @@ def test_packaged_lightmaps_belong_to_the_scene(name):
         assert read_attributes(file)["eresLightDigest"] == scene.light_digest
         assert np.isfinite(image).all()
         assert image.min() >= 0
+
+
+@pytest.mark.parametrize(("name", "most_rms"), [("carpet", 1e-4), ("rocks", 1e-4), ("room", 2e-4)])
+def test_light_that_is_looked_up_is_what_rays_to_every_sample_find(name, most_rms):
+    """Promise: log radiance within 1e-4 rms on planes and 2e-4 in the room, along the path."""
+    scene = load_scene(name)
+    renderer = Renderer(scene, 320, 16)
+    full = Renderer(scene, 320, 16, integrator="baked-full")
+    assert renderer.integrator == "baked"
+    for pose in scene.trajectory().pose(np.linspace(0.1, 0.9, 3) * scene.duration_s):
+        difference = log_difference(renderer, full, pose)
+        assert np.sqrt(np.mean(difference**2)) < most_rms
+        assert np.mean(np.abs(difference) > 1e-3) < 1e-4
+        assert np.any(difference != 0), "nothing was looked up"
 
 
 @pytest.mark.slow

@@ -15,7 +15,6 @@ from eres_render import load_scene
 from eres_render.errors import RenderError
 from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage.cache import cache_dir
-from light_scenes import small_carpet_folder
 from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study.config import (
@@ -50,11 +49,6 @@ def tiny_study(scene_folder):
             video=Video(methods=("high_pass_filter", "blank"), duration_s=0.3, run_in_s=0.1),
         ),
     )
-
-
-@pytest.fixture(scope="module")
-def scene_folder(tmp_path_factory):
-    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
 
 
 @pytest.fixture(scope="module")

@@ -49,11 +49,6 @@ def patience(monkeypatch):
     monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
 
 
-@pytest.fixture(scope="module")
-def scene_folder(tmp_path_factory):
-    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
-
-
 @contextmanager
 def local_cluster(**options):
     here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": ":0", "memory_limit": 0}
