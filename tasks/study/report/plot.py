@@ -153,7 +153,7 @@ def plot(
     panels
         Panels; each has one line per key.
     log_y
-        Whether the y axis is logarithmic.
+        Whether the y axis is logarithmic if all values are positive.
     include_y
         Values that the y axis must reach.
     labels_below
@@ -168,6 +168,7 @@ def plot(
     widths = [x for x, _ in shown] or [1.0]
     heights = [y for _, y in shown] + [y for panel in panels for y in panel.references]
     reached = [*heights, *include_y] or [1.0]
+    log_y = log_y and min(reached) > 0
     y_ticks = (_log_ticks if log_y else _even_ticks)(min(reached), max(reached))
     x_axis = Axis(x_label, True, (), _log_ticks(min(widths), max(widths)), most=6)
     y_axis = Axis(y_label, log_y, include_y, y_ticks, most=9)
