@@ -102,11 +102,6 @@ class Line:
     points: Sequence[Point]
     path: Sequence[Place] | None = None
 
-    @property
-    def places(self) -> list[Place]:
-        """Return the places of all points and of the path."""
-        return [(point.x, point.y) for point in self.points] + list(self.path or ())
-
 
 @dataclass(frozen=True, slots=True)
 class Panel:
@@ -164,7 +159,9 @@ def plot(
     Plot
         Description for both drawers.
     """
-    shown = [place for panel in panels for line in panel.lines for place in line.places]
+    lines = [line for panel in panels for line in panel.lines]
+    shown = [(point.x, point.y) for line in lines for point in line.points]
+    shown += [place for line in lines for place in line.path or ()]
     widths = [x for x, _ in shown] or [1.0]
     heights = [y for _, y in shown] + [y for panel in panels for y in panel.references]
     reached = [*heights, *include_y] or [1.0]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from inspect import isfunction
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from jinja2.utils import htmlsafe_json_dumps
 
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
@@ -50,5 +48,5 @@ for _module in (
         for name, one in vars(_module).items()
         if isfunction(one) and one.__module__ == _module.__name__
     }
-TEMPLATES.filters["json_text"] = lambda one: json.dumps(one, indent=2, ensure_ascii=False)
-TEMPLATES.filters["as_json"] = lambda one: htmlsafe_json_dumps(asdict(one), ensure_ascii=False)
+TEMPLATES.filters["asdict"] = asdict
+TEMPLATES.policies["json.dumps_kwargs"] = {"ensure_ascii": False}

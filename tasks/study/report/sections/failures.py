@@ -74,26 +74,23 @@ def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
         One panel per cutoff.
     """
     widths = scores.widths(found[0])
-    panels = []
-    for hz in scores.cutoffs_hz(found[0]):
-        lines = []
-        for width in widths:
-            shares = {one: _pooled_success(scores, one, width, hz) for one in found}
-            points = [
-                Point(x, 100 * share, [f"{width} px", s.variant, f"{share_text(share)} succeed"])
-                for s, share in shares.items()
-                if share is not None and (x := sigma_mm(s.variant)) is not None
-            ]
-            lines.append(Line(points))
-        panels.append(Panel(*cutoff_text(hz)[:2], lines))
-    return plot(
-        f"Success over the perturbation, {name}",
-        "standard deviation of the perturbation [mm]",
-        "successful trials [%]",
-        width_keys(widths),
-        panels,
-        include_y=(0, 100),
-    )
+    panels = [
+        Panel(*cutoff_text(hz)[:2], [_success_line(scores, found, width, hz) for width in widths])
+        for hz in scores.cutoffs_hz(found[0])
+    ]
+    title = f"Success over the perturbation, {name}"
+    axes = "standard deviation of the perturbation [mm]", "successful trials [%]"
+    return plot(title, *axes, width_keys(widths), panels, include_y=(0, 100))
+
+
+def _success_line(scores: Scores, found: list[Series], width: int, cutoff_hz: float) -> Line:
+    shares = {one: _pooled_success(scores, one, width, cutoff_hz) for one in found}
+    points = [
+        Point(x, 100 * share, [f"{width} px", one.variant, f"{share_text(share)} succeed"])
+        for one, share in shares.items()
+        if share is not None and (x := sigma_mm(one.variant)) is not None
+    ]
+    return Line(points)
 
 
 def _pooled_success(scores: Scores, series: Series, width: int, cutoff_hz: float) -> float | None:

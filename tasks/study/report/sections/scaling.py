@@ -58,14 +58,9 @@ def interval_plot(one: Scaling) -> Plot:
             lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=True))))
         detail = f"{cutoff_detail(cutoff_hz)}, speed {speed:.2g}; marks: the mode"
         panels.append(Panel(f"(c) {cutoff_label(cutoff_hz)}", detail, lines))
-    return plot(
-        f"Intervals between events, {one.scene}",
-        "time between a pixel’s events [ms]",
-        "share of the intervals [% per bin]",
-        width_keys(widths),
-        panels,
-        include_y=[0],
-    )
+    title = f"Intervals between events, {one.scene}"
+    axes = "time between a pixel’s events [ms]", "share of the intervals [% per bin]"
+    return plot(title, *axes, width_keys(widths), panels, include_y=[0])
 
 
 def _shares(histogram: Intervals) -> np.ndarray:

@@ -15,20 +15,14 @@ from tasks.study.results.words import MISSING
 
 def _stages(one: JobTimings) -> dict[str, tuple[float, dict[str, float]]]:
     """Return the time of each stage of a job, s, and its amounts of work by unit."""
-    samples = one.rendered_frames * one.resolution**2 * one.spp
-    mega_events = 1e-6 * one.events
+    samples = 1e-6 * one.rendered_frames * one.resolution**2 * one.spp
+    pixels, events = 1e-6 * one.pixel_frames, 1e-6 * one.events
     estimates = sum(method.estimates for method in one.methods)
     return {
-        "rendering": (
-            one.rendering_s,
-            {"frames": one.rendered_frames, "M samples": 1e-6 * samples},
-        ),
+        "rendering": (one.rendering_s, {"frames": one.rendered_frames, "M samples": samples}),
         "reading frames": (one.reading_s, {"frames": one.frames}),
-        "simulating sensors": (
-            one.simulating_s,
-            {"M pixel-frames": 1e-6 * one.pixel_frames, "Mev": mega_events},
-        ),
-        "keeping events for the tasks": (one.collecting_s, {"Mev": mega_events}),
+        "simulating sensors": (one.simulating_s, {"M pixel-frames": pixels, "Mev": events}),
+        "keeping events for the tasks": (one.collecting_s, {"Mev": events}),
         "estimating and scoring": (one.scoring_s, {"estimates": estimates}),
     }
 

@@ -56,16 +56,11 @@ def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence
         Description for both drawers.
     """
     metric = METRICS[series.metric]
-    better = "" if metric.higher_is_better else ", less is better"
-    return plot(
-        title,
-        "event rate [Mev/s]",
-        f"{metric.label} [{metric.unit}]{better}",
-        keys,
-        panels,
-        log_y=not metric.higher_is_better,
-        labels_below=not metric.higher_is_better,  # errors rise with speed
-    )
+    errors = not metric.higher_is_better
+    better = ", less is better" if errors else ""
+    axes = "event rate [Mev/s]", f"{metric.label} [{metric.unit}]{better}"
+    # errors rise with speed, so labels of first points are below them
+    return plot(title, *axes, keys, panels, log_y=errors, labels_below=errors)
 
 
 def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Panel:
