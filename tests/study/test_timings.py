@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,7 +17,6 @@ from tasks.evaluation.timings import (
     read_timings,
     timings_file,
 )
-from tasks.study.report.sections.timings import summarize
 
 
 def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -40,7 +40,7 @@ def test_damaged_costs_are_named(tmp_path: Path) -> None:
 
 
 def costs_html(parts: list[JobTimings]) -> str:
-    return section("timings.html", data=summarize(parts))
+    return section("timings.html", run=SimpleNamespace(timings=parts))
 
 
 def cells(page: str) -> dict[str, list[str]]:

@@ -419,12 +419,12 @@ def test_features_have_the_flow_of_the_geometry():
     features = find_features(image, truth, (0.2, 0.7), ("wall", 3), count=6)
     speed_px = 0.1 * truth.camera(100).focal_px
     np.testing.assert_allclose(features.flow_px, np.tile([-0.5 * speed_px, 0.0], (6, 1)), atol=1e-9)
-    arrived = cv2.perspectiveTransform(features.centres_px[None], truth.homography(0.2, 0.7, 100))[
+    arrived = cv2.perspectiveTransform(features.centers_px[None], truth.homography(0.2, 0.7, 100))[
         0
     ]
-    np.testing.assert_allclose(features.centres_px + features.flow_px, arrived, atol=1e-9)
+    np.testing.assert_allclose(features.centers_px + features.flow_px, arrived, atol=1e-9)
     coarse = features.at(40)
-    np.testing.assert_allclose(coarse.centres_px, 0.4 * features.centres_px)
+    np.testing.assert_allclose(coarse.centers_px, 0.4 * features.centers_px)
     np.testing.assert_allclose(coarse.flow_px, 0.4 * features.flow_px)
 
 
@@ -437,14 +437,14 @@ def test_features_that_do_not_stay_in_sight_are_passed_over():
     seen = find_features(image, truth, (0.0, 1.0), ("wall", 0), count=40)
     # The post's edge moves by twice as much as the wall, from its 8.7 px right of the middle on.
     edge_px = 50 + 0.05 / 0.5 * truth.camera(100).focal_px
-    end = seen.centres_px + seen.flow_px
-    on_wall = seen.centres_px[:, 0] < edge_px
+    end = seen.centers_px + seen.flow_px
+    on_wall = seen.centers_px[:, 0] < edge_px
     assert np.all(end[on_wall, 0] < edge_px - 17.3 + 1e-6)
     np.testing.assert_allclose(seen.flow_px[~on_wall, 0], -17.3, atol=0.03)
-    hidden = free.centres_px[:, 0] < edge_px
-    hidden &= free.centres_px[:, 0] + free.flow_px[:, 0] > edge_px - 17.3
+    hidden = free.centers_px[:, 0] < edge_px
+    hidden &= free.centers_px[:, 0] + free.flow_px[:, 0] > edge_px - 17.3
     assert hidden.any()
-    assert not set(map(tuple, free.centres_px[hidden])) & set(map(tuple, seen.centres_px))
+    assert not set(map(tuple, free.centers_px[hidden])) & set(map(tuple, seen.centers_px))
     with pytest.raises(TaskError, match=r"found \d+ of \d+ corners that stay in sight"):
         find_features(image, truth, (0.0, 1.0), ("wall", 0), count=1000)
 
