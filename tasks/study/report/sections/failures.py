@@ -111,7 +111,6 @@ def failure_table(scores: Scores) -> Table | None:
         failed = reasons.total()
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))
         share = share_text(failed / total if total else None)
-        texts = f"{failed:,} of {total:,}", share, why
-        rows[Text(one.title)] = [[Text(text)] for text in texts]
+        rows[Text(one.title)] = [[Text(f"{failed:,} of {total:,}")], [Text(share)], [Text(why)]]
     heads = [Text(head) for head in ("method", "failed", "share", "why")]
     return Table("failures", "Failures", "", heads, {Text(""): rows}) if rows else None

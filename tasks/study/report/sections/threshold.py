@@ -37,11 +37,8 @@ def compare_thresholds(found: Sequence[Scores], series: Series) -> dict[str, Com
 
 
 def _compare(ascending: list[Scores], first: Scores, series: Series, scene: str) -> Comparison:
-    metric, speed, widths = (
-        TASKS[series.task].metric,
-        base_speed(first, series),
-        first.widths(series),
-    )
+    metric = TASKS[series.task].metric
+    speed, widths = base_speed(first, series), first.widths(series)
     panels: list[Panel] = []
     choices: dict[Text, list[Cell]] = {}
     blocks: dict[Text, Rows] = {}

@@ -42,8 +42,7 @@ def stage_table(costs: Sequence[JobTimings]) -> Table:
         texts = time, share, "\n".join(sums), "\n".join(rates)
         rows[Text(stage)] = [[Text(text)] for text in texts]
     heads = [Text(head) for head in ("stage", "time", "share", "amount", "rate")]
-    caption = "Stages, sum over jobs"
-    return Table("stages", "Time of each stage", caption, heads, {Text(""): rows})
+    return Table("stages", "Time of each stage", "Stages, sum over jobs", heads, {Text(""): rows})
 
 
 def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
