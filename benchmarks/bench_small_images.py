@@ -21,7 +21,7 @@ from eres_render import Camera, Renderer, Scene, load_scene
 from eres_render.rendering import renderer as renderer_module
 from eres_render.rendering.lookup import LookUp
 
-_WIDTHS, _SPP, _ROUNDS, _POSES = (64, 128, 256), (1, 2, 4, 16), 9, 3
+_WIDTHS, _SPP, _ROUNDS, _POSES = (64, 128, 256), (1, 2, 4, 16), 5, 2
 _TRIANGLES = (300, 3000, 30_000)
 
 
