@@ -156,6 +156,68 @@ def test_packaged_meshes_are_what_the_code_makes(tmp_path, pieces):
         assert (tmp_path / f"{name}.ply").read_bytes() == (folder / f"{name}.ply").read_bytes()
 
 
+def test_no_two_surfaces_of_the_room_coincide(pieces):
+    """Where two faces lie in one plane, rounding would choose which of them is seen."""
+    charts = [chart for _, atlas in pieces.values() for chart in atlas.charts]
+    faces = [triangles_of(chart) for chart in charts]
+    low = np.array([face.min((0, 1)) for face in faces]) - COPLANAR_M
+    high = np.array([face.max((0, 1)) for face in faces]) + COPLANAR_M
+    for k, face in enumerate(faces):
+        near = np.all((low[k + 1 :] <= high[k]) & (high[k + 1 :] >= low[k]), axis=1)
+        for j in k + 1 + np.flatnonzero(near):
+            depth_m = overlaps_m(face, faces[j])
+            at = charts[k].points.mean((0, 1)), charts[j].points.mean((0, 1))
+            assert depth_m.max(initial=0.0) < OVERLAP_M, at
+
+
+COPLANAR_M, OVERLAP_M = 1e-5, 1e-4
+
+
+def triangles_of(chart):
+    """Return the triangles of a chart as its mesh has them, (N, 3, 3), without empty ones."""
+    points = chart.points.astype(np.float32).astype(float)
+    a, b = points[:-1, :-1][chart.solid], points[:-1, 1:][chart.solid]
+    c, d = points[1:, :-1][chart.solid], points[1:, 1:][chart.solid]
+    triangles = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+    return triangles[np.linalg.norm(normals_of(triangles), axis=1) > 1e-9]
+
+
+def normals_of(triangles):
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
+def overlaps_m(some, others):
+    """Return how deep coplanar triangles reach into each other, m: along the axis, among the six
+    normals of two triangles' sides in their plane, along which they have to move least to part."""
+    normals = normals_of(some)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    off_plane = np.einsum("nj,nmvj->nmv", normals, others[None] - some[:, None, :1])
+    n, m = np.nonzero(np.abs(off_plane).max(2) < COPLANAR_M)
+    pair = some[n], others[m]
+    depth_m = np.full(len(n), np.inf)
+    for triangles in pair:
+        for k in range(3):
+            axis = np.cross(normals[n], triangles[:, k] - triangles[:, k - 1])
+            axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+            one, other = (np.einsum("nvj,nj->nv", corners, axis) for corners in pair)
+            apart = np.maximum(one.min(1) - other.max(1), other.min(1) - one.max(1))
+            depth_m = np.minimum(depth_m, -apart)
+    return depth_m
+
+
+def test_overlaps_are_found():
+    """Two squares of 1 m in a plane that share 0.1 m of it, or an edge; or are 1 mm apart."""
+    square = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]], float)
+
+    def moved(*by_m):
+        return square + np.array(by_m)
+
+    assert overlaps_m(square, moved(0.9, 0.2, 0.0)).max() == pytest.approx(0.1)
+    assert overlaps_m(square, moved(0.9, 0.2, 0.0)[:, ::-1]).max() == pytest.approx(0.1)
+    assert overlaps_m(square, moved(1.0, 0.3, 0.0)).max() == pytest.approx(0.0, abs=1e-12)
+    assert not len(overlaps_m(square, moved(0.5, 0.0, 0.001)))
+
+
 def test_charts_lie_apart_on_their_atlas(pieces):
     """Each chart has an empty cell all around, so that no light bleeds from one to the next."""
     for _, atlas in pieces.values():

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from tasks.study.run.jobs import Job
 
 _IMAGE_MOTION_PX_S = 700  # average at base speed, of the fastest part of a 1280 px image
-_DISK_BYTES_PER_PX = 1.55  # of a half-float EXR
+_DISK_BYTES_PER_PX = 2.01  # of a half-float EXR, uncompressed
 _RENDER_SAMPLES_PER_S = 61e6  # both cores together
 _SIMULATE_NS_PER_PX = 11  # one core, per pixel, frame, sensor and speed; with collecting
 _CORES_MEASURED_ON = 2
