@@ -12,10 +12,20 @@ from sensor.compiling import compiler
 
 _FOLDER = Path(__file__).parent
 
-jit = compiler(_FOLDER, fastmath={"contract"})
-"""Compile a kernel. "contract" allows fused multiply-add; no other fast math."""
+_OPTIONS = {"fastmath": {"contract"}, "no_cfunc_wrapper": True}
 
-inlined = compiler(_FOLDER, fastmath={"contract"}, inline="always")
+allocating = compiler(_FOLDER, **_OPTIONS)
+"""Compile a kernel that allocates or returns arrays.
+
+"contract" allows fused multiply-add; no other fast math.
+"""
+
+# Numba counts references to each array of a tuple that a kernel reads. For kernels that only fill
+# the arrays of their caller this is up to a third of the code, and of the time to compile.
+jit = compiler(_FOLDER, **_OPTIONS, _nrt=False)
+"""Compile a kernel that neither allocates nor returns arrays."""
+
+inlined = compiler(_FOLDER, **_OPTIONS, _nrt=False, inline="always")
 """Compile a kernel and paste it into its callers: a call in a loop prevents vectorization.
 
 Numba pastes before it infers types, so that LLVM optimizes the code only once.
