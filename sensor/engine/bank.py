@@ -37,9 +37,11 @@ DARK_FRACTION = 1e-3  # default dark level, share of the white level
 _SAMPLE_PX = 1 << 14  # of a frame, for a first estimate of the white level
 _SAMPLE_SHARE = 0.995
 _CHUNK_FRAMES = 12
-# Room for events in `collect`: times the number that is expected, and times the number so far.
+# Room for events in `collect`: times the number that is expected, but at most so many times the
+# number so far, or so many.
 _RESERVE = 1.1
-_MOST_GROWTH = 4.0
+_MOST_GROWTH = 4
+_FEW_EVENTS = 1 << 25
 _CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk; limits memory for events
 
 
@@ -166,8 +168,9 @@ class _Joined:
         used, self._used = self._used, self._used + len(part)
         if self._used > len(self._room.t_us):
             passed_us = max(1, int(part.t_us[-1]) - self._start_us)
-            growth = min(_RESERVE * self._span_us / passed_us, _MOST_GROWTH)
-            size = int(max(growth, 1.0) * self._used)
+            expected = int(_RESERVE * self._used * self._span_us / passed_us)
+            most = max(_MOST_GROWTH * self._used, _FEW_EVENTS)  # the prediction can be far off
+            size = max(self._used, min(expected, most))
             old, self._room = self._room, room_for_events(size)
             _copy(old.part(slice(used)), self._room.part(slice(used)))
         _copy(part.columns, self._room.part(slice(used, self._used)))
