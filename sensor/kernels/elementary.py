@@ -20,8 +20,7 @@ allocating = compiler(_FOLDER, **_OPTIONS)
 "contract" allows fused multiply-add; no other fast math.
 """
 
-# Numba counts references to each array of a tuple that a kernel reads. For kernels that only fill
-# the arrays of their caller this is up to a third of the code, and of the time to compile.
+# Without counting references to each array of a tuple, which takes long to compile.
 jit = compiler(_FOLDER, **_OPTIONS, _nrt=False)
 """Compile a kernel that neither allocates nor returns arrays."""
 
