@@ -14,7 +14,7 @@ from tasks.view.drawing import Palette, Picture, resized
 from tasks.view.panel import Panel
 
 _SMALL_PX = 360  # lower pictures grow, by a whole factor
-_GAP_PX = 8
+_GAP_PX, _MARGIN_PX = 8, 4
 _TEXT_SHARE = 0.065  # of the height of the pictures
 _SMALLEST_TEXT_PX, _LARGEST_TEXT_PX = 12, 24
 _FINER = 4  # letters are drawn this much larger and averaged, which places them between pixels
@@ -51,7 +51,9 @@ class Layout:
             height = max(1, min(height, most[1], int(room / sum(shapes))))
         self._height = height
         self._widths = [max(1, round(shape * height)) for shape in shapes]
+        self._lefts = [sum(self._widths[:k]) + k * _GAP_PX for k in range(len(sizes))]
         self._palette = palette
+        self._text_px = self._page_px = 0  # those of the first picture are kept
 
     def draw(self, panels: Sequence[Panel], footer: str) -> Picture:
         """Draw panels.
@@ -65,42 +67,44 @@ class Layout:
 
         Returns
         -------
-        (H, W, 3) uint8, H and W even, as videos need it.
+        (H, W, 3) uint8, the same H and W each time, even, as videos need it.
         """
-        starts = np.cumsum([0, *(width + _GAP_PX for width in self._widths)])
-        width = int(starts[-1]) - _GAP_PX
-        rows = [line for panel in panels for line in (panel.title, panel.detail)]
-        size = self._text_px([*rows, footer])
-        line = round(1.4 * size)
+        if not self._text_px:
+            self._measure(panels, footer)
+        line = round(1.4 * self._text_px)
         below = self._height + _GAP_PX // 2
         height = below + 3 * line + 2 * _GAP_PX
-        page = Image.new("RGB", (width + width % 2, height + height % 2), self._palette.page)
-        for panel, left, wide in zip(panels, starts, self._widths, strict=False):
-            picture = resized(panel.picture, wide, self._height)
-            page.paste(Image.fromarray(picture), (int(left), 0))
-            self._write(page, int(left), below, panel.title, size)
-            self._write(page, int(left), below + line, panel.detail, size, dim=True)
-        self._write(page, 0, below + _GAP_PX + 2 * line, footer, size, dim=True)
+        page = Image.new("RGB", (self._page_px, height + height % 2), self._palette.page)
+        for panel, left, width in zip(panels, self._lefts, self._widths, strict=True):
+            page.paste(Image.fromarray(resized(panel.picture, width, self._height)), (left, 0))
+            self._write(page, left, below, panel.title, width)
+            self._write(page, left, below + line, panel.detail, width, dim=True)
+        self._write(page, 0, below + _GAP_PX + 2 * line, footer, self._page_px, dim=True)
         return np.asarray(page)
 
-    def _text_px(self, texts: Sequence[str]) -> int:
-        """Return the size of the letters: all captions fit below the narrowest picture."""
+    def _measure(self, panels: Sequence[Panel], footer: str) -> None:
+        """Choose letters that fit below the narrowest picture, and a page that holds the footer."""
         size = round(_TEXT_SHARE * self._height)
         size = min(max(size, _SMALLEST_TEXT_PX), _LARGEST_TEXT_PX)
-        widest = max(_font(size).getlength(text) for text in texts[:-1])
-        share = (min(self._widths) - 8) / max(widest, 1)
-        return max(_SMALLEST_TEXT_PX, min(size, int(size * share)))
+        captions = [line for panel in panels for line in (panel.title, panel.detail)]
+        widest = max(_font(size).getlength(text) for text in captions) + 2 * _MARGIN_PX
+        fitting = int(size * min(self._widths) / widest)
+        self._text_px = max(_SMALLEST_TEXT_PX, min(size, fitting))
+        longest = math.ceil(1.1 * _font(self._text_px).getlength(footer)) + 2 * _MARGIN_PX
+        width = max(self._lefts[-1] + self._widths[-1], longest)
+        self._page_px = width + width % 2
 
     def _write(
-        self, page: Image.Image, x: int, y: int, text: str, size: int, dim: bool = False
+        self, page: Image.Image, x: int, y: int, text: str, most: int, dim: bool = False
     ) -> None:
-        text_color, behind = np.array(self._palette.text), np.array(self._palette.page)
-        color = text_color + (0.3 if dim else 0.0) * (behind - text_color)
-        font = _font(_FINER * size)
-        wide, high = math.ceil(font.getlength(text) / _FINER), round(1.4 * size)
-        mask = Image.new("L", (_FINER * wide, _FINER * high))
+        """Write a line in at most `most` px from column x on."""
+        ink, behind = np.array(self._palette.text), np.array(self._palette.page)
+        color = ink + (0.3 if dim else 0.0) * (behind - ink)
+        font = _font(_FINER * self._text_px)
+        width = min(math.ceil(font.getlength(text) / _FINER), most - 2 * _MARGIN_PX)
+        mask = Image.new("L", (_FINER * max(width, 1), _FINER * round(1.4 * self._text_px)))
         ImageDraw.Draw(mask).text((0, 0), text, 255, font=font)
-        page.paste(tuple(color.astype(int)), (x + 4, y), mask.reduce(_FINER))
+        page.paste(tuple(color.astype(int)), (x + _MARGIN_PX, y), mask.reduce(_FINER))
 
 
 @lru_cache

@@ -127,12 +127,16 @@ def _pictures(
     layout = Layout(sizes, _SIZES[kind], PALETTES[look.palette], look.height)
     notes = []
     if subject.event_sources:
-        many = f"{look.count} events" if look.count else f"{look.window:g} ms of events"
-        notes.append(many)
+        notes.append(f"{look.count} events" if look.count else f"{look.window:g} ms of events")
     if kind != ".png":
-        slow = _slow(subject, look, kind)
-        notes.append("real time" if slow == 1 else f"{slow:g} times slower")
+        notes.append(_pace(_slow(subject, look, kind)))
     drawn = zip(*(source.panels(times_us) for source in subject.sources), strict=True)
     for k, (t_us, panels) in enumerate(zip(times_us, drawn, strict=True), start=1):
         yield layout.draw(panels, ", ".join([f"{t_us * 1e-6:.4f} s", *notes]))
         on_progress("drawing", k, len(times_us))
+
+
+def _pace(slow: float) -> str:
+    if slow == 1:
+        return "real time"
+    return f"{slow:g} times slower" if slow > 1 else f"{1 / slow:g} times faster"

@@ -30,6 +30,8 @@ from tasks.view.drawing import (
     resized,
     tone_mapped,
 )
+from tasks.view.layout import Layout
+from tasks.view.panel import Panel
 from tasks.view.windows import Span, span_of, windows
 
 COLORS = PALETTES["blue-red"]
@@ -115,6 +117,19 @@ def test_pixels_become_squares_or_means():
     picture = np.array([[[0] * 3, [200] * 3]], np.uint8)
     assert resized(picture, 4, 2)[..., 0].tolist() == 2 * [[0, 0, 200, 200]]
     assert resized(picture, 1, 1)[0, 0, 0] == 100
+
+
+def test_captions_change_and_the_page_keeps_its_size():
+    """Promise: videos need it; longer numbers are cut off, never drawn over the next picture."""
+    layout = Layout([(40, 30), (40, 30)], (500, 500), COLORS, height=61)
+    picture = plain(40, 30, COLORS.ground)
+    first = layout.draw([Panel(picture, "a", "1"), Panel(picture, "b", "2")], "now")
+    later = layout.draw([Panel(picture, "a" * 99, "1" * 99), Panel(picture, "", "")], "now " * 9)
+    assert first.shape == later.shape
+    assert all(side % 2 == 0 for side in first.shape[:2])
+    rows = slice(61 + 4, 61 + 4 + 2 * 17)  # two lines of captions
+    assert (later[rows, :77] != 255).any()
+    assert np.all(later[rows, 81:] == 255)
 
 
 # Windows
@@ -208,12 +223,12 @@ def test_a_loop_has_its_pictures_and_times(eres, tmp_path, recording, kind):
     out = tmp_path / f"events.{kind}"
     assert eres("view", recording, "--out", out, "--slow", 5, "--height", 96)[0] == 0
     with Image.open(out) as loop:
-        assert (loop.n_frames, loop.info["loop"], loop.width) == (24, 0, 128)
+        assert (loop.n_frames, loop.info["loop"]) == (24, 0)
         for k in range(loop.n_frames):
             loop.seek(k)
             loop.load()
             assert loop.info["duration"] == 40
-        shown = np.asarray(loop.convert("RGB"))[:96]
+        shown = np.asarray(loop.convert("RGB"))[:96, :128]
     ground = np.abs(shown.astype(int) - COLORS.ground).max(axis=2) < 12
     assert 0.5 < ground.mean() < 0.99
 
