@@ -6,6 +6,7 @@
     t_offset    int64, microseconds
     ms_to_idx   uint64, t[ms_to_idx[ms]] >= 1000 ms and t[ms_to_idx[ms] - 1] < 1000 ms, for every
                 whole millisecond from 0 to that of the last event
+    triggers/t_us, channel, p       int64, absolute; uint8; int8, +1 or -1: if there are triggers
 
 Columns are shuffled, compressed with zstd at level 1, and have checksums. Attributes of the file
 are `width`, `height`, and as JSON `origin` and, if the events have a model, `sensor_model`.
@@ -32,11 +33,13 @@ from sensor.formats.header import (
     origin_from_json,
     origin_to_json,
 )
+from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
 _CHUNK_EVENTS = 1 << 16
 _COLUMNS: dict[str, type] = {"t": np.uint32, "x": np.uint16, "y": np.uint16, "p": np.uint8}
 _ATTRIBUTES = ("width", "height", "sensor_model", "origin")
-_PLACES = ("events", "t_offset", "ms_to_idx")
+_PLACES = ("events", "t_offset", "ms_to_idx", "triggers")
+_TRIGGERS = ("t_us", "channel", "p")
 _MAX_SPAN_US = 1 << 32
 # Largest first time relative to t_offset. Later times would soon overflow uint32, so t_offset is
 # set to a time just before them.
@@ -113,6 +116,10 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             _append(columns["p"], part.p > 0)
             count += len(part)
             storage.check()
+        if len(header.triggers):
+            for name in _TRIGGERS:
+                column = getattr(header.triggers, name)
+                _append(create(f"triggers/{name}", column.dtype), column)
         # Stored in the header of the dataset, which has a checksum.
         compact = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         compact.set_layout(h5py.h5d.COMPACT)
@@ -249,6 +256,22 @@ def read(path: Path, header: Header) -> Iterator[Events]:
                 )
             last_us = int(part.t_us[-1])
             yield part
+
+
+def read_triggers(path: Path) -> Triggers:
+    """Read the external triggers of a DSEC file; none if there is no group of them.
+
+    Raises
+    ------
+    EventFormatError
+        A dataset is missing, damaged, or has another type or length.
+    """
+    with _opened(path) as file:
+        if "triggers" not in file:
+            return NO_TRIGGERS
+        columns = [_column(file, f"triggers/{name}") for name in _TRIGGERS]
+        with _said("triggers"):
+            return Triggers(*(column[:] for column in columns))
 
 
 def _column(file: Any, name: str) -> Any:
