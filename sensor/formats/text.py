@@ -353,9 +353,9 @@ def _read_start(path: Path) -> _Start:
                 order, unit = names
             elif len(words) == 2 and whole and all(word.isdigit() for word in words):
                 size = int(words[0]), int(words[1])
-            elif len(words) == 4 or (length and not line):
-                return _Start(Header(*size), order, unit, length)
-            elif not (whole and line[:1] in b"#%"):
+            elif line[:1] not in (b"#", b"%") or not whole:
+                if length or len(words) == 4:  # the parser names a line that is no event
+                    return _Start(Header(*size), order, unit, length)
                 raise EventFormatError(
                     f"byte {length}: found {line[:60]!r}, expected a line 'width height', a line "
                     "of names such as 't x y p', or an event 't x y p'"

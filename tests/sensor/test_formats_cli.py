@@ -206,7 +206,7 @@ def test_middle():
     assert crop_to_aspect(3, 5, 3, 5) == np.s_[0:3, 0:5]
 
 
-@pytest.mark.parametrize("name", list(FORMATS))
+@pytest.mark.parametrize("name", list(SUFFIXES))
 def test_convert_there_and_back(eres, tmp_path, name):
     """Promise: from DSEC to any format and back, events, model and origin are kept."""
     model = SensorModel(width=640, height=480, cutoff_hz=200.0)
@@ -346,7 +346,7 @@ def test_convert_asks_for_a_size(eres, tmp_path):
     assert_same(load_events(out), make_events([500_000], [3], [4], [1], 346, 260))
 
 
-@pytest.mark.parametrize("name", list(FORMATS))
+@pytest.mark.parametrize("name", list(SUFFIXES))
 def test_info(eres, tmp_path, name):
     """Promise: info prints format, size, count, time, rate and polarities of any file, and its
     model."""
