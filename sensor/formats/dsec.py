@@ -233,7 +233,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
     """
     width, height = header.width or 0, header.height or 0
     with _opened(path) as file:
-        columns = {name: column(file, f"events/{name}") for name in _COLUMNS}
+        columns = {name: integers(file, f"events/{name}") for name in _COLUMNS}
         length = len(columns["t"])
         for name, column in columns.items():
             if len(column) != length:
@@ -269,12 +269,12 @@ def read_triggers(path: Path) -> Triggers:
     with _opened(path) as file:
         if "triggers" not in file:
             return NO_TRIGGERS
-        columns = [column(file, f"triggers/{name}") for name in _TRIGGERS]
+        columns = [integers(file, f"triggers/{name}") for name in _TRIGGERS]
         with said("triggers"):
             return Triggers(*(column[:] for column in columns))
 
 
-def column(file: Any, name: str) -> Any:
+def integers(file: Any, name: str) -> Any:
     """Return a dataset that is a row of integers.
 
     Parameters

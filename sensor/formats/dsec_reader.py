@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from sensor.errors import EventFormatError
 from sensor.events import Events, no_events
 from sensor.formats import dsec
 from sensor.formats.hdf5_file import load_h5py
 
 
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Add the name of the file to errors about its content."""
+    try:
+        with dsec.said("events"):
+            yield
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
+
+
 class DsecReader:
     """A DSEC file that stays open, for windows in any order.
 
-    Reads what lies in a window, in whole chunks of 65536 events. Not for more than one process: HDF5
-    files must be opened again after a fork.
+    Reads what lies in a window, in whole chunks of 65536 events. After a fork, HDF5 files must be
+    opened again.
 
     Parameters
     ----------
@@ -35,12 +48,12 @@ class DsecReader:
     def __init__(self, path: Path, size: tuple[int, int] | None = None) -> None:
         path.open("rb").close()  # raises the error of the system if it is missing or not allowed
         self.path = path
-        with dsec.said(str(self.path)):
+        with _named(self.path):
             self.header = dsec.read_header(path).with_size(size)
             self.file = load_h5py().File(path, "r")
             names = [f"events/{name}" for name in ("t", "x", "y", "p")]
-            self._columns = {name[-1]: dsec.column(self.file, name) for name in names}
-            self._ms_to_idx = dsec.column(self.file, "ms_to_idx")
+            self._columns = {name[-1]: dsec.integers(self.file, name) for name in names}
+            self._ms_to_idx = dsec.integers(self.file, "ms_to_idx")
 
     def __len__(self) -> int:
         return len(self._columns["t"])
@@ -51,7 +64,7 @@ class DsecReader:
         if t_us <= 0:
             return 0
         ms = t_us // 1000
-        with dsec.said(str(self.path)):
+        with _named(self.path):
             if ms >= len(self._ms_to_idx):  # within the last millisecond, or later
                 first, stop = int(self._ms_to_idx[-1]) if len(self._ms_to_idx) else 0, len(self)
             else:
@@ -79,7 +92,7 @@ class DsecReader:
         """
         if first >= stop:
             return no_events(self.header.width or 0, self.header.height or 0, self.header.model)
-        with dsec.said(str(self.path)):
+        with _named(self.path):
             values = {name: column[first:stop] for name, column in self._columns.items()}
             return dsec.checked(values, first, self.header.t_offset_us, self.header)
 
