@@ -108,11 +108,23 @@ def test_without_faery_the_error_says_what_to_install(tmp_path, monkeypatch):
         load_events(path)
 
 
-def test_events_out_of_order(tmp_path):
-    """Promise: times that run backwards are refused, or sorted on request."""
-    path = tmp_path / "a.dat"
-    words = np.array([[7, 1 << 28 | 2 << 14 | 1], [5, 3 << 14 | 4]], "<u4")
-    path.write_bytes(b"% Version 2\n% Width 9\n% Height 9\n\x0c\x08" + words.tobytes())
-    with pytest.raises(EventFormatError, match="event 1: is earlier than the one before it"):
-        load_events(path)
-    assert_same(load_events(path, sort=True), make_events([5, 7], [4, 1], [3, 2], [0, 1], 9, 9))
+BACKWARDS = """import sys, struct
+out = sys.stdout.buffer
+out.write(b'{"size": [9, 9], "others": []}\\n')
+for t in (7, 5):
+    out.write(struct.pack("<qQHHB", 1, t, t - 4, 2, t == 7))
+out.write(struct.pack("<q", -1))
+"""
+
+
+def test_packets_out_of_order(tmp_path):
+    """Promise: packets that run backwards are refused, or sorted on request."""
+    path = write(tmp_path, "aedat4", random_events(9))
+    decoder = tmp_path / "decoder.py"
+    decoder.write_text(BACKWARDS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(faery_process, "__file__", str(decoder))
+        with pytest.raises(EventFormatError, match="event 1: is earlier than the one before it"):
+            load_events(path)
+        found = load_events(path, sort=True)
+    assert_same(found, make_events([5, 7], [1, 3], [2, 2], [0, 1], 9, 9))
