@@ -1,4 +1,6 @@
-"""docs/quick_start.md, docs/sensors.md, docs/learning.md: all commands and Python run, from top to bottom."""
+"""docs/quick_start.md, docs/sensors.md, docs/learning.md: all commands and Python run.
+
+They run from top to bottom."""
 
 import re
 
