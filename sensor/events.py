@@ -30,8 +30,8 @@ class Columns(NamedTuple):
         x, y = np.empty((2, size), np.uint16)
         return cls(np.empty(size, np.int64), x, y, np.empty(size, np.int8))
 
-    def part(self, which: slice | NDArray[np.bool_]) -> Columns:
-        """Return the columns of some events: views for a slice, copies for a mask."""
+    def part(self, which: slice | NDArray[np.bool_ | np.intp]) -> Columns:
+        """Return the columns of some events: views for a slice, copies for a mask or indices."""
         return Columns(self.t_us[which], self.x[which], self.y[which], self.p[which])
 
 

@@ -70,7 +70,8 @@ def _header(pipe: IO[bytes]) -> Header:
     if not line.endswith(b"\n"):
         raise _Ended
     found = json.loads(line)
-    return Header(*(found["size"] or (None, None)), others=tuple(found["others"]))
+    width, height = found["size"] or (None, None)
+    return Header(width, height, others=tuple(found["others"]))
 
 
 def read_header(path: Path, kind: str) -> Header:

@@ -67,7 +67,7 @@ def test_faery_reads_our_triggers_and_we_read_faerys(name, tmp_path):
                 found.append(packet["triggers"].copy())
     found = np.concatenate(found)
     np.testing.assert_array_equal(found["t"], triggers.t_us)
-    np.testing.assert_array_equal(found["id"], triggers.channel)
+    np.testing.assert_array_equal(found["source"], triggers.channel)
     np.testing.assert_array_equal(found["rising"], triggers.p > 0)
 
     other = tmp_path / "b.raw"
