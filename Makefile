@@ -13,7 +13,7 @@ demo: .venv/.ready .venv/.llvm
 
 # Two files at a time: each may hold a scene of a gigabyte.
 test: .venv/.dev .venv/.llvm .venv/.chromium
-	$(BIN)/pytest -q -n 2 --dist loadfile
+	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/.dev .venv/.llvm
 	$(BIN)/pytest -q -m slow

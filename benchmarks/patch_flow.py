@@ -51,9 +51,9 @@ def departures_px(run: Path, scene_name: str) -> dict[tuple[int, int], float]:
             count=flow["features"],
             seed=flow["seed"],
         )
-        pairs = zip(features.centres_px, features.flow_px, strict=True)
-        for item, (centre_px, flow_px) in enumerate(pairs):
-            points = centre_px + offsets
+        pairs = zip(features.centers_px, features.flow_px, strict=True)
+        for item, (center_px, flow_px) in enumerate(pairs):
+            points = center_px + offsets
             points = points[((points > 0) & (points < width)).all(axis=1)]
             there, _ = truth.point_flow(points, *window_s, width)
             square = np.sum((there - flow_px) ** 2, axis=1).mean()

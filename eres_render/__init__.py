@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from eres_render.sequence.ground_truth import Flow, GroundTruth, ground_truth
     from eres_render.sequence.ground_truth_files import window_times, write_truth
     from eres_render.sequence.monte_carlo_noise import Noise, measure_noise
-    from eres_render.sequence.render_clips import render_clip, render_scene
+    from eres_render.sequence.render_clips import clip_in_progress, render_clip, render_scene
     from eres_render.sequence.sequence import RadianceSequence, open_sequence
     from eres_render.trajectory.generators import random_path, waypoint_loop
     from eres_render.trajectory.spline import Trajectory, path_through
@@ -47,7 +47,7 @@ _NAMES = {
     "eres_render.sequence.ground_truth": ("Flow", "GroundTruth", "ground_truth"),
     "eres_render.sequence.ground_truth_files": ("window_times", "write_truth"),
     "eres_render.sequence.monte_carlo_noise": ("Noise", "measure_noise"),
-    "eres_render.sequence.render_clips": ("render_clip", "render_scene"),
+    "eres_render.sequence.render_clips": ("clip_in_progress", "render_clip", "render_scene"),
     "eres_render.sequence.sequence": ("RadianceSequence", "open_sequence"),
     "eres_render.trajectory.generators": ("random_path", "waypoint_loop"),
     "eres_render.trajectory.spline": ("Trajectory", "path_through"),
@@ -70,6 +70,7 @@ __all__ = [
     "SequenceError",
     "Trajectory",
     "TrajectoryError",
+    "clip_in_progress",
     "clips",
     "continuous_stretch",
     "ground_truth",

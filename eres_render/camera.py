@@ -147,7 +147,7 @@ class Camera:
         x, y = np.meshgrid(np.linspace(0, self.width, n), np.linspace(0, self.height, n))
         return np.stack([x.ravel(), y.ravel()], axis=-1)
 
-    def centres(self) -> Float64:
+    def centers(self) -> Float64:
         """Return the (height * width, 2) centers of all pixels, row by row."""
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         return np.stack([x.ravel(), y.ravel()], axis=-1)

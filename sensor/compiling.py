@@ -1,13 +1,16 @@
-"""Compile kernels with Numba, and never run an outdated one."""
+"""Compile kernels with Numba once, whichever process is first, and never run an outdated one."""
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
@@ -18,13 +21,15 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
 
     Numba caches a compiled function until its own file changes. A kernel contains the code of the
     kernels that it calls, so the cache of each depends on all files with kernels in its folders.
+    Of several processes that need a kernel, one compiles it and the others wait for it.
 
     Parameters
     ----------
     folders
         Folders of the kernels and of those that they call.
     options
-        Options of `numba.njit`, in addition to a cache, no GIL and the error model of numpy.
+        Options of `numba.njit`, in addition to a cache, no GIL, the error model of numpy, and no
+        code for callers in C.
 
     Returns
     -------
@@ -33,13 +38,50 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     files = sorted(file for folder in folders for file in folder.rglob("*.py"))
     sources = (source for source in map(Path.read_bytes, files) if b"jit" in source)
     stamp = hashlib.sha256(b"".join(sources)).hexdigest()
+    for_all: dict[str, Any] = {
+        "cache": True,
+        "nogil": True,
+        "error_model": "numpy",
+        "no_cfunc_wrapper": True,
+    }
 
     def compiled(kernel: _Kernel) -> _Kernel:
-        found: Any = numba.njit(cache=True, nogil=True, error_model="numpy", **options)(kernel)
+        found: Any = numba.njit(**for_all, **options)(kernel)
         if isinstance(found, Dispatcher):  # not if Numba is disabled
             kept: Any = found
             index = kept._cache._cache_file
             index._source_stamp = (index._source_stamp, stamp)
+            _compile_once(kept)
         return found
 
     return compiled
+
+
+def _compile_once(kernel: Any) -> None:
+    """Let one process at a time compile a kernel; the next finds it in the cache.
+
+    Numba alone compiles it in each process, and two that write to the cache at once may store the
+    code of one signature as that of another.
+    """
+    compile_or_load = kernel.compile
+    lock = f"{kernel._cache._cache_file._index_path}.lock"
+
+    def compile_alone(signature: Any) -> Any:
+        # Numba's lock first: a thread that compiles a caller holds it and asks for the other.
+        with global_compiler_lock:
+            if kernel._compiling_counter:  # a kernel that calls itself
+                return compile_or_load(signature)
+            with _locked(lock):
+                return compile_or_load(signature)
+
+    kernel.compile = compile_alone
+
+
+@contextmanager
+def _locked(path: str) -> Iterator[None]:
+    """Hold a lock between processes, where the folder allows one; it ends with the process."""
+    with ExitStack() as held:
+        with suppress(OSError):
+            file = held.enter_context(open(path, "ab"))
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield

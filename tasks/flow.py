@@ -43,7 +43,7 @@ class FlowSample:
         (h, w) float64, L_l: log intensity at the window's start at the sensor's resolution.
     contrast_threshold
         C, known in simulation, log units.
-    centre_px
+    center_px
         (2,) float64, the feature at the window's start.
     patch
         (2, 2) int64: first column and row of the patch of the events, and those after its last. It
@@ -61,7 +61,7 @@ class FlowSample:
     p: NDArray[np.int8]
     log_image: NDArray[np.float64]
     contrast_threshold: float
-    centre_px: NDArray[np.float64]
+    center_px: NDArray[np.float64]
     patch: NDArray[np.int64]
     initial: NDArray[np.float64]
     initial_sigma_px: float
@@ -132,7 +132,7 @@ class Features:
     ----------
     width, height
         Of the image, px.
-    centres_px
+    centers_px
         (N, 2) positions at the window's start.
     flow_px
         (N, 2) true displacements until the window's end.
@@ -142,12 +142,12 @@ class Features:
 
     width: int
     height: int
-    centres_px: NDArray[np.float64]
+    centers_px: NDArray[np.float64]
     flow_px: NDArray[np.float64]
     draws: NDArray[np.float64]
 
     def __len__(self) -> int:
-        return len(self.centres_px)
+        return len(self.centers_px)
 
     def at(self, width: int) -> Features:
         """Return the same features in an image of another width and the same shape, to a pixel.
@@ -156,7 +156,7 @@ class Features:
         """
         height = round(width * self.height / self.width)
         scale = np.array([width / self.width, height / self.height])
-        return Features(width, height, scale * self.centres_px, scale * self.flow_px, self.draws)
+        return Features(width, height, scale * self.centers_px, scale * self.flow_px, self.draws)
 
     def initial_flow_px(self, sigma_px: float = INITIAL_SIGMA_PX) -> NDArray[np.float64]:
         """Return initial flows, (N, 2): the truth plus Gaussian noise.
@@ -275,13 +275,13 @@ def corners(
 
 
 def patch(
-    centre_px: NDArray[np.float64], side_px: int, width: int, height: int
+    center_px: NDArray[np.float64], side_px: int, width: int, height: int
 ) -> NDArray[np.int64]:
     """Return the patch around a point, cut at the edge of the sensor.
 
     Parameters
     ----------
-    centre_px
+    center_px
         (2,) position of the point.
     side_px
         Side of the patch.
@@ -292,12 +292,12 @@ def patch(
     -------
     (2, 2): first column and row, and those after the last.
     """
-    first = np.floor(centre_px - 0.5 * side_px + 0.5).astype(np.int64)
+    first = np.floor(center_px - 0.5 * side_px + 0.5).astype(np.int64)
     return np.clip(np.stack([first, first + side_px]), 0, (width, height))
 
 
 def patch_mask(
-    centres_px: NDArray[np.float64],
+    centers_px: NDArray[np.float64],
     side_px: int,
     width: int,
     height: int,
@@ -308,7 +308,7 @@ def patch_mask(
 
     Parameters
     ----------
-    centres_px
+    centers_px
         (N, 2) positions of the points.
     side_px
         Side of the patches.
@@ -320,8 +320,8 @@ def patch_mask(
     (height, width) mask.
     """
     mask = np.zeros((height, width), bool)
-    for centre_px in centres_px:
-        (left, top), (right, bottom) = patch(centre_px, side_px, width, height)
+    for center_px in centers_px:
+        (left, top), (right, bottom) = patch(center_px, side_px, width, height)
         mask[top:bottom, left:right] = True
     return mask
 
@@ -332,7 +332,7 @@ def flow_sample(
     end_us: int,
     log_image: NDArray[np.float64],
     contrast_threshold: float,
-    centre_px: NDArray[np.float64],
+    center_px: NDArray[np.float64],
     side_px: int,
     initial: NDArray[np.float64],
     initial_sigma_px: float,
@@ -349,7 +349,7 @@ def flow_sample(
         (h, w) log intensity at the window's start.
     contrast_threshold
         C, log units.
-    centre_px, side_px
+    center_px, side_px
         Center and side of the patch.
     initial
         (2,) initial flow, px per window.
@@ -361,27 +361,29 @@ def flow_sample(
     What a flow method may use.
     """
     window = events.between(start_us, end_us)
-    area = patch(centre_px, side_px, events.width, events.height)
+    area = patch(center_px, side_px, events.width, events.height)
     (left, top), (right, bottom) = area
     inside = (window.x >= left) & (window.x < right) & (window.y >= top) & (window.y < bottom)
     window = window.where(inside)
+    pixel = (window.y.astype(np.int64) - top) * (right - left) + (window.x - left)
+    small = np.min_scalar_type((right - left) * (bottom - top))  # numpy sorts 16 bits fastest
     t = (window.t_us - start_us) / (end_us - start_us)
     return FlowSample(
         window.x.astype(np.float64) + 0.5,
         window.y.astype(np.float64) + 0.5,
         t,
-        times_before(window.y.astype(np.int64) * events.width + window.x, t),
+        times_before(pixel.astype(small), t),
         window.p,
         log_image,
         contrast_threshold,
-        centre_px,
+        center_px,
         area,
         initial,
         initial_sigma_px,
     )
 
 
-def times_before(pixel: NDArray[np.int64], t: NDArray[np.float64]) -> NDArray[np.float64]:
+def times_before(pixel: NDArray[np.integer], t: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the time of the previous event at each event's pixel.
 
     Parameters

@@ -1,5 +1,6 @@
 """Fixtures and settings of all tests."""
 
+import fcntl
 import hashlib
 import os
 import sys
@@ -12,10 +13,9 @@ ROOT = Path(__file__).parent.parent
 
 
 def compiled_folder():
-    """Return the folder of Numba's cache: one for each worker and version of the kernels.
+    """Return the folder of Numba's cache: one for each version of the kernels.
 
-    Two processes must not write to the cache at once, and it does not notice a changed function in
-    another file.
+    The cache does not notice a changed function in another file.
     """
     kernels = hashlib.sha256()
     for package in ("eres_render", "sensor", "tasks"):
@@ -23,12 +23,15 @@ def compiled_folder():
             code = file.read_bytes()
             if b"numba" in code or b"jit" in code:
                 kernels.update(code)
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "main")
-    return ROOT / "build" / "numba" / f"{worker}-{kernels.hexdigest()[:12]}"
+    return ROOT / "build" / "numba" / kernels.hexdigest()[:12]
 
 
 os.environ["NUMBA_CACHE_DIR"] = str(compiled_folder())  # read when Numba is imported
 
+from numba.core.caching import IndexDataCacheFile  # noqa: E402
+
+from eres_render import load_scene  # noqa: E402
+from light_scenes import light_evenly, small_carpet_folder  # noqa: E402
 from tasks import cli  # noqa: E402
 from tasks.cli import terminal  # noqa: E402
 
@@ -42,12 +45,65 @@ settings.register_profile(
 settings.load_profile("steady")
 
 
+def save_alone(index, key, data):
+    """Store a kernel while no other worker does: Numba may mix up two that are stored at once."""
+    with open(f"{index._index_path}.saving", "ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        save(index, key, data)
+
+
+save, IndexDataCacheFile.save = IndexDataCacheFile.save, save_alone
+
+
+# Files that take long, the longest first, so that no worker is left alone with one at the end. One
+# worker compiles the sensor's kernels while another makes the textures of the scenes.
+FIRST = (
+    "sensor/test_simulate.py",
+    "eres_render/test_scenes.py",
+    "study/test_schedule.py",
+    "eres_render/test_bake.py",
+    "eres_render/test_memory.py",
+    "tasks/test_cli_light.py",
+    "study/test_run.py",
+    "study/test_report.py",
+    "study/test_threads.py",
+    "test_guards.py",
+)
+
+
+def pytest_collection_modifyitems(items):
+    """Put the tests of `FIRST` first; the Makefile tells xdist to keep the order."""
+    places = {ROOT / "tests" / file: place for place, file in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get(item.path, len(places)))
+
+
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory):
-    """Start with an empty cache, so that no earlier run decides a test."""
+    """Start with an empty cache, so that no earlier run decides a test.
+
+    The workers of a run share its textures.
+    """
+    cache, run = tmp_path_factory.mktemp("cache"), tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        textures = run.parent / "textures"
+        textures.mkdir(exist_ok=True)
+        (cache / "textures").symlink_to(textures)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ERES_CACHE", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("ERES_CACHE", str(cache))
         yield
+
+
+@pytest.fixture(scope="module")
+def scene_folder(tmp_path_factory):
+    """Write a small carpet that is baked when it is rendered."""
+    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
+
+
+@pytest.fixture(scope="module")
+def small_carpet(tmp_path_factory):
+    """Load a small carpet in even light, which needs no baking on any machine."""
+    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
+    return load_scene(light_evenly(folder, "carpet", 3.0))
 
 
 @pytest.fixture

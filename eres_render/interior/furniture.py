@@ -119,11 +119,12 @@ def bookcase() -> list[Chart]:
     oak = wooden(0.33)
     charts = []
     for x in (0, 0.5 * (width - board), width - board):
-        charts += box((x, 0, 0), (x + board, depth, height), oak, ("bottom", "north"))
+        charts += box((x, 0, 0), (x + board, depth, height), oak, ("bottom", "north", "top"))
     for z in _SHELVES_M:
+        without = ("east", "west", "north", *(("top",) if z == height else ()))
         for x in (board, 0.5 * (width + board)):
             low, high = (x, 0.008, z - board), (x + 0.5 * width - 1.5 * board, depth, z)
-            charts += box(low, high, oak, ("east", "west", "north"))
+            charts += box(low, high, oak, without)
     charts.append(
         rectangle((0, depth - 0.004, height), (width, 0, 0), (0, 0, -height), wooden(0.26)(False))
     )

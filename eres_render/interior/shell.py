@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -60,28 +61,27 @@ def joinery() -> list[Chart]:
     charts = _reveal()
     x0, x1 = -_REVEAL_M + 0.03, -_REVEAL_M + 0.09
     south, north, low, high = WINDOW_SOUTH_M, WINDOW_NORTH_M, WINDOW_LOW_M, WINDOW_HIGH_M
-    for z in (low + 0.03, 0.62 * high + 0.38 * low, high - 0.03):
-        charts += box((x0, south, z - 0.03), (x1, north, z + 0.03), white, ("south", "north"))
-    for y in np.linspace(south + 0.03, north - 0.03, 4):
-        charts += box((x0, y - 0.03, low), (x1, y + 0.03, high), white, ("top", "bottom"))
-    charts += box((-0.02, south - 0.08, low - 0.03), (0.12, north + 0.08, low), white, ("west",))
+    posts = np.linspace(south + 0.03, north - 0.03, 4)
+    for y, hidden in zip(posts, (("south",), (), (), ("north",)), strict=True):
+        without = ("top", "bottom", *hidden)
+        charts += box((x0, y - 0.03, low), (x1, y + 0.03, high), white, without)
+    middle = 0.62 * high + 0.38 * low
+    for z, hidden in ((low + 0.03, ("bottom",)), (middle, ()), (high - 0.03, ("top",))):
+        without = ("south", "north", *hidden)
+        for start, end in pairwise(posts):
+            rail = (x0, start + 0.03, z - 0.03), (x1, end - 0.03, z + 0.03)
+            charts += box(*rail, white, without)
+    charts += box((-0.02, south - 0.08, low - 0.03), (0.12, north + 0.08, low + 0.005), white)
 
-    board = 0.09
-    charts += box((0, 0, 0), (0.015, NORTH_M, board), white, ("west", "bottom", "south", "north"))
-    charts += box(
-        (EAST_M - 0.015, 0, 0),
-        (EAST_M, NORTH_M, board),
-        white,
-        ("east", "bottom", "south", "north"),
-    )
-    charts += box((0, 0, 0), (4.22, 0.015, board), white, ("south", "bottom", "west"))
-    charts += box((5.28, 0, 0), (EAST_M, 0.015, board), white, ("south", "bottom", "east"))
-    charts += box(
-        (0, NORTH_M - 0.015, 0),
-        (EAST_M, NORTH_M, board),
-        white,
-        ("north", "bottom", "east", "west"),
-    )
+    board, thick = 0.08, 0.015
+    inner = NORTH_M - thick
+    ends = ("bottom", "south", "north")
+    charts += box((0, thick, 0), (thick, inner, board), white, ("west", *ends))
+    charts += box((EAST_M - thick, thick, 0), (EAST_M, inner, board), white, ("east", *ends))
+    ends = ("bottom", "east", "west")
+    charts += box((0, 0, 0), (4.22, thick, board), white, ("south", *ends))
+    charts += box((5.28, 0, 0), (EAST_M, thick, board), white, ("south", *ends))
+    charts += box((0, inner, 0), (EAST_M, NORTH_M, board), white, ("north", *ends))
     return charts + _door(4.3, 5.2)
 
 
@@ -102,7 +102,8 @@ def _door(west_m: float, east_m: float) -> list[Chart]:
     """Return a paneled door in its frame in the south wall."""
     frame, leaf = lacquered(0.7), wooden(0.34, 0.03)
     top = 2.05
-    charts = box((west_m, 0, 0), (east_m, 0.03, top), leaf, ("south", "bottom"))
+    in_frame = ("south", "bottom", "east", "west", "top")
+    charts = box((west_m, 0, 0), (east_m, 0.03, top), leaf, in_frame)
     for x in (west_m - 0.08, east_m):
         charts += box((x, 0, 0), (x + 0.08, 0.045, top + 0.08), frame, ("south", "bottom"))
     charts += box((west_m, 0, top), (east_m, 0.045, top + 0.08), frame, ("south", "east", "west"))

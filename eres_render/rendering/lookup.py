@@ -28,8 +28,10 @@ NEAR_M = 1e-3
 _BLOCK_PX = 4
 _UNKNOWN = -2  # in place of a piece
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
-_SAMPLES_AN_EDGE = 8  # below that many samples for each edge of the scene, tracing is cheaper
-_LEAST_SPP = 3  # corners cost about as much as one sample
+# What looking up costs, in samples that it saves: see benchmarks/bench_small_images.py.
+_SAMPLES_A_FRAME = 100_000
+_SAMPLES_AN_EDGE = 10
+_SAMPLES_A_PIXEL = 3
 
 # Pairs of corners of a box, numbered by bits for x, y and z, that an edge of the box joins.
 _BOX_EDGES = np.array([(a, b) for a in range(8) for b in range(a + 1, 8) if a ^ b in (1, 2, 4)])
@@ -76,8 +78,8 @@ class LookUp:
         -------
         Whether it does.
         """
-        samples = camera.width * camera.height * spp
-        return spp >= _LEAST_SPP and samples >= _SAMPLES_AN_EDGE * len(self._surfaces.edges)
+        saved = (spp - _SAMPLES_A_PIXEL) * camera.width * camera.height
+        return saved >= _SAMPLES_A_FRAME + _SAMPLES_AN_EDGE * len(self._surfaces.edges)
 
     def frame(
         self,

@@ -369,9 +369,11 @@ def _fill(row, first, last, h, address, size, samples, marked, image):
     last_column = np.int32(n_columns - 1)
     inside = u_base >= 0.0 and u + u_reach < last_column
     inside &= v_base >= 0.0 and v + v_reach < last_row
-    u0, fux, fuy = np.float32(u - u_base), np.float32(ux), np.float32(uy)
-    v0, fvx, fvy = np.float32(v - v_base), np.float32(vx), np.float32(vy)
-    fwx, fwy, one = np.float32(wx), np.float32(wy), np.float32(1.0)
+    steps = (
+        (np.float32(u - u_base), np.float32(ux), np.float32(uy)),
+        (np.float32(v - v_base), np.float32(vx), np.float32(vy)),
+        (np.float32(1.0), np.float32(wx), np.float32(wy)),
+    )
     to_columns, to_rows = np.float32(width), np.float32(height / samples.stretch)
     fcx = np.float32(cx)
     fcy = np.float32(cy - samples.cy * (1.0 - 1.0 / samples.stretch))
@@ -385,18 +387,14 @@ def _fill(row, first, last, h, address, size, samples, marked, image):
             total = np.float32(0.0)
             for k in range(spp):
                 s = start + np.uint64(k)
-                dx, dy = x[s] * to_columns - fcx, y[s] * to_rows - fcy
-                per_z = one / (one + fwx * dx + fwy * dy)
-                tu = u0 + (fux * dx + fuy * dy) * per_z
-                tv = v0 + (fvx * dx + fvy * dy) * per_z
+                tu, tv = _texel(x[s] * to_columns - fcx, y[s] * to_rows - fcy, steps)
                 iu, iv = np.uint32(tu), np.uint32(tv)
                 fu, fv = tu - np.float32(iu), tv - np.float32(iv)
                 at = iv * np.uint32(n_columns) + iu
                 top, bottom = _pair_at(corner, at), _pair_at(corner, at + np.uint32(n_columns))
                 t0, t1 = _left(top), _right(top)
                 b0, b1 = _left(bottom), _right(bottom)
-                t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
-                total += t + fv * (b - t)
+                total += _between(t0, t1, b0, b1, fu, fv)
             image[row, column] = total * scale
         return
     iu_base, iv_base = np.int32(u_base), np.int32(v_base)
@@ -405,10 +403,7 @@ def _fill(row, first, last, h, address, size, samples, marked, image):
         total = np.float32(0.0)
         for k in range(spp):
             s = start + np.uint64(k)
-            dx, dy = x[s] * to_columns - fcx, y[s] * to_rows - fcy
-            per_z = one / (one + fwx * dx + fwy * dy)
-            tu = u0 + (fux * dx + fuy * dy) * per_z
-            tv = v0 + (fvx * dx + fvy * dy) * per_z
+            tu, tv = _texel(x[s] * to_columns - fcx, y[s] * to_rows - fcy, steps)
             iu, iv = np.int32(tu), np.int32(tv)
             fu, fv = tu - np.float32(iu), tv - np.float32(iv)
             c0 = min(max(iu_base + iu, 0), last_column)
@@ -417,12 +412,26 @@ def _fill(row, first, last, h, address, size, samples, marked, image):
             r1 = min(max(iv_base + iv + 1, 0), last_row) * n_columns
             t0, t1 = _left(_half_at(address, r0 + c0)), _left(_half_at(address, r0 + c1))
             b0, b1 = _left(_half_at(address, r1 + c0)), _left(_half_at(address, r1 + c1))
-            t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
-            total += t + fv * (b - t)
+            total += _between(t0, t1, b0, b1, fu, fv)
         image[row, column] = total * scale
 
 
 _HALF_TO_FLOAT = 2.0**112  # the difference between the exponents' biases
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _texel(dx, dy, steps):
+    """The texel (dx, dy) px from a block's center, from its base."""
+    (u, ux, uy), (v, vx, vy), (one, wx, wy) = steps
+    per_z = one / (one + wx * dx + wy * dy)
+    return u + (ux * dx + uy * dy) * per_z, v + (vx * dx + vy * dy) * per_z
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _between(t0, t1, b0, b1, fu, fv):
+    """What four texels have between them, at fu of the way to the right and fv downward."""
+    t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
+    return t + fv * (b - t)
 
 
 @numba.njit(**_OPTIONS, inline="always")

@@ -134,7 +134,7 @@ class GroundTruth:
             seen.
         """
         camera, T = self.camera(width, height), self.pose(t_s)
-        depth = self._depth(T, camera.rays(camera.centres()))
+        depth = self._depth(T, camera.rays(camera.centers()))
         return depth.reshape(camera.height, camera.width).astype(np.float32)
 
     def flow(self, t_0_s: float, t_1_s: float, width: int, height: int | None = None) -> Flow:
@@ -153,7 +153,7 @@ class GroundTruth:
             At the centers of the pixels.
         """
         camera = self.camera(width, height)
-        flow, valid = self.point_flow(camera.centres(), t_0_s, t_1_s, width, height)
+        flow, valid = self.point_flow(camera.centers(), t_0_s, t_1_s, width, height)
         shape = camera.height, camera.width
         return Flow(flow.astype(np.float32).reshape(*shape, 2), valid.reshape(shape))
 

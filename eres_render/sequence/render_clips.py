@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future, ThreadPoolExecutor
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 
@@ -18,28 +23,84 @@ from eres_render.scene.scene import Scene
 from eres_render.sequence.clips import Clip, clips, continuous_stretch
 from eres_render.sequence.manifest import FORMAT_VERSION, Manifest
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
-from eres_render.sequence.sequence import RadianceSequence, SequenceWriter
+from eres_render.sequence.sequence import (
+    RadianceSequence,
+    SequenceWriter,
+    open_sequence,
+    read_ahead,
+    read_path,
+)
+from eres_render.storage.exr import Compression, to_half
 from eres_render.storage.locks import locked
 from eres_render.trajectory.frame_times import adaptive_times, warn_if_far_apart
 
 
-def render_clip(
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class _ClipInProgress(RadianceSequence):
+    """A sequence that renders and writes each missing frame when it is first read.
+
+    A frame is rounded to half precision before anybody sees it, so that it is the same whether it
+    was rendered or read. It is written while the next one renders.
+    """
+
+    renderer: Renderer
+    poses: NDArray[np.float64]  # (T, 4, 4) to render, before they were rounded as text
+    writer: SequenceWriter
+    writing: Executor
+    unread: set[int]  # frames that nobody has read
+    on_progress: Progress
+    one_at_a_time: threading.Lock = field(default_factory=threading.Lock)
+    last_write: list[Future[None]] = field(default_factory=list)  # one at most
+
+    def __iter__(self) -> Iterator[NDArray[np.float32]]:
+        self.wait()
+        for i, found in enumerate(read_ahead(self.writer.read, len(self))):
+            yield self._whole(i, found)
+
+    def frame(self, i: int) -> NDArray[np.float32]:
+        """Return frame i as `RadianceSequence.frame` does; render it if it is missing."""
+        with self.one_at_a_time:
+            self.wait()
+            return self._whole(i, self.writer.read(i))
+
+    def wait(self) -> None:
+        """Return when all rendered frames are on disk; raise if one could not be written."""
+        for write in self.last_write:
+            write.result()
+
+    def _whole(self, i: int, found: NDArray[np.float32] | None) -> NDArray[np.float32]:
+        self.unread.discard(i)
+        if found is not None:
+            return found
+        started_s = time.perf_counter()
+        half = to_half(self.renderer.frame(self.poses[i]), self.writer.file(i))
+        self.rendered.frames += 1
+        self.rendered.seconds += time.perf_counter() - started_s
+        self.wait()
+        self.last_write[:] = [self.writing.submit(self.writer.write, i, half)]
+        self.on_progress("rendering", i + 1, len(self))
+        return half.astype(np.float32)
+
+
+@contextmanager
+def clip_in_progress(
     renderer: Renderer,
     clip: Clip,
     out_dir: Path,
     max_displacement_px: float,
+    compression: Compression = "none",
     on_progress: Progress = silent,
-) -> RadianceSequence:
-    """Render one clip into a folder, or finish it where a killed render stopped.
+) -> Iterator[RadianceSequence]:
+    """Open a clip as a sequence whose missing frames are rendered when they are first read.
 
     Frames are so close in time that no point of the image moves farther than `max_displacement_px`
-    from one to the next. Each frame is written while the next one renders. While another process
-    renders into the folder, this one waits and then finds the frames there.
+    from one to the next. They are also written into a folder, and are the same to the bit when they
+    are read from there. While another process renders into the folder, this one waits.
 
     Parameters
     ----------
     renderer
-        Renders the frames.
+        Renders the frames, from one thread at a time.
     clip
         What to render.
     out_dir
@@ -47,13 +108,14 @@ def render_clip(
         only the missing frames are rendered.
     max_displacement_px
         In pixels of the render.
+    compression
+        Of the files: by default none, which costs the least time.
     on_progress
-        Called after each frame; frames that exist count as done.
+        Called after each rendered frame, with the number of frames up to this one.
 
-    Returns
-    -------
-    sequence
-        The complete sequence.
+    Yields
+    ------
+    The sequence. It is complete on disk after the context if every frame was read in it.
 
     Raises
     ------
@@ -61,11 +123,38 @@ def render_clip(
         If the folder holds a sequence with other settings, or cannot be written; finished frames
         stay.
     """
-    scene, camera = renderer.scene, renderer.camera
     t_s = adaptive_times(renderer.image_motion, clip.marks_s, max_displacement_px)
-    poses = renderer.trajectory.pose(t_s)
+    manifest = _manifest(renderer, clip, t_s, max_displacement_px)
+    with locked(out_dir / ".lock"), ThreadPoolExecutor(1, thread_name_prefix="exr") as writing:
+        writer = SequenceWriter(out_dir, manifest, renderer.trajectory, compression)
+        # As read back, where rotations are quaternions: ground truth is the same to the bit, too.
+        T_world_cam, trajectory = read_path(out_dir, manifest)
+        sequence = _ClipInProgress(
+            folder=out_dir,
+            manifest=manifest,
+            T_world_cam=T_world_cam,
+            trajectory=trajectory,
+            checksums=writer.checksums,
+            renderer=renderer,
+            poses=renderer.trajectory.pose(t_s),
+            writer=writer,
+            writing=writing,
+            unread=set(range(len(t_s))),
+            on_progress=on_progress,
+        )
+        yield sequence
+        sequence.wait()
+        release_memory()
+        if not sequence.unread:
+            writer.finish()
+
+
+def _manifest(
+    renderer: Renderer, clip: Clip, t_s: NDArray[np.float64], max_displacement_px: float
+) -> Manifest:
+    scene, camera = renderer.scene, renderer.camera
     centered = camera == Camera(camera.width, camera.height, camera.fov_rad)
-    manifest = Manifest(
+    return Manifest(
         version=FORMAT_VERSION,
         complete=False,
         scene=scene.name,
@@ -88,32 +177,37 @@ def render_clip(
         t_offset_us=renderer.trajectory.t_offset_us,
         intrinsics=None if centered else (camera.fx, camera.fy, camera.cx, camera.cy),
     )
-    with locked(out_dir / ".lock"):
-        writer = SequenceWriter(out_dir, manifest, renderer.trajectory)
-        _render_missing(renderer, poses, writer, on_progress)
-        release_memory()
-        return writer.finish()
 
 
-def _render_missing(
+def render_clip(
     renderer: Renderer,
-    poses: NDArray[np.float64],  # (T, 4, 4) T_world_cam of all frames
-    writer: SequenceWriter,
-    on_progress: Progress,
-) -> None:
-    missing = writer.missing()
-    done = len(poses) - len(missing)
-    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="exr") as pool:
-        writing: Future[None] | None = None
-        for i in missing:
-            radiance = renderer.frame(poses[i])
-            if writing is not None:
-                writing.result()
-            writing = pool.submit(writer.write, i, radiance)
-            done += 1
-            on_progress("rendering", done, len(poses))
-        if writing is not None:
-            writing.result()
+    clip: Clip,
+    out_dir: Path,
+    max_displacement_px: float,
+    on_progress: Progress = silent,
+) -> RadianceSequence:
+    """Render one clip into a folder, or finish it where a killed render stopped.
+
+    Parameters
+    ----------
+    renderer, clip, out_dir, max_displacement_px, on_progress
+        As for `clip_in_progress`.
+
+    Returns
+    -------
+    sequence
+        The complete sequence.
+
+    Raises
+    ------
+    RenderError
+        As `clip_in_progress`.
+    """
+    where = out_dir, max_displacement_px
+    with clip_in_progress(renderer, clip, *where, "zip", on_progress) as sequence:
+        for _ in sequence:
+            pass
+    return open_sequence(out_dir)
 
 
 def render_scene(

@@ -15,10 +15,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,21 @@ from eres_render.errors import RenderError, SequenceError, TrajectoryError
 from eres_render.sequence.manifest import Manifest, read_manifest, write_manifest
 from eres_render.storage.atomic import write_text
 from eres_render.storage.checksums import FILE_NAME, append_sum, read_sums, sha256, write_sums
-from eres_render.storage.exr import read_luminance, write_luminance
+from eres_render.storage.exr import Compression, read_luminance, write_channels
 from eres_render.trajectory.spline import Trajectory
 from eres_render.trajectory.tum import read_tum, tum_text
 
 Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Rendered:
+    """How many frames were rendered as they were read, and the wall-clock time of that."""
+
+    frames: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,19 +59,13 @@ class RadianceSequence:
     T_world_cam: Float64  # (T, 4, 4)
     trajectory: Trajectory  # of the whole path, on the time of the frames
     checksums: Mapping[str, str]  # SHA-256 of every frame, by path in the folder
+    rendered: Rendered = dataclasses.field(default_factory=Rendered)  # none: all frames are on disk
 
     def __len__(self) -> int:
         return len(self.manifest.t_s)
 
-    def __iter__(self) -> Iterator[NDArray[np.float32]]:
-        at_once = cores()
-        with ThreadPoolExecutor(at_once, thread_name_prefix="exr") as readers:
-            ahead = deque(readers.submit(self.frame, i) for i in range(min(at_once, len(self))))
-            for i in range(len(self)):
-                frame = ahead.popleft().result()
-                if i + at_once < len(self):
-                    ahead.append(readers.submit(self.frame, i + at_once))
-                yield frame
+    def __iter__(self) -> Iterator[Float32]:
+        return read_ahead(self.frame, len(self))
 
     @property
     def t_s(self) -> Float64:
@@ -116,6 +121,30 @@ class RadianceSequence:
         return _read_frame(self.folder, self.manifest, i, self.checksums)
 
 
+def read_ahead(read: Callable[[int], T], count: int) -> Iterator[T]:
+    """Yield what a function returns for 0, 1, ..., while all cores call it for the next ones.
+
+    Parameters
+    ----------
+    read
+        The function.
+    count
+        Number of calls.
+
+    Yields
+    ------
+    The results, in order.
+    """
+    at_once = cores()
+    with ThreadPoolExecutor(at_once, thread_name_prefix="exr") as readers:
+        ahead = deque(readers.submit(read, i) for i in range(min(at_once, count)))
+        for i in range(count):
+            found = ahead.popleft().result()
+            if i + at_once < count:
+                ahead.append(readers.submit(read, i + at_once))
+            yield found
+
+
 def open_sequence(path: str | Path) -> RadianceSequence:
     """Open a sequence folder.
 
@@ -152,6 +181,31 @@ def open_sequence(path: str | Path) -> RadianceSequence:
     without = [i for i in range(len(frames)) if _frame_name(i) not in checksums]
     if without:
         raise SequenceError(f"{folder / FILE_NAME}: found no line for {_frame_name(without[0])}")
+    return RadianceSequence(folder, manifest, *read_path(folder, manifest), checksums)
+
+
+def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
+    """Read the poses of all frames, (T, 4, 4), and the whole path of the camera.
+
+    Parameters
+    ----------
+    folder
+        Of the sequence.
+    manifest
+        Of the sequence.
+
+    Returns
+    -------
+    T_world_cam
+        (T, 4, 4) poses of the frames.
+    trajectory
+        The path, on the time of the frames.
+
+    Raises
+    ------
+    SequenceError
+        If a file is missing or damaged, or they contradict each other or the manifest.
+    """
     poses_file, path_file = folder / "poses.txt", folder / "path.txt"
     try:
         t_s, T_world_cam = read_tum(poses_file, manifest.t_offset_us)
@@ -168,7 +222,7 @@ def open_sequence(path: str | Path) -> RadianceSequence:
         trajectory.pose(t_s), T_world_cam, rtol=0, atol=1e-9
     ):
         raise SequenceError(f"{path_file}: found a path that does not pass through {poses_file}")
-    return RadianceSequence(folder, manifest, T_world_cam, trajectory, checksums)
+    return T_world_cam, trajectory
 
 
 class SequenceWriter:
@@ -182,6 +236,13 @@ class SequenceWriter:
         Of the sequence; the writer sets its `complete`.
     trajectory
         The camera's path, on the time of the frames.
+    compression
+        Of the frames.
+
+    Attributes
+    ----------
+    checksums
+        SHA-256 of every frame so far, by path in the folder.
 
     Raises
     ------
@@ -190,8 +251,15 @@ class SequenceWriter:
         deleted.
     """
 
-    def __init__(self, folder: Path, manifest: Manifest, trajectory: Trajectory) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        manifest: Manifest,
+        trajectory: Trajectory,
+        compression: Compression = "zip",
+    ) -> None:
         self.folder = folder
+        self._compression: Compression = compression
         self.manifest = dataclasses.replace(manifest, complete=False)
         if (folder / "manifest.json").exists():
             self._check_same(read_manifest(folder))
@@ -203,37 +271,33 @@ class SequenceWriter:
         path = tum_text(trajectory.knots_s, trajectory.controls, offset_us)
         write_text(folder / "poses.txt", tum_text(t_s, trajectory.pose(t_s), offset_us))
         write_text(folder / "path.txt", path)
-        self._checksums = read_sums(folder)
-        write_sums(folder, self._checksums)  # without lines that a kill left unfinished
+        self.checksums = read_sums(folder)
+        write_sums(folder, self.checksums)  # without lines that a kill left unfinished
         write_manifest(folder, self.manifest)
 
     def _check_same(self, found: Manifest) -> None:
         """Refuse a manifest of other frames; the place of the scene does not matter."""
-        for field in dataclasses.fields(Manifest):
-            old, new = getattr(found, field.name), getattr(self.manifest, field.name)
-            if field.name in ("complete", "scene_source") or old == new:
+        for name in (field.name for field in dataclasses.fields(Manifest)):
+            old, new = getattr(found, name), getattr(self.manifest, name)
+            if name in ("complete", "scene_source") or old == new:
                 continue
-            change = (
-                "other frame times" if field.name == "t_s" else f"{field.name} {old!r}, not {new!r}"
-            )
+            change = "other frame times" if name == "t_s" else f"{name} {old!r}, not {new!r}"
             raise RenderError(
                 f"{self.folder}: found a sequence with {change}; remove it, or render elsewhere"
             )
 
-    def missing(self) -> list[int]:
-        """Return the numbers of the frames that are missing or cannot be read."""
-        with ThreadPoolExecutor(cores(), thread_name_prefix="exr") as readers:
-            holds = list(readers.map(self._holds, range(len(self.manifest.t_s))))
-        return [i for i, held in enumerate(holds) if not held]
+    def file(self, i: int) -> Path:
+        """Return the file of frame i."""
+        return _frame_file(self.folder, i)
 
-    def _holds(self, i: int) -> bool:
+    def read(self, i: int) -> Float32 | None:
+        """Return frame i, (H, W); None if it is missing or cannot be read."""
         try:
-            _read_frame(self.folder, self.manifest, i, self._checksums)
+            return _read_frame(self.folder, self.manifest, i, self.checksums)
         except SequenceError:
-            return False
-        return True
+            return None
 
-    def write(self, i: int, radiance: NDArray[np.floating]) -> None:
+    def write(self, i: int, radiance: NDArray[np.float16]) -> None:
         """Write a frame, whole or not at all.
 
         Parameters
@@ -243,18 +307,17 @@ class SequenceWriter:
         radiance
             (H, W) linear radiance.
         """
-        file, name = _frame_file(self.folder, i), _frame_name(i)
-        write_luminance(file, radiance)
-        self._checksums[name] = sha256(file)
-        append_sum(self.folder, name, self._checksums[name])
+        file, name = self.file(i), _frame_name(i)
+        write_channels(file, {"Y": radiance}, compression=self._compression)
+        self.checksums[name] = sha256(file)
+        append_sum(self.folder, name, self.checksums[name])
 
-    def finish(self) -> RadianceSequence:
-        """Mark the sequence as complete, and return it."""
+    def finish(self) -> None:
+        """Mark the sequence as complete."""
         for leftover in (self.folder / "frames").glob(".*.unfinished"):  # of a killed render
             leftover.unlink(missing_ok=True)
-        write_sums(self.folder, self._checksums)
+        write_sums(self.folder, self.checksums)
         write_manifest(self.folder, dataclasses.replace(self.manifest, complete=True))
-        return open_sequence(self.folder)
 
 
 def _frame_name(i: int) -> str:

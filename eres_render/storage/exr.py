@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import OpenEXR
@@ -18,11 +19,41 @@ from numpy.typing import NDArray
 from eres_render.errors import RenderError
 from eres_render.storage.atomic import write_bytes
 
+Compression = Literal["zip", "none"]
+
+_COMPRESSIONS = {"zip": OpenEXR.ZIP_COMPRESSION, "none": OpenEXR.NO_COMPRESSION}
+_LEAST_TOO_LARGE = 65520  # rounds to infinity in half precision
 _silencing = threading.Lock()
 
 
+def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
+    """Round an image to half precision.
+
+    Parameters
+    ----------
+    image
+        (H, W).
+    path
+        The file that it is for, which errors name.
+
+    Returns
+    -------
+    (H, W) float16.
+
+    Raises
+    ------
+    RenderError
+        If a value is not finite, or becomes infinite.
+    """
+    if not (image.min() > -_LEAST_TOO_LARGE and image.max() < _LEAST_TOO_LARGE):
+        raise RenderError(f"{path}: found a value that is not finite in half precision")
+    return np.ascontiguousarray(image, dtype=np.float16)
+
+
 def write_luminance(
-    path: Path, image: NDArray[np.floating], attributes: Mapping[str, str] | None = None
+    path: Path,
+    image: NDArray[np.floating],
+    attributes: Mapping[str, str] | None = None,
 ) -> None:
     """Write an image as the half-float channel Y.
 
@@ -40,17 +71,14 @@ def write_luminance(
     RenderError
         If the file cannot be written, or a value does not fit half precision.
     """
-    with np.errstate(over="ignore"):
-        half = np.ascontiguousarray(image, dtype=np.float16)
-    if not np.isfinite(half).all():
-        raise RenderError(f"{path}: found a value that is not finite in half precision")
-    write_channels(path, {"Y": half}, attributes)
+    write_channels(path, {"Y": to_half(image, path)}, attributes)
 
 
 def write_channels(
     path: Path,
     channels: Mapping[str, NDArray[np.generic]],
     attributes: Mapping[str, str] | None = None,
+    compression: Compression = "zip",
 ) -> None:
     """Write the channels of an image.
 
@@ -62,15 +90,16 @@ def write_channels(
         (H, W) each, by name.
     attributes
         Texts for the header, by name.
+    compression
+        Whether to compress the file. Both are lossless, and every reader supports them. A frame of
+        1280 x 1280 takes 2.2 MB and 35 to 42 ms of CPU time, or 3.3 MB and 3 to 5 ms.
 
     Raises
     ------
     RenderError
         If the file cannot be written.
     """
-    # ZIP: on 1280 x 1280 carpet frames it is as small as PIZ (2.2 MB) and takes 0.03 s of one
-    # core, less than a tenth of the rendering of the frame. Every reader supports it.
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage}
     file = OpenEXR.File({**header, **(attributes or {})}, dict(channels))
 
     # Via memory: the library reports no error if the last bytes of a file do not fit the disk.

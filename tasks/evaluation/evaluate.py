@@ -70,9 +70,11 @@ def evaluate(
     reference = ReferenceFrames(sequence, truth, dark_level, widths)
     sensors = [_Sensor(reference, setting, tasks, watch) for setting in settings]
     stopwatch = Stopwatch()
+    rendered_before_s = sequence.rendered.seconds
     with ThreadPoolExecutor(cores()) as workers:
         with stopwatch("sensing"):
             _collect(sequence, sensors, workers, stopwatch, on_progress)
+        stopwatch.seconds["rendering"] = sequence.rendered.seconds - rendered_before_s
         with stopwatch("scoring"):
             scores = _score(sensors, workers, on_progress)
     rows = [
@@ -208,7 +210,7 @@ def _timings(
         frames=len(sequence),
         resolution=manifest.width,
         spp=manifest.spp,
-        reading_s=seconds["reading"],
+        reading_s=seconds["reading"] - seconds["rendering"],
         sensors=len(sensors),
         pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
         events=sum(sensor.fired for sensor in sensors),
@@ -220,6 +222,8 @@ def _timings(
             for model, found in zip(models, scores, strict=True)
             for task, score in found
         ),
+        rendered_frames=sequence.rendered.frames,
+        rendering_s=sequence.rendered.seconds,
     )
 
 

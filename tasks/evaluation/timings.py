@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from eres_render.progress import Progress
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 
@@ -54,7 +52,8 @@ class JobTimings:
     frames, resolution, spp
         Number of frames that were read, their side in px, and samples per pixel.
     reading_s
-        Time spent waiting for frames to be read and decoded.
+        Time spent waiting for frames, without their rendering: they are read, or rounded and
+        written.
     sensors
         Number of sensors.
     pixel_frames, events
@@ -87,29 +86,6 @@ class JobTimings:
     methods: tuple[MethodTimings, ...]
     rendered_frames: int = 0
     rendering_s: float = 0.0
-
-
-class FrameTimer:
-    """Passes progress on, and times rendered frames from its construction on."""
-
-    def __init__(self, on_progress: Progress) -> None:
-        self.frames = 0
-        self.seconds = 0.0
-        self._on_progress = on_progress
-        self._started = time.perf_counter()
-
-    def __call__(self, stage: str, done: float, of: float, /) -> None:
-        """Pass progress on, and count a rendered frame.
-
-        Parameters
-        ----------
-        stage, done, of
-            As in `Progress`.
-        """
-        if stage == "rendering":
-            self.frames += 1
-            self.seconds = time.perf_counter() - self._started
-        self._on_progress(stage, done, of)
 
 
 def timings_file(timings: JobTimings) -> bytes:

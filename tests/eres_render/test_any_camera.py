@@ -22,7 +22,7 @@ from eres_render import (
 from eres_render.rendering.backend import select_variant
 from eres_render.sequence.ground_truth import surface_distance
 from eres_render.storage.exr import write_luminance
-from light_scenes import dots_folder, light_evenly, room_folder, small_carpet_folder, tilted_pose
+from light_scenes import dots_folder, light_evenly, room_folder, tilted_pose
 
 WIDE = Camera(128, 72, fx=130.0, fy=104.0, cx=49.5, cy=41.25)
 CLIP = Clip(0, 0.24, 0.25, 0.26)
@@ -58,12 +58,6 @@ def ramps(tmp_path_factory):
     return scenes
 
 
-@pytest.fixture(scope="module")
-def small_carpet(tmp_path_factory):
-    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
-    return load_scene(light_evenly(folder, "carpet", 3.0))
-
-
 def seen_m(camera, T, points_px):
     """Return where the rays through pixels meet the plane z = 0, (N, 2) m, by the camera matrix."""
     ones = np.ones((len(points_px), 1))
@@ -89,7 +83,7 @@ def test_every_pixel_sees_the_point_that_the_camera_matrix_says(ramps, integrato
         for scene in ramps
     ]
     pixel_m = T[2, 3] / max(camera.fx, camera.fy)
-    expected = seen_m(camera, T, camera.centres())
+    expected = seen_m(camera, T, camera.centers())
     np.testing.assert_allclose(np.transpose(found), expected, rtol=0, atol=0.01 * pixel_m)
 
 
@@ -112,7 +106,7 @@ def test_a_scalar_machine_moves_the_principal_point_and_refuses_pixels_that_are_
     run = run_python(code, ramps[0].folder, ERES_VARIANT="scalar_rgb")
     frame, refused = run.stdout.splitlines()
     camera, T = Camera(16, 9, fx=20.0, cx=5.0, cy=6.0), ramps[0].trajectory().pose(1.0)
-    expected = seen_m(camera, T, camera.centres())[:, 0]
+    expected = seen_m(camera, T, camera.centers())[:, 0]
     found = np.array(frame.split(), float) - 5
     np.testing.assert_allclose(found, expected, rtol=0, atol=0.01 * T[2, 3] / camera.fx)
     assert refused.startswith(
@@ -130,7 +124,7 @@ def test_truth_follows_surface_points_through_any_camera(small_carpet, tmp_path,
         width, height = camera.width, camera.height
         assert truth.camera(width) == truth.camera(width, height) == camera
         T_0, T_1 = truth.pose(1.0), truth.pose(1.02)
-        K, centers = camera.K, np.hstack([camera.centres(), np.ones((width * height, 1))])
+        K, centers = camera.K, np.hstack([camera.centers(), np.ones((width * height, 1))])
         z = truth.depth(1.0, width).reshape(-1, 1).astype(float)
         points = z * centers @ np.linalg.inv(K).T @ T_0[:3, :3].T + T_0[:3, 3]
         if not depth:

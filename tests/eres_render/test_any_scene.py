@@ -10,30 +10,19 @@ from eres_render.rendering.backend import select_variant
 from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.xml import read_scene_xml
 from eres_render.trajectory.generators import look_at
-from eres_render.trajectory.tum import tum_text
+from light_scenes import CAMERA, write_poses, write_scene
 
-CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'
 BALL = '<shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>'
 SKY = '<emitter type="constant"/>'
 UP = (0.0, 0.0, 1.0)
-
-
-def write_xml(folder, *parts):
-    file = folder / "mine.xml"
-    file.write_text(f'<scene version="3.0.0">{"".join(parts)}</scene>')
-    return file
-
-
-def write_poses(folder, positions=((3, 0, 0), (2, 2, 0.1), (0, 3, 0)), t_s=(10.0, 10.7, 11.1)):
-    poses = np.array([look_at(p, (0, 0, 0), UP) for p in positions])
-    file = folder / "poses.txt"
-    file.write_text(tum_text(np.array(t_s), poses))
-    return file, np.array(t_s) - t_s[0], poses
+POSITIONS_M = ((3, 0, 0), (2, 2, 0.1), (0, 3, 0))
+T_S = (10.0, 10.7, 11.1)
 
 
 def test_the_camera_passes_through_the_given_poses_at_their_times(tmp_path):
-    file, t_s, poses = write_poses(tmp_path)
-    scene = load_scene(write_xml(tmp_path, CAMERA, BALL, SKY), file)
+    file = write_poses(tmp_path, POSITIONS_M, T_S)
+    t_s, poses = np.array(T_S) - T_S[0], [look_at(p, (0, 0, 0), UP) for p in POSITIONS_M]
+    scene = load_scene(write_scene(tmp_path, CAMERA, BALL, SKY), file)
     assert scene.duration_s == pytest.approx(1.1)
     np.testing.assert_allclose(scene.trajectory().pose(t_s), poses, atol=1e-11)
     frame = Renderer(scene, 32, 4).frame(scene.trajectory().pose(0.3))
@@ -63,7 +52,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
         f'<integer name="{n}" value="{v}"/>' for n, v in zip(("width", "height"), size, strict=True)
     )  # fmt: skip
     film = f'<film type="hdrfilm">{sides}</film>'
-    xml = write_xml(
+    xml = write_scene(
         tmp_path,
         '<default name="wide" value="77"/>',
         f'<sensor type="perspective">{inner}{film}</sensor>',
@@ -100,7 +89,7 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
 )
 def test_scene_files_that_cannot_do_are_refused(tmp_path, parts, message):
     with pytest.raises(SceneError, match=message):
-        load_scene(write_xml(tmp_path, *parts))
+        load_scene(write_scene(tmp_path, *parts))
 
 
 def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path):
@@ -110,7 +99,7 @@ def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path
         '<scene version="3.0.0"><path value="meshes"/><emitter type="constant">'
         '<spectrum name="radiance" filename="a.spd"/></emitter></scene>'
     )
-    xml = write_xml(tmp_path, CAMERA, BALL, '<include filename="rest.xml"/>')
+    xml = write_scene(tmp_path, CAMERA, BALL, '<include filename="rest.xml"/>')
     scene = load_scene(xml)
     assert scene.files == (tmp_path / "rest.xml", tmp_path / "meshes" / "a.spd")
     load_mi_scene(scene)
@@ -120,16 +109,16 @@ def test_files_are_found_where_mitsuba_finds_them_and_change_the_digest(tmp_path
 
 
 def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
-    xml = write_xml(tmp_path, CAMERA, BALL, SKY)
+    xml = write_scene(tmp_path, CAMERA, BALL, SKY)
     with pytest.raises(SceneError, match=r"mine\.xml: has no camera path; give poses in TUM"):
         load_scene(xml).trajectory()
-    file, *_ = write_poses(tmp_path, [(3, 0, 0)] * 3)
+    file = write_poses(tmp_path, [(3, 0, 0)] * 3, T_S)
     with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):
         load_scene(xml, file).trajectory()
     file.write_text(file.read_text().splitlines()[1])
     with pytest.raises(TrajectoryError, match=r"poses\.txt: found 1, expected two or more poses"):
         load_scene(xml, file).trajectory()
-    file, *_ = write_poses(tmp_path, ((3, 0, 0), (0, 0.1, 0), (0, 3, 0)))
+    file = write_poses(tmp_path, ((3, 0, 0), (0, 0.1, 0), (0, 3, 0)), T_S)
     with pytest.raises(TrajectoryError, match=r"poses\.txt: at t = .* shape 'ball'"):
         _ = Renderer(load_scene(xml, file), 8, 1).trajectory
     with pytest.raises(SceneError, match=r"folder or \.xml file named 'other\.xml'"):
@@ -143,7 +132,7 @@ def test_a_scene_folder_whose_path_a_generator_made(tmp_path):
     turn = np.linspace(0, 1, 9)
     spiral = np.column_stack([3 * np.cos(turn), 3 * np.sin(turn), 0.3 * turn])
     write_poses(folder, spiral, turn)
-    write_xml(folder, BALL, SKY).rename(folder / "scene.xml")
+    write_scene(folder, BALL, SKY).rename(folder / "scene.xml")
     (folder / "scene.toml").write_text("""title = "Around a ball"
 licence = "MIT"
 length_unit = "m"

@@ -10,7 +10,6 @@ from eres_render.camera import Camera
 from eres_render.rendering import memory
 from eres_render.rendering import renderer as render
 from eres_render.rendering.backend import select_variant
-from light_scenes import light_evenly, small_carpet_folder
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc")
 
@@ -105,12 +104,6 @@ print(peak_kib() - before_kib)
 """
 
 
-@pytest.fixture(scope="module")
-def small_carpet(tmp_path_factory):
-    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
-    return light_evenly(folder, "carpet", 3.0)
-
-
 @pytest.mark.parametrize("spp", [4, 16])
 def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monkeypatch):
     """Promise: peak memory, without that of a tiny image, is between one and two times the
@@ -118,8 +111,8 @@ def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monke
     refuses."""
     if not select_variant().startswith("llvm"):
         pytest.skip("samples are not in the machine's memory")
-    load_scene(small_carpet).texture_files()
-    took_kib = int(run_python(PEAK, small_carpet, 1280, spp).stdout)
+    small_carpet.texture_files()
+    took_kib = int(run_python(PEAK, small_carpet.folder, 1280, spp).stdout)
     camera = Camera(1280, 1280, 1.0)
     for there, fits in ((took_kib * 1024, True), (took_kib * 512, False)):
         monkeypatch.setattr(memory, "memory_bytes", lambda there=there: there)
@@ -150,7 +143,9 @@ def test_an_image_larger_than_memory_is_refused_at_once(
         monkeypatch.setattr(render, loads, None)  # none of them is called
     monkeypatch.setattr(memory, "memory_bytes", lambda: 64 * 10**9)
     out = tmp_path / "out"
-    code, _, err = eres("render", small_carpet, "--out", out, "--resolution", "200000", *arguments)
+    code, _, err = eres(
+        "render", small_carpet.folder, "--out", out, "--resolution", "200000", *arguments
+    )
     assert code == 1
     assert "resolution: found 200000x200000 px at " in err
     assert f"need {needed} of memory, and this machine has 64.0 GB; choose a lower" in err
@@ -160,7 +155,7 @@ def test_an_image_larger_than_memory_is_refused_at_once(
 
 def test_more_samples_never_need_more_than_there_is(small_carpet, monkeypatch):
     """Promise: an existing renderer also refuses more samples than fit into memory."""
-    renderer = Renderer(load_scene(small_carpet), 64, 1)
+    renderer = Renderer(small_carpet, 64, 1)
     if not renderer.variant.startswith("llvm"):
         pytest.skip("samples are not in the machine's memory")
     monkeypatch.setattr(memory, "memory_bytes", lambda: 64 * 64 * (60 + 12 * 16))

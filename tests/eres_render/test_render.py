@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 
 from another_process import run_python
@@ -17,22 +18,16 @@ from eres_render import (
     Renderer,
     RenderError,
     SequenceError,
+    clip_in_progress,
     load_scene,
     open_sequence,
     render_clip,
     render_scene,
 )
-from light_scenes import DOTS_M, dots_folder, light_evenly, small_carpet_folder, tilted_pose
+from light_scenes import DOTS_M, dots_folder, light_evenly, tilted_pose
 
 ROOT = Path(__file__).parents[2]
 CLIP = Clip(0, 0.24, 0.25, 0.29)
-
-
-@pytest.fixture(scope="module")
-def small_carpet(tmp_path_factory):
-    """A carpet that loads in a fraction of a second, on any machine."""
-    folder = small_carpet_folder(tmp_path_factory.mktemp("scenes") / "small_carpet")
-    return load_scene(light_evenly(folder, "carpet", 3.0))
 
 
 @pytest.fixture(scope="module")
@@ -223,10 +218,38 @@ def test_a_render_killed_in_the_middle_goes_on_and_ends_up_the_same(
     (clip / "frames" / "000001.exr").write_bytes(b"")
     progress = []
     resumed = render_clip(renderer, CLIP, clip, 0.25, lambda *at: progress.append(at))
-    assert 3 <= progress[0][1] <= 4
+    assert progress[0] == ("rendering", 2, len(resumed))
+    assert progress[1][1] in (4, 5)
     assert progress[-1] == ("rendering", len(resumed), len(resumed))
     assert frames_equal(resumed, uninterrupted)
     assert not list((clip / "frames").glob(".*"))
+
+
+def test_frames_are_the_same_from_the_renderer_and_from_the_disk(
+    tmp_path, renderer, uninterrupted, monkeypatch
+):
+    """Those in memory are rounded as the files are, which are not compressed; nothing is rendered
+    twice, and nothing is lost if the reader stops early."""
+    whole = list(uninterrupted)
+    with clip_in_progress(renderer, CLIP, tmp_path, 0.25) as clip:
+        assert np.array_equal(clip.frame(5), whole[5])  # before its turn
+        frames = iter(clip)
+        first = [next(frames) for _ in range(3)]
+        assert np.array_equal(first, whole[:3])
+        assert clip.rendered.frames == 4
+        assert clip.rendered.seconds > 0
+    with pytest.raises(SequenceError, match=r"000003\.exr: missing"):
+        open_sequence(tmp_path)
+    with clip_in_progress(renderer, CLIP, tmp_path, 0.25) as clip:
+        assert np.array_equal(list(clip), whole)
+        assert clip.rendered.frames == len(whole) - 4
+    assert frames_equal(open_sequence(tmp_path), uninterrupted)
+    with OpenEXR.File(str(tmp_path / "frames" / "000000.exr")) as file:
+        assert file.header()["compression"] == OpenEXR.NO_COMPRESSION
+    monkeypatch.setattr(renderer, "frame", None)
+    with clip_in_progress(renderer, CLIP, tmp_path, 0.25) as clip:
+        assert np.array_equal(list(clip), whole)
+        assert clip.rendered.frames == 0
 
 
 def test_a_finished_clip_is_not_rendered_again(renderer, uninterrupted, monkeypatch):

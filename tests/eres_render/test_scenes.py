@@ -7,14 +7,26 @@ from eres_render import Renderer, clips, list_scenes, load_scene
 from eres_render.interior.atlas import CELL_M
 from eres_render.interior.pieces import PIECES
 from eres_render.rendering import backend
+from eres_render.rendering import renderer as renderer_module
 from eres_render.storage.exr import read_attributes, read_luminance
+from light_scenes import log_difference
 
 SPEEDS_MPS = {"carpet": 0.9, "rocks": 0.7, "room": 1.2}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def loaded():
+    """Load each scene once for all renderers: the room and its textures take seconds."""
+    backend.select_variant()
+    scenes = {name: renderer_module.baked_scene(load_scene(name)) for name in SPEEDS_MPS}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(renderer_module, "baked_scene", lambda scene, _: scenes[scene.name])
+        yield
+
+
 @pytest.fixture(scope="module")
-def renderers():
-    """Return one small renderer of each scene; loading the room's textures takes seconds."""
+def renderers(loaded):
+    """Return one small renderer of each scene."""
     return {name: Renderer(load_scene(name), 48, 4, integrator="baked") for name in SPEEDS_MPS}
 
 
@@ -80,6 +92,20 @@ def test_packaged_lightmaps_belong_to_the_scene(name):
         assert image.min() >= 0
 
 
+@pytest.mark.parametrize(("name", "most_rms"), [("carpet", 1e-4), ("rocks", 1e-4), ("room", 2e-4)])
+def test_light_that_is_looked_up_is_what_rays_to_every_sample_find(name, most_rms):
+    """Promise: log radiance within 1e-4 rms on planes and 2e-4 in the room, along the path."""
+    scene = load_scene(name)
+    renderer = Renderer(scene, 320, 16)
+    full = Renderer(scene, 320, 16, integrator="baked-full")
+    assert renderer.integrator == "baked"
+    for pose in scene.trajectory().pose(np.linspace(0.1, 0.9, 3) * scene.duration_s):
+        difference = log_difference(renderer, full, pose)
+        assert np.sqrt(np.mean(difference**2)) < most_rms
+        assert np.mean(np.abs(difference) > 1e-3) < 1e-4
+        assert np.any(difference != 0), "nothing was looked up"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "t_s"),
@@ -128,6 +154,68 @@ def test_packaged_meshes_are_what_the_code_makes(tmp_path, pieces):
     for name, (_, atlas) in pieces.items():
         atlas.write_ply(tmp_path / f"{name}.ply")
         assert (tmp_path / f"{name}.ply").read_bytes() == (folder / f"{name}.ply").read_bytes()
+
+
+def test_no_two_surfaces_of_the_room_coincide(pieces):
+    """Where two faces lie in one plane, rounding would choose which of them is seen."""
+    charts = [chart for _, atlas in pieces.values() for chart in atlas.charts]
+    faces = [triangles_of(chart) for chart in charts]
+    low = np.array([face.min((0, 1)) for face in faces]) - COPLANAR_M
+    high = np.array([face.max((0, 1)) for face in faces]) + COPLANAR_M
+    for k, face in enumerate(faces):
+        near = np.all((low[k + 1 :] <= high[k]) & (high[k + 1 :] >= low[k]), axis=1)
+        for j in k + 1 + np.flatnonzero(near):
+            depth_m = overlaps_m(face, faces[j])
+            at = charts[k].points.mean((0, 1)), charts[j].points.mean((0, 1))
+            assert depth_m.max(initial=0.0) < OVERLAP_M, at
+
+
+COPLANAR_M, OVERLAP_M = 1e-5, 1e-4
+
+
+def triangles_of(chart):
+    """Return the triangles of a chart as its mesh has them, (N, 3, 3), without empty ones."""
+    points = chart.points.astype(np.float32).astype(float)
+    a, b = points[:-1, :-1][chart.solid], points[:-1, 1:][chart.solid]
+    c, d = points[1:, :-1][chart.solid], points[1:, 1:][chart.solid]
+    triangles = np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+    return triangles[np.linalg.norm(normals_of(triangles), axis=1) > 1e-9]
+
+
+def normals_of(triangles):
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
+def overlaps_m(some, others):
+    """Return how deep coplanar triangles reach into each other, m: along the axis, among the six
+    normals of two triangles' sides in their plane, along which they have to move least to part."""
+    normals = normals_of(some)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    off_plane = np.einsum("nj,nmvj->nmv", normals, others[None] - some[:, None, :1])
+    n, m = np.nonzero(np.abs(off_plane).max(2) < COPLANAR_M)
+    pair = some[n], others[m]
+    depth_m = np.full(len(n), np.inf)
+    for triangles in pair:
+        for k in range(3):
+            axis = np.cross(normals[n], triangles[:, k] - triangles[:, k - 1])
+            axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+            one, other = (np.einsum("nvj,nj->nv", corners, axis) for corners in pair)
+            apart = np.maximum(one.min(1) - other.max(1), other.min(1) - one.max(1))
+            depth_m = np.minimum(depth_m, -apart)
+    return depth_m
+
+
+def test_overlaps_are_found():
+    """Two squares of 1 m in a plane that share 0.1 m of it, or an edge; or are 1 mm apart."""
+    square = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0], [0, 1, 0]]], float)
+
+    def moved(*by_m):
+        return square + np.array(by_m)
+
+    assert overlaps_m(square, moved(0.9, 0.2, 0.0)).max() == pytest.approx(0.1)
+    assert overlaps_m(square, moved(0.9, 0.2, 0.0)[:, ::-1]).max() == pytest.approx(0.1)
+    assert overlaps_m(square, moved(1.0, 0.3, 0.0)).max() == pytest.approx(0.0, abs=1e-12)
+    assert not len(overlaps_m(square, moved(0.5, 0.0, 0.001)))
 
 
 def test_charts_lie_apart_on_their_atlas(pieces):

@@ -70,7 +70,7 @@ def test_a_plane_in_closed_form_and_by_rays_agree():
         flow, other = closed.flow(2.0, t_1, WIDTH), by_rays.flow(2.0, t_1, WIDTH)
         np.testing.assert_allclose(other.flow_px, flow.flow_px, atol=1e-3)
         np.testing.assert_array_equal(other.valid, flow.valid)
-        pixels = closed.camera(WIDTH).centres()
+        pixels = closed.camera(WIDTH).centers()
         moved = map_pixels(closed.homography(2.0, t_1, WIDTH), pixels) - pixels
         np.testing.assert_allclose(flow.flow_px.reshape(-1, 2), moved, atol=1e-4)
         assert 0.5 < flow.valid.mean() < 1
@@ -81,7 +81,7 @@ def test_depth_is_along_the_axis_not_along_the_ray(floating_square):
     depth = floating_square.depth(0.5, WIDTH)
     assert depth.dtype == np.float32
     assert depth.shape == (WIDTH, WIDTH)
-    x, y = (floating_square.camera(WIDTH).rays(floating_square.camera(WIDTH).centres()).T)[:2]
+    x, y = (floating_square.camera(WIDTH).rays(floating_square.camera(WIDTH).centers()).T)[:2]
     on_square = (abs(1.5 * x) < 0.2) & (abs(0.025 - 1.5 * y) < 0.2)  # the camera is at y = 0.025
     assert on_square.sum() > 100
     np.testing.assert_allclose(depth.ravel(), np.where(on_square, 1.5, 2.0), rtol=1e-6)
@@ -107,7 +107,7 @@ def test_flow_and_occlusion_of_a_square_before_a_wall(floating_square):
     """Expected: f (dx, dy) / depth, and invalid where the square hides the wall."""
     truth = floating_square
     camera = truth.camera(WIDTH)
-    rays = camera.rays(camera.centres())
+    rays = camera.rays(camera.centers())
     depth = truth.depth(0.0, WIDTH).ravel()
     flow = truth.flow(0.0, 1.0, WIDTH)
     expected = camera.focal_px * np.array([-0.2, 0.05]) / depth[:, None]
@@ -118,7 +118,7 @@ def test_flow_and_occlusion_of_a_square_before_a_wall(floating_square):
     share = np.where(seen[:, 2] < 0.1, 1.5 / 2.0, 0.0)  # where the way to the wall is at the square
     between = second + share[:, None] * (seen - second)
     hidden = (share > 0) & (abs(between[:, :2]).max(axis=1) < 0.2)
-    there = camera.centres() + expected
+    there = camera.centers() + expected
     inside = np.all((there > 0) & (there < WIDTH), axis=1)
     assert hidden.sum() > 50
     np.testing.assert_array_equal(flow.valid.ravel(), inside & ~hidden)

@@ -1,15 +1,18 @@
-"""A carpet small enough for tests, and a scene of bright dots at known places."""
+"""A carpet small enough for tests, bright dots at known places, and scenes of a few parts."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from eres_render import load_scene
+from eres_render import Renderer, load_scene
 from eres_render.scene.load import scene_root
 from eres_render.storage.exr import write_luminance
+from eres_render.trajectory.generators import look_at
+from eres_render.trajectory.tum import tum_text
 
 DOTS_M = np.array(
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.3, 0.0], [-0.4, -0.5, 0.0], [0.35, 0.45, 0.0]]
@@ -84,6 +87,33 @@ def dots_folder(folder: Path) -> Path:
         </scene>"""
     )
     return folder
+
+
+CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'
+
+
+def write_scene(folder: Path, *parts: str) -> Path:
+    """Write mine.xml, a Mitsuba file of a scene with the parts."""
+    file = folder / "mine.xml"
+    file.write_text(f'<scene version="3.0.0">{"".join(parts)}</scene>')
+    return file
+
+
+def write_poses(
+    folder: Path, positions_m: Iterable[tuple[float, float, float]], t_s: Sequence[float]
+) -> Path:
+    """Write poses.txt: a camera at the positions and times that looks at the origin, z up."""
+    poses = np.array([look_at(p, (0, 0, 0), (0, 0, 1)) for p in positions_m])
+    file = folder / "poses.txt"
+    file.write_text(tum_text(np.array(t_s), poses))
+    return file
+
+
+def log_difference(renderer: Renderer, full: Renderer, pose: np.ndarray) -> np.ndarray:
+    """Return ln of radiance looked up over radiance traced, (H, W); 0 where both are black."""
+    looked_up, traced = renderer.frame(pose).astype(float), full.frame(pose).astype(float)
+    assert np.array_equal(looked_up == 0, traced == 0)
+    return np.log(np.where(looked_up > 0, looked_up, 1) / np.where(traced > 0, traced, 1))
 
 
 def tilted_pose() -> np.ndarray:

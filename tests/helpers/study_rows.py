@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable
 
 from tasks.registry import TASKS
 from tasks.row import Row
+from tasks.study.claims.judge import judge_all
+from tasks.study.claims.verdict import Verdict
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
 
@@ -69,6 +71,11 @@ def paper_rows(
                                 )
                             )
     return rows
+
+
+def verdict(number: int, rows: list[Row]) -> Verdict:
+    """Return the verdict on a claim."""
+    return next(v for v in judge_all(rows, {}) if v.number == number)
 
 
 def nothing_rows(rows: Iterable[Row], value: float) -> list[Row]:

@@ -1,6 +1,7 @@
 """Numba's cache never has outdated kernels."""
 
 import ast
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -32,17 +33,28 @@ def one():
 """
 
 
-def test_an_edit_of_a_kernel_recompiles_those_that_call_it(tmp_path):
-    """Promise: Numba checks only the file of a function; here an edit also recompiles its callers
-    in other files of the folder, and nothing is recompiled without an edit."""
+@pytest.fixture
+def folder(tmp_path):
+    """A package of a kernel that calls another, which the test writes."""
     folder = tmp_path / "kernels"
     folder.mkdir()
     for name, text in (("__init__", ""), ("compiling", JIT), ("caller", CALLER)):
         (folder / f"{name}.py").write_text(text)
-    variables = {
+    return folder
+
+
+@pytest.fixture
+def variables(tmp_path):
+    """The environment of a process that finds the package, with an empty cache."""
+    return {
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
         "PYTHONPATH": f"{tmp_path}:{environment()['PYTHONPATH']}",
     }
+
+
+def test_an_edit_of_a_kernel_recompiles_those_that_call_it(folder, variables):
+    """Promise: Numba checks only the file of a function; here an edit also recompiles its callers
+    in other files of the folder, and nothing is recompiled without an edit."""
 
     def result():
         (folder / "callee.py").write_text(CALLEE.format(value))
@@ -54,6 +66,31 @@ def test_an_edit_of_a_kernel_recompiles_those_that_call_it(tmp_path):
     assert result() == (2, 1)
     value = 5
     assert result() == (10, 0)
+
+
+TOGETHER = """
+import sys, time
+from pathlib import Path
+from kernels.caller import two
+
+here = Path(sys.argv[1])
+(here / f"ready_{sys.argv[2]}").touch()
+while len(list(here.glob("ready_*"))) < 3:
+    time.sleep(1e-3)
+print(two(), sum(two.stats.cache_misses.values()))
+"""
+
+
+def test_one_process_compiles_and_the_others_wait(folder, variables, tmp_path):
+    """Promise: of processes that call a kernel at once, with an empty cache, one compiles it."""
+    (folder / "callee.py").write_text(CALLEE.format(1))
+    with ThreadPoolExecutor(3) as processes:
+        ends = [
+            processes.submit(run_python, TOGETHER, tmp_path, k, timeout_s=300, **variables)
+            for k in range(3)
+        ]
+        said = sorted(end.result().stdout.split() for end in ends)
+    assert said == [["2", "0"], ["2", "0"], ["2", "1"]]
 
 
 def jitted_by_numba_alone():

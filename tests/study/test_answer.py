@@ -34,7 +34,7 @@ def test_what_the_pages_say_is_what_the_run_says(
     """Promise: README and docs have the exact answers of docs/results/paper; if not, `make answers`
     rewrites them."""
     text = (ROOT / page).read_text()
-    assert with_answers(text, of_the_paper) == text
+    assert with_answers(ROOT / page, of_the_paper) == text
 
 
 def test_readme_and_report_give_one_answer(of_the_paper: dict[Series, Choices]) -> None:

@@ -6,21 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from study_rows import EI, Change, paper_rows
+from study_rows import EI, Change, paper_rows, verdict
 from tasks.row import Row
 from tasks.study.claims.claim import SceneClaim
 from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.numbers import Number
 from tasks.study.claims.statistics import DAY, event_rate, margin
-from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.claims.verdict import Status
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.scores import Condition, Scores
 
 NUMBERS = (3, 4, 5, 6, 7, 8, 9)
-
-
-def verdict(number: int, rows: list[Row]) -> Verdict:
-    return next(v for v in judge_all(rows, {}) if v.number == number)
 
 
 def test_every_claim_is_judged_once() -> None:

@@ -6,6 +6,7 @@ import os
 import shutil
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,6 @@ from eres_render import load_scene
 from eres_render.errors import RenderError
 from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage.cache import cache_dir
-from light_scenes import small_carpet_folder
 from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study.config import (
@@ -50,11 +50,6 @@ def tiny_study(scene_folder):
             video=Video(methods=("high_pass_filter", "blank"), duration_s=0.3, run_in_s=0.1),
         ),
     )
-
-
-@pytest.fixture(scope="module")
-def scene_folder(tmp_path_factory):
-    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
 
 
 @pytest.fixture(scope="module")
@@ -331,17 +326,19 @@ def test_full_disk_while_rendering(scene_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
     study = replace(tiny_study(scene_folder), evaluate=Evaluate())
     study = replace(study, render=replace(study.render, samples=1, max_displacement_px=4.0))
-    partial = f".000001.exr.{os.getpid()}.unfinished"
-    opened = SequenceWriter.missing
+    partial = f".000002.exr.{os.getpid()}.unfinished"
+    read = SequenceWriter.read
 
-    def missing(writer):
-        (writer.folder / "frames" / partial).symlink_to("/dev/full")
-        return opened(writer)
+    def read_without_room(writer, i):
+        with suppress(FileExistsError):
+            (writer.folder / "frames" / partial).symlink_to("/dev/full")
+        return read(writer, i)
 
     with monkeypatch.context() as patch:
-        patch.setattr(SequenceWriter, "missing", missing)
-        with pytest.raises(RenderError, match=r"frames/000001\.exr: cannot be written"):
+        patch.setattr(SequenceWriter, "read", read_without_room)
+        with pytest.raises(RenderError, match=r"frames/000002\.exr: cannot be written"):
             run_study(study, tmp_path / "run")
-    assert [f.name for f in (tmp_path / "cache" / "frames").rglob("*.exr")] == ["000000.exr"]
+    written = {f.name for f in (tmp_path / "cache" / "frames").rglob("*.exr")}
+    assert written == {"000000.exr", "000001.exr"}
     assert not list((tmp_path / "run").rglob("*.parquet"))
     assert run_study(study, tmp_path / "run")

@@ -18,7 +18,6 @@ from tasks.errors import ResultError
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.finished_run import FinishedRun
-from tasks.study.report.sections.scaling import scaling
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.scaling import Intervals, Scaling, Slopes, read_scaling
 from tasks.study.results.scores import Scores
@@ -133,7 +132,7 @@ def test_numbers_survive_the_disk(tmp_path: Path) -> None:
 def section_of(folder: Path) -> str:
     """Return the section of a run on the carpet, with its numbers in `folder` / scaling."""
     run = FinishedRun(folder, [Scores(paper_rows(scenes=("carpet",)))], {}, {})
-    return section("scaling.html", data=scaling(run))
+    return section("scaling.html", run=run)
 
 
 def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:

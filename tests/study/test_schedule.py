@@ -49,11 +49,6 @@ def patience(monkeypatch):
     monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
 
 
-@pytest.fixture(scope="module")
-def scene_folder(tmp_path_factory):
-    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
-
-
 @contextmanager
 def local_cluster(**options):
     here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": ":0", "memory_limit": 0}
@@ -229,7 +224,7 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
         monkeypatch.setattr(module, "compute_job", nothing_computed)
     jobs = queued_jobs(scene_folder)
     for address, expected in (
-        (None, [0, 0.6, 1, 1.6, 2, 2.6, 3]),
+        (None, [0, 0.35, 1, 1.35, 2, 2.35, 3]),
         (one_worker.scheduler_address, [0, 1, 2, 3]),
     ):
         said = []

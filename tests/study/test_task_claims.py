@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows
+from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_rows, verdict
 from tasks.row import Row
-from tasks.study.claims.judge import judge_all
-from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.claims.verdict import Status
 from tasks.study.results.bootstrap import DRAWS, resampled_medians
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
@@ -27,10 +26,6 @@ def rows_for(number: int, change: Change = lambda w, c, s, v: v, **options: obje
     if number == 21:
         return paper_rows(EPF, **options) + paper_rows(CM, change, **options)  # type: ignore[arg-type]
     return paper_rows(SERIES[number], change, **options)  # type: ignore[arg-type]
-
-
-def verdict(number: int, rows: list[Row]) -> Verdict:
-    return next(v for v in judge_all(rows, {}) if v.number == number)
 
 
 @pytest.mark.parametrize("number", [*SERIES, 21])

@@ -24,6 +24,7 @@ from tasks.study.results.comparison import comparison_table
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.scores import Scores, by_threshold
+from tasks.study.results.words import capitalized
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
 """What 1280 px gains at event integration from another threshold; nothing else does."""
@@ -71,9 +72,9 @@ def section_of(page: str) -> str:
 
 
 def threshold_html(found: list[Scores], series: Series) -> str:
-    """Return the section on one series."""
-    data = {series: compare_thresholds(found, series)}
-    return section("threshold.html", data=data, run=FinishedRun(Path(), found, {}, {}))
+    """Return the section from the part on one series on."""
+    page = section("threshold.html", run=FinishedRun(Path(), found, {}, {}))
+    return page.partition(f"<summary>{capitalized(series.title)}</summary>")[2]
 
 
 def points_of(plot: Plot) -> list[int]:
@@ -113,8 +114,8 @@ def test_the_section_has_every_score_and_event_rate() -> None:
     content = threshold_html(by_threshold(several(usual_rows())), EI)
     for place in ("25.09 <small>328 M/s", "24.09 <small>164 M/s", "21.09 <small>81.9 M/s"):
         assert place in content
-    (scene,) = compare_thresholds(by_threshold(several(usual_rows())), EI)
-    assert points_of(scene.plot) == [len(WIDTHS) * 3] * len(CUTOFFS_HZ)
+    curves, *_ = compare_thresholds(by_threshold(several(usual_rows())), EI)["carpet"]
+    assert points_of(curves) == [len(WIDTHS) * 3] * len(CUTOFFS_HZ)
     heads = re.findall(r"C = ([\d.]+)", content)
     assert heads == ["0.1", "0.2", "0.4"] * 2  # of choices and of numbers
 
@@ -132,8 +133,8 @@ def test_a_condition_with_lost_samples_has_no_answer() -> None:
     content = threshold_html(by_threshold(rows), EI)
     assert len(choices_of(content)["night"]) == 2
     assert "samples are missing" in content
-    (scene,) = compare_thresholds(by_threshold(rows), EI)
-    assert sum(points_of(scene.plot)) == len(CUTOFFS_HZ) * len(WIDTHS) * 3 - 1
+    curves, *_ = compare_thresholds(by_threshold(rows), EI)["carpet"]
+    assert sum(points_of(curves)) == len(CUTOFFS_HZ) * len(WIDTHS) * 3 - 1
 
 
 def test_a_threshold_that_was_not_scored_leaves_gaps() -> None:
@@ -164,8 +165,8 @@ def test_failures_are_told_beside_the_scores() -> None:
 
 def test_errors_that_span_decades_get_a_logarithmic_axis() -> None:
     """Flow from 0.2 to 4 px: ticks at 0.5, 1 and 2 px."""
-    (scene,) = compare_thresholds(by_threshold(several(usual_rows(EPF, 3.5))), EPF)
-    axis = scene.plot.y
+    curves, *_ = compare_thresholds(by_threshold(several(usual_rows(EPF, 3.5))), EPF)["carpet"]
+    axis = curves.y
     assert axis.log
     assert {"0.5", "1", "2"} <= {label for _, label in axis.ticks_within(0.2, 4.0)}
     assert "less is better" in axis.label

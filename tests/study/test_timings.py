@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -11,12 +12,10 @@ from drawn import section
 from finished_runs import FLOW, JOB
 from tasks.errors import ResultError
 from tasks.evaluation.timings import (
-    FrameTimer,
     JobTimings,
     read_timings,
     timings_file,
 )
-from tasks.study.report.sections.timings import summarize
 
 
 def test_costs_are_read_as_they_were_written(tmp_path: Path) -> None:
@@ -40,7 +39,7 @@ def test_damaged_costs_are_named(tmp_path: Path) -> None:
 
 
 def costs_html(parts: list[JobTimings]) -> str:
-    return section("timings.html", data=summarize(parts))
+    return section("timings.html", run=SimpleNamespace(timings=parts))
 
 
 def cells(page: str) -> dict[str, list[str]]:
@@ -83,17 +82,3 @@ def test_rates_and_times_are_those_of_the_jobs() -> None:
 def test_a_run_without_costs_says_so() -> None:
     """Promise: runs from before costs existed still have a report."""
     assert "no timings" in costs_html([])
-
-
-def test_frames_are_timed_as_they_come() -> None:
-    """Promise: only rendered frames count, and all progress is passed on."""
-    said = []
-    timer = FrameTimer(lambda *what: said.append(what))
-    timer("rendering", 3, 9)
-    first_s = timer.seconds
-    timer("rendering", 4, 9)
-    rendering_s = timer.seconds
-    timer("simulating", 1, 9)
-    assert timer.frames == 2
-    assert 0 < first_s < rendering_s == timer.seconds
-    assert said == [("rendering", 3, 9), ("rendering", 4, 9), ("simulating", 1, 9)]

@@ -7,29 +7,15 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene, open_sequence, render_scene
-from eres_render.trajectory.generators import look_at
-from eres_render.trajectory.tum import tum_text
-from light_scenes import edit_scene, room_folder
+from light_scenes import CAMERA, edit_scene, room_folder, write_poses, write_scene
 
-CAMERA = '<sensor type="perspective"><float name="fov" value="50"/></sensor>'
 SCENE = """<emitter type="constant"/>
 <shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>
 <shape type="sphere" id="mirror">
   <point name="center" value="0 0 1"/><float name="radius" value="0.3"/><bsdf type="conductor"/>
 </shape>"""
-
-
-def write_scene(folder, *parts):
-    file = folder / "mine.xml"
-    file.write_text(f'<scene version="3.0.0">{"".join(parts)}</scene>')
-    return file
-
-
-def write_poses(folder, positions=((3, 0, 0), (2.8, 1, 0.1), (2.5, 1.5, 0)), t_s=(0.0, 0.2, 0.4)):
-    poses = np.array([look_at(p, (0, 0, 0), (0, 0, 1)) for p in positions])
-    file = folder / "poses.txt"
-    file.write_text(tum_text(np.array(t_s), poses))
-    return file
+POSITIONS_M = ((3, 0, 0), (2.8, 1, 0.1), (2.5, 1.5, 0))
+T_S = (0.0, 0.2, 0.4)
 
 
 def missing_texture(folder):
@@ -44,7 +30,7 @@ def missing_texture(folder):
 
 def test_a_users_own_scene_from_xml_to_truth(eres, tmp_path):
     """Promise: any Mitsuba file with poses renders; info and truth describe the result."""
-    xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path)
+    xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path, POSITIONS_M, T_S)
     options = ["--resolution", "24", "--spp", "4", "--max-displacement", "1", "--continuous"]
     code, out, _ = eres("render", xml, "--trajectory", poses, "--out", tmp_path / "out", *options)
     assert code == 0
@@ -187,7 +173,7 @@ BAD_NUMBERS = [
 @pytest.mark.parametrize(("parts", "text"), BAD_SCENES)
 def test_bad_scenes_are_refused_and_leave_nothing(eres, tmp_path, parts, text):
     """Promise: exit code 1, one line that names the file and the mistake."""
-    xml, poses = write_scene(tmp_path, *parts), write_poses(tmp_path)
+    xml, poses = write_scene(tmp_path, *parts), write_poses(tmp_path, POSITIONS_M, T_S)
     refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, "--out", tmp_path / "out")
 
 
@@ -204,7 +190,7 @@ def test_bad_poses_are_refused_and_leave_nothing(eres, tmp_path, poses, text):
 
 @pytest.mark.parametrize(("options", "text"), BAD_NUMBERS)
 def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text):
-    xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path)
+    xml, poses = write_scene(tmp_path, CAMERA, SCENE), write_poses(tmp_path, POSITIONS_M, T_S)
     usual = ("--out", tmp_path / "out", "--resolution", "8", "--spp", "1", "--continuous")
     refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, *usual, *options)
 
@@ -215,7 +201,7 @@ def test_bad_numbers_are_refused_and_leave_nothing(eres, tmp_path, options, text
 )
 def test_a_path_without_room_for_a_clip_says_what_to_do(eres, tmp_path, path_s, instead):
     xml = write_scene(tmp_path, CAMERA, SCENE)
-    poses = write_poses(tmp_path, t_s=(0.0, 0.2, path_s))
+    poses = write_poses(tmp_path, POSITIONS_M, (0.0, 0.2, path_s))
     text = f"found 0.22 s of path, expected at least 0.3 s for the first of them; {instead} for one"
     options = ("--out", tmp_path / "out", "--duration", 0.22)
     refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, *options)
@@ -274,7 +260,7 @@ def write_mesh(folder, material=""):
     (folder / "mesh.ply").write_text(PLY)
     mesh = f'<shape type="ply"><string name="filename" value="mesh.ply"/>{material}</shape>'
     xml = write_scene(folder, CAMERA, '<emitter type="constant"/>', mesh)
-    return xml, write_poses(folder, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)))
+    return xml, write_poses(folder, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)), T_S)
 
 
 def test_colors_of_a_mesh_that_nothing_uses_are_no_matter(tmp_path, capfd, caplog):
@@ -303,7 +289,7 @@ def test_a_scene_without_a_lamp_is_not_baked_for_minutes(eres, tmp_path):
     """Promise: a scene without light causes one clear line before any computation of the light."""
     plane = '<shape type="rectangle" id="floor"/>'
     xml = write_scene(tmp_path, CAMERA, plane)
-    poses = write_poses(tmp_path, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)))
+    poses = write_poses(tmp_path, ((0, 0.1, 3), (0.1, 0.1, 3), (0.1, 0, 3)), T_S)
     options = ("--resolution", 8, "--continuous", "--out", tmp_path / "out")
     refused(
         eres, tmp_path, f"{xml}: found no light", "render", xml, "--trajectory", poses, *options

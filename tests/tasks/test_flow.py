@@ -172,6 +172,32 @@ def test_bicubic_gradient_is_that_of_its_value():
         assert dy == pytest.approx((below - above) / (2 * h), abs=1e-6)
 
 
+@pytest.mark.parametrize(("low", "high"), [(-3, 40), (5, 20)])
+def test_bicubic_samples_many_points_as_it_does_one(low, high):
+    """Promise: the vectorized interpolation is that of single points, also beyond the edge."""
+    image = np.random.default_rng(0).normal(size=(29, 37))
+    points = np.random.default_rng(1).uniform(low, high, (2, 300))
+    found = np.empty((3, 300))
+    bicubic.sample_all(image, *points, found)
+    expected = [bicubic.sample(image, x, y) for x, y in points.T]
+    np.testing.assert_allclose(found.T, expected, rtol=0, atol=1e-13)
+
+
+def test_photometric_cost_does_not_depend_on_the_order_of_events(translating):
+    """Promise: a point that two events share is sampled once and counts twice."""
+    (sample,) = samples(translating, 1, 1.0)
+    by_time = photometric_events(sample)
+    by_pixel = by_time[np.lexsort((by_time[:, 2], by_time[:, 0], by_time[:, 1]))]
+    assert np.any(by_pixel[1:, 3] == by_pixel[:-1, 2])
+    at = np.array([10.0, -7.0, 4.0, 0.02])
+    for one, other in zip(
+        photometric_flow.normal_equations(by_time, sample.log_image, at),
+        photometric_flow.normal_equations(by_pixel, sample.log_image, at),
+        strict=True,
+    ):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
 def photometric_events(sample):
     usable = np.isfinite(sample.t_before)
     columns = (sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p)
@@ -419,12 +445,12 @@ def test_features_have_the_flow_of_the_geometry():
     features = find_features(image, truth, (0.2, 0.7), ("wall", 3), count=6)
     speed_px = 0.1 * truth.camera(100).focal_px
     np.testing.assert_allclose(features.flow_px, np.tile([-0.5 * speed_px, 0.0], (6, 1)), atol=1e-9)
-    arrived = cv2.perspectiveTransform(features.centres_px[None], truth.homography(0.2, 0.7, 100))[
+    arrived = cv2.perspectiveTransform(features.centers_px[None], truth.homography(0.2, 0.7, 100))[
         0
     ]
-    np.testing.assert_allclose(features.centres_px + features.flow_px, arrived, atol=1e-9)
+    np.testing.assert_allclose(features.centers_px + features.flow_px, arrived, atol=1e-9)
     coarse = features.at(40)
-    np.testing.assert_allclose(coarse.centres_px, 0.4 * features.centres_px)
+    np.testing.assert_allclose(coarse.centers_px, 0.4 * features.centers_px)
     np.testing.assert_allclose(coarse.flow_px, 0.4 * features.flow_px)
 
 
@@ -437,14 +463,14 @@ def test_features_that_do_not_stay_in_sight_are_passed_over():
     seen = find_features(image, truth, (0.0, 1.0), ("wall", 0), count=40)
     # The post's edge moves by twice as much as the wall, from its 8.7 px right of the middle on.
     edge_px = 50 + 0.05 / 0.5 * truth.camera(100).focal_px
-    end = seen.centres_px + seen.flow_px
-    on_wall = seen.centres_px[:, 0] < edge_px
+    end = seen.centers_px + seen.flow_px
+    on_wall = seen.centers_px[:, 0] < edge_px
     assert np.all(end[on_wall, 0] < edge_px - 17.3 + 1e-6)
     np.testing.assert_allclose(seen.flow_px[~on_wall, 0], -17.3, atol=0.03)
-    hidden = free.centres_px[:, 0] < edge_px
-    hidden &= free.centres_px[:, 0] + free.flow_px[:, 0] > edge_px - 17.3
+    hidden = free.centers_px[:, 0] < edge_px
+    hidden &= free.centers_px[:, 0] + free.flow_px[:, 0] > edge_px - 17.3
     assert hidden.any()
-    assert not set(map(tuple, free.centres_px[hidden])) & set(map(tuple, seen.centres_px))
+    assert not set(map(tuple, free.centers_px[hidden])) & set(map(tuple, seen.centers_px))
     with pytest.raises(TaskError, match=r"found \d+ of \d+ corners that stay in sight"):
         find_features(image, truth, (0.0, 1.0), ("wall", 0), count=1000)
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene, path_through
-from light_scenes import small_carpet_folder
 from sensor import Events
 from small_study import only
 from tasks.errors import MethodError, TaskError
@@ -139,11 +138,6 @@ WRONG = {
     "video is not pushed": (Deaf, "video, method .* raised TypeError .*not callable"),
     "wide video": (Wide, r"returned an array of \(32, 64\) float64, expected an array of numbers"),
 }
-
-
-@pytest.fixture(scope="module")
-def scene_folder(tmp_path_factory):
-    return small_carpet_folder(tmp_path_factory.mktemp("scenes") / "carpet")
 
 
 def tiny_study(scene_folder):

@@ -39,7 +39,7 @@ def test_upsampling_keeps_a_uniform_change(upsampling):
     np.testing.assert_allclose(reconstruct(sample, upsampling), 0.6, rtol=1e-12)
 
 
-def test_upsampling_keeps_pixel_centres_aligned():
+def test_upsampling_keeps_pixel_centers_aligned():
     """Promise: a change at the center of the sensor appears at the center of the image."""
     delta = np.zeros((5, 5))
     delta[2, 2] = 1.0

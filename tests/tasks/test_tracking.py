@@ -65,7 +65,7 @@ def made_up(seed):
     pose = moving_camera(seed)
     texel_m = 1.0 / CAMERA.focal_px
     texture = ndimage.spline_filter(band_limited(seed, 1024), mode="grid-wrap")
-    rays = CAMERA.rays(CAMERA.centres())
+    rays = CAMERA.rays(CAMERA.centers())
     t_s = np.arange(-2, 17) * 1e-3
     log_frames = np.empty((len(t_s), WIDTH, WIDTH))
     for image, T in zip(log_frames, pose(t_s), strict=True):

@@ -29,7 +29,7 @@ class FlowScorer:
         self._variants = {patch_px(width): [""]}
         if task.native_patch:
             self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
-        self._kept = patch_mask(self._features.centres_px, max(self._variants), *size)
+        self._kept = patch_mask(self._features.centers_px, max(self._variants), *size)
         self._parts: list[Events] = []
 
     def push(self, events: Events) -> None:
@@ -53,7 +53,7 @@ class FlowScorer:
                     setting.end_us,
                     self._reference.log_images[features.width],
                     setting.model.contrast_threshold,
-                    features.centres_px[item],
+                    features.centers_px[item],
                     side_px,
                     initial_px[item],
                     initial_sigma_px(features.width, task.initial_sigma_px),

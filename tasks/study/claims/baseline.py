@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tasks.study.claims.claim import Claim, Evidence, too_few_text
+from tasks.study.claims.claim import Claim, too_few_text
+from tasks.study.claims.verdict import Verdict
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
@@ -18,31 +19,28 @@ from tasks.study.results.words import cutoff_label, join_words
 class BaselineClaim(Claim):
     """Every method has a better median than its starting point in every cell."""
 
-    def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
+    def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
         """Count the cells in which each method is better.
 
         Parameters
         ----------
         scores, scaling
-            As `Claim.evidence` takes them.
+            As `Claim.judge` takes them.
 
         Returns
         -------
-        Evidence
-            One outcome for each cell.
+        Verdict
+            It follows from one outcome for each cell.
         """
         found = {series: _beaten(scores, series) for series in shown_series(scores)}
-        samples = min(
-            (scores.samples(one, scene) for one in found for scene in scores.scenes(one)), default=0
-        )
-        return Evidence(
-            outcomes=[outcome for beaten in found.values() for outcome in beaten.values()],
-            ours="\n".join(_text(scores, *one) for one in found.items()) or "no rows of any method",
-            paper="not reported",
-            scope=f"{too_few_text(samples)}."
-            if samples < MIN_SAMPLES_FOR_INTERVAL
-            else "Not settled: the paired interval of the difference includes zero.",
-        )
+        counts = [scores.samples(one, scene) for one in found for scene in scores.scenes(one)]
+        samples = min(counts, default=0)
+        scope = "Not settled: the paired interval of the difference includes zero."
+        if samples < MIN_SAMPLES_FOR_INTERVAL:
+            scope = f"{too_few_text(samples)}."
+        outcomes = [outcome for beaten in found.values() for outcome in beaten.values()]
+        ours = "\n".join(_text(scores, *one) for one in found.items()) or "no rows of any method"
+        return self.verdict(outcomes, ours, "not reported", scope)
 
 
 BEATS_DOING_NOTHING = BaselineClaim(
@@ -86,9 +84,8 @@ def _lost_text(lost: list[Condition], every: list[Condition]) -> str:
     """Name each scene and cutoff, with widths and speeds unless all of them are meant."""
     parts = []
     for light in dict.fromkeys((c.scene, c.cutoff_hz) for c in lost):
-        gone, here = (
-            [c for c in some if (c.scene, c.cutoff_hz) == light] for some in (lost, every)
-        )
+        here = [c for c in every if (c.scene, c.cutoff_hz) == light]
+        gone = [c for c in here if c in lost]
         speeds_of: dict[str, list[str]] = {}
         for speed in sorted({c.speed for c in gone}):
             widths = sorted(c.width for c in gone if c.speed == speed)

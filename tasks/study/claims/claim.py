@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from tasks.study.claims.numbers import (
-    NotMeasured,
-    Number,
-    Quantity,
-    SceneScores,
-    estimated,
-)
+from tasks.study.claims.numbers import NotMeasured, Number, Quantity, SceneScores, estimated
 from tasks.study.claims.statistics import SceneCell
+from tasks.study.claims.verdict import Verdict, status_of
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
@@ -22,29 +17,9 @@ from tasks.study.results.scores import Scores, paper_scores
 from tasks.study.results.words import join_words
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What the scores of a run say about a claim.
-
-    Attributes
-    ----------
-    outcomes
-        Whether the claim holds, for each scene or cell; None if it is not measured there.
-    ours, paper
-        Our numbers and the paper's, a line for each scene; or what is missing.
-    scope
-        Scenes and samples that the verdict is based on, in words; "" if there is nothing to say.
-    """
-
-    outcomes: Sequence[bool | None]
-    ours: str
-    paper: str
-    scope: str
-
-
 @dataclass(frozen=True, kw_only=True)
 class Claim(ABC):
-    """A claim in words. Subclasses find the evidence.
+    """A claim in words. Subclasses judge it.
 
     Attributes
     ----------
@@ -62,8 +37,8 @@ class Claim(ABC):
     note: str = ""
 
     @abstractmethod
-    def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
-        """Return what a run says about the claim.
+    def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
+        """Judge the claim.
 
         Parameters
         ----------
@@ -74,9 +49,32 @@ class Claim(ABC):
 
         Returns
         -------
-        Evidence
-            Outcomes, and numbers in words.
+        Verdict
+            Whether the claim holds, with our numbers and the paper's.
         """
+
+    def verdict(
+        self, outcomes: Iterable[bool | None], ours: str, paper: str, scope: str = ""
+    ) -> Verdict:
+        """Return the verdict that follows from outcomes.
+
+        Parameters
+        ----------
+        outcomes
+            Whether the claim holds, for each scene or cell; None if it is not measured there.
+        ours, paper
+            Our numbers and the paper's, a line for each scene; or what is missing.
+        scope
+            Scenes and samples that the verdict is based on, in words.
+
+        Returns
+        -------
+        Verdict
+            The claim in words, its status and the numbers.
+        """
+        note = f"{self.note} {scope}".strip()
+        status = status_of(outcomes)
+        return Verdict(self.number, self.title, self.statement, status, ours, paper, note)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,31 +111,31 @@ class SceneClaim(Claim):
         """Return the series to judge and a sentence about it, or None and the reason."""
         return self.series, ""
 
-    def evidence(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Evidence:
-        """Read the numbers of each scene.
+    def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
+        """Judge the claim by its numbers on each scene.
 
         Parameters
         ----------
         scores, scaling
-            As `Claim.evidence` takes them.
+            As `Claim.judge` takes them.
 
         Returns
         -------
-        Evidence
-            One outcome for each scene that the claim is about.
+        Verdict
+            It follows from one outcome for each scene that the claim is about.
         """
         holds, lines = self._read(paper_scores(), self.series, {})
         measured = any(outcome is not None for outcome in holds.values())
         paper = self.paper or ("\n".join(lines) if measured else "not reported")
         series, about = self.chosen(scores)
         if series is None:
-            return Evidence((), about, paper, "")
+            return self.verdict((), about, paper)
         holds, lines = self._read(scores, series, scaling)
         judged = [scene for scene, outcome in holds.items() if outcome is not None]
         scope = f"{about} {self._scope(scores, series, judged)}".strip()
         where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
         ours = "\n".join(lines) or f"no rows of {series.name}{where}"
-        return Evidence(list(holds.values()), ours, paper, scope)
+        return self.verdict(holds.values(), ours, paper, scope)
 
     def _read(
         self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]

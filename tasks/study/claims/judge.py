@@ -1,4 +1,4 @@
-"""The claims that are checked against the rows of a run, and the function that judges them.
+"""The claims that are checked against the rows of a run.
 
 No bound of a claim is fitted to our results.
 """
@@ -14,7 +14,7 @@ from tasks.study.claims.flow import FLOW_CLAIMS
 from tasks.study.claims.reconstruction import RECONSTRUCTION_CLAIMS
 from tasks.study.claims.scaling import SCALING_CLAIMS
 from tasks.study.claims.tracking import TRACKING_CLAIMS
-from tasks.study.claims.verdict import Verdict, status_of
+from tasks.study.claims.verdict import Verdict
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 
@@ -25,35 +25,6 @@ CLAIMS: tuple[Claim, ...] = (
     *TRACKING_CLAIMS,
     BEATS_DOING_NOTHING,
 )
-
-
-def judge(claim: Claim, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
-    """Judge one claim.
-
-    Parameters
-    ----------
-    claim
-        What the paper says.
-    scores
-        The scores of a run.
-    scaling
-        The run's scaling statistics by scene; claims 1 and 2 are not measured without them.
-
-    Returns
-    -------
-    Verdict
-        Whether the claim holds, with our numbers and the paper's.
-    """
-    found = claim.evidence(scores, scaling)
-    return Verdict(
-        number=claim.number,
-        title=claim.title,
-        statement=claim.statement,
-        status=status_of(found.outcomes),
-        ours=found.ours,
-        paper=found.paper,
-        note=f"{claim.note} {found.scope}".strip(),
-    )
 
 
 def judge_all(
@@ -68,7 +39,7 @@ def judge_all(
     rows
         The rows of a run, or its scores.
     scaling
-        As `judge` takes it.
+        The run's scaling statistics by scene; claims 1 and 2 are not measured without them.
     claims
         The claims to judge; by default those of the paper and our own.
 
@@ -83,5 +54,5 @@ def judge_all(
         As `Scores`: no rows, an unknown task or metric, or a value that is there twice.
     """
     scores = rows if isinstance(rows, Scores) else Scores(rows)
-    found = [judge(claim, scores, scaling) for claim in claims]
+    found = [claim.judge(scores, scaling) for claim in claims]
     return sorted(found, key=lambda verdict: verdict.number)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -147,7 +147,10 @@ class Reading(NamedTuple):
     holds: bool = True
 
 
-Quantity = Callable[[SceneScores], Reading]
+class Quantity(Protocol):
+    """A function that reads a number on one scene."""
+
+    def __call__(self, on: SceneScores, /) -> Reading: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,26 +192,19 @@ class Number:
         return Reading(text + doubt, found.value < bound if below else found.value > bound)
 
 
-@dataclass(frozen=True, slots=True)
-class Score:
-    """The median of one width."""
-
-    width: int
-    cutoff_hz: float
-    speed: float = 1.0
+class Score(SceneCell):
+    """The median of one cell."""
 
     def __call__(self, on: SceneScores) -> Reading:
-        score = on.median(SceneCell(self.width, self.cutoff_hz, self.speed))
-        return Reading(f"{on.metric.text(score)} {on.metric.unit}")
+        return Reading(f"{on.metric.text(on.median(self))} {on.metric.unit}")
 
 
-@dataclass(frozen=True, slots=True)
-class Best:
+class Best(NamedTuple):
     """The best median, and the width that has it."""
 
     cutoff_hz: float
     speed: float = 1.0
 
     def __call__(self, on: SceneScores) -> Reading:
-        width = on.best_width(self.cutoff_hz, self.speed)
-        return Reading(f"{Score(width, self.cutoff_hz, self.speed)(on).text} at {width} px")
+        width = on.best_width(*self)
+        return Reading(f"{Score(width, *self)(on).text} at {width} px")

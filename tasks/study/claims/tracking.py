@@ -27,9 +27,8 @@ class TrackingClaim(SceneClaim):
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
         """Return the judged perturbation; if there is none, say how often each one succeeds."""
-        rates = {
-            one: share_text(ideal_success(scores, one)) for one in sweep(scores, TRACKING.method)
-        }
+        found = sweep(scores, TRACKING.method)
+        rates = {one: share_text(ideal_success(scores, one)) for one in found}
         if not rates:
             return None, f"no rows of {TRACKING.name}"
         series = judged_series(scores)
@@ -38,8 +37,8 @@ class TrackingClaim(SceneClaim):
             "median width"
         )
         if series is None:
-            found = ", ".join(f"{one.variant} {rate}" for one, rate in rates.items())
-            return None, f"not measured, no perturbation succeeds {often}: {found}"
+            tried = ", ".join(f"{one.variant} {rate}" for one, rate in rates.items())
+            return None, f"not measured, no perturbation succeeds {often}: {tried}"
         return series, (
             f"Judged at a perturbation of {series.variant}, the largest that succeeds at least "
             f"{often} ({rates[series]}). The paper's is 200 mm."

@@ -26,7 +26,7 @@ from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import shown_series, sigma_mm
 from tasks.study.results.scores import by_threshold
-from tasks.study.results.words import MISSING, cutoff_label, join_words
+from tasks.study.results.words import MISSING, capitalized, cutoff_label, join_words
 
 _PAGE_WIDTH = 100
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
@@ -36,8 +36,7 @@ def overview(found: Mapping[Series, Choices]) -> str:
     """Return the headline of the first series and a table with one line per series."""
     first, choices = next(iter(found.items()))
     lines = [(one, _scenes(choices)) for one, choices in found.items()]
-    title = first.title[0].upper() + first.title[1:]
-    said = [f"{title}. {headline(choices, first)}", _rule_text(found)]
+    said = [f"{capitalized(first.title)}. {headline(choices, first)}", _rule_text(found)]
     return "\n\n".join([*map(_wrapped, said), _table(found, lines)])
 
 
@@ -74,19 +73,17 @@ def _table(
 ) -> str:
     """Return a Markdown table: series as rows; conditions, ours and the paper's, as columns."""
     conditions = list(dict.fromkeys(c for choices in found.values() for c in answered(choices)))
-    heads, rows = [""], [[f"{one.title}, {' / '.join(scenes)}"] for one, scenes in lines]
+    columns = [["", *(f"{one.title}, {' / '.join(scenes)}" for one, scenes in lines)]]
     for cutoff, speed in conditions:
         at = [[found[one].get((scene, cutoff, speed)) for scene in s] for one, s in lines]
         label, hertz = cutoff_label(cutoff), f"{cutoff:g} Hz"
         light = label if math.isinf(cutoff) or label == hertz else f"{label}, {hertz}"
-        heads.append(f"{light}, speed {speed:.2g}")
-        for row, choices in zip(rows, at, strict=True):
-            row.append(_joined([_width_text(choice, tied=tied) for choice in choices]))
+        ours = [_joined([_width_text(choice, tied=tied) for choice in choices]) for choices in at]
+        columns.append([f"{light}, speed {speed:.2g}", *ours])
         if any(choice and choice.paper for choices in at for choice in choices):
-            heads.append("paper")
-            for row, choices in zip(rows, at, strict=True):
-                row.append(_joined([_paper_text(choice) for choice in choices]))
-    rule = ["---"] * len(heads)
+            columns.append(["paper", *(_joined([*map(_paper_text, choices)]) for choices in at)])
+    heads, *rows = zip(*columns, strict=True)
+    rule = ["---"] * len(columns)
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
 
 
@@ -132,13 +129,13 @@ def choices_of(run_dir: Path) -> dict[Series, Choices]:
     return {series: choose_all(scores, series) for series in usual}
 
 
-def with_answers(page: str, found: Mapping[Series, Choices]) -> str:
+def with_answers(page: Path, found: Mapping[Series, Choices]) -> str:
     """Replace the text between the comments of a Markdown page.
 
     Parameters
     ----------
     page
-        Text of the page.
+        File of the page; it is not written.
     found
         Choices by series.
 
@@ -153,12 +150,15 @@ def with_answers(page: str, found: Mapping[Series, Choices]) -> str:
         The page has no such comments, or they name no block of `BLOCKS`.
     """
     expected = " or ".join(f"<!-- answer: {name} -->" for name in BLOCKS)
-    if not (kinds := [block[2] for block in _BLOCK.finditer(page)]):
-        raise ResultError(f"found no answer block, expected {expected} … <!-- end of answer -->")
+    text = page.read_text()
+    if not (kinds := [block[2] for block in _BLOCK.finditer(text)]):
+        raise ResultError(
+            f"{page}: found no answer block, expected {expected} … <!-- end of answer -->"
+        )
     for kind in kinds:
         if kind not in BLOCKS:
-            raise ResultError(f"found <!-- answer: {kind} -->, expected {expected}")
-    return _BLOCK.sub(lambda block: f"{block[1]}\n{BLOCKS[block[2]](found)}\n\n{block[3]}", page)
+            raise ResultError(f"{page}: found <!-- answer: {kind} -->, expected {expected}")
+    return _BLOCK.sub(lambda block: f"{block[1]}\n{BLOCKS[block[2]](found)}\n\n{block[3]}", text)
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -169,16 +169,9 @@ def main(arguments: Sequence[str]) -> None:
     try:
         found = choices_of(run_dir)
         for page in pages:
-            write_bytes(page, _renewed(page, found).encode())
+            write_bytes(page, with_answers(page, found).encode())
     except TaskError as error:
         sys.exit(f"error: {error}")
-
-
-def _renewed(page: Path, found: Mapping[Series, Choices]) -> str:
-    try:
-        return with_answers(page.read_text(), found)
-    except ResultError as error:
-        raise ResultError(f"{page}: {error}") from None
 
 
 if __name__ == "__main__":

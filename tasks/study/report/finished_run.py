@@ -11,12 +11,14 @@ from typing import Any
 
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
+from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.choice import Choices, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
+from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import Scaling, read_scaling
 from tasks.study.results.scores import Scores, by_threshold
 
@@ -79,6 +81,21 @@ class FinishedRun:
     def scaling(self) -> dict[str, Scaling]:
         """Return the scaling statistics by scene."""
         return read_scaling(self.folder / "scaling")
+
+    @cached_property
+    def timings(self) -> list[JobTimings]:
+        """Return the times of all jobs."""
+        return read_timings(self.folder / "costs")
+
+    @cached_property
+    def previews(self) -> dict[str, list[Preview]]:
+        """Return the pictures of each scene, by descending cutoff, speed and width."""
+        index = self.folder / "previews" / "index.json"
+        entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
+        found: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
+        for entry in sorted(entries, key=lambda one: (-one.cutoff_hz, one.speed, one.width)):
+            found[entry.scene].append(entry)
+        return found
 
     @cached_property
     def verdicts(self) -> list[Verdict]:

@@ -14,18 +14,12 @@ from tasks.errors import ResultError
 from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.report.plot import COLORS
-from tasks.study.report.sections.choice import choice_tables
-from tasks.study.report.sections.comparison import comparisons
-from tasks.study.report.sections.failures import failures
-from tasks.study.report.sections.previews import previews
-from tasks.study.report.sections.scaling import scaling
-from tasks.study.report.sections.threshold import thresholds
-from tasks.study.report.sections.timings import timings
-from tasks.study.report.sections.tradeoff import tradeoff, tradeoff_plots
+from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.comparison import comparison_table
 from tasks.study.results.perturbation import is_main
+from tasks.study.results.scores import Scores
 
 MAX_BYTES = 15_000_000
 """Maximum size of a report, bytes."""
@@ -46,32 +40,33 @@ class Section:
     template
         File in ``templates/``, or a template of your own. It reads ``data`` and ``run``.
     data
-        Function that collects ``data`` from a run. A section without data (None) is left out.
+        Function that collects ``data`` from a run, by default the run itself. A section without
+        data (None) is left out.
     """
 
     id: str
     link: str
     title: str
     template: str | Template
-    data: Callable[[FinishedRun], object]
+    data: Callable[[FinishedRun], object] = lambda run: run
 
 
-def _itself(run: FinishedRun) -> FinishedRun:
-    """Return the run: some templates need no other data."""
-    return run
+def _others(run: FinishedRun) -> Sequence[Scores] | None:
+    """Return the scores of all contrast thresholds but the first."""
+    return run.found[1:] or None
 
 
 SECTIONS = (
-    Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html", tradeoff),
-    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html", scaling),
-    Section("tables", "Tables", "Ours and the paper's", "comparison.html", comparisons),
-    Section("convergence", "Failures", "Failures", "failures.html", failures),
-    Section("claims", "Claims", "The paper's claims", "claims.html", _itself),
-    Section("choice", "Choice", "Which resolution to choose", "choice.html", choice_tables),
-    Section("threshold", "Threshold", "Contrast threshold", "threshold.html", thresholds),
-    Section("previews", "Previews", "Events of each sensor", "previews.html", previews),
-    Section("costs", "Timings", "Timings of this run", "timings.html", timings),
-    Section("provenance", "Provenance", "Provenance", "provenance.html", _itself),
+    Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html"),
+    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
+    Section("tables", "Tables", "Ours and the paper's", "comparison.html"),
+    Section("convergence", "Failures", "Failures", "failures.html"),
+    Section("claims", "Claims", "The paper's claims", "claims.html"),
+    Section("choice", "Choice", "Which resolution to choose", "choice.html"),
+    Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),
+    Section("previews", "Previews", "Events of each sensor", "previews.html"),
+    Section("costs", "Timings", "Timings of this run", "timings.html"),
+    Section("provenance", "Provenance", "Provenance", "provenance.html"),
 )
 """Sections of a report, in order."""
 

@@ -102,11 +102,6 @@ class Line:
     points: Sequence[Point]
     path: Sequence[Place] | None = None
 
-    @property
-    def places(self) -> list[Place]:
-        """Return the places of all points and of the path."""
-        return [(point.x, point.y) for point in self.points] + list(self.path or ())
-
 
 @dataclass(frozen=True, slots=True)
 class Panel:
@@ -153,7 +148,7 @@ def plot(
     panels
         Panels; each has one line per key.
     log_y
-        Whether the y axis is logarithmic.
+        Whether the y axis is logarithmic if all values are positive.
     include_y
         Values that the y axis must reach.
     labels_below
@@ -164,10 +159,13 @@ def plot(
     Plot
         Description for both drawers.
     """
-    shown = [place for panel in panels for line in panel.lines for place in line.places]
+    lines = [line for panel in panels for line in panel.lines]
+    shown = [(point.x, point.y) for line in lines for point in line.points]
+    shown += [place for line in lines for place in line.path or ()]
     widths = [x for x, _ in shown] or [1.0]
     heights = [y for _, y in shown] + [y for panel in panels for y in panel.references]
     reached = [*heights, *include_y] or [1.0]
+    log_y = log_y and min(reached) > 0
     y_ticks = (_log_ticks if log_y else _even_ticks)(min(reached), max(reached))
     x_axis = Axis(x_label, True, (), _log_ticks(min(widths), max(widths)), most=6)
     y_axis = Axis(y_label, log_y, include_y, y_ticks, most=9)

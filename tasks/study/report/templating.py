@@ -1,22 +1,26 @@
-"""Load the report's templates and register the functions that they call."""
+"""Load the report's templates; they can call the functions of sections and results as filters."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
+from inspect import isfunction
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from jinja2.utils import htmlsafe_json_dumps
 
 from tasks.registry import TASKS
-from tasks.study.claims.verdict import threshold_note
-from tasks.study.report.sections.choice import choice_facts
-from tasks.study.results import words
+from tasks.study.claims import verdict
+from tasks.study.report.sections import (
+    bandwidth,
+    choice,
+    failures,
+    scaling,
+    threshold,
+    timings,
+    tradeoff,
+)
+from tasks.study.results import comparison, headline, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
-from tasks.study.results.comparison import line_label
-from tasks.study.results.headline import headline
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
-from tasks.study.results.perturbation import REQUIRED_SUCCESS
 
 TEMPLATES = Environment(
     loader=PackageLoader("tasks.study.report"),
@@ -30,10 +34,17 @@ TEMPLATES.globals |= {
     "TASKS": TASKS,
     "MIN_SAMPLES": MIN_SAMPLES_FOR_INTERVAL,
     "MISSING": words.MISSING,
-    "REQUIRED_SUCCESS": REQUIRED_SUCCESS,
+    "REQUIRED_SUCCESS": perturbation.REQUIRED_SUCCESS,
+    "TRACKING": perturbation.TRACKING,
 }
-for _used in (choice_facts, headline, line_label, threshold_note):
-    TEMPLATES.filters[_used.__name__] = _used
-TEMPLATES.filters |= {name: one for name, one in vars(words).items() if callable(one)}
-TEMPLATES.filters["json_text"] = lambda one: json.dumps(one, indent=2, ensure_ascii=False)
-TEMPLATES.filters["as_json"] = lambda one: htmlsafe_json_dumps(asdict(one), ensure_ascii=False)
+for _module in (
+    *(bandwidth, choice, failures, scaling, threshold, timings, tradeoff),
+    *(comparison, headline, perturbation, scores, verdict, words),
+):
+    TEMPLATES.filters |= {
+        name: one
+        for name, one in vars(_module).items()
+        if isfunction(one) and one.__module__ == _module.__name__
+    }
+TEMPLATES.filters["asdict"] = asdict
+TEMPLATES.policies["json.dumps_kwargs"] = {"ensure_ascii": False}

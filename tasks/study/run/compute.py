@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import version
 
-from eres_render import GroundTruth, RadianceSequence, Renderer, ground_truth, render_clip
+from eres_render import GroundTruth, RadianceSequence, Renderer, clip_in_progress, ground_truth
 from eres_render.progress import Progress
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
 from tasks.evaluation.evaluate import evaluate
-from tasks.evaluation.timings import FrameTimer, timings_file
+from tasks.evaluation.timings import timings_file
 from tasks.row import Row
 from tasks.study.config import digest
 from tasks.study.run.frame_cache import frames_folder
@@ -43,12 +43,14 @@ class ComputedJob:
 def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> ComputedJob:
     """Render, simulate and score a job; the frames stay in this machine's cache.
 
+    The sensors see each frame as soon as it is rendered.
+
     Parameters
     ----------
     job
         The job.
     on_progress
-        Called after each frame and each sensor.
+        Called after each frame, then after each sensor.
     with_highlights
         Whether to make the highlights of the scene for the report.
 
@@ -59,15 +61,12 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
     light = _light_of(job, on_progress)
     seconds = job.clip.t_window_end_s - job.clip.t_start_s
     needed_bytes = round(seconds * _BYTES_PER_PX_S * job.render.resolution**2)
-    with frames_folder(light.key(job), needed_bytes) as folder:
-        timer = FrameTimer(on_progress)
-        sequence = render_clip(
-            light.renderer,
-            job.clip,
-            folder,
-            job.render.max_displacement_px,
-            timer,
-        )
+    with (
+        frames_folder(light.key(job), needed_bytes) as folder,
+        clip_in_progress(
+            light.renderer, job.clip, folder, job.render.max_displacement_px
+        ) as sequence,
+    ):
         settings = job.settings(job.simulate.dark_fraction * sequence.white_level)
         highlights = Highlights(job, settings) if with_highlights else None
         result = evaluate(
@@ -79,8 +78,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
             highlights.push if highlights else None,
         )
         shown = highlights.result(result.reference) if highlights else {}
-    timings = replace(result.timings, rendered_frames=timer.frames, rendering_s=timer.seconds)
-    files = {f"costs/{job.key}.json": timings_file(timings), **shown}
+    files = {f"costs/{job.key}.json": timings_file(result.timings), **shown}
     return ComputedJob(result.rows, files, environment(light.renderer.variant))
 
 

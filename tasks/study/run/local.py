@@ -10,7 +10,7 @@ from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.jobs import QueuedJob
 
 # Where each stage begins in a job's time, and the stage's share; only the progress bar uses this.
-_STAGES = {"rendering": (0.0, 0.5), "simulating": (0.5, 0.2), "scoring": (0.7, 0.3)}
+_STAGES = {"simulating": (0.0, 0.7), "scoring": (0.7, 0.3)}
 
 
 class ThisProcess:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from sensor.presets import SensorPreset
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.bandwidth import Load, bus_loads
 from tasks.study.results.metrics import Series
@@ -12,15 +12,7 @@ from tasks.study.results.scores import Condition, Scores, base_speed
 from tasks.study.results.words import MISSING, rate_label
 
 
-@dataclass(frozen=True, slots=True)
-class Buses:
-    """Bus loads: a table per scene, at base speed and at the highest speed."""
-
-    speeds: list[float]
-    tables: list[Table]
-
-
-def buses(scores: Scores, series: Series) -> Buses:
+def buses(scores: Scores, series: Series) -> list[Table]:
     """Collect the bus loads of one series.
 
     Parameters
@@ -32,35 +24,37 @@ def buses(scores: Scores, series: Series) -> Buses:
 
     Returns
     -------
-    Buses
-        Tables of the scenes that have cameras of a simulated width.
+    list of Table
+        One table per scene that has cameras of a simulated width, at base speed and at the highest
+        speed.
     """
     speeds = list(dict.fromkeys([base_speed(scores, series), max(scores.speeds(series))]))
     tables = [_table(scores, series, scene, speeds) for scene in scores.scenes(series)]
-    return Buses(speeds, [table for table in tables if table])
+    return [table for table in tables if table]
 
 
 def _table(scores: Scores, series: Series, scene: str, speeds: Sequence[float]) -> Table | None:
     cutoffs_hz, widths = scores.cutoffs_hz(series), scores.widths(series)
-    loads: dict[tuple[float, float, str], Load] = {}
+    found: dict[SensorPreset, dict[tuple[float, float], Load]] = {}
     for hz in cutoffs_hz:
         for speed in speeds:
             cells = {w: scores.cell(series, Condition(scene, w, hz, speed)) for w in widths}
             rates_hz = {w: c.event_rate_hz for w, c in cells.items() if c.event_rate_hz is not None}
-            loads |= {(hz, speed, one.camera.camera): one for one in bus_loads(rates_hz)}
-    if not loads:
+            for load in bus_loads(rates_hz):
+                found.setdefault(load.camera, {})[hz, speed] = load
+    if not found:
         return None
-    cameras = {one.camera.camera: one.camera for one in loads.values()}.values()
-    ordered = sorted(cameras, key=lambda one: (one.model.width, one.max_bandwidth_mev_s))
+    cameras = sorted(found, key=lambda one: (one.model.width, one.max_bandwidth_mev_s))
     rows = {
         Text(one.camera, f"{one.model.width}×{one.model.height}, {one.year}"): [
             [Text(f"{one.max_bandwidth_mev_s:g}")],
-            *([_text(loads.get((hz, speed, one.camera))) for speed in speeds] for hz in cutoffs_hz),
+            *([_text(found[one].get((hz, speed))) for speed in speeds] for hz in cutoffs_hz),
         ]
-        for one in ordered
+        for one in cameras
     }
     heads = [Text("camera"), Text("bus [Mev/s]"), *map(cutoff_text, cutoffs_hz)]
-    return Table("buses", f"Buses, {scene}", scene, heads, {Text(""): rows})
+    caption = f"{scene}, at speed {' → '.join(f'{speed:.2g}' for speed in speeds)}"
+    return Table("buses", f"Buses, {scene}", caption, heads, {Text(""): rows})
 
 
 def _text(load: Load | None) -> Text:

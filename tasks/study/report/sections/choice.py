@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.choice import Choice, Choices
 from tasks.study.results.headline import times_text
-from tasks.study.results.metrics import Series
 from tasks.study.results.words import rate_label, share_text, speed_label
 
 
-def choice_tables(run: FinishedRun) -> dict[Series, list[Table]]:
-    """Collect the tables of each series."""
-    return {one: _tables(found) for one, found in run.choices.items()}
-
-
-def _tables(choices: Choices) -> list[Table]:
+def choice_tables(choices: Choices) -> list[Table]:
+    """Make the table of each scene from the choices of one series."""
     cutoffs_hz = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
     heads = [Text(""), *map(cutoff_text, cutoffs_hz)]
     tables = []

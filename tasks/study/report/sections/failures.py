@@ -2,68 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tasks.registry import TASKS
-from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Line, Panel, Plot, Point, plot, width_keys
 from tasks.study.report.table import Table, Text, cutoff_text, width_texts
 from tasks.study.results.metrics import Series
-from tasks.study.results.perturbation import TRACKING, ideal_success, judged_series, sigma_mm, sweep
+from tasks.study.results.perturbation import TRACKING, sigma_mm, sweep
 from tasks.study.results.scores import Condition, Scores, base_speed
 from tasks.study.results.words import MISSING, share_text
 
 
-@dataclass(frozen=True, slots=True)
-class Sweep:
-    """One tracking method under all perturbations; `plot` is None for a single perturbation."""
-
-    method: str
-    plot: Plot | None
-    tables: list[Table]
-
-
-@dataclass(frozen=True, slots=True)
-class Failures:
-    """Data of the section. `able` lists the tasks in which a method can fail."""
-
-    judged: str | None
-    success: dict[str, float | None]
-    sweeps: list[Sweep]
-    reasons: Table | None
-    able: list[str]
-
-
-def failures(run: FinishedRun) -> Failures:
-    """Collect perturbation sweeps and reasons of failures."""
-    scores, judged = run.scores, judged_series(run.scores)
+def sweeps(scores: Scores) -> dict[str, list[Series]]:
+    """Return the series of each tracking method by ascending perturbation, by the method's name."""
     methods = dict.fromkeys(one.method for one in scores.series() if one.task == TRACKING.task)
-    able = [task for task, spec in TASKS.items() if spec.share_column is not None]
-    return Failures(
-        judged=judged and _sigma(judged),
-        success={_sigma(s): ideal_success(scores, s) for s in sweep(scores, TRACKING.method)},
-        sweeps=[_sweep(scores, found) for one in methods if (found := sweep(scores, one))],
-        reasons=_reasons(scores, [one for one in scores.series() if one.task in able]),
-        able=[TASKS[task].title for task in able],
-    )
+    found = [sweep(scores, method) for method in methods]
+    return {of_one[0]._replace(variant="").name: of_one for of_one in found if of_one}
 
 
-def _sigma(series: Series) -> str:
-    return series.variant.removeprefix("sigma ")
+def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
+    """List success and error of one method at base speed.
 
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    found
+        Series of the method, as from `sweeps`.
+    scene
+        Name of a scene.
 
-def _sweep(scores: Scores, found: list[Series]) -> Sweep:
-    name = found[0]._replace(variant="").name
-    return Sweep(
-        name,
-        _plot(scores, found, name) if found[1:] else None,
-        [_table(scores, found, scene) for scene in scores.scenes(found[0])],
-    )
-
-
-def _table(scores: Scores, found: list[Series], scene: str) -> Table:
+    Returns
+    -------
+    Table
+        Cutoffs and perturbations as rows, widths as columns.
+    """
     metric, widths = TASKS[found[0].task].metric, scores.widths(found[0])
 
     def text(series: Series, width: int, cutoff_hz: float) -> Text:
@@ -85,29 +58,39 @@ def _table(scores: Scores, found: list[Series], scene: str) -> Table:
     return Table("sweep", f"Perturbations, {scene}", caption, heads, blocks)
 
 
-def _plot(scores: Scores, found: list[Series], name: str) -> Plot:
-    """Plot success against perturbation at base speed, over all scenes."""
+def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
+    """Plot success against perturbation at base speed, over all scenes.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    found, name
+        Series of a method and its name, as from `sweeps`.
+
+    Returns
+    -------
+    Plot
+        One panel per cutoff.
+    """
     widths = scores.widths(found[0])
-    panels = []
-    for hz in scores.cutoffs_hz(found[0]):
-        lines = []
-        for width in widths:
-            shares = {one: _pooled_success(scores, one, width, hz) for one in found}
-            points = [
-                Point(x, 100 * share, [f"{width} px", s.variant, f"{share_text(share)} succeed"])
-                for s, share in shares.items()
-                if share is not None and (x := sigma_mm(s.variant)) is not None
-            ]
-            lines.append(Line(points))
-        panels.append(Panel(*cutoff_text(hz)[:2], lines))
-    return plot(
-        f"Success over the perturbation, {name}",
-        "standard deviation of the perturbation [mm]",
-        "successful trials [%]",
-        width_keys(widths),
-        panels,
-        include_y=(0, 100),
-    )
+    panels = [
+        Panel(*cutoff_text(hz)[:2], [_success_line(scores, found, width, hz) for width in widths])
+        for hz in scores.cutoffs_hz(found[0])
+    ]
+    title = f"Success over the perturbation, {name}"
+    axes = "standard deviation of the perturbation [mm]", "successful trials [%]"
+    return plot(title, *axes, width_keys(widths), panels, include_y=(0, 100))
+
+
+def _success_line(scores: Scores, found: list[Series], width: int, cutoff_hz: float) -> Line:
+    shares = {one: _pooled_success(scores, one, width, cutoff_hz) for one in found}
+    points = [
+        Point(x, 100 * share, [f"{width} px", one.variant, f"{share_text(share)} succeed"])
+        for one, share in shares.items()
+        if share is not None and (x := sigma_mm(one.variant)) is not None
+    ]
+    return Line(points)
 
 
 def _pooled_success(scores: Scores, series: Series, width: int, cutoff_hz: float) -> float | None:
@@ -117,15 +100,17 @@ def _pooled_success(scores: Scores, series: Series, width: int, cutoff_hz: float
     return float(1 - np.concatenate(failed).mean()) if failed else None
 
 
-def _reasons(scores: Scores, able: list[Series]) -> Table | None:
+def failure_table(scores: Scores) -> Table | None:
+    """Count the failures of each method that can fail, by reason; None without such a method."""
     rows = {}
-    for one in able:
+    for one in scores.series():
+        if TASKS[one.task].share_column is None:
+            continue
         total = sum(len(scores.cell(one, where).values) for where in scores.conditions(one))
         reasons = scores.failures(one)
         failed = reasons.total()
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))
         share = share_text(failed / total if total else None)
-        texts = f"{failed:,} of {total:,}", share, why
-        rows[Text(one.title)] = [[Text(text)] for text in texts]
+        rows[Text(one.title)] = [[Text(f"{failed:,} of {total:,}")], [Text(share)], [Text(why)]]
     heads = [Text(head) for head in ("method", "failed", "share", "why")]
     return Table("failures", "Failures", "", heads, {Text(""): rows}) if rows else None

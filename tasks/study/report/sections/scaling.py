@@ -2,44 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tasks.metric import number_text
-from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, width_keys
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
 from tasks.study.results.words import cutoff_detail, cutoff_label
 
 
-@dataclass(frozen=True, slots=True)
-class SceneScaling:
-    """One scene: picture of L_t (PNG in base64), slope by pixel size, times between events."""
-
-    scene: str
-    clip: int
-    png: str
-    slopes: Plot
-    intervals: Plot
-
-
-def scaling(run: FinishedRun) -> list[SceneScaling]:
-    """Collect the scenes that have scaling statistics.
-
-    Raises
-    ------
-    ResultError
-        A scene has statistics but no picture.
-    """
-    found = []
-    for one in (run.scaling[scene] for scene in run.scenes if scene in run.scaling):
-        png = run.picture(f"scaling/{one.scene}.png", f"{one.scene}.json is there")
-        found.append(SceneScaling(one.scene, one.clip, png, _slopes(one), _intervals(one)))
-    return found
-
-
-def _slopes(one: Scaling) -> Plot:
+def slope_plot(one: Scaling) -> Plot:
+    """Plot |L_t| against pixel size, with its power laws."""
     curves = {"at edges": ("ink", one.edges), "everywhere": ("soft", one.everywhere)}
     ends = [float(min(one.sizes_px)), FIT_PX]
     keys, lines = [], []
@@ -62,7 +34,7 @@ def _law_text(slopes: Slopes) -> str:
     return f"γ = {exponent} [{low}, {high}]"
 
 
-def _intervals(one: Scaling) -> Plot:
+def interval_plot(one: Scaling) -> Plot:
     """Plot histograms: most light at base speed, least light at base and at highest speed."""
     settings = one.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
@@ -86,14 +58,9 @@ def _intervals(one: Scaling) -> Plot:
             lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=True))))
         detail = f"{cutoff_detail(cutoff_hz)}, speed {speed:.2g}; marks: the mode"
         panels.append(Panel(f"(c) {cutoff_label(cutoff_hz)}", detail, lines))
-    return plot(
-        f"Intervals between events, {one.scene}",
-        "time between a pixel’s events [ms]",
-        "share of the intervals [% per bin]",
-        width_keys(widths),
-        panels,
-        include_y=[0],
-    )
+    title = f"Intervals between events, {one.scene}"
+    axes = "time between a pixel’s events [ms]", "share of the intervals [% per bin]"
+    return plot(title, *axes, width_keys(widths), panels, include_y=[0])
 
 
 def _shares(histogram: Intervals) -> np.ndarray:

@@ -3,38 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from tasks.registry import TASKS
-from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Line, Panel, Plot, width_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
 from tasks.study.report.table import Cell, Rows, Table, Text, cutoff_text
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
-from tasks.study.results.perturbation import is_main
 from tasks.study.results.scores import Condition, Scores, base_speed, beats
 from tasks.study.results.words import MISSING, rate_label, share_text
 
-
-@dataclass(frozen=True, slots=True)
-class SceneThresholds:
-    """One series on one scene at base speed; columns are thresholds, ascending."""
-
-    scene: str
-    plot: Plot
-    choices: Table
-    scores: Table
+Comparison = tuple[Plot, Table, Table]
 
 
-def thresholds(run: FinishedRun) -> dict[Series, list[SceneThresholds]] | None:
-    """Collect all main series; None if the run has one contrast threshold."""
-    if not run.found[1:]:
-        return None
-    return {one: compare_thresholds(run.found, one) for one in filter(is_main, run.series)}
-
-
-def compare_thresholds(found: Sequence[Scores], series: Series) -> list[SceneThresholds]:
+def compare_thresholds(found: Sequence[Scores], series: Series) -> dict[str, Comparison]:
     """Compare scores of one series, scene by scene.
 
     Parameters
@@ -46,14 +28,15 @@ def compare_thresholds(found: Sequence[Scores], series: Series) -> list[SceneThr
 
     Returns
     -------
-    list of SceneThresholds
-        One entry per scene, at base speed.
+    dict
+        Plot, choices and scores at base speed, by scene; columns are thresholds, ascending.
     """
     ascending = sorted(found, key=lambda scores: scores.contrast_threshold)
-    return [_scene(ascending, found[0], series, scene) for scene in found[0].scenes(series)]
+    first = found[0]
+    return {scene: _compare(ascending, first, series, scene) for scene in first.scenes(series)}
 
 
-def _scene(ascending: list[Scores], first: Scores, series: Series, scene: str) -> SceneThresholds:
+def _compare(ascending: list[Scores], first: Scores, series: Series, scene: str) -> Comparison:
     metric = TASKS[series.task].metric
     speed, widths = base_speed(first, series), first.widths(series)
     panels: list[Panel] = []
@@ -78,8 +61,7 @@ def _scene(ascending: list[Scores], first: Scores, series: Series, scene: str) -
         "second; struck out: no better than doing nothing"
     )
     by_threshold = f"by contrast threshold, {scene}"
-    return SceneThresholds(
-        scene,
+    return (
         score_plot(f"Scores {by_threshold}", series, width_keys(widths), panels),
         Table("choice", f"Choice {by_threshold}", "", [Text(""), *heads], {Text(""): choices}),
         Table("sweep", f"Numbers {by_threshold}", caption, [Text("sensor"), *heads], blocks),

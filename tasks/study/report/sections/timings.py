@@ -2,76 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
-from tasks.evaluation.timings import JobTimings, MethodTimings, read_timings
+from tasks.evaluation.timings import JobTimings, MethodTimings
 from tasks.registry import TASKS
-from tasks.study.report.finished_run import FinishedRun
-from tasks.study.report.table import Rows, Table, Text, width_texts
+from tasks.study.report.table import Table, Text, width_texts
 from tasks.study.results.metrics import Series
-from tasks.study.results.words import MISSING, join_words
+from tasks.study.results.words import MISSING
 
 
-@dataclass(frozen=True, slots=True)
-class Timings:
-    """Times of all jobs of a run, and their numbers of cores."""
-
-    jobs: int
-    cores: str
-    stages: Table
-    methods: Table
-
-
-def timings(run: FinishedRun) -> Timings:
-    """Read and sum up the times of all jobs."""
-    return summarize(read_timings(run.folder / "costs"))
-
-
-def summarize(costs: Sequence[JobTimings]) -> Timings:
-    """Sum up the times of jobs; rates are medians over jobs."""
-    heads = [Text(head) for head in ("stage", "time", "share", "amount", "rate")]
-    stages = {Text(""): _stages(costs) if costs else {}}
-    return Timings(
-        jobs=len(costs),
-        cores=join_words([str(n) for n in sorted({one.cores for one in costs})] or [MISSING], "or"),
-        stages=Table("stages", "Time of each stage", "Stages, sum over jobs", heads, stages),
-        methods=_methods(costs),
-    )
-
-
-def _stages(costs: Sequence[JobTimings]) -> Rows:
-    """Return time, share of the total, amounts and rates of each stage."""
-
-    def of_jobs(amount: Callable[[JobTimings], float]) -> list[float]:
-        return [amount(one) for one in costs]
-
-    frames = of_jobs(lambda one: one.rendered_frames)
-    samples = of_jobs(lambda one: 1e-6 * one.rendered_frames * one.resolution**2 * one.spp)
-    read = of_jobs(lambda one: one.frames)
-    pixels = of_jobs(lambda one: 1e-6 * one.pixel_frames)
-    events = of_jobs(lambda one: 1e-6 * one.events)
-    estimates = of_jobs(lambda one: sum(method.estimates for method in one.methods))
-    stages = {
-        "rendering": ("rendering_s", {"frames": frames, "M samples": samples}),
-        "reading frames": ("reading_s", {"frames": read}),
-        "simulating sensors": ("simulating_s", {"M pixel-frames": pixels, "Mev": events}),
-        "keeping events for the tasks": ("collecting_s", {"Mev": events}),
-        "estimating and scoring": ("scoring_s", {"estimates": estimates}),
+def _stages(one: JobTimings) -> dict[str, tuple[float, dict[str, float]]]:
+    """Return the time of each stage of a job, s, and its amounts of work by unit."""
+    samples = 1e-6 * one.rendered_frames * one.resolution**2 * one.spp
+    pixels, events = 1e-6 * one.pixel_frames, 1e-6 * one.events
+    estimates = sum(method.estimates for method in one.methods)
+    return {
+        "rendering": (one.rendering_s, {"frames": one.rendered_frames, "M samples": samples}),
+        "reading frames": (one.reading_s, {"frames": one.frames}),
+        "simulating sensors": (one.simulating_s, {"M pixel-frames": pixels, "Mev": events}),
+        "keeping events for the tasks": (one.collecting_s, {"Mev": events}),
+        "estimating and scoring": (one.scoring_s, {"estimates": estimates}),
     }
-    total_s = sum(getattr(one, field) for field, _ in stages.values() for one in costs)
+
+
+def stage_table(costs: Sequence[JobTimings]) -> Table:
+    """Sum up time, share of the total and amounts of each stage; rates are medians over jobs."""
+    jobs = [_stages(one) for one in costs]
+    total_s = sum(took_s for job in jobs for took_s, _ in job.values())
     rows = {}
-    for stage, (field, done) in stages.items():
-        took_s = [getattr(one, field) for one in costs]
-        amounts = [f"{_number(sum(found))} {unit}" for unit, found in done.items()]
+    for stage, (_, units) in jobs[0].items():
+        took_s = [job[stage][0] for job in jobs]
+        done = {unit: [job[stage][1][unit] for job in jobs] for unit in units}
+        sums = [f"{_number(sum(found))} {unit}" for unit, found in done.items()]
         rates = [_rate(found, took_s, unit) for unit, found in done.items()]
         share = f"{100 * sum(took_s) / total_s:.0f}\u202f%" if total_s else MISSING
         time = _time(sum(took_s)) if any(took_s) else MISSING
-        texts = time, share, "\n".join(amounts), "\n".join(rates)
+        texts = time, share, "\n".join(sums), "\n".join(rates)
         rows[Text(stage)] = [[Text(text)] for text in texts]
-    return rows
+    heads = [Text(head) for head in ("stage", "time", "share", "amount", "rate")]
+    return Table("stages", "Time of each stage", "Stages, sum over jobs", heads, {Text(""): rows})
 
 
 def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
@@ -79,7 +50,8 @@ def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
     return f"{_number(float(np.median(rates)))} {unit}/s" if rates else MISSING
 
 
-def _methods(costs: Sequence[JobTimings]) -> Table:
+def method_table(costs: Sequence[JobTimings]) -> Table:
+    """List the time of an estimate by sensor, the number of estimates and their total time."""
     found: dict[Series, list[MethodTimings]] = {}
     for cost in (method for one in costs for method in one.methods):
         if cost.method != TASKS[cost.task].baseline:

@@ -1,38 +1,16 @@
-"""Plot scores against event rates, and compare the rates with the buses of real cameras."""
+"""Plot scores against event rates."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from tasks.registry import TASKS
-from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Key, Line, Panel, Plot, Point, plot, width_keys
-from tasks.study.report.sections.bandwidth import Buses, buses
 from tasks.study.report.table import cutoff_text
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores
-from tasks.study.results.words import (
-    cutoff_label,
-    rate_label,
-    share_text,
-    speed_label,
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Tradeoff:
-    """Plots of each series by scene, and bus loads of the first series."""
-
-    plots: dict[Series, dict[str, Plot]]
-    buses: Buses
-
-
-def tradeoff(run: FinishedRun) -> Tradeoff:
-    """Collect the plots of every series, and the bus loads."""
-    plots = {one: tradeoff_plots(run.scores, one) for one in run.series}
-    return Tradeoff(plots, buses(run.scores, run.series[0]))
+from tasks.study.results.words import cutoff_label, rate_label, share_text, speed_label
 
 
 def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
@@ -78,18 +56,11 @@ def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence
         Description for both drawers.
     """
     metric = TASKS[series.task].metric
-    heights = [y for one in panels for line in one.lines for _, y in line.places]
-    heights += [y for one in panels for y in one.references]
-    better = "" if metric.higher_is_better else ", less is better"
-    return plot(
-        title,
-        "event rate [Mev/s]",
-        f"{metric.label} [{metric.unit}]{better}",
-        keys,
-        panels,
-        log_y=not metric.higher_is_better and min(heights, default=0.0) > 0,
-        labels_below=not metric.higher_is_better,  # errors rise with speed
-    )
+    errors = not metric.higher_is_better
+    better = ", less is better" if errors else ""
+    axes = "event rate [Mev/s]", f"{metric.label} [{metric.unit}]{better}"
+    # errors rise with speed, so labels of first points are below them
+    return plot(title, *axes, keys, panels, log_y=errors, labels_below=errors)
 
 
 def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Panel:

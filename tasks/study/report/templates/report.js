@@ -1,4 +1,3 @@
-"use strict";
 // Draws each .plot from its JSON, shows the plots of the chosen method, and enlarges previews.
 
 const HEIGHT = 310, LEFT = 46, RIGHT = 12, TOP = 12, BOTTOM = 268; // of a panel; BOTTOM is the x axis
@@ -8,12 +7,6 @@ function svg(parent, name, attributes, text) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
   for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
   if (text !== undefined) element.textContent = text;
-  parent?.append(element);
-  return element;
-}
-
-function html(parent, name, properties) {
-  const element = Object.assign(document.createElement(name), properties);
   parent?.append(element);
   return element;
 }
@@ -40,77 +33,42 @@ function ticksWithin(axis, [low, high]) {
   return sets.find((ticks) => ticks.filter(([, label]) => label).length <= axis.most) ?? sets.at(-1);
 }
 
-function toggle(bar, pressed, onChange) {
-  const button = html(bar, "button", { type: "button", ariaPressed: String(pressed) });
-  button.addEventListener("click", () => {
-    button.ariaPressed = String(button.ariaPressed !== "true");
-    onChange(button.ariaPressed === "true");
-  });
-  return button;
-}
-
 class Plot {
   constructor(root) {
     this.data = JSON.parse(root.querySelector("script").textContent);
     this.panels = root.querySelector(".panels");
-    this.hidden = new Set();
-    this.zoomed = false;
-    this.controls();
-    this.figures = this.data.panels.map((panel) => {
-      const figure = html(this.panels, "figure", { className: "panel" });
-      const caption = html(figure, "figcaption", { textContent: `${panel.label} ` });
-      html(caption, "small", { textContent: panel.detail });
-      const box = html(figure, "div");
-      // A screen reader reads the label of the point, which has the same words.
-      return { panel, box, tip: html(figure, "div", { className: "tip", hidden: true, ariaHidden: "true" }) };
+    this.keys = [...root.querySelectorAll(".key")];
+    this.zoom = root.querySelector(".zoom");
+    this.figures = [...root.querySelectorAll(".drawn")].map((figure, i) => (
+      { panel: this.data.panels[i], box: figure.querySelector("div"), tip: figure.querySelector(".tip"), stop: 0 }
+    ));
+    this.keys.forEach((key, series) => {
+      key.addEventListener("pointerenter", () => this.emphasize(series));
+      key.addEventListener("pointerleave", () => this.emphasize());
     });
-    this.draw();
-    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(this.panels);
-  }
-
-  controls() {
-    const bar = html(null, "div", { className: "controls" });
-    this.panels.before(bar);
-    this.data.keys.forEach((key, series) => {
-      const button = toggle(bar, true, (shown) => {
-        this.hidden[shown ? "delete" : "add"](series);
-        this.draw(true);
-      });
-      const mark = svg(button, "svg", { width: 12, height: 12, viewBox: "-6 -6 12 12", "aria-hidden": true });
-      svg(mark, "path", { d: outline(key), fill: color(key) });
-      button.append(key.name);
-      button.addEventListener("pointerenter", () => this.emphasize(series));
-      button.addEventListener("pointerleave", () => this.emphasize(null));
-    });
-    if (this.data.panels.length === 1) return;
-    const zoom = toggle(bar, false, (zoomed) => {
-      this.zoomed = zoomed;
-      this.draw(true);
-    });
-    Object.assign(zoom, { className: "axis", textContent: "Zoom each panel" });
+    root.querySelector(".controls").addEventListener("change", () => this.draw());
+    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(this.panels); // draws at once
   }
 
   emphasize(series) {
-    this.panels.classList.toggle("focus", series !== null && !this.hidden.has(series));
     for (const group of this.panels.querySelectorAll(".series"))
       group.classList.toggle("on", Number(group.dataset.series) === series);
   }
 
   heights(panels) {
-    const shown = panels.flatMap((panel) => panel.lines.filter((_, series) => !this.hidden.has(series)));
+    const shown = panels.flatMap((panel) => panel.lines.filter((_, series) => this.keys[series].control.checked));
     const values = [...shown.flatMap(placesOf).map(([, y]) => y), ...panels.flatMap((p) => p.references)];
     const room = this.data.keys.some((key) => key.label) ? LABEL_ROOM : ROOM;
     return domain(this.data.y, values, room / (BOTTOM - TOP - 2 * room));
   }
 
-  draw(anyway) {
+  draw() {
     const every = this.data.panels;
     const widths = every.flatMap((panel) => panel.lines.flatMap(placesOf)).map(([x]) => x);
     for (const one of this.figures) {
-      const width = one.box.clientWidth;
-      if (!width || (one.width === width && !anyway)) continue;
-      one.width = width;
-      this.drawPanel(one, domain(this.data.x, widths, 0.06), this.heights(this.zoomed ? [one.panel] : every));
+      one.width = one.box.clientWidth;
+      const shared = this.zoom?.control.checked ? [one.panel] : every;
+      if (one.width) this.drawPanel(one, domain(this.data.x, widths, 0.06), this.heights(shared));
     }
   }
 
@@ -146,7 +104,7 @@ class Plot {
     const places = [];
     keys.forEach((key, series) => {
       const { points, path } = panel.lines[series], way = path ?? joined(panel.lines[series]);
-      if (this.hidden.has(series) || !way.length) return;
+      if (!this.keys[series].control.checked || !way.length) return;
       const group = svg(root, "g", { class: "series", "data-series": series });
       svg(group, "path", { class: "line", d: `M${way.map((at) => `${x(at[0])} ${y(at[1])}`).join("L")}`, stroke: color(key) });
       for (const point of points) {
@@ -167,22 +125,16 @@ class Plot {
     tip.hidden = true;
     if (!places.length) return;
 
-    // The Tab key stops at one point of a panel; arrow keys move from there.
-    const stopAt = (index) => {
-      places[one.stop].mark.tabIndex = -1;
-      one.stop = index;
-      places[index].mark.tabIndex = 0;
-    };
-    let current = -1;
-    const show = (index) => {
-      current = index;
-      const place = places[index];
+    let current;
+    const show = (place) => {
+      if (place === current) return;
+      current = place;
       tip.hidden = !place;
       ring.setAttribute("visibility", place ? "visible" : "hidden");
-      this.emphasize(place ? place.series : null);
+      this.emphasize(place?.series);
       if (!place) return;
       ring.setAttribute("transform", `translate(${place.x} ${place.y})`);
-      tip.replaceChildren(...place.lines.map((words, i) => html(null, i ? "div" : "b", { textContent: words })));
+      tip.textContent = place.lines.join("\n");
       const above = box.offsetTop + place.y - tip.offsetHeight - 14;
       tip.style.left = `${Math.min(Math.max(place.x - tip.offsetWidth / 2, 0), width - tip.offsetWidth)}px`;
       tip.style.top = `${above > 0 ? above : box.offsetTop + place.y + 14}px`;
@@ -190,41 +142,40 @@ class Plot {
     const pick = (event) => {
       const frame = root.getBoundingClientRect();
       const away = places.map((p) => Math.hypot(p.x - event.clientX + frame.left, p.y - event.clientY + frame.top));
-      const nearest = away.indexOf(Math.min(...away, 32));
-      if (nearest !== current) show(nearest);
+      show(places[away.indexOf(Math.min(...away, 32))]);
     };
     root.addEventListener("pointermove", pick);
     root.addEventListener("pointerdown", pick);
-    root.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && show(-1));
-    places.forEach(({ mark }, index) => {
-      mark.addEventListener("focus", () => {
-        stopAt(index);
-        show(index);
+    root.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && show());
+    // The Tab key stops at one point of a panel; arrow keys move from there.
+    places.forEach((place, index) => {
+      place.mark.addEventListener("focus", () => {
+        places[one.stop].mark.tabIndex = -1;
+        place.mark.tabIndex = 0;
+        one.stop = index;
+        show(place);
       });
-      mark.addEventListener("blur", () => show(-1));
+      place.mark.addEventListener("blur", () => show());
     });
     root.addEventListener("keydown", (event) => {
-      const last = places.length - 1, next = (one.stop + 1) % places.length;
-      const before = (one.stop + last) % places.length;
-      const to = { ArrowRight: next, ArrowDown: before, ArrowUp: next, ArrowLeft: before, Home: 0, End: last }[event.key];
-      if (event.key === "Escape") show(-1);
+      const next = (one.stop + 1) % places.length, before = one.stop - 1; // -1 is the last
+      const to = { ArrowRight: next, ArrowDown: before, ArrowUp: next, ArrowLeft: before, Home: 0, End: -1 }[event.key];
+      if (event.key === "Escape") show();
       if (to === undefined) return;
       event.preventDefault();
-      places[to].mark.focus();
+      places.at(to).mark.focus();
     });
-    one.stop = Math.min(one.stop ?? 0, places.length - 1);
-    stopAt(one.stop);
+    one.stop = Math.min(one.stop, places.length - 1);
+    places[one.stop].mark.tabIndex = 0;
     if (hadFocus) places[one.stop].mark.focus();
   }
 }
 
-const drawn = [...document.querySelectorAll(".plot")].map((root) => new Plot(root));
+document.querySelectorAll(".plot").forEach((root) => new Plot(root));
 
 const pick = document.getElementById("pick");
-const choose = () => {
+const choose = () =>
   document.querySelectorAll(".plots").forEach((group, i) => (group.hidden = i !== Number(pick.value)));
-  drawn.forEach((plot) => plot.draw()); // hidden plots had no width
-};
 pick?.addEventListener("change", choose);
 if (pick) choose(); // a browser may restore an earlier choice
 
