@@ -267,8 +267,9 @@ def read_triggers(path: Path) -> Triggers:
         A dataset is missing, damaged, or has another type or length.
     """
     with _opened(path) as file:
-        if "triggers" not in file:
-            return NO_TRIGGERS
+        with said("triggers"):
+            if "triggers" not in file:
+                return NO_TRIGGERS
         columns = [integers(file, f"triggers/{name}") for name in _TRIGGERS]
         with said("triggers"):
             return Triggers(*(column[:] for column in columns))

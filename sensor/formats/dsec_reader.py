@@ -15,7 +15,7 @@ from sensor.formats.hdf5_file import load_h5py
 
 
 @contextmanager
-def _named(path: Path) -> Iterator[None]:
+def named_errors(path: Path) -> Iterator[None]:
     """Add the name of the file to errors about its content."""
     try:
         with dsec.said("events"):
@@ -48,7 +48,7 @@ class DsecReader:
     def __init__(self, path: Path, size: tuple[int, int] | None = None) -> None:
         path.open("rb").close()  # raises the error of the system if it is missing or not allowed
         self.path = path
-        with _named(self.path):
+        with named_errors(self.path):
             self.header = dsec.read_header(path).with_size(size)
             self.file = load_h5py().File(path, "r")
             names = [f"events/{name}" for name in ("t", "x", "y", "p")]
@@ -64,7 +64,7 @@ class DsecReader:
         if t_us <= 0:
             return 0
         ms = t_us // 1000
-        with _named(self.path):
+        with named_errors(self.path):
             if ms >= len(self._ms_to_idx):  # within the last millisecond, or later
                 first, stop = int(self._ms_to_idx[-1]) if len(self._ms_to_idx) else 0, len(self)
             else:
@@ -92,7 +92,7 @@ class DsecReader:
         """
         if first >= stop:
             return no_events(self.header.width or 0, self.header.height or 0, self.header.model)
-        with _named(self.path):
+        with named_errors(self.path):
             values = {name: column[first:stop] for name, column in self._columns.items()}
             return dsec.checked(values, first, self.header.t_offset_us, self.header)
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from eres_render import RadianceSequence, open_sequence
 from sensor import Events
-from sensor.formats.dsec_reader import DsecReader
+from sensor.formats.dsec_reader import DsecReader, named_errors
 from sensor.optics import crop_to_aspect, integrate
 from tasks.datasets.recordings import TARGETS, TRUTH, Recording, find_recordings, nearest
 from tasks.errors import TaskError
@@ -113,7 +113,8 @@ class EventDataset:
         item["recording"] = np.array(number)
         if "frame" in self.targets:
             item |= _frame(recording, events, window_us[1])
-        return item | _truth(reader.file, recording, self.targets, window_us)
+        with named_errors(recording.path):
+            return item | _truth(reader.file, recording, self.targets, window_us)
 
     def _count(self, recording: Recording) -> int:
         if self.window_us is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from eres_render import open_sequence
 from sensor.formats import FORMATS, read_header
-from sensor.formats.dsec_reader import DsecReader
+from sensor.formats.dsec_reader import DsecReader, named_errors
 from tasks.errors import TaskError
 
 TRUTH = {"flow": "flow", "depth": "depth", "pose": "T_world_cam"}
@@ -126,10 +126,11 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
     else:
         events = reader.part(0, 1), reader.part(len(reader) - 1, len(reader))
         window_us = (int(events[0].t_us[0]), int(events[1].t_us[0]) + 1) if len(reader) else (0, 0)
-    truth = reader.file.get("truth", {})
-    times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
+    with named_errors(path):
+        truth = reader.file.get("truth", {})
+        times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
+        targets = [name for name, place in TRUTH.items() if place in truth]
     clip = clips.get(tuple(origin.get(name) for name in _ORIGIN))
-    targets = [name for name, place in TRUTH.items() if place in truth]
     if clip is not None:
         targets.insert(0, "frame")
     first, stop = (reader.index_at(t_us) for t_us in window_us)
