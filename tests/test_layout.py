@@ -88,6 +88,7 @@ WINGS = {
     "tasks.footage": set(),
     "tasks.events": {"tasks.evaluation", "tasks.footage"},
     "tasks.datasets": set(),
+    "tasks.view": {"tasks.events"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},
     "tasks.study.report": {
