@@ -89,7 +89,7 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         kinds: dict[str, tuple[Path, Callable[[], object], Callable[[], int]]] = {}
-        for name in FORMATS:
+        for name in (f.name for f in FORMATS.values() if f.write):
             path = Path(folder) / f"{name}.file"
             kinds[name] = (
                 path,

@@ -87,6 +87,7 @@ WINGS = {
     "tasks.evaluation": {"tasks.methods"},
     "tasks.footage": set(),
     "tasks.events": {"tasks.evaluation", "tasks.footage"},
+    "tasks.datasets": set(),
     "tasks.view": {"tasks.events"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},
@@ -152,7 +153,7 @@ def test_results_and_claims_have_no_html_and_no_terminal():
             assert "rich" not in {module for module, _ in imports(path)}, path
 
 
-@pytest.mark.parametrize("module", ["sensor", "eres_render", "tasks.cli"])
+@pytest.mark.parametrize("module", ["sensor", "eres_render", "tasks.cli", "tasks.datasets"])
 def test_importing_loads_neither_mitsuba_nor_torch(module):
     """`import sensor` and `eres --help` also work on machines without a renderer."""
     code = (

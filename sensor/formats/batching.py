@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
 
@@ -57,3 +59,26 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
         yield concatenate(held)
     elif last_us is None:
         yield first[:0]
+
+
+def by_time(parts: Iterable[Events]) -> Iterator[Events]:
+    """Yield the same events sorted by time, ties as they were; all are in memory at once.
+
+    Parameters
+    ----------
+    parts
+        Events of one sensor, whose times may run backwards.
+
+    Yields
+    ------
+    Events
+        Parts of at most `PART_EVENTS`; none if there are no parts.
+    """
+    held = list(parts)
+    if not held:
+        return
+    events = concatenate(held)
+    order = np.argsort(events.t_us, kind="stable")
+    for start in range(0, len(order), PART_EVENTS):
+        part = order[start : start + PART_EVENTS]
+        yield Events.trusted(*events.columns.part(part), like=events)

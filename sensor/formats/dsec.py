@@ -6,6 +6,7 @@
     t_offset    int64, microseconds
     ms_to_idx   uint64, t[ms_to_idx[ms]] >= 1000 ms and t[ms_to_idx[ms] - 1] < 1000 ms, for every
                 whole millisecond from 0 to that of the last event
+    triggers/t_us, channel, p       int64, absolute; uint8; int8, +1 or -1: if there are triggers
 
 Columns are shuffled, compressed with zstd at level 1, and have checksums. Attributes of the file
 are `width`, `height`, and as JSON `origin` and, if the events have a model, `sensor_model`.
@@ -32,11 +33,13 @@ from sensor.formats.header import (
     origin_from_json,
     origin_to_json,
 )
+from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
 _CHUNK_EVENTS = 1 << 16
 _COLUMNS: dict[str, type] = {"t": np.uint32, "x": np.uint16, "y": np.uint16, "p": np.uint8}
 _ATTRIBUTES = ("width", "height", "sensor_model", "origin")
-_PLACES = ("events", "t_offset", "ms_to_idx")
+_PLACES = ("events", "t_offset", "ms_to_idx", "triggers")
+_TRIGGERS = ("t_us", "channel", "p")
 _MAX_SPAN_US = 1 << 32
 # Largest first time relative to t_offset. Later times would soon overflow uint32, so t_offset is
 # set to a time just before them.
@@ -113,6 +116,10 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
             _append(columns["p"], part.p > 0)
             count += len(part)
             storage.check()
+        if len(header.triggers):
+            for name in _TRIGGERS:
+                column = getattr(header.triggers, name)
+                _append(create(f"triggers/{name}", column.dtype), column)
         # Stored in the header of the dataset, which has a checksum.
         compact = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         compact.set_layout(h5py.h5d.COMPACT)
@@ -138,8 +145,8 @@ def _append(dataset: Any, values: np.ndarray) -> None:
 
 
 @contextmanager
-def _said(where: str) -> Iterator[None]:
-    """Convert errors of h5py about damage to `EventFormatError` with the place."""
+def said(where: str) -> Iterator[None]:
+    """Convert errors about damage to `EventFormatError` with the place."""
     try:
         yield
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
@@ -151,7 +158,7 @@ def _said(where: str) -> Iterator[None]:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     h5py = load_h5py()
-    with _said("not a complete HDF5 file"):
+    with said("not a complete HDF5 file"):
         file = h5py.File(path, "r")
     with file:
         yield file
@@ -168,12 +175,12 @@ def read_header(path: Path) -> Header:
     with _opened(path) as file:
         found: dict[str, Any] = {}
         for name in _ATTRIBUTES:
-            with _said(f"attribute {name}"):
+            with said(f"attribute {name}"):
                 if name in file.attrs:
                     value = file.attrs[name]
                     found[name] = int(value) if name in ("width", "height") else _text(value)
         offset_us = _read_offset_us(file)
-        with _said("names"):
+        with said("names"):
             others = (*_strangers(file.attrs, _ATTRIBUTES), *_strangers(file, _PLACES))
             if isinstance(file.get("events"), load_h5py().Group):
                 others += tuple(f"events/{name}" for name in _strangers(file["events"], _COLUMNS))
@@ -192,7 +199,7 @@ def _strangers(names: Iterable[str], known: Container[str]) -> Iterator[str]:
 
 
 def _read_offset_us(file: Any) -> int:
-    with _said("t_offset"):
+    with said("t_offset"):
         offset_us = int(file["t_offset"][()]) if "t_offset" in file else 0
     if abs(offset_us) >= 1 << 62:
         raise EventFormatError(f"t_offset: found {offset_us} us, expected less than 2^62 us from 0")
@@ -226,7 +233,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
     """
     width, height = header.width or 0, header.height or 0
     with _opened(path) as file:
-        columns = {name: _column(file, f"events/{name}") for name in _COLUMNS}
+        columns = {name: integers(file, f"events/{name}") for name in _COLUMNS}
         length = len(columns["t"])
         for name, column in columns.items():
             if len(column) != length:
@@ -240,9 +247,9 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             stop = min(start + batching.PART_EVENTS, length)
             values = {}
             for name, column in columns.items():
-                with _said(f"events/{name}, entries {start} to {stop}"):
+                with said(f"events/{name}, entries {start} to {stop}"):
                     values[name] = column[start:stop]
-            part = _checked(values, start, offset_us, header)
+            part = checked(values, start, offset_us, header)
             if part.t_us[0] < last_us:
                 raise EventFormatError(
                     f"events/t, entry {start}: found {part.t_us[0]} us after {last_us} us"
@@ -251,8 +258,41 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             yield part
 
 
-def _column(file: Any, name: str) -> Any:
-    with _said(name):
+def read_triggers(path: Path) -> Triggers:
+    """Read the external triggers of a DSEC file; none if there is no group of them.
+
+    Raises
+    ------
+    EventFormatError
+        A dataset is missing, damaged, or has another type or length.
+    """
+    with _opened(path) as file:
+        with said("triggers"):
+            if "triggers" not in file:
+                return NO_TRIGGERS
+        columns = [integers(file, f"triggers/{name}") for name in _TRIGGERS]
+        with said("triggers"):
+            return Triggers(*(column[:] for column in columns))
+
+
+def integers(file: Any, name: str) -> Any:
+    """Return a dataset that is a row of integers.
+
+    Parameters
+    ----------
+    file, name
+        The h5py file, and the place in it.
+
+    Returns
+    -------
+    The h5py dataset.
+
+    Raises
+    ------
+    EventFormatError
+        It is missing or something else.
+    """
+    with said(name):
         if name not in file:
             raise EventFormatError(f"{name}: missing")
         column = file[name]
@@ -261,8 +301,29 @@ def _column(file: Any, name: str) -> Any:
     return column
 
 
-def _checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: Header) -> Events:
-    """Convert a part to `Events` and check its values; `start` is the index of its first event."""
+def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: Header) -> Events:
+    """Convert a part to `Events` and check its values.
+
+    Parameters
+    ----------
+    values
+        The columns t, x, y, p as stored.
+    start
+        Index of the first event, for errors.
+    offset_us
+        Offset of the times.
+    header
+        Size and model.
+
+    Returns
+    -------
+    Events
+
+    Raises
+    ------
+    EventFormatError
+        A value is out of range, or times run backwards.
+    """
     limits = {"t": 1 << 62, "x": header.width or 0, "y": header.height or 0, "p": 2}
     for name, limit in limits.items():
         column = values[name]

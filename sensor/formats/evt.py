@@ -34,6 +34,7 @@ from sensor.formats.header import (
     origin_from_json,
     origin_to_json,
 )
+from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +58,9 @@ DONE, FULL, BAD_X, BAD_Y, BACKWARDS, BAD_WORD, NO_BASE = range(7)
 HIGH, LOW, Y, BASE_X, BASE_P, LAST_US, SKIPPED, FOUND = range(8)
 STATE_SIZE = 8
 
+TRIGGER = 0xA  # the type of a trigger's word; its lowest bit is the edge
+_CHANNEL_SHIFT = 8
+
 
 @dataclass(frozen=True, slots=True)
 class Codec:
@@ -68,8 +72,12 @@ class Codec:
         Names in the header, such as EVT3 and 3.0.
     word
         Type of the words.
-    encode, decode
-        As `encode` and `decode` in `evt2`.
+    encode, decode, decode_triggers
+        As in `evt2`.
+    trigger_bits
+        Bits of a word of an event that a word of a trigger also has: its time.
+    channels
+        Number of trigger inputs.
     """
 
     name: str
@@ -77,6 +85,14 @@ class Codec:
     word: type[np.unsignedinteger]
     encode: Callable
     decode: Callable
+    decode_triggers: Callable
+    trigger_bits: int
+    channels: int
+
+    @property
+    def kind_shift(self) -> int:
+        """Place of the type in a word, its highest four bits."""
+        return 8 * np.dtype(self.word).itemsize - 4
 
 
 def _new_state() -> np.ndarray:
@@ -130,12 +146,14 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
     if start_us:
         lines.append(f"t0 {start_us}")
     lines.append("end")
-    words = np.empty(_WRITE_WORDS, codec.word)
-    state = _new_state()
+    triggers = header.triggers.later(-start_us)
+    _check_triggers(triggers, codec)
+    written = 0
     count = 0
     with path.open("wb") as file:
         file.write(_count_line(0))
         file.write("".join(f"% {line}\n" for line in lines).encode())
+        words = _Words(file, width, codec)
         for part in itertools.chain([first], parts):
             columns = part.columns._replace(t_us=part.t_us - start_us)
             t = columns.t_us
@@ -146,15 +164,69 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
                     "subtract an offset first"
                 )
             done = 0
-            while done < len(part):
-                rest = columns.part(slice(done, None))
-                taken, made = codec.encode(rest, width, state, words)
-                file.write(words[:made].astype(words.dtype.newbyteorder("<"), copy=False).data)
-                done += taken
+            while len(part) and written < len(triggers) and triggers.t_us[written] <= t[-1]:
+                stop = int(np.searchsorted(t, triggers.t_us[written]))
+                words.put(columns.part(slice(done, stop)))
+                words.put_trigger(triggers, written)
+                done, written = stop, written + 1
+            words.put(columns.part(slice(done, None)))
             count += len(part)
+        for k in range(written, len(triggers)):
+            words.put_trigger(triggers, k)
         file.seek(0)
         file.write(_count_line(count))
     return count
+
+
+class _Words:
+    """The words of a file that is being written."""
+
+    def __init__(self, file: BinaryIO, width: int, codec: Codec) -> None:
+        self._file = file
+        self._width = width
+        self._codec = codec
+        self._state = _new_state()
+        self._words = np.empty(_WRITE_WORDS, codec.word)
+
+    def put(self, events: Columns, trigger: int | None = None) -> None:
+        """Write events, or in place of the only one the word of a trigger at its time."""
+        done = 0
+        while done < len(events.t_us):
+            rest = events.part(slice(done, None))
+            taken, made = self._codec.encode(rest, self._width, self._state, self._words)
+            words = self._words[:made]
+            if trigger is not None and taken:
+                words[-1] = words[-1] & self._codec.trigger_bits | trigger
+            self._file.write(words.astype(words.dtype.newbyteorder("<"), copy=False).data)
+            done += taken
+
+    def put_trigger(self, triggers: Triggers, k: int) -> None:
+        """Write a trigger, with the words of the clock that an event at its time would have."""
+        row = max(0, self._state[Y])
+        event = Columns(
+            triggers.t_us[k : k + 1],
+            np.zeros(1, np.uint16),
+            np.full(1, row, np.uint16),
+            triggers.p[k : k + 1],
+        )
+        kind = TRIGGER << self._codec.kind_shift
+        self.put(event, kind | int(triggers.channel[k]) << _CHANNEL_SHIFT | int(triggers.p[k] > 0))
+
+
+def _check_triggers(triggers: Triggers, codec: Codec) -> None:
+    if len(triggers) == 0:
+        return
+    first_us, last_us = triggers.t_us[[0, -1]]
+    if first_us < 0 or last_us >= MAX_TIME_US:
+        raise EventFormatError(
+            f"{codec.name}: found triggers from {first_us} to {last_us} us, expected 0 to "
+            f"{MAX_TIME_US - 1} us"
+        )
+    if triggers.channel.max() >= codec.channels:
+        raise EventFormatError(
+            f"{codec.name}: found a trigger on channel {triggers.channel.max()}, expected 0 to "
+            f"{codec.channels - 1}"
+        )
 
 
 def _start_us(header: Header, first: Events) -> int:
@@ -371,6 +443,44 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
         logger.warning(
             "%s: skipped %d events before the first time and row of the stream", path, skipped
         )
+
+
+def read_triggers(path: Path, codec: Codec) -> Triggers:
+    """Read the external triggers of a RAW file, from all of its words.
+
+    Parameters
+    ----------
+    path
+        The file.
+    codec
+        EVT2 or EVT3.
+
+    Returns
+    -------
+    Triggers
+
+    Raises
+    ------
+    EventFormatError
+        The header is damaged, or times run backwards.
+    """
+    size = np.dtype(codec.word).itemsize
+    state = _new_state()
+    found = []
+    with path.open("rb") as file:
+        raw = _of_version(_read_raw(file), codec)
+        file.seek(raw.length)
+        while data := file.read(size * _READ_WORDS):
+            words = np.frombuffer(data, f"<u{size}", len(data) // size)
+            words = words.astype(codec.word, copy=False)
+            room = np.count_nonzero(words >> codec.kind_shift == TRIGGER)
+            columns = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.int8)
+            made = codec.decode_triggers(words, state, *columns)
+            found.append([column[:made] for column in columns])
+    if not found:
+        return NO_TRIGGERS
+    t_us, channel, p = (np.concatenate(column) for column in zip(*found, strict=True))
+    return Triggers(t_us + raw.header.t_offset_us, channel, p)
 
 
 def _reason(found: int, state: np.ndarray) -> str:

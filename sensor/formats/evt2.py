@@ -3,8 +3,9 @@
     31..28  27..22      21..11  10..0
     0 / 1   t, low 6    x       y       an event, darker / brighter
     8       t, high 28                  microseconds / 64, modulo 2^28
+    A       t, low 6    12..8 channel   a trigger; bit 0 is 1 for a rising edge
 
-Words of triggers (A), others (E) and continuations (F) are ignored. See
+Words of others (E) and continuations (F) are ignored. See
 https://docs.prophesee.ai/stable/data/encoding_formats/evt2.html.
 """
 
@@ -25,6 +26,7 @@ from sensor.formats.evt import (
     HIGH,
     LAST_US,
     SKIPPED,
+    TRIGGER,
 )
 
 _WRAP = 1 << 28  # values of the high part
@@ -130,14 +132,8 @@ def decode(words, width, height, state, events):
                 p[made] = 2 * kind - 1
                 made += 1
         elif kind == 8:
-            new = word & (_WRAP - 1)
-            if high < 0:
-                high = new
-            else:
-                before = high % _WRAP
-                turn = _WRAP if before - new >= _WRAP // 2 else 0
-                high += turn + new - before
-        elif kind != 0xA and kind != 0xE and kind != 0xF:
+            high = _turned(high, word & (_WRAP - 1))
+        elif kind != TRIGGER and kind != 0xE and kind != 0xF:
             found = BAD_WORD
             break
         i += 1
@@ -146,4 +142,47 @@ def decode(words, width, height, state, events):
     return i, made, found
 
 
-CODEC = evt.Codec("EVT2", "2.0", np.uint32, encode, decode)
+@numba.njit(cache=True, nogil=True)
+def _turned(high, new):
+    """Return the high part of the time after a word of the clock, with its turns."""
+    if high < 0:
+        return new
+    before = high % _WRAP
+    turn = _WRAP if before - new >= _WRAP // 2 else 0
+    return high + turn + new - before
+
+
+@numba.njit(cache=True, nogil=True)
+def decode_triggers(words, state, t_us, channel, p):
+    """Decode the triggers of all words; those before the first word of time are skipped.
+
+    Parameters
+    ----------
+    words
+        (m,) uint32.
+    state
+        (STATE_SIZE,) int64, updated.
+    t_us, channel, p
+        Columns of `Triggers`, output, with room for all.
+
+    Returns
+    -------
+    Number of triggers.
+    """
+    made = 0
+    high = state[HIGH]
+    for each in words:
+        word = np.int64(each)
+        kind = word >> 28
+        if kind == 8:
+            high = _turned(high, word & (_WRAP - 1))
+        elif kind == TRIGGER and high >= 0:
+            t_us[made] = (high << 6) | ((word >> 22) & 63)
+            channel[made] = (word >> 8) & 31
+            p[made] = 1 if word & 1 else -1
+            made += 1
+    state[HIGH] = high
+    return made
+
+
+CODEC = evt.Codec("EVT2", "2.0", np.uint32, encode, decode, decode_triggers, 63 << 22, 32)

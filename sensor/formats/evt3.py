@@ -8,10 +8,11 @@
     5       8 bits              vector: the same with 8; start += 8
     6       t, low 12           microseconds
     8       t, high 12          microseconds / 4096, modulo 4096
+    A       11..8 channel       a trigger; bit 0 is 1 for a rising edge
 
-Words of triggers (A), inertial data (D), others (E) and continuations (7, F) are ignored. Vectors
-are written in groups of 12, 12 and 8 within the width of the sensor, if that is shorter than single
-events. Cameras do the same, and OpenEB's decoder requires it. See
+Words of inertial data (D), others (E) and continuations (7, F) are ignored. Vectors are written in
+groups of 12, 12 and 8 within the width of the sensor, if that is shorter than single events.
+Cameras do the same, and OpenEB's decoder requires it. See
 https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html.
 """
 
@@ -36,6 +37,7 @@ from sensor.formats.evt import (
     LOW,
     NO_BASE,
     SKIPPED,
+    TRIGGER,
     Y,
 )
 
@@ -210,20 +212,14 @@ def decode(words, width, height, state, events):
         elif kind == 0:
             row = word & 0x7FF
         elif kind == 8:
-            new = word & (_WRAP - 1)
-            if high < 0:
-                high = new
+            before = high
+            high = _turned(high, word & (_WRAP - 1))
+            if high != before:
                 low = 0
-            else:
-                before = high % _WRAP
-                if new != before:
-                    turn = _WRAP if before - new >= _WRAP // 2 else 0
-                    high += turn + new - before
-                    low = 0
         elif kind == 3:
             base = word & 0x7FF
             base_p = (word >> 11) & 1
-        elif kind != 7 and kind != 0xA and kind < 0xD:
+        elif kind != 7 and kind != TRIGGER and kind < 0xD:
             found = BAD_WORD
             break
         i += 1
@@ -236,4 +232,54 @@ def decode(words, width, height, state, events):
     return i, made, found
 
 
-CODEC = evt.Codec("EVT3", "3.0", np.uint16, encode, decode)
+@numba.njit(cache=True, nogil=True)
+def _turned(high, new):
+    """Return the high part of the time after a word of the clock, with its turns."""
+    if high < 0:
+        return new
+    before = high % _WRAP
+    turn = _WRAP if before - new >= _WRAP // 2 else 0
+    return high + turn + new - before
+
+
+@numba.njit(cache=True, nogil=True)
+def decode_triggers(words, state, t_us, channel, p):
+    """Decode the triggers of all words; those before the first word of time are skipped.
+
+    Parameters
+    ----------
+    words
+        (m,) uint16.
+    state
+        (STATE_SIZE,) int64, updated.
+    t_us, channel, p
+        Columns of `Triggers`, output, with room for all.
+
+    Returns
+    -------
+    Number of triggers.
+    """
+    made = 0
+    high = state[HIGH]
+    low = state[LOW]
+    for each in words:
+        word = np.int64(each)
+        kind = word >> 12
+        if kind == 6:
+            low = word & 0xFFF
+        elif kind == 8:
+            before = high
+            high = _turned(high, word & (_WRAP - 1))
+            if high != before:
+                low = 0
+        elif kind == TRIGGER and high >= 0:
+            t_us[made] = (high << 12) | low
+            channel[made] = (word >> 8) & 15
+            p[made] = 1 if word & 1 else -1
+            made += 1
+    state[HIGH] = high
+    state[LOW] = low
+    return made
+
+
+CODEC = evt.Codec("EVT3", "3.0", np.uint16, encode, decode, decode_triggers, 0, 16)

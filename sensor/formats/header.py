@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from sensor.errors import EventFormatError, SensorError
+from sensor.formats.triggers import NO_TRIGGERS, Triggers
 from sensor.model import MAX_SIDE_PX, SensorModel
 
 Value = str | int | float
@@ -34,6 +35,9 @@ class Header:
         Start of the clock of the file, microseconds on the clock of the events.
     others
         Names of other data, attributes and header lines in the file, which are not read.
+    triggers
+        External triggers to write. `read_header` leaves them out, since in EVT they lie between the
+        events: `read_triggers` reads them.
 
     Raises
     ------
@@ -47,6 +51,7 @@ class Header:
     origin: Mapping[str, Value] = field(default_factory=dict)
     t_offset_us: int = 0
     others: tuple[str, ...] = ()
+    triggers: Triggers = NO_TRIGGERS
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):

@@ -1,7 +1,8 @@
 """npz: the columns as uncompressed NumPy arrays, for `numpy.load`.
 
-`t_us` int64, `x` and `y` uint16, `p` int8 (+1, -1), `width`, `height`, and as JSON text
-`origin` and, if the events have a model, `sensor_model`.
+`t_us` int64, `x` and `y` uint16, `p` int8 (+1, -1), `width`, `height`, as JSON text `origin` and,
+if the events have a model, `sensor_model`; if there are triggers, `trigger_t_us`,
+`trigger_channel` (uint8) and `trigger_p`.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from sensor.formats.header import (
     origin_from_json,
     origin_to_json,
 )
+from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
 _COLUMNS: dict[str, np.dtype[Any]] = {
     "t_us": np.dtype("<i8"),
@@ -36,7 +38,8 @@ _COLUMNS: dict[str, np.dtype[Any]] = {
     "y": np.dtype("<u2"),
     "p": np.dtype("i1"),
 }
-_ENTRIES = {*_COLUMNS, "width", "height", "sensor_model", "origin"}
+_TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_p")
+_ENTRIES = {*_COLUMNS, *_TRIGGERS, "width", "height", "sensor_model", "origin"}
 _MAX_TEXT_BYTES = 1 << 20
 _COPY_BYTES = 1 << 20
 _DATE = (1980, 1, 1, 0, 0, 0)  # the first in zip: the file must depend on its events only
@@ -76,9 +79,13 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
         texts = {"origin": origin_to_json(header.origin)}
         if header.model is not None:
             texts["sensor_model"] = model_to_json(header.model)
-        for name, value in {"width": header.width, "height": header.height, **texts}.items():
+        scalars = {"width": header.width, "height": header.height, **texts}
+        triggers = {
+            name: getattr(header.triggers, name.removeprefix("trigger_")) for name in _TRIGGERS
+        }
+        for name, value in (scalars | (triggers if len(header.triggers) else {})).items():
             with archive.open(zipfile.ZipInfo(f"{name}.npy", _DATE), "w") as entry:
-                np.lib.format.write_array(entry, np.array(value), allow_pickle=False)
+                np.lib.format.write_array(entry, np.asarray(value), allow_pickle=False)
         for name, file in spilled.items():
             described = {
                 "descr": np.lib.format.dtype_to_descr(_COLUMNS[name]),
@@ -248,3 +255,27 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             with _said(f"entry {name}"):  # reading to the end checks the checksum
                 if entry.read(1):
                     raise EventFormatError(f"entry {name}: found more than {length} values")
+
+
+def read_triggers(path: Path) -> Triggers:
+    """Read the external triggers of an npz file; none if it has no entries of them.
+
+    Raises
+    ------
+    EventFormatError
+        An entry is missing, damaged, or has another dtype or length.
+    """
+    with _opened(path) as archive:
+        if not any(f"{name}.npy" in archive.namelist() for name in _TRIGGERS):
+            return NO_TRIGGERS
+        columns = []
+        for name in _TRIGGERS:
+            entry, shape, dtype = _open_entry(archive, name)
+            with entry, _said(f"entry {name}"):
+                column = np.frombuffer(entry.read(), dtype)
+            if column.shape != shape:
+                raise EventFormatError(
+                    f"entry {name}: found {len(column)} values, expected {shape}"
+                )
+            columns.append(column)
+    return Triggers(*columns)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import errno
+import importlib
 import itertools
 import logging
 import os
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,9 +15,10 @@ from pathlib import Path
 
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
-from sensor.formats import dsec, evt, evt2, evt3, npz, text
+from sensor.formats import dsec, evt, evt2, evt3, faery_files, npz, text
 from sensor.formats.batching import rebatch
 from sensor.formats.header import Header, Value
+from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
 _log = logging.getLogger(__name__)
 
@@ -31,29 +34,38 @@ class Format:
     suffixes
         File extensions, with the dot.
     write
-        `write(path, header, parts)` writes a stream and returns the number of events.
+        `write(path, header, parts)` writes a stream and returns the number of events; None if the
+        format can only be read.
     read_header
         `read_header(path)` returns the `Header` of a file.
     read
-        `read(path, header)` yields the events, at least one part; the header has a size.
+        `read(path, header, **options)` yields the events, at least one part; the header has a size.
     keeps_origin
         Whether the format stores the sensor model and the origin.
+    read_triggers
+        `read_triggers(path)` returns the `Triggers` of a file; None if the format has none.
+    options
+        Names of the options that `read` takes: time_unit, sort.
     """
 
     name: str
     title: str
     suffixes: tuple[str, ...]
-    write: Callable[[Path, Header, Iterable[Events]], int]
+    write: Callable[[Path, Header, Iterable[Events]], int] | None
     read_header: Callable[[Path], Header]
-    read: Callable[[Path, Header], Iterator[Events]]
+    read: Callable[..., Iterator[Events]]
     keeps_origin: bool = True
+    read_triggers: Callable[[Path], Triggers] | None = None
+    options: tuple[str, ...] = ()
 
     def loses(self, header: Header) -> list[str]:
         """Return the names of the parts of a header that the format does not store."""
-        if self.keeps_origin:
-            return []
-        model = ["sensor model"] if header.model is not None else []
-        return [*model, *(["origin"] if header.origin else [])]
+        parts = {
+            "sensor model": header.model is not None and not self.keeps_origin,
+            "origin": bool(header.origin) and not self.keeps_origin,
+            "triggers": len(header.triggers) > 0 and self.read_triggers is None,
+        }
+        return [name for name, lost in parts.items() if lost]
 
 
 def _raw_format(codec: evt.Codec) -> Format:
@@ -64,16 +76,45 @@ def _raw_format(codec: evt.Codec) -> Format:
         partial(evt.write, codec=codec),
         partial(evt.read_header, codec=codec),
         partial(evt.read, codec=codec),
+        read_triggers=partial(evt.read_triggers, codec=codec),
+    )
+
+
+def _faery_format(name: str, title: str, *suffixes: str) -> Format:
+    return Format(
+        name,
+        title,
+        suffixes,
+        None,
+        partial(faery_files.read_header, kind=name),
+        partial(faery_files.read, kind=name),
+        options=("sort",),
     )
 
 
 FORMATS: dict[str, Format] = {
     f.name: f
     for f in (
-        Format("dsec", "DSEC HDF5", (".h5", ".hdf5"), dsec.write, dsec.read_header, dsec.read),
+        Format(
+            "dsec",
+            "DSEC HDF5",
+            (".h5", ".hdf5"),
+            dsec.write,
+            dsec.read_header,
+            dsec.read,
+            read_triggers=dsec.read_triggers,
+        ),
         _raw_format(evt3.CODEC),
         _raw_format(evt2.CODEC),
-        Format("npz", "numpy arrays", (".npz",), npz.write, npz.read_header, npz.read),
+        Format(
+            "npz",
+            "numpy arrays",
+            (".npz",),
+            npz.write,
+            npz.read_header,
+            npz.read,
+            read_triggers=npz.read_triggers,
+        ),
         Format(
             "text",
             "text, t x y p",
@@ -82,7 +123,20 @@ FORMATS: dict[str, Format] = {
             text.read_header,
             text.read,
             keeps_origin=False,
+            options=("time_unit", "sort"),
         ),
+        Format(
+            "csv",
+            "text, t,x,y,p",
+            (".csv",),
+            None,
+            text.read_header,
+            text.read,
+            options=("time_unit", "sort"),
+        ),
+        _faery_format("aedat4", "AEDAT 4", ".aedat4", ".aedat"),
+        _faery_format("dat", "Prophesee DAT", ".dat"),
+        _faery_format("es", "Event Stream", ".es"),
     )
 }
 
@@ -95,7 +149,8 @@ def find_format(path: str | Path, name: str | None = None, *, new: bool = False)
     path
         The file. The header of an existing `.raw` file determines its version.
     name
-        A name in `FORMATS`; None uses the extension of the file.
+        A name in `FORMATS`, or "package.module:Format", which is a `Format` of your own or a
+        function that returns one; None uses the extension of the file.
     new
         The file will be written, so `.raw` is EVT3.
 
@@ -106,13 +161,48 @@ def find_format(path: str | Path, name: str | None = None, *, new: bool = False)
     Raises
     ------
     EventFormatError
-        The name or the extension is unknown.
+        The name or the extension is unknown, or the format can only be read and `new` is set.
     """
     path = Path(path)
-    if name is not None:
-        if name not in FORMATS:
-            raise EventFormatError(f"format: found {name!r}, expected one of {', '.join(FORMATS)}")
-        return FORMATS[name]
+    found = _named(name) if name is not None else _by_suffix(path, new)
+    if new and found.write is None:
+        raise EventFormatError(
+            f"{path}: {found.title} can only be read; expected one of "
+            f"{', '.join(f.name for f in FORMATS.values() if f.write)}"
+        )
+    return found
+
+
+def _named(name: str) -> Format:
+    if ":" in name:
+        return _own_format(name)
+    if name not in FORMATS:
+        raise EventFormatError(
+            f"format: found {name!r}, expected one of {', '.join(FORMATS)}, or your own as "
+            "package.module:Format"
+        )
+    return FORMATS[name]
+
+
+def _own_format(name: str) -> Format:
+    """Import a user's format, also from the working directory, as `python -m` would."""
+    module, _, attribute = name.partition(":")
+    if "" not in sys.path and os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        found = getattr(importlib.import_module(module), attribute)
+        made = found if isinstance(found, Format) else found()
+    except Exception as error:  # a user's module may raise anything
+        raise EventFormatError(f"format {name!r}: {type(error).__name__}: {error}") from error
+    if not isinstance(made, Format):
+        raise EventFormatError(
+            f"format {name!r}: found {type(made).__name__}, expected a sensor.formats.Format, or a "
+            "function that returns one"
+        )
+    return made
+
+
+def _by_suffix(path: Path, new: bool) -> Format:
     suffix = path.suffix.lower()
     if suffix == ".raw" and path.is_file() and not new:
         return FORMATS[evt.read_version(path)]
@@ -133,6 +223,7 @@ def write_events(
     format: str | None = None,
     origin: Mapping[str, Value] | None = None,
     t_offset_us: int = 0,
+    triggers: Triggers = NO_TRIGGERS,
     add: Callable[[Path], object] | None = None,
 ) -> int:
     """Write a stream to a file, which gets its name only when it is complete.
@@ -153,6 +244,8 @@ def write_events(
     t_offset_us
         Start of the clock of the events. DSEC files store it, and EVT files if the times are too
         large for their words. The times of `parts` are absolute in any case.
+    triggers
+        External triggers, on the clock of the events.
     add
         Function that is called with the file before it gets its name, to add data.
 
@@ -176,9 +269,17 @@ def write_events(
         raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
     batches = rebatch((parts,) if isinstance(parts, Events) else parts)
     first = next(batches)
-    header = Header(first.width, first.height, first.model, dict(origin or {}), t_offset_us)
+    header = Header(
+        first.width,
+        first.height,
+        first.model,
+        dict(origin or {}),
+        t_offset_us,
+        triggers=triggers,
+    )
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
     try:
+        assert chosen.write is not None  # as `find_format` has checked
         count = chosen.write(unfinished, header, itertools.chain([first], batches))
         if add is not None:
             add(unfinished)
@@ -186,14 +287,14 @@ def write_events(
     except OSError as error:
         if error.filename not in (None, str(unfinished)):
             raise
-        raise _named(error, path) from error
+        raise _with_path(error, path) from error
     finally:
         unfinished.unlink(missing_ok=True)
     warn_of_loss(path, chosen, chosen.loses(header))
     return count
 
 
-def _named(error: OSError, path: Path) -> OSError:
+def _with_path(error: OSError, path: Path) -> OSError:
     """Return the error with the name of the file, which errors of reads and writes lack."""
     return OSError(error.errno or errno.EIO, error.strerror or str(error), str(path))
 
@@ -242,19 +343,63 @@ def read_header(path: str | Path, *, format: str | None = None) -> Header:
         raise EventFormatError(f"{path}: {error}") from error
 
 
-def read_events(
-    path: str | Path, *, format: str | None = None, size: tuple[int, int] | None = None
-) -> Iterator[Events]:
-    """Read a file in parts; memory does not depend on its size.
+def read_triggers(path: str | Path, *, format: str | None = None) -> Triggers:
+    """Read the external triggers of a file; none if its format has none.
+
+    For EVT this reads the whole file. All triggers are in memory at once.
 
     Parameters
     ----------
     path
         The file.
     format
-        A name in `FORMATS`; None uses the extension, or the header of a .raw file.
+        As in `read_header`.
+
+    Returns
+    -------
+    Triggers
+
+    Raises
+    ------
+    EventFormatError
+        The file is damaged.
+    OSError
+        The file cannot be read.
+    """
+    path = Path(path)
+    chosen = find_format(path, format)
+    if chosen.read_triggers is None:
+        return NO_TRIGGERS
+    try:
+        return chosen.read_triggers(path)
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
+
+
+def read_events(
+    path: str | Path,
+    *,
+    format: str | None = None,
+    size: tuple[int, int] | None = None,
+    time_unit: str | None = None,
+    sort: bool = False,
+) -> Iterator[Events]:
+    """Read a file in parts; memory does not depend on its size, unless it is to be sorted.
+
+    Parameters
+    ----------
+    path
+        The file.
+    format
+        A name in `FORMATS`, or "package.module:Format"; None uses the extension, or the header of a
+        .raw file.
     size
         (width, height) of the sensor, for files that do not store it.
+    time_unit
+        Unit of the times of a text file: s, ms, us or ns. By default its line of names tells, or it
+        is s.
+    sort
+        Sort the events by time, for text, AEDAT4, DAT and ES; all events are then in memory.
 
     Returns
     -------
@@ -271,30 +416,46 @@ def read_events(
     """
     path = Path(path)
     header = read_header(path, format=format)
+    chosen = find_format(path, format)
+    options = {"time_unit": time_unit, "sort": sort}
+    given = {name: value for name, value in options.items() if value}
     try:
         header = header.with_size(size)
+        for name in given:
+            if name not in chosen.options:
+                raise EventFormatError(
+                    f"{name}: found {given[name]}, expected none for {chosen.title}, which is "
+                    "sorted, in microseconds"
+                )
     except EventFormatError as error:
         raise EventFormatError(f"{path}: {error}") from error
-    return _parts(path, find_format(path, format), header)
+    return _parts(path, chosen, header, given)
 
 
-def _parts(path: Path, chosen: Format, header: Header) -> Iterator[Events]:
+def _parts(
+    path: Path, chosen: Format, header: Header, options: Mapping[str, object]
+) -> Iterator[Events]:
     try:
-        yield from chosen.read(path, header)
+        yield from chosen.read(path, header, **options)
     except EventFormatError as error:
         raise EventFormatError(f"{path}: {error}") from error
     except OSError as error:
-        raise _named(error, path) from error
+        raise _with_path(error, path) from error
 
 
 def load_events(
-    path: str | Path, *, format: str | None = None, size: tuple[int, int] | None = None
+    path: str | Path,
+    *,
+    format: str | None = None,
+    size: tuple[int, int] | None = None,
+    time_unit: str | None = None,
+    sort: bool = False,
 ) -> Events:
     """Read a whole file into memory.
 
     Parameters
     ----------
-    path, format, size
+    path, format, size, time_unit, sort
         As in `read_events`.
 
     Returns
@@ -306,4 +467,5 @@ def load_events(
     EventFormatError, OSError
         As in `read_events`.
     """
-    return concatenate(list(read_events(path, format=format, size=size)))
+    parts = read_events(path, format=format, size=size, time_unit=time_unit, sort=sort)
+    return concatenate(list(parts))

@@ -2,11 +2,17 @@
 
 t is in seconds with six decimals, p is 0 or 1. Files without the first line need the size of the
 sensor. Further decimals are rounded to microseconds.
+
+The reader also takes the text of others: commas or tabs between the numbers, exponents, p of -1 and
+1, comments (`#`, `%`) and a line of names such as `t_us,x,y,p` at the start, which gives the order
+of the columns and perhaps the unit of time.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numba
@@ -21,18 +27,36 @@ _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5
 _READ_BYTES = 1 << 22
 _MAX_LINE_BYTES = 256  # longest line read
 _SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
+_SAMPLE_BYTES = 1 << 16  # of events, in which the times tell their unit
 
-_DONE, _FULL, _BAD_LINE, _BAD_X, _BAD_Y, _BAD_P, _BACKWARDS = range(7)
+_DONE, _FULL, _BAD_LINE, _BAD_X, _BAD_Y, _BAD_P, _MIXED_P, _BACKWARDS = range(8)
 _REASONS = {
-    _BAD_LINE: "expected a time in seconds as a plain decimal, then x, y and p",
+    _BAD_LINE: "expected four numbers, of which only the time may have a fraction: {order}",
     _BAD_X: "x is outside the sensor",
     _BAD_Y: "y is outside the sensor",
-    _BAD_P: "expected p to be 0 or 1",
-    _BACKWARDS: "the time is earlier than the one before it",
+    _BAD_P: "expected p to be 0 or 1, or -1 or 1",
+    _MIXED_P: "found both 0 and -1 as p, expected one of them for darker events",
+    _BACKWARDS: "the time is earlier than the one before it (--sort, sort=True sorts the events)",
 }
 _MAX_SECONDS = 9 * 10**12  # what int64 microseconds hold, nearly
 
+TIME_UNITS = {"s": 6, "ms": 3, "us": 0, "ns": -3}
+"""Powers of ten from each unit to microseconds."""
+_NAMES = {
+    **dict.fromkeys(("t", "ts", "time", "timestamp", "timestamps"), "t"),
+    **{"x": "x", "y": "y"},
+    **dict.fromkeys(("p", "pol", "polarity", "polarities", "on"), "p"),
+}
+_COLUMNS = "txyp"
+
 _TAB, _NEWLINE, _RETURN, _SPACE, _MINUS, _POINT, _ZERO, _NINE = (ord(c) for c in "\t\n\r -.09")
+_PLUS, _COMMA, _SMALL_E, _LARGE_E = (ord(c) for c in "+,eE")
+_POWERS = 10 ** np.arange(19, dtype=np.int64)
+_MOST = np.iinfo(np.int64).max
+_MOST_DIGITS = (_MOST - 9) // 10  # another digit still fits into int64
+
+LAST_US, DARKER = range(2)  # entries of the reader's state: last time, p of darker events
+_UNKNOWN = 9
 
 
 @numba.njit(cache=True, nogil=True)
@@ -83,6 +107,12 @@ def _skip_blanks(data, at):
 
 
 @numba.njit(cache=True, nogil=True)
+def _skip_separator(data, at):
+    at = _skip_blanks(data, at)
+    return _skip_blanks(data, at + 1) if data[at] == _COMMA else at
+
+
+@numba.njit(cache=True, nogil=True)
 def _integer(data, at, most):
     """Parse digits; return their value (-1 if missing or above `most`) and the end position."""
     value = np.int64(0)
@@ -96,73 +126,157 @@ def _integer(data, at, most):
 
 
 @numba.njit(cache=True, nogil=True)
-def _parse_lines(data, width, height, last, events):
+def _plain_line(data, at):
+    """Parse a line as we write it; return t, x, y, p and the end position, -1 if it is another."""
+    none = np.int64(0)
+    second, at = _integer(data, at, _MAX_SECONDS)
+    if second < 0 or data[at] != _POINT:
+        return none, none, none, none, -1
+    micro, end = _integer(data, at + 1, 999_999)
+    if end != at + 7 or data[end] != _SPACE:
+        return none, none, none, none, -1
+    x, at = _integer(data, end + 1, 1 << 16)
+    if x < 0 or data[at] != _SPACE:
+        return none, none, none, none, -1
+    y, at = _integer(data, at + 1, 1 << 16)
+    if y < 0 or data[at] != _SPACE:
+        return none, none, none, none, -1
+    p, at = _integer(data, at + 1, 1)
+    if p < 0 or data[at] != _NEWLINE:
+        return none, none, none, none, -1
+    return second * 1_000_000 + micro, x, y, p, at
+
+
+@numba.njit(cache=True, nogil=True)
+def _number(data, at, power, rounded):
+    """Parse a decimal, perhaps with an exponent, and multiply it by 10^power.
+
+    Return the value and the end position, -1 if it is no number, or not whole and not rounded.
+    """
+    negative = data[at] == _MINUS
+    if negative or data[at] == _PLUS:
+        at += 1
+    value = np.int64(0)
+    start = at
+    dropped = np.int64(-1)  # the first digit that int64 cannot hold
+    after_point = False
+    while _ZERO <= data[at] <= _NINE or (data[at] == _POINT and not after_point):
+        if data[at] == _POINT:
+            after_point = True
+        elif dropped < 0 and value <= _MOST_DIGITS:
+            value = value * 10 + (np.int64(data[at]) - _ZERO)
+            power -= after_point
+        else:
+            dropped = np.int64(data[at]) - _ZERO if dropped < 0 else dropped
+            power += not after_point
+        at += 1
+    if at == start + after_point:
+        return value, -1
+    if data[at] == _SMALL_E or data[at] == _LARGE_E:
+        below = data[at + 1] == _MINUS
+        exponent, at = _integer(data, at + 1 + (below or data[at + 1] == _PLUS), 9999)
+        if exponent < 0:
+            return value, -1
+        power += -exponent if below else exponent
+    value = _scaled(value, power, dropped, rounded)
+    return (-value if negative else value), (at if value >= 0 else -1)
+
+
+@numba.njit(cache=True, nogil=True)
+def _scaled(value, power, dropped, rounded):
+    """Multiply by 10^power; return -1 if that is too large, or not whole and not rounded.
+
+    `dropped` is the digit after the last one of `value`, or negative.
+    """
+    if value == 0:
+        return value
+    if power > 0:
+        too_large = power > 18 or value > _MOST // _POWERS[min(power, 18)]
+        return np.int64(-1) if too_large else value * _POWERS[power]
+    if power == 0:
+        return value + (rounded and dropped >= 5)
+    if power < -18:
+        return np.int64(0 if rounded else -1)
+    unit = _POWERS[-power]
+    rest = value % unit
+    if rest and not rounded:
+        return np.int64(-1)
+    return value // unit + (rest >= unit - rest)
+
+
+@numba.njit(cache=True, nogil=True)
+def _any_line(data, at, order, power):
+    """Parse four numbers in any order; return t, x, y, p and the end position, -1 if wrong."""
+    value = np.zeros(4, np.int64)
+    for k in range(4):
+        before = at
+        if k > 0:
+            at = _skip_separator(data, at)
+        is_time = order[k] == 0
+        value[order[k]], end = _number(data, at, power if is_time else 0, is_time)
+        if end < 0 or (k > 0 and at == before):
+            return value[0], value[1], value[2], value[3], -1
+        at = end
+    at = _skip_blanks(data, at)
+    good = data[at] == _NEWLINE and abs(value[0]) <= _MAX_SECONDS * 1_000_000
+    return value[0], value[1], value[2], value[3], at if good else -1
+
+
+@numba.njit(cache=True, nogil=True)
+def _parse_lines(data, width, height, order, power, sort, state, events):
     """Parse (n,) uint8 that ends with a newline into columns of events.
 
-    Return (bytes taken, events made, why it stopped, the last time).
+    `order` has the column of each number of a line, 0 to 3 for t, x, y, p; `power` of ten makes
+    microseconds of the times. With `sort` they may run backwards.
+
+    Return (bytes taken, events made, why it stopped).
     """
     t, x, y, p = events
+    usual = power == 6 and order[0] == 0 and order[1] == 1 and order[2] == 2
+    last = state[LAST_US]
+    darker = state[DARKER]
     made = 0
     at = 0
+    found = _DONE
     while at < data.size:
         line = at
-        at = _skip_blanks(data, at)
-        if data[at] == _NEWLINE:
-            at += 1
-            continue
-        if made == t.size:
-            return line, made, _FULL, last
-        negative = data[at] == _MINUS
-        if negative:
-            at += 1
-        seconds, at = _integer(data, at, _MAX_SECONDS)
-        if seconds < 0:
-            return line, made, _BAD_LINE, last
-        micro = np.int64(0)
-        if data[at] == _POINT:
-            at += 1
-            scale = 100_000
-            first_dropped = True
-            while _ZERO <= data[at] <= _NINE:
-                digit = np.int64(data[at]) - _ZERO
-                if scale > 0:
-                    micro += digit * scale
-                    scale //= 10
-                elif first_dropped:
-                    micro += digit >= 5
-                    first_dropped = False
+        end = -1
+        if usual:
+            time, column, row, polarity, end = _plain_line(data, at)
+        if end < 0:
+            at = _skip_blanks(data, at)
+            if data[at] == _NEWLINE:
                 at += 1
-        time = seconds * 1_000_000 + micro
-        if negative:
-            time = -time
-        if data[at] != _SPACE and data[at] != _TAB:
-            return line, made, _BAD_LINE, last
-        column, at = _integer(data, _skip_blanks(data, at), 1 << 32)
-        if column < 0 or (data[at] != _SPACE and data[at] != _TAB):
-            return line, made, _BAD_LINE, last
-        row, at = _integer(data, _skip_blanks(data, at), 1 << 32)
-        if row < 0 or (data[at] != _SPACE and data[at] != _TAB):
-            return line, made, _BAD_LINE, last
-        polarity, at = _integer(data, _skip_blanks(data, at), 1 << 32)
-        at = _skip_blanks(data, at)
-        if polarity < 0 or polarity > 1:
-            return line, made, _BAD_P, last
-        if data[at] != _NEWLINE:
-            return line, made, _BAD_LINE, last
-        if column >= width:
-            return line, made, _BAD_X, last
-        if row >= height:
-            return line, made, _BAD_Y, last
-        if time < last:
-            return line, made, _BACKWARDS, last
+                continue
+            time, column, row, polarity, end = _any_line(data, at, order, power)
+        if end < 0:
+            found = _BAD_LINE
+        elif not 0 <= column < width:
+            found = _BAD_X
+        elif not 0 <= row < height:
+            found = _BAD_Y
+        elif time < last and not sort:
+            found = _BACKWARDS
+        elif polarity != 1 and polarity != darker:
+            if darker == _UNKNOWN and (polarity == 0 or polarity == -1):
+                darker = polarity
+            else:
+                found = _MIXED_P if polarity == 0 or polarity == -1 else _BAD_P
+        if made == t.size:
+            found = _FULL
+        if found != _DONE:
+            at = line
+            break
         last = time
         t[made] = time
         x[made] = column
         y[made] = row
-        p[made] = 2 * polarity - 1
+        p[made] = 1 if polarity > 0 else -1
         made += 1
-        at += 1
-    return at, made, _DONE, last
+        at = end + 1
+    state[LAST_US] = last
+    state[DARKER] = darker
+    return at, made, found
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
@@ -203,32 +317,118 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     return count
 
 
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """What the lines before the events say."""
+
+    header: Header
+    order: tuple[int, ...]  # the column of each number of a line, as in `_COLUMNS`
+    time_unit: str | None
+    length: int  # bytes before the events
+
+
 def read_header(path: Path) -> Header:
     """Read the size of the sensor from the first line, if the file has it.
 
     Raises
     ------
     EventFormatError
-        The first line is neither a size nor an event.
+        The file starts neither with a size nor with names of columns nor with an event.
     """
-    return _read_first_line(path)[0]
+    return _read_start(path).header
 
 
-def _read_first_line(path: Path) -> tuple[Header, int]:
-    """Return the header and the byte at which the events start."""
+def _read_start(path: Path) -> _Start:
+    size: tuple[int, int] | tuple[None, None] = (None, None)
+    order: tuple[int, ...] = (0, 1, 2, 3)
+    unit = None
+    length = 0
     with path.open("rb") as file:
-        line = file.readline(_MAX_LINE_BYTES)
-    words = line.split()
-    if len(words) == 2 and line.endswith(b"\n") and all(w.isdigit() for w in words):
-        return Header(int(words[0]), int(words[1])), len(line)
-    if len(words) == 4:
-        return Header(None, None), 0
-    raise EventFormatError(
-        f"byte 0: found {line[:60]!r}, expected a line 'width height' or an event 't x y p'"
-    )
+        while True:
+            line = file.readline(_MAX_LINE_BYTES)
+            words = line.replace(b",", b" ").split()
+            whole = line.endswith(b"\n")
+            names = _named_columns(line)
+            if names is not None and whole:
+                order, unit = names
+            elif len(words) == 2 and whole and all(word.isdigit() for word in words):
+                size = int(words[0]), int(words[1])
+            elif line[:1] not in (b"#", b"%") or not whole:
+                if length or len(words) == 4:  # the parser names a line that is no event
+                    return _Start(Header(*size), order, unit, length)
+                raise EventFormatError(
+                    f"byte {length}: found {line[:60]!r}, expected a line 'width height', a line "
+                    "of names such as 't x y p', or an event 't x y p'"
+                )
+            length += len(line)
 
 
-def read(path: Path, header: Header) -> Iterator[Events]:
+def _named_columns(line: bytes) -> tuple[tuple[int, ...], str | None] | None:
+    """Return the order of the columns and the unit of time that a line of names gives."""
+    text = line.decode("utf-8", "replace").lower().lstrip("\ufeff#% ")
+    words = re.sub(r"\s*[\[(]\s*(\w+)\s*[\])]", r"_\1", text).replace(",", " ").split()
+    names, unit = [], None
+    for word in words:
+        name, _, suffix = word.strip("\"'").partition("_")
+        if suffix and name != word and _NAMES.get(name) == "t":
+            if suffix not in TIME_UNITS:
+                return None
+            unit = suffix
+        elif suffix:
+            return None
+        names.append(_NAMES.get(name, ""))
+    if sorted(names) != sorted(_COLUMNS):
+        return None
+    return tuple(_COLUMNS.index(name) for name in names), unit
+
+
+def _power(path: Path, start: _Start, time_unit: str | None) -> int:
+    """Return the power of ten from the file's unit of time to microseconds.
+
+    Raises
+    ------
+    EventFormatError
+        The unit is unknown, is not the one in the file, or the file's times do not tell it.
+    """
+    if time_unit is not None and time_unit not in TIME_UNITS:
+        raise EventFormatError(
+            f"time_unit: found {time_unit!r}, expected one of {', '.join(TIME_UNITS)}"
+        )
+    if None not in (time_unit, start.time_unit) and time_unit != start.time_unit:
+        raise EventFormatError(
+            f"found times in {start.time_unit}, as the line of names says, expected {time_unit} as "
+            "given"
+        )
+    unit = time_unit or start.time_unit
+    if unit is None:
+        whole = _whole_times(path, start)
+        if whole:
+            raise EventFormatError(
+                f"byte {start.length}: found whole times, {', '.join(whole[:3])}, which may be "
+                "seconds or microseconds; give their unit (time_unit='us', --time-unit us)"
+            )
+    return TIME_UNITS[unit or "s"]
+
+
+def _whole_times(path: Path, start: _Start) -> list[str]:
+    """Return the first times of the file if all are whole numbers, so that the unit is unclear."""
+    with path.open("rb") as file:
+        file.seek(start.length)
+        lines = file.read(_SAMPLE_BYTES).replace(b",", b" ").splitlines()
+    place = start.order.index(0)
+    times = [words[place].decode("latin-1") for line in lines if len(words := line.split()) == 4]
+    try:
+        has_fraction = any(
+            float(time) % 1 or ("." in time and "e" not in time.lower()) for time in times
+        )
+    except ValueError:  # the parser names the line
+        has_fraction = True
+    return [] if has_fraction else times
+
+
+def read(
+    path: Path, header: Header, *, time_unit: str | None = None, sort: bool = False
+) -> Iterator[Events]:
     """Read the events of a text file.
 
     A file that is truncated between two lines looks complete.
@@ -239,6 +439,10 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         The file.
     header
         Its header, with a size.
+    time_unit
+        Unit of the times, one of `TIME_UNITS`; None uses the line of names, or seconds.
+    sort
+        Sort the events by time, with all of them in memory.
 
     Yields
     ------
@@ -248,16 +452,24 @@ def read(path: Path, header: Header) -> Iterator[Events]:
     Raises
     ------
     EventFormatError
-        A line is not an event of this sensor, or earlier than the one before it.
+        A line is not an event of this sensor, or earlier than the one before it and not to be
+        sorted, or the unit of the times is unclear.
     """
-    width, height = header.width or 0, header.height or 0
-    none = no_events(width, height, header.model)
-    last = np.iinfo(np.int64).min
+    start = _read_start(path)
+    power = _power(path, start, time_unit)
+    none = no_events(header.width or 0, header.height or 0, header.model)
+    parts = _parts(path, start, power, sort, none)
+    yield none
+    yield from batching.by_time(parts) if sort else parts
+
+
+def _parts(path: Path, start: _Start, power: int, sort: bool, none: Events) -> Iterator[Events]:
+    state = np.array([np.iinfo(np.int64).min, _UNKNOWN])
+    order = np.array(start.order)
     rest = b""
     with path.open("rb") as file:
-        offset = _read_first_line(path)[1]
+        offset = start.length
         file.seek(offset)
-        yield none
         ended = False
         while not ended:
             data = file.read(_READ_BYTES)
@@ -273,11 +485,15 @@ def read(path: Path, header: Header) -> Iterator[Events]:
             while len(lines):
                 room = min(batching.PART_EVENTS, len(lines) // _SHORTEST_LINE_BYTES + 1)
                 columns = Columns.room(room)
-                taken, made, found, last = _parse_lines(lines, width, height, last, columns)
+                taken, made, found = _parse_lines(
+                    lines, none.width, none.height, order, power, sort, state, columns
+                )
                 offset += taken
                 if made:
                     yield Events.trusted(*columns.part(slice(made)), like=none)
                 lines = lines[taken:]
                 if found not in (_DONE, _FULL):
                     line = lines[:60].tobytes().split(b"\n")[0]
-                    raise EventFormatError(f"byte {offset}: found {line!r}: {_REASONS[found]}")
+                    expected = " ".join(_COLUMNS[k] for k in start.order)
+                    reason = _REASONS[found].format(order=expected)
+                    raise EventFormatError(f"byte {offset}: found {line!r}: {reason}")

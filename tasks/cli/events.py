@@ -12,6 +12,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from tasks.cli import terminal
 from tasks.errors import TaskError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_frames
+from tasks.events.reading import AS_STORED, Reading
 from tasks.events.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 
 if TYPE_CHECKING:
@@ -108,13 +109,16 @@ def convert(
     out: Annotated[Positional[Path], arg(metavar="OUT", help="file to write")],
     format: str | None = None,
     input_format: str | None = None,
-    size: tuple[int, int] | None = None,
+    shift_us: int = 0,
+    from_start: bool = False,
     overwrite: bool = False,
+    reading: OmitArgPrefixes[Reading] = AS_STORED,
 ) -> None:
     """Write a file of events in another format.
 
-    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt). A warning names what
-    OUT cannot hold; ground truth is kept from DSEC to DSEC.
+    Formats: dsec (.h5, .hdf5), evt3 and evt2 (.raw), npz (.npz), text (.txt); to read, also csv
+    (.csv), aedat4 (.aedat4), dat (.dat) and es (.es); your own as package.module:Format. A warning
+    names what OUT cannot hold; ground truth is kept from DSEC to DSEC.
 
     Parameters
     ----------
@@ -122,8 +126,10 @@ def convert(
         Format of OUT, instead of what its extension says; .raw is EVT3 by default.
     input_format
         Format of IN, instead of what its extension or header says.
-    size
-        Width and height of the sensor, for a file that does not store them.
+    shift_us
+        Add this to all times, microseconds.
+    from_start
+        Shift all times so that the first event is at 0.
     overwrite
         Replace OUT if it exists.
     """
@@ -134,7 +140,9 @@ def convert(
         out,
         format=format,
         input_format=input_format,
-        size=size,
+        reading=reading,
+        shift_us=shift_us,
+        from_start=from_start,
         overwrite=overwrite,
     )
     terminal.out.print(f"{out}: {count} events", soft_wrap=True)

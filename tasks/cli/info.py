@@ -7,10 +7,11 @@ from typing import Annotated
 
 import numpy as np
 from rich.markup import escape
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
+from tasks.events.reading import AS_STORED, Reading
 
 
 def info(
@@ -18,18 +19,20 @@ def info(
         Positional[Path], arg(metavar="PATH", help="folder of a sequence, or file of events")
     ],
     format: str | None = None,
+    reading: OmitArgPrefixes[Reading] = AS_STORED,
 ) -> None:
     """Describe a radiance sequence or a file of events.
 
     Parameters
     ----------
     format
-        dsec, evt3, evt2, npz or text, instead of what the extension says.
+        dsec, evt3, evt2, npz, text, csv, aedat4, dat, es or package.module:Format, instead of what
+        the extension says.
     """
     if path.is_file():
         from tasks.events.description import describe
 
-        _print_pairs(describe(path, format=format))
+        _print_pairs(describe(path, format=format, reading=reading))
         return
     from eres_render import SequenceError, open_sequence
     from tasks.events.description import seconds

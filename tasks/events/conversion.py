@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from sensor.formats import find_format, read_events, read_header, write_events
+from sensor import Events
+from sensor.formats import find_format, read_header, read_triggers, write_events
+from sensor.formats.header import Header, Value
 from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
+from tasks.events.reading import AS_STORED, Reading
 from tasks.events.truth import truth_to_copy
+
+_WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
 
 
 def convert(
@@ -17,7 +24,9 @@ def convert(
     *,
     format: str | None = None,
     input_format: str | None = None,
-    size: tuple[int, int] | None = None,
+    reading: Reading = AS_STORED,
+    shift_us: int = 0,
+    from_start: bool = False,
     overwrite: bool = False,
 ) -> int:
     """Write a file's events in another format, with everything that the new format can hold.
@@ -30,8 +39,12 @@ def convert(
         The files.
     format, input_format
         Formats of `out` and `source`; by default their extensions or headers tell.
-    size
-        Width and height of the sensor, for a source that does not store them.
+    reading
+        How to read `source`.
+    shift_us
+        Added to all times: of events, triggers, ground truth, and the window in the origin.
+    from_start
+        Shift all times so that the first event is at 0.
     overwrite
         Whether to replace an existing file.
 
@@ -42,25 +55,52 @@ def convert(
     Raises
     ------
     TaskError
-        Both are the same file, or `out` exists and may not be replaced.
+        Both are the same file, `out` exists and may not be replaced, or both kinds of shift are
+        given.
     """
+    if shift_us and from_start:
+        raise TaskError("found shift_us and from_start, expected at most one of them")
     header = read_header(source, format=input_format)
     if out.exists() and out.samefile(source):
         raise TaskError(f"{out}: is the input {source}, which cannot be replaced while it is read")
     check_new(out, overwrite)
     to = find_format(out, format, new=True)
+    parts = reading.parts(source, input_format)
+    if from_start:
+        first = next((part for part in parts if len(part)), None)
+        shift_us = 0 if first is None else -int(first.t_us[0])
+        parts = (
+            reading.parts(source, input_format)
+            if first is None
+            else itertools.chain([first], parts)
+        )
     left_out, add = list(header.others), None
     if "truth" in left_out and to.name == find_format(source, input_format).name == "dsec":
         left_out.remove("truth")
-        add = truth_to_copy(source)
-    parts = read_events(source, format=input_format, size=size)
+        add = truth_to_copy(source, shift_us)
     count = write_events(
         out,
-        parts,
+        _later(parts, shift_us) if shift_us else parts,
         format=format,
-        origin=header.origin,
-        t_offset_us=header.t_offset_us,
+        origin=_shifted_window(header.origin, shift_us),
+        t_offset_us=0 if from_start else _shifted_clock(header, shift_us),
+        triggers=read_triggers(source, format=input_format).later(shift_us),
         add=add,
     )
     warn_of_loss(out, to, left_out)
     return count
+
+
+def _later(parts: Iterator[Events], shift_us: int) -> Iterator[Events]:
+    for part in parts:
+        yield Events.trusted(part.t_us + shift_us, part.x, part.y, part.p, like=part)
+
+
+def _shifted_window(origin: Mapping[str, Value], shift_us: int) -> dict[str, Value]:
+    window = {name: origin[name] for name in _WINDOW if isinstance(origin.get(name), int)}
+    return {**origin, **{name: int(value) + shift_us for name, value in window.items()}}
+
+
+def _shifted_clock(header: Header, shift_us: int) -> int:
+    """Return the start of the shifted clock; a clock that starts at 0 has no start to shift."""
+    return header.t_offset_us + shift_us if header.t_offset_us else 0

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from sensor.formats import find_format, read_events, read_header
+from sensor.formats import Triggers, find_format, read_header, read_triggers
 from sensor.formats.header import Header, model_to_json
 from sensor.model import MAX_SIDE_PX
+from tasks.events.reading import AS_STORED, Reading
 
 
-def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
+def describe(
+    path: Path, *, format: str | None = None, reading: Reading = AS_STORED
+) -> dict[str, str]:
     """Describe an event file; reads all of it.
 
     Parameters
@@ -21,6 +25,8 @@ def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
         The file.
     format
         Its format; by default its extension or header tells.
+    reading
+        How to read it. Without a size, its events may be anywhere.
 
     Returns
     -------
@@ -28,8 +34,13 @@ def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
     """
     header = read_header(path, format=format)
     stored = header.width is not None
-    size = None if stored else (MAX_SIDE_PX, MAX_SIDE_PX)
-    parts = read_events(path, format=format, size=size)
+    if not stored and reading.size is None:
+        sensor = "size not stored"
+        reading = replace(reading, size=(MAX_SIDE_PX, MAX_SIDE_PX))
+    else:
+        sensor = "{}x{} px".format(*(reading.size or (header.width, header.height)))
+        sensor += "" if stored else " as given, size not stored"
+    parts = reading.parts(path, format)
     count, brighter = 0, 0
     first_us, last_us = None, 0
     for part in parts:
@@ -42,7 +53,7 @@ def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
     each = f", {size_bytes / count:.2f} an event" if count else ""
     lines = {
         "format": find_format(path, format).title,
-        "sensor": f"{header.width}x{header.height} px" if stored else "size not stored",
+        "sensor": sensor,
         "file": f"{size_bytes} bytes{each}",
         "events": str(count),
     }
@@ -53,7 +64,7 @@ def describe(path: Path, *, format: str | None = None) -> dict[str, str]:
         lines["time"] = f"{seconds(first_us)} to {seconds(last_us)} s"
         lines["rate"] = f"{count / span_s * 1e-6:.4g} Mev/s" if span_s else "all at one time"
         lines["brighter"] = f"{100 * brighter / count:.2f} % of the events"
-    return lines | dict(_made(header))
+    return lines | _edges(read_triggers(path, format=format)) | dict(_made(header))
 
 
 def seconds(t_us: int) -> str:
@@ -64,6 +75,16 @@ def seconds(t_us: int) -> str:
     """
     sign, whole = "-" if t_us < 0 else "", abs(t_us)
     return f"{sign}{whole // 10**6}.{whole % 10**6:06}"
+
+
+def _edges(triggers: Triggers) -> dict[str, str]:
+    """Describe the triggers of each channel."""
+    said = []
+    for channel in np.unique(triggers.channel):
+        t_us = triggers.t_us[triggers.channel == channel]
+        span = f"{seconds(int(t_us[0]))} to {seconds(int(t_us[-1]))} s"
+        said.append(f"{len(t_us)} on channel {channel}, {span}")
+    return {"triggers": "; ".join(said)} if said else {}
 
 
 def _made(header: Header) -> Iterator[tuple[str, str]]:

@@ -68,13 +68,27 @@ def truth_to_add(
     return add
 
 
-def truth_to_copy(source: Path) -> AddTo:
-    """Return a function that adds all ground truth of one DSEC file to another."""
+def truth_to_copy(source: Path, shift_us: int) -> AddTo:
+    """Return a function that adds all ground truth of one DSEC file to another.
+
+    Parameters
+    ----------
+    source
+        The file with the truth.
+    shift_us
+        Added to its times.
+
+    Returns
+    -------
+    The function; it takes the path of the other file.
+    """
 
     def add(path: Path) -> None:
         with h5py.File(source) as old, writable(path, new=False) as (file, storage):
             try:
                 _copy(old["truth"], file, "truth", storage)
+                if shift_us:
+                    file["truth/t_us"][...] += shift_us
             except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
                 storage.check()
                 raise EventFormatError(f"{source}: truth: cannot be read: {error}") from error

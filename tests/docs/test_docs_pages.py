@@ -1,4 +1,6 @@
-"""docs/quick_start.md and docs/sensors.md: all commands and Python run, from top to bottom."""
+"""docs/quick_start.md, docs/sensors.md, docs/learning.md: all commands and Python run.
+
+They run from top to bottom."""
 
 import re
 
@@ -47,3 +49,8 @@ def test_a_slow_bus_drops_events(sensors):
     folder, said = sensors
     assert "events fired" in said
     assert 0 < len(load_events(folder / "slow_bus.h5")) < len(load_events(folder / "any.h5"))
+
+
+def test_the_page_for_networks_has_windows_with_flow(tmp_path):
+    follow("learning.md", tmp_path)  # asserts shapes
+    assert (tmp_path / "data" / "clip_001.h5").is_file()

@@ -2,6 +2,7 @@
 
 import logging
 import shutil
+import sys
 from dataclasses import replace
 
 import h5py
@@ -13,7 +14,14 @@ from event_streams import SUFFIXES, assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
 from sensor import Readout, SensorModel, presets, read_out, simulate
 from sensor.events import concatenate
-from sensor.formats import FORMATS, load_events, read_header, write_events
+from sensor.formats import (
+    FORMATS,
+    Triggers,
+    load_events,
+    read_header,
+    read_triggers,
+    write_events,
+)
 from sensor.optics import crop_to_aspect
 
 
@@ -206,7 +214,7 @@ def test_middle():
     assert crop_to_aspect(3, 5, 3, 5) == np.s_[0:3, 0:5]
 
 
-@pytest.mark.parametrize("name", list(FORMATS))
+@pytest.mark.parametrize("name", list(SUFFIXES))
 def test_convert_there_and_back(eres, tmp_path, name):
     """Promise: from DSEC to any format and back, events, model and origin are kept."""
     model = SensorModel(width=640, height=480, cutoff_hz=200.0)
@@ -346,7 +354,114 @@ def test_convert_asks_for_a_size(eres, tmp_path):
     assert_same(load_events(out), make_events([500_000], [3], [4], [1], 346, 260))
 
 
-@pytest.mark.parametrize("name", list(FORMATS))
+def test_convert_shifts_everything_together(eres, sequence, tmp_path):
+    """Promise: --shift-us and --from-start move events, triggers, truth and window alike."""
+    a, b, c = (tmp_path / f"{name}.h5" for name in "abc")
+    assert (
+        eres("simulate", sequence.folder, "--out", a, "--resolution", 16, "--truth", 0.02)[0] == 0
+    )
+    events, first_us = load_events(a), int(load_events(a).t_us[0])
+    assert eres("convert", a, b, "--shift-us", 1234567)[0] == 0
+    assert eres("convert", b, c, "--from-start")[0] == 0
+    for path, shift_us in ((b, 1234567), (c, -first_us)):
+        np.testing.assert_array_equal(load_events(path).t_us, events.t_us + shift_us)
+        with h5py.File(a) as old, h5py.File(path) as new:
+            times = old["truth/t_us"][:] + shift_us
+            np.testing.assert_array_equal(new["truth/t_us"], times)
+        origin = read_header(path).origin
+        assert [origin["window_start_us"], origin["window_end_us"]] == times[[0, -1]].tolist()
+    code, _, err = eres("convert", a, tmp_path / "d.h5", "--from-start", "--shift-us", 5)
+    assert (code, "expected at most one of them" in err) == (1, True)
+
+
+@pytest.mark.parametrize("start_us", [0, 1_600_000_000_000_000])
+def test_a_clock_moves_with_its_events(eres, tmp_path, start_us):
+    """Promise: after a shift, t_offset is as far before the events; from the start it is 0."""
+    a, b, c = (tmp_path / f"{name}.h5" for name in "abc")
+    events = random_events(50, start_us=start_us + 700)
+    write_events(a, events, t_offset_us=start_us)
+    assert eres("convert", a, b, "--shift-us", 3_000_000)[0] == 0
+    assert read_header(b).t_offset_us == (start_us + 3_000_000 if start_us else 0)
+    assert eres("convert", a, c, "--from-start")[0] == 0
+    assert read_header(c).t_offset_us == load_events(c).t_us[0] == 0
+
+
+def test_triggers_are_kept_and_shown(eres, tmp_path, caplog):
+    """Promise: convert keeps triggers between formats that have them, and names them as lost in
+    text; info shows them."""
+    raw, dsec, back, text = (tmp_path / name for name in ("a.raw", "a.h5", "b.raw", "a.txt"))
+    columns = np.array([1_000_000, 1_500_000, 2_000_000]), np.array([0, 6, 6], np.uint8)
+    triggers = Triggers(*columns, np.array([1, -1, 1], np.int8))
+    write_events(raw, random_events(2000, mean_us=900), triggers=triggers)
+    assert eres("convert", raw, dsec)[0] == eres("convert", dsec, back)[0] == 0
+    assert back.read_bytes() == raw.read_bytes()
+    said = "1 on channel 0, 1.000000 to 1.000000 s; 2 on channel 6, 1.500000 to 2.000000 s"
+    for path in (raw, dsec):
+        out = " ".join(eres("info", path)[1].split())
+        assert said in out
+        assert "also holds" not in out
+    assert eres("convert", dsec, tmp_path / "c.npz", "--from-start")[0] == 0
+    shifted = triggers.t_us - load_events(raw).t_us[0]
+    assert read_triggers(tmp_path / "c.npz").t_us.tolist() == shifted.tolist()
+    caplog.clear()
+    assert eres("convert", dsec, text)[0] == 0
+    assert caplog.messages == [f"{text}: text, t x y p cannot store triggers"]
+
+
+def test_text_of_others_is_converted_with_options(eres, tmp_path):
+    """Promise: --size, --time-unit and --sort reach the reader, of convert and of info."""
+    source, out = tmp_path / "a.csv", tmp_path / "a.h5"
+    source.write_text("9,1,2,1\n5,3,4,-1\n")
+    options = ["--size", 8, 9, "--time-unit", "ms", "--sort"]
+    code, _, err = eres("convert", source, out, "--size", 8, 9)
+    assert (code, "found whole times, 9, 5, which" in err) == (1, True)
+    assert eres("convert", source, out, *options)[0] == 0
+    assert_same(load_events(out), make_events([5000, 9000], [3, 1], [4, 2], [0, 1], 8, 9))
+    assert "8x9 px as given, size not stored" in eres("info", source, *options)[1]
+    code, _, err = eres("info", source, "--size", 2, 9, *options[3:])
+    assert (code, "x is outside the sensor" in err) == (1, True)
+
+
+OWN = """
+import numpy as np
+from sensor.formats import FORMATS, Format
+
+def write(path, header, parts):
+    return FORMATS["text"].write(path, header, parts)
+
+MINE = Format("mine", "my rows", (), write, FORMATS["text"].read_header, FORMATS["text"].read)
+
+def made():
+    return MINE
+
+WRONG = 3
+"""
+
+
+def test_a_format_of_ones_own_by_name(eres, tmp_path, monkeypatch):
+    """Promise: --format package.module:Format takes an object or a function, from the folder."""
+    (tmp_path / "own_event_format.py").write_text(OWN)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path])
+    events = random_events(20)
+    write_events("a.h5", events)
+    for name in ("MINE", "made"):
+        chosen = f"own_event_format:{name}"
+        assert eres("convert", "a.h5", "a.rows", "--format", chosen, "--overwrite")[0] == 0
+        assert eres("convert", "a.rows", f"{name}.npz", "--input-format", chosen)[0] == 0
+        assert_same(load_events(f"{name}.npz"), events)
+        assert "my rows" in eres("info", "a.rows", "--format", chosen)[1]
+    for name, said in [
+        ("own_event_format:WRONG", "TypeError"),
+        ("own_event_format:missing", "AttributeError"),
+        ("no_such_module:A", "ModuleNotFoundError: No module named 'no_such_module'"),
+        ("pathlib:Path", "found PosixPath, expected a sensor.formats.Format"),
+    ]:
+        code, _, err = eres("info", "a.rows", "--format", name)
+        assert (code, f"format '{name}'" in err, said in err) == (1, True, True), err
+
+
+@pytest.mark.parametrize("name", list(SUFFIXES))
 def test_info(eres, tmp_path, name):
     """Promise: info prints format, size, count, time, rate and polarities of any file, and its
     model."""
@@ -409,7 +524,8 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
         ([*SIMULATE, "--sensor", "davis346"], 1, "found both, expected one of them: --sensor NAME"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--sensor", "davis34"], 1, "'davis346'?"),
         (["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "65"], 1, "finer than"),
-        (["simulate", "{seq}", "--out", "{tmp}/a.dat", "--resolution", "64"], 1, "'.dat'"),
+        ([*SIMULATE[:3], "{tmp}/a.da", "--resolution", "64"], 1, "'.da'"),
+        ([*SIMULATE[:3], "{tmp}/a.dat", "--resolution", "64"], 1, "DAT can only be read"),
         (
             ["simulate", "{seq}", "--out", "{tmp}/no/a.h5", "--resolution", "64"],
             1,

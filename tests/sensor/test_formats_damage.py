@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from event_streams import COLUMNS, SUFFIXES, assert_same, random_events
 from sensor import EventFormatError, Events, SensorModel
-from sensor.formats import FORMATS, load_events, write_events
+from sensor.formats import load_events, write_events
 
-EVERY = pytest.mark.parametrize("name", list(FORMATS))
+EVERY = pytest.mark.parametrize("name", list(SUFFIXES))
 MODEL = SensorModel(width=640, height=480, cutoff_hz=200.0)
 CHECKSUMMED = {"dsec", "npz"}
 FUZZ = settings(max_examples=150, deadline=5000)  # ms: nothing hangs
@@ -20,7 +20,7 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     events = random_events(400, model=MODEL)
     files = {}
-    for name in FORMATS:
+    for name in SUFFIXES:
         path = folder / f"{name}{SUFFIXES[name]}"
         write_events(path, events, format=name, origin={"seed": 3})
         files[name] = path.read_bytes()

@@ -33,7 +33,9 @@ t_s = np.arange(20) * 1e-3
 frames = 1.1 + np.sin(np.arange(16) + 200 * t_s[:, None, None]) * np.ones((20, 16, 16))
 events = simulate(frames, t_s, SensorModel(width=16, height=16, cutoff_hz=200.0), seed=1)
 print(len(events))
-for name in FORMATS:
+for name, format in FORMATS.items():
+    if format.write is None:
+        continue
     try:
         write_events(f"events.{name}", events, format=name)
         print(name, len(load_events(f"events.{name}", format=name)))
@@ -43,7 +45,7 @@ for name in FORMATS:
 
 
 def test_sensor_works_with_numpy_numba_and_scipy_alone(tmp_path):
-    """Promise: `import sensor`, `simulate` and all formats but HDF5 need no other package."""
+    """Promise: `import sensor`, `simulate` and all own formats but HDF5 need no other package."""
     command = [sys.executable, "-c", ALONE]
     compiled = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
     environment = {"PYTHONPATH": str(ROOT), "PATH": "", **compiled}

@@ -4,6 +4,7 @@ import itertools
 import time
 import tracemalloc
 from dataclasses import replace
+from decimal import ROUND_HALF_UP, Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -12,8 +13,11 @@ from hypothesis import strategies as st
 
 from event_streams import SUFFIXES, assert_same, make_events, random_events, streams
 from sensor import EventError, EventFormatError, SensorModel, simulate, stream
+from sensor.events import concatenate
 from sensor.formats import (
-    FORMATS,
+    batching as parts,
+)
+from sensor.formats import (
     evt,
     find_format,
     load_events,
@@ -22,11 +26,8 @@ from sensor.formats import (
     text,
     write_events,
 )
-from sensor.formats import (
-    batching as parts,
-)
 
-EVERY = pytest.mark.parametrize("name", list(FORMATS))
+EVERY = pytest.mark.parametrize("name", list(SUFFIXES))
 QUICK = settings(max_examples=60)
 
 
@@ -208,7 +209,9 @@ def test_the_extension_chooses_the_format(tmp_path):
     assert find_format(path).name == "evt3"
     with pytest.raises(EventFormatError, match=r"words of version evt3, expected EVT2"):
         load_events(path, format="evt2")
-    with pytest.raises(EventFormatError, match=r"extension '.dat', expected one of .h5"):
+    with pytest.raises(EventFormatError, match=r"extension '.dat4', expected one of .aedat"):
+        write_events(tmp_path / "a.dat4", random_events(9))
+    with pytest.raises(EventFormatError, match=r"a.dat: Prophesee DAT can only be read"):
         write_events(tmp_path / "a.dat", random_events(9))
     with pytest.raises(EventFormatError, match="'evt4', expected one of dsec, evt3"):
         load_events(path, format="evt4")
@@ -270,6 +273,93 @@ def test_text_is_seconds_and_zero_or_one(tmp_path):
     assert read.x.tolist() == [96, 2, 0, 0]
 
 
+SAME = make_events([1500, 2_000_000], [3, 5], [4, 6], [0, 1], 346, 260)
+OTHERS = {
+    "blanks": "346 260\n0.0015 3 4 0\n2.0 5 6 1\n",
+    "-1 and 1": "0.0015 3 4 -1\n2.0 5 6 +1\n",
+    "commas": "0.0015,3,4,0\n2.0, 5 ,6,1\r\n",
+    "tabs": "0.0015\t3\t4\t0\n2.0\t5\t6\t1",
+    "exponents": "1.5e-3 3 4 0\n+2E0 5 6 1\n",
+    "numpy.savetxt": "# made by hand\n1.500000000000000000e-03 3.0e+00 4.0e+00 0.0e+00\n"
+    "2.000000000000000000e+00 5.000000000000000000e+00 60e-1 1.000000000000000000e+00\n",
+    "comments": "# a camera\n% of mine\n346 260\n0.0015 3 4 0\n2.0 5 6 1\n",
+    "names": "t,x,y,p\n0.0015,3,4,0\n2.0,5,6,1\n",
+    "names with a unit": "x,y,Polarity,timestamp_us\n3,4,0,1500\n5,6,1,2000000\n",
+    "names in a comment": "# p time [ns] x y\n-1 1500000 3 4\n1 2000000000 5 6\n",
+    "quoted names": '"t (ms)","x","y","on"\n1.5,3,4,0\n2000,5,6,1\n',
+}
+
+
+@pytest.mark.parametrize("suffix", ["txt", "csv"])
+@pytest.mark.parametrize("kind", OTHERS)
+def test_text_of_others(kind, suffix, tmp_path):
+    """Promise: the reader takes other separators, signs, exponents, comments and orders."""
+    path = tmp_path / f"a.{suffix}"
+    path.write_text(OTHERS[kind], newline="")
+    assert_same(load_events(path, size=(346, 260)), SAME)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 6), ("ms", 3), ("us", 0), ("ns", -3)])
+def test_the_unit_of_times_is_given_or_in_the_file(unit, scale, tmp_path):
+    """Promise: whole times need a unit, given or by name, and the two agree."""
+    path = tmp_path / "a.txt"
+    path.write_text("7000 1 2 1\n1234567 1 2 1\n")
+    with pytest.raises(EventFormatError, match="found whole times, 7000, 1234567"):
+        load_events(path, size=(9, 9))
+    expected = [round(t * 10.0**scale) for t in (7000, 1234567)]
+    assert load_events(path, size=(9, 9), time_unit=unit).t_us.tolist() == expected
+    path.write_text(f"t_{unit} x y p\n" + path.read_text())
+    assert load_events(path, size=(9, 9)).t_us.tolist() == expected
+    other = {"s": "us"}.get(unit, "s")
+    with pytest.raises(EventFormatError, match=f"times in {unit}, .* expected {other} as given"):
+        load_events(path, size=(9, 9), time_unit=other)
+    with pytest.raises(EventFormatError, match="time_unit: found 'min', expected one of s, ms"):
+        load_events(path, size=(9, 9), time_unit="min")
+    write_events(tmp_path / "a.npz", SAME)
+    with pytest.raises(EventFormatError, match="time_unit: found s, expected none for numpy"):
+        load_events(tmp_path / "a.npz", time_unit="s")
+
+
+@QUICK
+@given(
+    digits=st.integers(0, 10**18 - 1),
+    exponent=st.integers(-30, 12),
+    unit=st.sampled_from(["s", "ms", "us", "ns"]),
+    point=st.integers(0, 25),
+)
+def test_times_are_rounded_as_decimals(digits, exponent, unit, point, tmp_path):
+    """Promise: any decimal with any exponent is the nearest microsecond, ties away from zero."""
+    written = f"{digits:025d}"
+    written = f"-{written[:point]}.{written[point:]}e{exponent}"
+    factor = Decimal(10) ** {"s": 6, "ms": 3, "us": 0, "ns": -3}[unit]
+    with localcontext() as context:
+        context.prec = 80
+        expected = (Decimal(written) * factor).quantize(Decimal(1), ROUND_HALF_UP)
+    path = tmp_path / "a.txt"
+    path.write_text(f"9 9\n{written} 1 2 1\n")
+    if abs(expected) > 9 * 10**18:
+        with pytest.raises(EventFormatError, match="may have a fraction"):
+            load_events(path, time_unit=unit)
+    else:
+        assert load_events(path, time_unit=unit).t_us.tolist() == [int(expected)]
+
+
+def test_unsorted_text_is_sorted_on_request(tmp_path, monkeypatch):
+    """Promise: sort=True gives all events by time, ties in the file's order, in many parts."""
+    monkeypatch.setattr(parts, "PART_EVENTS", 100)
+    events = random_events(1000)
+    order = np.random.default_rng(0).permutation(1000)
+    t_us, x, y, p = (column[order] for column in events.columns)
+    path = tmp_path / "a.txt"
+    np.savetxt(path, np.stack([t_us, x, y, p], axis=1), "%d", header="t_us x y p")
+    with pytest.raises(EventFormatError, match="earlier than the one before it"):
+        load_events(path, size=(640, 480))
+    found = list(read_events(path, size=(640, 480), sort=True))
+    assert max(map(len, found)) <= 100
+    by_time = np.argsort(t_us, kind="stable")
+    assert_same(concatenate(found), make_events(*(c[by_time] for c in (t_us, x, y, p))))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -279,13 +369,24 @@ def test_text_is_seconds_and_zero_or_one(tmp_path):
         ("640 480\n0.5 1 2 1\n0.4 1 2 1\n", "byte 18: found b'0.4 1 2 1': the time is earlier"),
         ("640 480\n0.5 640 2 1\n", "x is outside the sensor"),
         ("640 480\n0.5 1 480 1\n", "y is outside the sensor"),
-        ("640 480\n0.5 1 2 -1\n", "expected p to be 0 or 1"),
+        ("640 480\n0.5 1 2 -2\n", "expected p to be 0 or 1, or -1 or 1"),
+        ("640 480\n0.5 1 2 -1\n0.6 1 2 1\n0.7 1 2 0\n", "byte 29: found b'0.7 1 2 0': found both"),
         ("640 480\n0.5 1 2 2\n", "expected p to be 0 or 1"),
-        ("640 480\n0.5 1 2\n", "then x, y and p"),
-        ("640 480\n5e-1 1 2 1\n", "a time in seconds as a plain decimal"),
-        ("640 480\n0.5 1 2 1 9\n", "a time in seconds as a plain decimal"),
-        ("640 480\nnan 1 2 1\n", "a time in seconds as a plain decimal"),
-        ("640 480\n99999999999999 1 2 1\n", "a time in seconds as a plain decimal"),
+        ("640 480\n0.5 1 2\n", "may have a fraction: t x y p"),
+        ("640 480\n0.5 1.5 2 1\n", "may have a fraction: t x y p"),
+        ("640 480\n0.5,1,,2,1\n", "may have a fraction: t x y p"),
+        ("640 480\n0.5e 1 2 1\n", "may have a fraction: t x y p"),
+        ("640 480\n0.1 1 2 1\n0.5e20 1 2 1\n", "may have a fraction: t x y p"),
+        ("640 480\n0.5 -1 2 1\n", "x is outside the sensor"),
+        ("640 480\n. 1 2 1\n", "may have a fraction: t x y p"),
+        ("640 480\n0.5 1 2 1 9\n", "may have a fraction: t x y p"),
+        ("640 480\nnan 1 2 1\n", "may have a fraction: t x y p"),
+        ("640 480\n99999999999999.5 1 2 1\n", "may have a fraction: t x y p"),
+        ("p,x,y,t\n1,1,2\n", "byte 8: found b'1,1,2'"),
+        ("640 480\n7 1 2 1\n9 1 2 1\n", "byte 8: found whole times, 7, 9, which may be seconds or"),
+        ("640 480\n5e6 1 2 1\n", "found whole times, 5e6"),
+        ("t_min,x,y,p\n1,1,2,1\n", "byte 0"),
+        ("t,x,y,q\n1,1,2,1\n", "found b't,x,y,q"),
         ("640 480\n" + "1" * 600, "a line without end"),
     ],
 )
@@ -294,6 +395,6 @@ def test_text_that_is_not_events_is_refused(text, said, tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(text)
     with pytest.raises(EventFormatError) as error:
-        load_events(path)
+        load_events(path, size=None if text.startswith("640 ") or not text else (640, 480))
     assert said in str(error.value)
     assert str(path) in str(error.value)

@@ -12,7 +12,7 @@ from eres_render.trajectory.spline import path_through
 from eres_render.trajectory.tum import read_tum, read_tum_from_start, tum_text
 from event_streams import SUFFIXES, assert_same, random_events
 from light_scenes import small_carpet_folder
-from sensor.formats import FORMATS, load_events, read_header, write_events
+from sensor.formats import load_events, read_header, write_events
 
 START = Decimal("1600000000.123457")  # seconds since 1970; float64 has none that are nearer
 OFFSET_US = 1_600_000_000_123_457
@@ -91,7 +91,7 @@ def test_a_sequence_keeps_when_it_started(eres, sequences, tmp_path):
     assert found == [Decimal("0.0"), Decimal("0.2"), Decimal("0.4")]
 
 
-@pytest.mark.parametrize("name", list(FORMATS))
+@pytest.mark.parametrize("name", list(SUFFIXES))
 def test_events_keep_when_they_happened(eres, sequences, tmp_path, name):
     """Promise: to the microsecond, in any format and its conversions, together with their truth."""
     day, zero = (tmp_path / f"{which}{SUFFIXES[name]}" for which in ("day", "zero"))

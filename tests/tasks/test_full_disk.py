@@ -17,7 +17,7 @@ from eres_render import load_scene, render_scene
 from event_streams import SUFFIXES, random_events
 from light_scenes import small_carpet_folder
 from sensor import SensorModel
-from sensor.formats import FORMATS, write_events
+from sensor.formats import write_events
 
 ROOT = Path(__file__).parents[2]
 NOTES = ("1 job to do: ", "jit_kernel_write(): ")  # a study's cost; Dr.Jit on a cache of its own
@@ -73,7 +73,7 @@ def events(tmp_path_factory):
     stream = random_events(200_000, model=SensorModel(width=640, height=480))
     write_events(source, stream, origin={"seed": 3})
     sizes = {}
-    for name in FORMATS:
+    for name in SUFFIXES:
         write_events(folder / "a", stream, format=name)
         sizes[name] = (folder / "a").stat().st_size
     return source, sizes
@@ -93,8 +93,8 @@ def test_no_room_for_events(events, tmp_path):
     """Promise: for a full disk anywhere in the file, in any format, also within its last bytes.
     HDF5 used to end the process there with a segmentation fault."""
     source, sizes = events
-    out = {name: tmp_path / f"{name}{SUFFIXES[name]}" for name in FORMATS}
-    tried = [(name, size) for name in FORMATS for size in (0, 5000, sizes[name] // 2, sizes[name])]
+    out = {name: tmp_path / f"{name}{SUFFIXES[name]}" for name in SUFFIXES}
+    tried = [(name, size) for name in SUFFIXES for size in (0, 5000, sizes[name] // 2, sizes[name])]
     outcomes = run(
         *(
             (max(0, size - 1), ["convert", source, out[name], "--format", name])
@@ -161,9 +161,9 @@ def test_a_file_system_that_is_full(events, tmp_path):
     if shutil.which("mount") is None or subprocess.run(mounted, capture_output=True).returncode:
         pytest.skip("no file system can be mounted here")
     try:
-        out = {name: tmp_path / f"{name}{SUFFIXES[name]}" for name in FORMATS}
-        outcomes = run(*((None, ["convert", events[0], out[n], "--format", n]) for n in FORMATS))
-        for name, outcome in zip(FORMATS, outcomes, strict=True):
+        out = {name: tmp_path / f"{name}{SUFFIXES[name]}" for name in SUFFIXES}
+        outcomes = run(*((None, ["convert", events[0], out[n], "--format", n]) for n in SUFFIXES))
+        for name, outcome in zip(SUFFIXES, outcomes, strict=True):
             assert_refused(outcome, out[name], "No space left on device")
         assert list(tmp_path.iterdir()) == []
     finally:

@@ -1,0 +1,111 @@
+"""`DsecReader`: any part of a DSEC file, without reading what precedes it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from sensor.errors import EventFormatError
+from sensor.events import Events, no_events
+from sensor.formats import dsec
+from sensor.formats.hdf5_file import load_h5py
+
+
+@contextmanager
+def named_errors(path: Path) -> Iterator[None]:
+    """Add the name of the file to errors about its content."""
+    try:
+        with dsec.said("events"):
+            yield
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
+
+
+class DsecReader:
+    """A DSEC file that stays open, for windows in any order.
+
+    Reads what lies in a window, in whole chunks of 65536 events. After a fork, HDF5 files must be
+    opened again.
+
+    Parameters
+    ----------
+    path
+        The file.
+    size
+        (width, height) of the sensor, for files that do not store it.
+
+    Raises
+    ------
+    EventFormatError
+        The file is damaged, has no index of milliseconds, or its size is neither stored nor given.
+    OSError
+        The file cannot be read.
+    """
+
+    def __init__(self, path: Path, size: tuple[int, int] | None = None) -> None:
+        path.open("rb").close()  # raises the error of the system if it is missing or not allowed
+        self.path = path
+        with named_errors(self.path):
+            self.header = dsec.read_header(path).with_size(size)
+            self.file = load_h5py().File(path, "r")
+            names = [f"events/{name}" for name in ("t", "x", "y", "p")]
+            self._columns = {name[-1]: dsec.integers(self.file, name) for name in names}
+            self._ms_to_idx = dsec.integers(self.file, "ms_to_idx")
+
+    def __len__(self) -> int:
+        return len(self._columns["t"])
+
+    def index_at(self, t_us: int) -> int:
+        """Return the number of events before a time."""
+        t_us -= self.header.t_offset_us
+        if t_us <= 0:
+            return 0
+        ms = t_us // 1000
+        with named_errors(self.path):
+            if ms >= len(self._ms_to_idx):  # within the last millisecond, or later
+                first, stop = int(self._ms_to_idx[-1]) if len(self._ms_to_idx) else 0, len(self)
+            else:
+                first, stop = int(self._ms_to_idx[ms]), len(self)
+                if ms + 1 < len(self._ms_to_idx):
+                    stop = int(self._ms_to_idx[ms + 1])
+            return first + int(np.searchsorted(self._columns["t"][first:stop], t_us))
+
+    def part(self, first: int, stop: int) -> Events:
+        """Return events by their number in the file.
+
+        Parameters
+        ----------
+        first, stop
+            As in a slice.
+
+        Returns
+        -------
+        Events
+
+        Raises
+        ------
+        EventFormatError
+            The events are damaged.
+        """
+        if first >= stop:
+            return no_events(self.header.width or 0, self.header.height or 0, self.header.model)
+        with named_errors(self.path):
+            values = {name: column[first:stop] for name, column in self._columns.items()}
+            return dsec.checked(values, first, self.header.t_offset_us, self.header)
+
+    def between(self, t_start_us: int, t_end_us: int) -> Events:
+        """Return the events in a half-open window of time.
+
+        Parameters
+        ----------
+        t_start_us, t_end_us
+            The window [t_start_us, t_end_us), microseconds.
+
+        Returns
+        -------
+        Events
+        """
+        return self.part(self.index_at(t_start_us), self.index_at(t_end_us))

@@ -1,0 +1,175 @@
+"""AEDAT4, Prophesee DAT and Event Stream files, read by faery in a process of its own.
+
+faery's decoders end their process on some damaged files; here that is an error like any other.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from sensor.errors import EventError, EventFormatError
+from sensor.events import Events, no_events
+from sensor.formats import batching, faery_process
+from sensor.formats.header import Header
+
+_MAX_TIME_US = 1 << 62
+
+
+@contextmanager
+def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
+    """Start faery; at the end, raise its error unless it ended well or we stopped reading.
+
+    Raises
+    ------
+    EventFormatError
+        faery is not installed, or it cannot read the file.
+    """
+    if importlib.util.find_spec("faery") is None:
+        raise EventFormatError(
+            f"{kind} needs faery, which is not installed: pip install 'eres-events[formats]'"
+        )
+    # -P: the files beside the script are no modules for it.
+    command = [sys.executable, "-P", faery_process.__file__, kind, str(path.absolute()), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            yield process.stdout
+        except _Ended:
+            said = process.stderr.read().decode("utf-8", "replace").strip().splitlines()
+            code = process.wait()
+            reason = said[-1] if code > 0 and said else "its decoder ended; the file is damaged"
+            raise EventFormatError(f"faery cannot read it: {reason}") from None
+        finally:
+            process.kill()
+
+
+class _Ended(Exception):
+    """faery's process ended before the end of the events."""
+
+
+def _taken(pipe: IO[bytes], size: int) -> bytes:
+    data = pipe.read(size)
+    if len(data) < size:
+        raise _Ended
+    return data
+
+
+def _header(pipe: IO[bytes]) -> Header:
+    line = pipe.readline()
+    if not line.endswith(b"\n"):
+        raise _Ended
+    found = json.loads(line)
+    width, height = found["size"] or (None, None)
+    return Header(width, height, others=tuple(found["others"]))
+
+
+def read_header(path: Path, kind: str) -> Header:
+    """Read the header of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        aedat4, dat or es.
+
+    Returns
+    -------
+    Header
+
+    Raises
+    ------
+    EventFormatError
+        faery is not installed, or it cannot read the file.
+    """
+    with path.open("rb") as file:
+        start = file.read(14)
+    if kind == "aedat4" and start.startswith(b"#!AER-DAT") and start[9:12] != b"4.0":
+        raise EventFormatError(
+            f"found AEDAT {start[9:12].decode('latin-1')}, expected AEDAT 4.0: other versions "
+            "cannot be read"
+        )
+    with _decoding(path, kind, "header") as pipe:
+        return _header(pipe)
+
+
+def read(path: Path, header: Header, kind: str, *, sort: bool = False) -> Iterator[Events]:
+    """Read the events of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+    kind
+        aedat4, dat or es.
+    sort
+        Sort the events by time, with all of them in memory.
+
+    Yields
+    ------
+    Events
+        At least one part.
+
+    Raises
+    ------
+    EventFormatError
+        faery is not installed or cannot read the file, or the events are not a valid stream.
+    """
+    yield no_events(header.width or 0, header.height or 0, header.model)
+    parts = _parts(path, header, kind, sort)
+    yield from batching.by_time(parts) if sort else parts
+
+
+def _parts(path: Path, header: Header, kind: str, sort: bool) -> Iterator[Events]:
+    none = no_events(header.width or 0, header.height or 0, header.model)
+    last_us = 0
+    done = 0
+    with _decoding(path, kind) as pipe:
+        _header(pipe)
+        while (count := struct.unpack("<q", _taken(pipe, 8))[0]) != faery_process.END:
+            data = _taken(pipe, count * faery_process.EVENT.itemsize)
+            found = np.frombuffer(data, faery_process.EVENT)
+            if count == 0:
+                continue
+            part = _checked(found, header, done, sort, none)
+            if part.t_us[0] < last_us and not sort:
+                raise _backwards(done)
+            last_us = int(part.t_us[-1])
+            done += count
+            yield part
+
+
+def _backwards(k: int) -> EventFormatError:
+    return EventFormatError(
+        f"event {k}: is earlier than the one before it (--sort, sort=True sorts the events)"
+    )
+
+
+def _checked(found: np.ndarray, header: Header, first: int, sort: bool, none: Events) -> Events:
+    """Convert a packet to `Events` and check its values; `first` is the index of its first."""
+    if found["t"].max() >= _MAX_TIME_US:
+        raise EventFormatError(f"events from {first}: found time {found['t'].max()} us")
+    t_us = found["t"].astype(np.int64)
+    backwards = np.flatnonzero(t_us[1:] < t_us[:-1])
+    if len(backwards) and not sort:
+        raise _backwards(first + int(backwards[0]) + 1)
+    x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
+    p = np.where(found["on"] > 0, 1, -1).astype(np.int8)
+    try:  # sorted times: only the places are still unchecked
+        Events(np.zeros_like(t_us), x, y, p, none.width, none.height)
+    except EventError as error:
+        raise EventFormatError(f"events from {first}: {error}") from error
+    return Events.trusted(t_us, x, y, p, like=none)

@@ -1,0 +1,87 @@
+"""The process in which faery decodes a file: a damaged file can end it, but not its caller.
+
+    python faery_process.py FORMAT PATH [header]
+
+Standard output is a line of JSON with the header; then packets, each its number of events (int64)
+and as many of `EVENT`; then -1. An error is the last line of standard error.
+"""
+
+import json
+import struct
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+EVENT = np.dtype([("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("on", "u1")])
+END = -1
+
+
+def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
+    """Return the header and an iterator of packets of faery."""
+    import faery
+
+    if kind == "aedat4":
+        decoder = faery.aedat.Decoder(path)
+        tracks = decoder.tracks()
+        kept = [track for track in tracks if track.data_type == "events"]
+        if not kept:
+            raise ValueError("found no track of events")
+        others = [f"{track.data_type} (track {track.id})" for track in tracks if track != kept[0]]
+        packets = (packet for track, packet in decoder if track.id == kept[0].id)
+        return {"size": kept[0].dimensions, "others": others}, packets
+    if kind == "dat":
+        decoder = faery.dat.Decoder(path, None, None)
+        events = ("cd", "2d")
+    else:
+        decoder = faery.es.Decoder(path, 0)
+        events = ("dvs", "atis")
+    if decoder.event_type not in events:
+        raise ValueError(f"found a file of {decoder.event_type!r}, expected {' or '.join(events)}")
+    return {"size": decoder.dimensions, "others": []}, decoder
+
+
+def _columns(packet: Any, kind: str, height: int) -> Any:
+    """Return the events of a packet, with the row 0 at the top."""
+    names = packet.dtype.names
+    if "exposure" in names:  # of ATIS: its measurements of light are no events
+        packet = packet[~packet["exposure"]]
+    events = np.empty(len(packet), EVENT)
+    events["t"], events["x"] = packet["t"], packet["x"]
+    events["y"] = height - 1 - packet["y"] if kind == "es" else packet["y"]
+    brighter = next(name for name in ("on", "polarity", "payload") if name in names)
+    events["on"] = packet[brighter] > 0
+    return events
+
+
+def main(kind: str, path: str, only_header: bool) -> None:
+    """Decode a file to standard output.
+
+    Parameters
+    ----------
+    kind
+        aedat4, dat or es.
+    path
+        The file.
+    only_header
+        Stop after the header.
+    """
+    out = sys.stdout.buffer
+    header, packets = _opened(kind, path)
+    out.write(json.dumps(header).encode() + b"\n")
+    if only_header:
+        return
+    for packet in packets:
+        events = _columns(packet, kind, (header["size"] or (0, 0))[1])
+        out.write(struct.pack("<q", len(events)))
+        out.write(events.data)
+    out.write(struct.pack("<q", END))
+
+
+if __name__ == "__main__":
+    try:
+        main(sys.argv[1], sys.argv[2], sys.argv[3:] == ["header"])
+    except BaseException as error:  # faery's panics are no `Exception`
+        print(f"\n{error or type(error).__name__}", file=sys.stderr)
+        sys.exit(1)

@@ -1,0 +1,63 @@
+"""`Triggers`: edges on the trigger inputs of a camera, on the clock of its events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.errors import EventFormatError
+
+_DTYPES = {"t_us": np.int64, "channel": np.uint8, "p": np.int8}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triggers:
+    """External triggers of a recording, sorted by time.
+
+    Parameters
+    ----------
+    t_us
+        (N,) int64, microseconds, on the clock of the events.
+    channel
+        (N,) uint8, number of the input.
+    p
+        (N,) int8, +1 for a rising edge, -1 for a falling one.
+
+    Raises
+    ------
+    EventFormatError
+        A field has the wrong dtype, shape, values or order; the text names it.
+    """
+
+    t_us: NDArray[np.int64]
+    channel: NDArray[np.uint8]
+    p: NDArray[np.int8]
+
+    def __post_init__(self) -> None:
+        for name, dtype in _DTYPES.items():
+            column = getattr(self, name)
+            if column.dtype != dtype or column.shape != (len(self.t_us),):
+                raise EventFormatError(
+                    f"triggers, {name}: found {column.dtype} of shape {column.shape}, expected "
+                    f"{np.dtype(dtype)} of shape ({len(self.t_us)},)"
+                )
+        if np.any(self.t_us[1:] < self.t_us[:-1]):
+            raise EventFormatError("triggers, t_us: found times that run backwards")
+        if not np.all(np.abs(self.p) == 1):
+            raise EventFormatError("triggers, p: found values other than +1 and -1")
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def later(self, shift_us: int) -> Triggers:
+        """Return the triggers with a shift added to their times."""
+        return Triggers(self.t_us + shift_us, self.channel, self.p)
+
+
+def _no_triggers() -> Triggers:
+    return Triggers(*(np.empty(0, dtype) for dtype in _DTYPES.values()))
+
+
+NO_TRIGGERS = _no_triggers()

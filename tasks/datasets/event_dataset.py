@@ -1,0 +1,211 @@
+"""`EventDataset`: windows of events as dicts of arrays, for `torch.utils.data.DataLoader`.
+
+Torch is not imported. No file is open in the dataset itself, so it can be pickled and forked: each
+process opens the files that it reads.
+"""
+
+from __future__ import annotations
+
+import os
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import RadianceSequence, open_sequence
+from sensor import Events
+from sensor.formats.dsec_reader import DsecReader, named_errors
+from sensor.optics import crop_to_aspect, integrate
+from tasks.datasets.recordings import TARGETS, TRUTH, Recording, find_recordings, nearest
+from tasks.errors import TaskError
+
+_MOST_OPEN = 32  # files a process keeps open
+
+Item = dict[str, NDArray[Any]]
+
+
+class EventDataset:
+    """Windows of the events in a folder, with frames and ground truth.
+
+    `len(dataset)` windows; `dataset[k]` is a dict of NumPy arrays for a sensor of H x W px:
+
+    - `events`: what `transform` returns. Without one, `t_us`, `x`, `y` and `p` as in `Events`.
+    - `window_us` (2,) int64: start and end on the clock of the events; `recording` () int64: number
+      in `recordings`.
+    - `frame` (H, W) float32: radiance as the sensor sees it, of the rendered frame nearest to the
+      window's end, and its time `frame_us`. From the clip in the folder that the events were
+      simulated from.
+    - `flow` (H, W, 2) float32, px, and `flow_valid` (H, W): from `flow_us[0]` to `flow_us[1]`, the
+      interval of the ground truth with the window's center.
+    - `depth` (H, W), m, and `pose` (4, 4), T_world_cam: at the time of the truth that is nearest to
+      the window's end, `truth_us`; with `pose` also the camera matrix `K` (3, 3).
+
+    Parameters
+    ----------
+    folder
+        Folder of DSEC files from `eres simulate`, with `--truth` for flow, depth and poses, and of
+        the rendered clips for frames, at any depth. Warm-up before a clip's window is left out.
+    window_us
+        Length of the windows, microseconds. They follow one another without a gap.
+    window_events
+        Number of events of a window, instead of a length. Without either, a window is an interval
+        of the ground truth: its flow is then exactly that of the window.
+    targets
+        Which of frame, flow, depth and pose to return; None for all that there are, which must then
+        be the same for every recording.
+    transform
+        Function from `Events` to an array, such as
+        `functools.partial(sensor.representations.voxel_grid, bins=5)`. To use it in processes
+        that are spawned, it must be picklable.
+
+    Raises
+    ------
+    TaskError
+        A recording is incomplete or lacks a target, or no window fits into any.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        *,
+        window_us: int | None = None,
+        window_events: int | None = None,
+        targets: Sequence[str] | None = None,
+        transform: Callable[[Events], NDArray[Any]] | None = None,
+    ) -> None:
+        if window_us is not None and window_events is not None:
+            raise TaskError("found window_us and window_events, expected at most one of them")
+        for name, value in (("window_us", window_us), ("window_events", window_events)):
+            if value is not None and (not isinstance(value, int) or value < 1):
+                raise TaskError(f"{name}: found {value!r}, expected a whole number of at least 1")
+        self.recordings = find_recordings(Path(folder))
+        self.targets = _checked_targets(self.recordings, targets)
+        self.window_us = window_us
+        self.window_events = window_events
+        self.transform = transform
+        if window_us is None and window_events is None:
+            _check_present(self.recordings, "flow", "give window_us or window_events, or add it")
+        self._ends = list(accumulate(self._count(one) for one in self.recordings))
+        if self._ends[-1] == 0:
+            raise TaskError(f"{folder}: found no window of that length in any recording")
+
+    def __len__(self) -> int:
+        return self._ends[-1]
+
+    def __getitem__(self, k: int) -> Item:
+        if not -len(self) <= k < len(self):
+            raise IndexError(f"window {k} of {len(self)}")
+        k %= len(self)
+        number = bisect_right(self._ends, k)
+        recording = self.recordings[number]
+        reader = _reader(recording.path)
+        events, window_us = self._window(
+            recording, reader, k - (self._ends[number - 1] if number else 0)
+        )
+        columns = events.columns._asdict()
+        item: Item = columns if self.transform is None else {"events": self.transform(events)}
+        item["window_us"] = np.array(window_us)
+        item["recording"] = np.array(number)
+        if "frame" in self.targets:
+            item |= _frame(recording, events, window_us[1])
+        with named_errors(recording.path):
+            return item | _truth(reader.file, recording, self.targets, window_us)
+
+    def _count(self, recording: Recording) -> int:
+        if self.window_us is not None:
+            start_us, end_us = recording.window_us
+            return (end_us - start_us) // self.window_us
+        if self.window_events is not None:
+            first, stop = recording.window_events
+            return (stop - first) // self.window_events
+        return len(recording.truth_us) - 1
+
+    def _window(
+        self, recording: Recording, reader: DsecReader, k: int
+    ) -> tuple[Events, tuple[int, int]]:
+        """Return the events and the times of a recording's window k."""
+        if self.window_events is not None:
+            first = recording.window_events[0] + k * self.window_events
+            events = reader.part(first, first + self.window_events)
+            return events, (int(events.t_us[0]), int(events.t_us[-1]) + 1)
+        if self.window_us is not None:
+            start_us = recording.window_us[0] + k * self.window_us
+            window_us = start_us, start_us + self.window_us
+        else:
+            window_us = recording.truth_us[k], recording.truth_us[k + 1]
+        return reader.between(*window_us), window_us
+
+
+def _checked_targets(
+    recordings: Sequence[Recording], targets: Sequence[str] | None
+) -> tuple[str, ...]:
+    unknown = [name for name in targets or () if name not in TARGETS]
+    if unknown:
+        raise TaskError(f"targets: found {unknown[0]!r}, expected some of {', '.join(TARGETS)}")
+    if targets is None:
+        targets = [name for name in TARGETS if any(name in one.targets for one in recordings)]
+    for name in targets:
+        _check_present(recordings, name, "add it, or name the targets that you want")
+    return tuple(targets)
+
+
+def _check_present(recordings: Sequence[Recording], target: str, advice: str) -> None:
+    for one in recordings:
+        if target not in one.targets:
+            place = "the rendered clip in the folder" if target == "frame" else "`--truth`"
+            raise TaskError(f"{one.path}: found no {target}, which is from {place}; {advice}")
+
+
+@lru_cache(maxsize=_MOST_OPEN)
+def _reader(path: Path) -> DsecReader:
+    return DsecReader(path)
+
+
+# HDF5 would go on with the files that it had open before the fork, and share their descriptors.
+os.register_at_fork(after_in_child=_reader.cache_clear)
+
+
+@lru_cache(maxsize=_MOST_OPEN)
+def _clip(folder: Path) -> RadianceSequence:
+    return open_sequence(folder)
+
+
+def _frame(recording: Recording, events: Events, t_us: int) -> Item:
+    """Return the frame nearest to a time, as the sensor sees it."""
+    assert recording.clip is not None
+    clip = _clip(recording.clip)
+    origin = _reader(recording.path).header.origin
+    times_us = clip.t_offset_us + np.round(1e6 * clip.t_s / float(origin["speed"])).astype(int)
+    k = nearest(times_us, t_us)
+    rows, columns = crop_to_aspect(clip.height, clip.width, events.height, events.width)
+    seen = integrate(clip.frame(k)[rows, columns], events.height, events.width)
+    assert seen is not None  # frames are checked as they are read
+    return {"frame": seen.astype(np.float32), "frame_us": np.array(times_us[k])}
+
+
+def _truth(
+    file: Any, recording: Recording, targets: Sequence[str], window_us: tuple[int, int]
+) -> Item:
+    """Read the ground truth of a window."""
+    wanted = [name for name in TRUTH if name in targets]
+    if not wanted:
+        return {}
+    truth, times_us = file["truth"], np.array(recording.truth_us)
+    item: Item = {}
+    if "flow" in wanted:
+        center_us = sum(window_us) // 2
+        k = int(np.clip(np.searchsorted(times_us, center_us, "right") - 1, 0, len(times_us) - 2))
+        item |= {"flow": truth["flow"][k], "flow_valid": truth["flow_valid"][k]}
+        item["flow_us"] = times_us[k : k + 2]
+    k = nearest(times_us, window_us[1])
+    for name in wanted:
+        if name != "flow":
+            item |= {name: truth[TRUTH[name]][k], "truth_us": np.array(times_us[k])}
+    if "pose" in wanted:
+        item["K"] = truth["K"][:]
+    return item

@@ -1,0 +1,155 @@
+"""The recordings in a folder: event files, and the rendered clips that they were simulated from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eres_render import open_sequence
+from sensor.formats import FORMATS, read_header
+from sensor.formats.dsec_reader import DsecReader, named_errors
+from tasks.errors import TaskError
+
+TRUTH = {"flow": "flow", "depth": "depth", "pose": "T_world_cam"}
+"""Datasets in the group `truth` of a file, by the name of the target."""
+TARGETS = ("frame", *TRUTH)
+
+_DSEC = FORMATS["dsec"].suffixes
+_ORIGIN = ("scene", "clip", "frames_width", "frames_height")
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """An event file and what is known with it; without open files.
+
+    Parameters
+    ----------
+    path
+        DSEC file.
+    window_us
+        Start and end of the part to use, microseconds on the clock of the events: the window of the
+        clip, or the whole file.
+    window_events
+        Numbers of the first event of the window and of the one after it.
+    truth_us
+        Times of the ground truth; empty without.
+    clip
+        Folder of the frames; None without.
+    targets
+        Names of the targets that there are.
+    """
+
+    path: Path
+    window_us: tuple[int, int]
+    window_events: tuple[int, int]
+    truth_us: tuple[int, ...]
+    clip: Path | None
+    targets: tuple[str, ...]
+
+
+def find_recordings(folder: Path) -> list[Recording]:
+    """Find the recordings in a folder and in those below it, by path.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    The recordings, at least one.
+
+    Raises
+    ------
+    TaskError
+        There is none; or one is incomplete: an event file is unfinished or of a format that has no
+        windows, a clip has no event file, or two clips are the same.
+    EventFormatError, SequenceError
+        A file or a clip is damaged or unfinished.
+    """
+    folder = Path(folder)
+    clips = _find_clips(folder)
+    found, used = [], set()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        if path.suffix == ".unfinished":
+            raise TaskError(f"{path}: found an unfinished file; delete it, or make its file again")
+        if path.suffix.lower() in _DSEC:
+            recording = _open(path, clips)
+            found.append(recording)
+            used.add(recording.clip)
+        elif _is_of_another_format(path, clips):
+            raise TaskError(
+                f"{path}: found a format without windows, expected DSEC's: eres convert {path} "
+                f"{path.with_suffix('.h5')}"
+            )
+    if not found:
+        raise TaskError(f"{folder}: found no files of events, expected {' or '.join(_DSEC)}")
+    for clip in clips.values():
+        if clip not in used:
+            raise TaskError(
+                f"{clip}: found a clip without events, expected a file of them: eres simulate "
+                f"{clip} --out {clip}.h5"
+            )
+    return found
+
+
+def _is_of_another_format(path: Path, clips: dict[tuple[Any, ...], Path]) -> bool:
+    suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
+    return path.suffix.lower() in suffixes and not any(
+        clip in path.parents for clip in clips.values()
+    )
+
+
+def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
+    """Return the folders of rendered clips by scene, number and size, as in an origin."""
+    clips: dict[tuple[Any, ...], Path] = {}
+    for file in sorted(folder.rglob("manifest.json")):
+        clip = open_sequence(file.parent)  # raises what is missing
+        key = (clip.manifest.scene, clip.manifest.clip, clip.width, clip.height)
+        if key in clips:
+            raise TaskError(
+                f"{file.parent}: found clip {key[1]} of {key[0]}, which {clips[key]} is too; "
+                "expected one of them"
+            )
+        clips[key] = file.parent
+    return clips
+
+
+def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
+    reader = DsecReader(path)
+    origin = read_header(path).origin
+    if "window_start_us" in origin and "window_end_us" in origin:
+        window_us = int(origin["window_start_us"]), int(origin["window_end_us"])
+    else:
+        events = reader.part(0, 1), reader.part(len(reader) - 1, len(reader))
+        window_us = (int(events[0].t_us[0]), int(events[1].t_us[0]) + 1) if len(reader) else (0, 0)
+    with named_errors(path):
+        truth = reader.file.get("truth", {})
+        times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
+        targets = [name for name, place in TRUTH.items() if place in truth]
+    clip = clips.get(tuple(origin.get(name) for name in _ORIGIN))
+    if clip is not None:
+        targets.insert(0, "frame")
+    first, stop = (reader.index_at(t_us) for t_us in window_us)
+    reader.file.close()
+    return Recording(path, window_us, (first, stop), times, clip, tuple(targets))
+
+
+def nearest(times_us: np.ndarray, t_us: int) -> int:
+    """Return the index of the time that is nearest.
+
+    Parameters
+    ----------
+    times_us
+        (T,) times, sorted.
+    t_us
+        The time.
+
+    Returns
+    -------
+    The index.
+    """
+    return int(np.argmin(np.abs(times_us - t_us)))

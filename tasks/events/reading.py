@@ -1,0 +1,52 @@
+"""Options of `eres convert` and `eres info` for files that do not tell how to read them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sensor import Events
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """How to read a file that does not tell it.
+
+    Parameters
+    ----------
+    size
+        Width and height of the sensor, for a file that does not store them.
+    time_unit
+        Unit of the times of a text file: s, ms, us or ns. Needed if they are whole numbers and no
+        line of names tells.
+    sort
+        Sort the events by time, for text, AEDAT4, DAT and ES; all events are then in memory.
+    """
+
+    size: tuple[int, int] | None = None
+    time_unit: str | None = None
+    sort: bool = False
+
+    def parts(self, path: Path, format: str | None) -> Iterator[Events]:
+        """Read a file.
+
+        Parameters
+        ----------
+        path, format
+            As in `sensor.formats.read_events`.
+
+        Returns
+        -------
+        Its events in parts.
+        """
+        from sensor.formats import read_events
+
+        return read_events(
+            path, format=format, size=self.size, time_unit=self.time_unit, sort=self.sort
+        )
+
+
+AS_STORED = Reading()

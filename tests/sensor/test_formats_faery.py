@@ -1,0 +1,130 @@
+"""AEDAT4, DAT and Event Stream: files that faery writes come back, and damage is an error."""
+
+import random
+import sys
+
+import faery
+import numpy as np
+import pytest
+
+from event_streams import assert_same, make_events, random_events
+from sensor import EventFormatError
+from sensor.formats import faery_process, load_events, read_header, write_events
+
+KINDS = ("aedat4", "dat1", "dat2", "es", "atis")
+
+
+def packet_of(events):
+    packet = np.empty(len(events), faery.EVENTS_DTYPE)
+    packet["t"], packet["x"], packet["y"] = events.t_us, events.x, events.y
+    packet["on"] = events.p > 0
+    return packet
+
+
+def write(folder, kind, events):
+    """Write a file with faery; return its path."""
+    packet, size = packet_of(events), (events.width, events.height)
+    path = folder / f"a.{ {'dat1': 'dat', 'dat2': 'dat', 'atis': 'es'}.get(kind, kind) }"
+    if kind == "aedat4":
+        faery.events_stream_from_array(packet, size).to_file(path)
+    elif kind.startswith("dat"):
+        with faery.dat.Encoder(path, kind, "cd", False, size) as encoder:
+            columns = [("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("payload", "u1")]
+            encoder.write(packet.astype(columns))
+    else:
+        packet["y"] = size[1] - 1 - packet["y"]  # rows from the bottom
+        if kind == "atis":
+            columns = [("t", "<u8"), ("x", "<u2"), ("y", "<u2"), ("exposure", "?")]
+            both = np.empty(2 * len(packet), [*columns, ("polarity", "?")])
+            for name in ("t", "x", "y"):
+                both[name] = np.repeat(packet[name], 2)
+            both["exposure"], both["polarity"] = np.tile([True, False], len(packet)), False
+            both["polarity"][1::2] = packet["on"]
+            packet = both
+        with faery.es.Encoder(path, "atis" if kind == "atis" else "dvs", False, size) as encoder:
+            encoder.write(packet)
+    return path
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_files_of_faery(kind, tmp_path):
+    """Promise: time, place from the top left and polarity of every event, and the size."""
+    events = random_events(5000, width=300, height=200, mean_us=30)
+    path = write(tmp_path, kind, events)
+    assert_same(load_events(path), events)
+    assert (read_header(path).width, read_header(path).height) == (300, 200)
+    write_events(tmp_path / "a.h5", load_events(path))
+    assert_same(load_events(tmp_path / "a.h5"), events)
+
+
+@pytest.mark.parametrize("kind", ["aedat4", "es"])
+def test_damage_ends_no_process(kind, tmp_path):
+    """Promise: damaged files are an error or valid events, also where faery's decoder crashes."""
+    path = write(tmp_path, kind, random_events(200, width=300, height=200, mean_us=30))
+    data = path.read_bytes()
+    chance = random.Random(2)
+    outcomes = []
+    for k in range(4):
+        damaged = bytearray(data[: chance.randrange(len(data))] if k == 0 else data)
+        for _ in range(3):
+            damaged[chance.randrange(min(len(damaged), 60))] ^= 1 << chance.randrange(8)
+        path.write_bytes(damaged)
+        try:
+            found = load_events(path)
+        except EventFormatError as error:
+            outcomes.append(str(error).startswith(f"{path}: "))
+        else:
+            make_events(*found.columns, found.width, found.height)
+    assert outcomes
+    assert all(outcomes)
+
+
+def test_a_crash_of_the_decoder_is_an_error(tmp_path):
+    """Promise: where faery aborts its process, the error says so."""
+    path = write(tmp_path, "es", random_events(9))
+    path.write_bytes(b"Event Stream\x02\x00\x00\x01" + bytes(3))
+    code = "import os; os.abort()"
+    patched = tmp_path / "aborts.py"
+    patched.write_text(code)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(faery_process, "__file__", str(patched))
+        with pytest.raises(EventFormatError, match="its decoder ended; the file is damaged"):
+            load_events(path)
+
+
+def test_an_unknown_version_is_named(tmp_path):
+    """Promise: AEDAT 2 and 3.1 are refused by name."""
+    path = tmp_path / "a.aedat"
+    path.write_bytes(b"#!AER-DAT3.1\r\n#Format: RAW\r\n")
+    with pytest.raises(EventFormatError, match=r"a.aedat: found AEDAT 3.1, expected AEDAT 4.0"):
+        load_events(path)
+
+
+def test_without_faery_the_error_says_what_to_install(tmp_path, monkeypatch):
+    """Promise: the error names the command."""
+    path = write(tmp_path, "es", random_events(9))
+    monkeypatch.setitem(sys.modules, "faery", None)
+    with pytest.raises(EventFormatError, match=r"pip install 'eres-events\[formats\]'"):
+        load_events(path)
+
+
+BACKWARDS = """import sys, struct
+out = sys.stdout.buffer
+out.write(b'{"size": [9, 9], "others": []}\\n')
+for t in (7, 5):
+    out.write(struct.pack("<qQHHB", 1, t, t - 4, 2, t == 7))
+out.write(struct.pack("<q", -1))
+"""
+
+
+def test_packets_out_of_order(tmp_path):
+    """Promise: packets that run backwards are refused, or sorted on request."""
+    path = write(tmp_path, "aedat4", random_events(9))
+    decoder = tmp_path / "decoder.py"
+    decoder.write_text(BACKWARDS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(faery_process, "__file__", str(decoder))
+        with pytest.raises(EventFormatError, match="event 1: is earlier than the one before it"):
+            load_events(path)
+        found = load_events(path, sort=True)
+    assert_same(found, make_events([5, 7], [1, 3], [2, 2], [0, 1], 9, 9))

@@ -1,0 +1,259 @@
+"""`EventDataset`: windows with their frames and truth, in any process."""
+
+import functools
+import multiprocessing
+import os
+import pickle
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eres_render import SequenceError, ground_truth, load_scene, open_sequence, render_scene
+from event_streams import assert_same, make_events, random_events
+from light_scenes import small_carpet_folder
+from sensor import SensorModel
+from sensor.formats import load_events, read_header, write_events
+from sensor.formats.dsec_reader import DsecReader
+from sensor.optics import integrate
+from sensor.representations import voxel_grid
+from tasks.datasets import EventDataset
+from tasks.errors import TaskError
+from tasks.events.simulation import simulate_sequence
+
+GRID = functools.partial(voxel_grid, bins=3)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two rendered clips of 32 x 32 px, and their events at 16 x 16 px with truth."""
+    folder = tmp_path_factory.mktemp("data")
+    scene = load_scene(small_carpet_folder(tmp_path_factory.mktemp("scene") / "carpet"))
+    clips = render_scene(
+        scene, folder / "clips", resolution=32, spp=1, max_displacement_px=1.0, samples=2
+    )
+    for k, clip in enumerate(clips):
+        model = SensorModel(width=16, height=16, dark_level=1e-3 * clip.white_level)
+        simulate_sequence(clip, model, folder / f"{k}.h5", speed=2.0, truth_step_s=0.02)
+    return folder
+
+
+def test_any_window_of_a_file(tmp_path):
+    """Promise: `DsecReader.between` equals `Events.between`, before, in and after the file."""
+    events = random_events(3000, mean_us=7, start_us=5_000)
+    for offset_us in (0, 4_000):
+        path = tmp_path / f"{offset_us}.h5"
+        write_events(path, events, t_offset_us=offset_us)
+        reader = DsecReader(path)
+        edges = [-5, 0, 4_999, 5_000, 9_000, 9_001, 12_345, events.t_us[-1], 10**7, 10**9]
+        for first in edges:
+            for last in [*edges, first + 1000]:
+                assert_same(reader.between(first, last), events.between(first, max(first, last)))
+    empty = tmp_path / "empty.h5"
+    write_events(empty, events[:0])
+    assert len(DsecReader(empty).between(-9, 9)) == 0
+
+
+def test_windows_of_the_truth(folder):
+    """Promise: without a length, windows are the truth's intervals, with all that there is."""
+    dataset = EventDataset(folder)
+    assert dataset.targets == ("frame", "flow", "depth", "pose")
+    assert len(dataset) == 2 * 3
+    for k in (0, 2, 3, -1):
+        item = dataset[k]
+        recording = dataset.recordings[int(item["recording"])]
+        step = k % len(dataset) - 3 * int(item["recording"])
+        assert recording.path == folder / f"{item['recording']}.h5"
+        start_us, end_us = recording.truth_us[step : step + 2]
+        assert item["window_us"].tolist() == item["flow_us"].tolist() == [start_us, end_us]
+        expected = load_events(recording.path).between(start_us, end_us)
+        assert len(expected) > 10
+        for name in ("t_us", "x", "y", "p"):
+            np.testing.assert_array_equal(item[name], getattr(expected, name))
+        sequence = open_sequence(recording.clip)
+        truth, end_s = ground_truth(sequence), end_us * 2e-6
+        assert int(item["truth_us"]) == end_us
+        np.testing.assert_allclose(item["depth"], truth.depth(end_s, 16), rtol=1e-3)
+        np.testing.assert_allclose(item["pose"], truth.trajectory.pose(end_s), atol=1e-5)
+        flow = truth.flow(start_us * 2e-6, end_s, 16)
+        np.testing.assert_allclose(item["flow"], flow.flow_px, atol=1e-3)
+        nearest = np.argmin(np.abs(sequence.t_s - end_s))
+        seen = integrate(sequence.frame(nearest), 16, 16)
+        np.testing.assert_array_equal(item["frame"], seen.astype(np.float32))
+        assert int(item["frame_us"]) == round(sequence.t_s[nearest] / 2 * 1e6)
+    with pytest.raises(IndexError):
+        dataset[len(dataset)]
+
+
+@pytest.mark.parametrize("length", [{"window_us": 7_000}, {"window_events": 40}])
+def test_windows_by_time_and_by_count(folder, length):
+    """Promise: windows follow one another, in the clip's window, and leave out less than one."""
+    dataset = EventDataset(folder, targets=["flow"], **length)
+    for number in (0, 1):
+        items = [dataset[k] for k in range(len(dataset)) if dataset[k]["recording"] == number]
+        path = dataset.recordings[number].path
+        origin = read_header(path).origin
+        events = load_events(path).between(origin["window_start_us"], origin["window_end_us"])
+        t_us = np.concatenate([item["t_us"] for item in items])
+        np.testing.assert_array_equal(t_us, events.t_us[: len(t_us)])
+        rest = events[len(t_us) :]
+        if "window_events" in length:
+            assert {len(item["t_us"]) for item in items} == {40}
+            assert len(rest) < 40
+        else:
+            assert {int(np.ptp(item["window_us"])) for item in items} == {7_000}
+            assert items[0]["window_us"][0] == origin["window_start_us"]
+            assert 0 <= origin["window_end_us"] - items[-1]["window_us"][1] < 7_000
+        for item in items:
+            assert item["flow_us"][0] <= item["window_us"].mean() <= item["flow_us"][1]
+            assert set(item) >= {"flow", "flow_valid"}
+            assert "depth" not in item
+
+
+def test_a_transform_makes_arrays(folder):
+    """Promise: the transform gets the window's events; batches of its arrays can be stacked."""
+    plain, grids = (
+        EventDataset(folder, targets=()),
+        EventDataset(folder, targets=(), transform=GRID),
+    )
+    for a, b in zip(
+        map(plain.__getitem__, range(len(plain))), map(grids.__getitem__, range(9)), strict=False
+    ):
+        events = make_events(*(a[name] for name in ("t_us", "x", "y", "p")), 16, 16)
+        np.testing.assert_array_equal(b["events"], GRID(events))
+        assert set(b) == {"events", "window_us", "recording"}
+
+
+def open_files():
+    found = []
+    for descriptor in Path("/proc/self/fd").iterdir():
+        try:
+            found.append(os.readlink(descriptor))
+        except OSError:  # the one that listed them
+            continue
+    return [name for name in found if name.endswith(".h5")]
+
+
+def read_in_worker(dataset):
+    """Return the files open at the start, and all grids."""
+    return open_files(), [dataset[k]["events"] for k in range(len(dataset))]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs fork and /proc")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # fork with numba's threads
+def test_forked_processes_open_their_own_files(folder):
+    """Promise: workers read the same though the parent read before, and inherit no open file."""
+    dataset = EventDataset(folder, transform=GRID)
+    expected = [dataset[k]["events"] for k in range(len(dataset))]
+    assert len(open_files()) >= 2
+    with multiprocessing.get_context("fork").Pool(2, maxtasksperchild=1) as pool:
+        for inherited, found in pool.map(read_in_worker, [dataset] * 3, chunksize=1):
+            assert inherited == []
+            np.testing.assert_array_equal(found, expected)
+
+
+def test_it_can_be_pickled_after_use(folder):
+    """Promise: a dataset is small and has no open file, also after it was read."""
+    dataset = EventDataset(folder, transform=GRID)
+    expected = dataset[1]["events"]
+    data = pickle.dumps(dataset)
+    assert len(data) < 5000
+    np.testing.assert_array_equal(pickle.loads(data)[1]["events"], expected)
+
+
+def test_torchs_data_loader(folder):
+    """Promise: torch's DataLoader with workers gives the same batches as none."""
+    torch = pytest.importorskip("torch")
+    dataset = EventDataset(folder, transform=GRID)
+    for workers in (0, 2):
+        loader = torch.utils.data.DataLoader(dataset, batch_size=3, num_workers=workers)
+        batches = list(loader)
+        assert len(batches) == 2
+        for k, batch in enumerate(batches):
+            items = [dataset[3 * k + i] for i in range(3)]
+            assert set(batch) == set(items[0])
+            for name, value in batch.items():
+                np.testing.assert_array_equal(value.numpy(), [item[name] for item in items])
+
+
+def copied(folder, tmp_path):
+    return Path(shutil.copytree(folder, tmp_path / "data"))
+
+
+def no_events(folder):
+    (folder / "1.h5").unlink()
+
+
+def no_clip(folder):
+    shutil.rmtree(folder / "clips" / "clip_001")
+
+
+def no_frame(folder):
+    sorted((folder / "clips" / "clip_001").rglob("*.exr"))[3].unlink()
+
+
+def no_truth(folder):
+    header = read_header(folder / "1.h5")
+    write_events(folder / "2.h5", load_events(folder / "1.h5"), origin=header.origin)
+    (folder / "1.h5").unlink()
+
+
+def unfinished(folder):
+    (folder / ".2.h5.77.unfinished").write_bytes(b"")
+
+
+def cut(folder):
+    data = (folder / "1.h5").read_bytes()
+    (folder / "1.h5").write_bytes(data[: len(data) // 2])
+
+
+def raw(folder):
+    write_events(folder / "2.raw", load_events(folder / "1.h5"))
+
+
+def twice(folder):
+    shutil.copytree(folder / "clips" / "clip_001", folder / "again")
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (no_events, r"clip_001: found a clip without events, expected .*: eres simulate"),
+        (no_clip, r"1.h5: found no frame, which is from the rendered clip"),
+        (no_frame, r"missing"),
+        (no_truth, r"2.h5: found no flow, which is from `--truth`"),
+        (unfinished, r"unfinished: found an unfinished file"),
+        (cut, r"1.h5: not a complete HDF5 file"),
+        (raw, r"2.raw: found a format without windows, .*: eres convert .*2.raw .*2.h5"),
+        (twice, r"clip_001: found clip 1 of .*again is too"),
+    ],
+)
+def test_half_a_recording_is_named(folder, tmp_path, damage, said):
+    """Promise: nothing incomplete is skipped in silence; the error says which file."""
+    copy = copied(folder, tmp_path)
+    damage(copy)
+    with pytest.raises((TaskError, SequenceError, ValueError), match=said):
+        EventDataset(copy)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"window_us": 0}, "window_us: found 0"),
+        ({"window_us": 5, "window_events": 5}, "found window_us and window_events"),
+        ({"window_us": 10**9}, "found no window of that length"),
+        ({"targets": ["flwo"]}, "found 'flwo', expected some of frame, flow, depth, pose"),
+    ],
+)
+def test_arguments_are_checked(folder, arguments, said):
+    """Promise: errors name the argument."""
+    with pytest.raises(TaskError, match=said):
+        EventDataset(folder, **arguments)
+
+
+def test_an_empty_folder_is_an_error(tmp_path):
+    """Promise: a folder without events is named."""
+    with pytest.raises(TaskError, match=r"found no files of events, expected \.h5"):
+        EventDataset(tmp_path)
