@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.errors import TrajectoryError
 from eres_render.rendering.raycast import RayCaster
-from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
 
@@ -17,7 +18,8 @@ _RAYS_AT_ONCE = 1 << 18
 
 
 def check_clearance(
-    trajectory: Trajectory,
+    place: Callable[[Float64], Float64],
+    length_m: float,
     duration_s: float,
     caster: RayCaster,
     min_clearance_m: float,
@@ -31,8 +33,10 @@ def check_clearance(
 
     Parameters
     ----------
-    trajectory
-        The path.
+    place
+        Returns the positions of the camera, (N, 3) m, at (N,) times in seconds.
+    length_m
+        Length of its path.
     duration_s
         How much of it to check, s.
     caster
@@ -47,10 +51,9 @@ def check_clearance(
     TrajectoryError
         The text names the first bad time and the shape.
     """
-    length_m = trajectory.mean_speed_mps(duration_s) * duration_s
     count = int(np.clip(2 * length_m / min_clearance_m, _FEWEST_PLACES, _MOST_PLACES)) + 1
     t_s = np.linspace(0.0, duration_s, count)
-    places = trajectory.pose(t_s)[:, :3, 3]
+    places = place(t_s)
     steps = np.diff(places, axis=0, append=places[-1:])
     directions = _sphere(_DIRECTIONS)
     places_at_once = _RAYS_AT_ONCE // _DIRECTIONS
