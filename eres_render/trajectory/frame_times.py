@@ -168,8 +168,9 @@ def object_image_motion(
             low, high = np.clip(seen.min(0), 0, size), np.clip(seen.max(0), 0, size)
         if not np.all(high > low):
             return np.empty((0, 3))
-        grid = np.stack(np.meshgrid(*np.linspace(low, high, grid_points).T), axis=-1).reshape(-1, 2)
-        T_object_cam = np.linalg.inv(T)
+        x, y = np.meshgrid(*np.linspace(low, high, grid_points).T)
+        grid = np.column_stack([x.ravel(), y.ravel()])
+        T_object_cam = np.linalg.inv(pose(t_s)) @ trajectory.pose(t_s)
         rays = camera.rays(grid) @ T_object_cam[:3, :3].T
         reach = distance(T_object_cam[:3, 3], rays)
         met = np.isfinite(reach)

@@ -1,61 +1,28 @@
 """Moving objects: what scene.toml says, frames, frame times and ground truth."""
 
-from pathlib import Path
-
+import cv2
 import numpy as np
+import OpenEXR
 import pytest
-from scipy.spatial.transform import Rotation
 
 from another_process import run_python
-from eres_render import Renderer, RenderError, SceneError, TrajectoryError, load_scene
+from eres_render import (
+    GroundTruth,
+    Renderer,
+    RenderError,
+    SceneError,
+    TrajectoryError,
+    ground_truth,
+    load_scene,
+    open_sequence,
+    render_scene,
+    write_truth,
+)
 from eres_render.camera import Camera
+from eres_render.sequence.ground_truth import surfaces
 from eres_render.trajectory.frame_times import adaptive_times, object_image_motion
-from eres_render.trajectory.tum import tum_text
-
-DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # a camera that looks down at the floor
-SETTINGS = """title = "A ball above a floor"
-license = "MIT"
-length_unit = "m"
-radiance_unit = "W m^-2 sr^-1"
-camera = {{ fov_deg = 60.0 }}
-path = {{ kind = "tum", file = "camera.txt", min_clearance_m = 0.1 }}
-
-{objects}
-"""
-BALL = """
-[objects.ball]
-shapes = ["ball"]
-trajectory = "ball.txt"
-"""
-GLOW = '<emitter type="area"><rgb name="radiance" value="{}"/></emitter>'
-BLACK = '<bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>'
-FLOOR = f"""<shape type="rectangle" id="floor">
-  <transform name="to_world"><scale value="4"/></transform>{BLACK}{GLOW.format(0.2)}</shape>"""
-SPHERE = f"""<shape type="sphere" id="ball">
-  <point name="center" value="0 0 1"/><float name="radius" value="0.3"/>
-  {BLACK}{GLOW.format(1)}</shape>"""
-
-
-def moved(x=0.0, y=0.0, z=0.0, turn_z_rad=0.0):
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec([0, 0, turn_z_rad]).as_matrix()
-    T[:3, 3] = x, y, z
-    return T
-
-
-def write_path(file: Path, t_s, *poses) -> None:
-    file.write_text(tum_text(np.array(t_s, float), np.array(poses)))
-
-
-def folder_of(folder: Path, *parts: str, objects: str = BALL) -> Path:
-    """Write a scene that a camera at rest sees from 3 m above; the ball moves by 0.4 m a second."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{"".join(parts)}</scene>')
-    (folder / "scene.toml").write_text(SETTINGS.format(objects=objects))
-    above = moved(z=3.0) @ DOWN
-    write_path(folder / "camera.txt", (0.0, 1.0), above, above)
-    write_path(folder / "ball.txt", (-0.5, 1.5), moved(-0.4), moved(0.4))
-    return folder
+from eres_render.trajectory.tum import read_tum
+from moving_objects import BALL, BLACK, DOWN, FLOOR, GLOW, SPHERE, folder_of, moved, write_path
 
 
 @pytest.fixture
@@ -228,3 +195,129 @@ def test_an_object_that_flies_through_the_view_is_not_missed():
     crossing = t_s[abs(t_s - 0.5) < 0.0025]
     assert len(crossing) == pytest.approx(100 / 10, abs=2)
     assert len(t_s) < 20
+
+
+def truth_of(scene, width=96):
+    distance, bodies = surfaces(scene, scene.objects(0, scene.duration_s))
+    return GroundTruth(scene.trajectory(), scene.camera(width), distance, scene.plane, bodies)
+
+
+def test_masks_are_the_silhouette_of_a_sphere_and_of_a_square(tmp_path):
+    """Expected: a ray meets the ball if it passes its center within 0.3 m, the tile if it meets its
+    plane inside the turned square, which hides the ball where both are met."""
+    objects = BALL + BALL.replace("ball", "tile")
+    tile = """<shape type="rectangle" id="tile">
+      <transform name="to_world"><scale value="0.2"/></transform></shape>"""
+    folder = folder_of(tmp_path / "two", FLOOR, SPHERE, tile, objects=objects)
+    write_path(folder / "tile.txt", (0.0, 1.0), moved(z=2.0), moved(0.3, 0.1, 2.0, 0.7))
+    truth, t_s = truth_of(load_scene(folder)), 0.8
+    camera = truth.camera(96)
+    origin = np.array([0, 0, 3.0])
+    rays = camera.rays(camera.centers()) * (1, -1, -1)
+    x = 0.8 * (t_s + 0.5) / 2 - 0.4  # the ball, from x = -0.4 m at -0.5 s to 0.4 m at 1.5 s
+    along = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    to_center = np.array([x, 0, 1]) - origin
+    miss_m = np.linalg.norm(np.cross(along, to_center), axis=1)
+    at_tile = (origin + rays)[:, :2] - (0.3 * t_s, 0.1 * t_s)
+    turn = 0.7 * t_s
+    inside_m = abs(at_tile @ [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    on_tile = inside_m.max(axis=1) < 0.2
+    expected = np.where(on_tile, 2, np.where(miss_m < 0.3, 1, 0))
+    clear = (abs(miss_m - 0.3) > 1e-5) & (abs(inside_m.max(axis=1) - 0.2) > 1e-5)
+    found = truth.instances(t_s, 96).ravel()
+    assert [one.name for one in truth.objects] == ["ball", "tile"]
+    assert found.dtype == np.uint8
+    assert clear.mean() > 0.99
+    assert min(np.bincount(expected)) > 100
+    np.testing.assert_array_equal(found[clear], expected[clear])
+    np.testing.assert_allclose(truth.depth(t_s, 96).ravel()[found == 2], 1.0, rtol=1e-5)
+
+
+def test_dots_on_a_moving_object_move_as_the_flow_says(tmp_path):
+    """A dark tile with bright dots slides, climbs and turns below a camera that moves too: the
+    centroids of the dots in the frames move by the true flow, to 0.1 px."""
+    dots_m = np.array([[0.0, 0.0], [0.3, 0.1], [-0.25, 0.3], [-0.1, -0.35]])
+    dots = [
+        f"""<shape type="rectangle" id="dot_{k}"><transform name="to_world">
+          <scale value="0.015"/><translate x="{x}" y="{y}" z="0.0001"/></transform>
+          {BLACK}{GLOW.format(1)}</shape>"""
+        for k, (x, y) in enumerate(dots_m)
+    ]
+    tile = f"""<shape type="rectangle" id="ball">
+      <transform name="to_world"><scale value="0.5"/></transform>{BLACK}</shape>"""
+    shapes = ", ".join(f'"dot_{k}"' for k in range(4))
+    objects = BALL.replace('["ball"]', f'["ball", {shapes}]')
+    folder = folder_of(tmp_path / "dots", FLOOR, tile, *dots, objects=objects)
+    poses = moved(-0.1, z=1.0), moved(0.2, 0.1, 1.2, 0.5)
+    write_path(folder / "ball.txt", (0.0, 1.0), *poses)
+    write_path(
+        folder / "camera.txt",
+        (0.0, 1.0),
+        moved(z=3.0) @ DOWN,
+        moved(-0.2, z=2.9, turn_z_rad=0.1) @ DOWN,
+    )
+    scene = load_scene(folder)
+    renderer, truth = Renderer(scene, 256, 64), truth_of(scene)
+    t_0, t_1 = 0.4, 0.48
+    flow = truth.flow(t_0, t_1, 256)
+    y, x = np.mgrid[:256, :256] + 0.5
+    on_tile = truth.instances(t_0, 256) == 1
+
+    def centroids(t_s):
+        frame = renderer.frame(truth.pose(t_s), t_s=t_s)
+        (body,) = truth.objects
+        T = np.linalg.inv(truth.pose(t_s)) @ body.pose(t_s)
+        at = np.column_stack([dots_m, np.zeros(4)]) @ T[:3, :3].T + T[:3, 3]
+        for px, py in truth.camera(256).project(at):
+            near = np.where((abs(x - px) < 6) & (abs(y - py) < 6), frame, 0)
+            yield np.array([(near * x).sum(), (near * y).sum()]) / near.sum()
+
+    for a, b in zip(centroids(t_0), centroids(t_1), strict=True):
+        column, row = a.astype(int)
+        assert flow.valid[row, column]
+        assert on_tile[row, column]
+        np.testing.assert_allclose(b - a, flow.flow_px[row, column], atol=0.1)
+        assert np.linalg.norm(b - a) > 3
+    # The floor that the tile covers next is in view and hidden; nothing is both visible and hidden.
+    assert not np.any(flow.valid & flow.occluded)
+    assert 50 < np.sum(flow.occluded & ~on_tile) == np.sum(flow.occluded)
+
+
+def test_a_sequence_names_its_objects_and_truth_is_written(tmp_path, scene_folder):
+    """The clock of the object's poses is that of the camera's, which may start at any time."""
+    for name in ("camera", "ball"):
+        file = scene_folder / f"{name}.txt"
+        first, *lines = file.read_text().splitlines()
+        later = [f"{1e9 + float(t):.1f} {rest}" for t, rest in (one.split(" ", 1) for one in lines)]
+        file.write_text("\n".join([first, *later]) + "\n")
+    scene = load_scene(scene_folder)
+    (sequence,) = render_scene(
+        scene, tmp_path / "out", resolution=24, spp=1, continuous=True, duration_s=0.3
+    )
+    assert open_sequence(sequence.folder).manifest.objects == ("ball",)
+    truth = ground_truth(sequence)
+    np.testing.assert_allclose(truth.objects[0].pose(0.25)[:3, 3], [-0.1, 0, 0], atol=1e-9)
+    files = write_truth(truth, tmp_path / "truth", [0.0, 0.25], 32)
+    names = sorted(str(file.relative_to(tmp_path / "truth")) for file in files)
+    assert names == sorted(
+        ["camera.json", "poses.txt", "flow/000000.exr", "objects/001_ball.txt"]
+        + [
+            f"{kind}/00000{k}.{ext}"
+            for kind, ext in (("depth", "exr"), ("instances", "png"))
+            for k in (0, 1)
+        ]
+    )
+    mask = cv2.imread(str(tmp_path / "truth/instances/000001.png"), cv2.IMREAD_UNCHANGED)
+    assert mask.dtype == np.uint8
+    np.testing.assert_array_equal(mask, truth.instances(0.25, 32))
+    t_s, poses = read_tum(tmp_path / "truth/objects/001_ball.txt", 10**15)
+    np.testing.assert_array_equal(t_s, [0.0, 0.25])
+    np.testing.assert_allclose(poses[1], truth.objects[0].pose(0.25), atol=1e-12)
+    with OpenEXR.File(str(tmp_path / "truth/flow/000000.exr")) as file:
+        found = file.channels()["occluded"].pixels
+    np.testing.assert_array_equal(found, truth.flow(0.0, 0.25, 32).occluded)
+    again = write_truth(truth, tmp_path / "truth", [0.0], 32, overwrite=True)
+    assert sorted(p for p in (tmp_path / "truth").rglob("*") if p.is_file()) == sorted(again)
+    write_path(scene_folder / "ball.txt", (1e9 - 1, 1e9 + 2), moved(), moved(0.1))
+    with pytest.raises(SceneError, match="has changed since"):
+        ground_truth(sequence)
