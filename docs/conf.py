@@ -1,19 +1,30 @@
 """Sphinx settings for the documentation site: `make docs`."""
 
 import importlib.metadata
+import io
 import os
 import re
+import textwrap
+from contextlib import redirect_stdout, suppress
+from unittest import mock
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.util.docutils import SphinxDirective
+
+from tasks.cli.main import command_names, main
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # makes kernels plain functions with signatures
+os.environ |= {"COLUMNS": "84", "NO_COLOR": "1"}  # of the terminal that shows the commands' help
 
 project = "eres"
 release = importlib.metadata.version("eres-events")
 html_title = f"eres {release}"
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+extensions = [
+    *("myst_parser", "sphinx_copybutton"),
+    *("sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"),
+]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 
@@ -21,7 +32,9 @@ default_role = "py:obj"  # `simulate` in a docstring is a name
 highlight_language = "text"
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "none"  # docstrings have types with shapes and units
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+python_use_unqualified_type_names = True
 napoleon_google_docstring = False
 napoleon_attr_annotations = False
 napoleon_use_rtype = False
@@ -78,9 +91,38 @@ def display_math(translator, node):
     raise nodes.SkipNode
 
 
+def shorten_arrays(app, what, name, obj, options, signature, returns):
+    """Write array types as the code does: NDArray[int64]."""
+    spelled_out = re.compile(
+        r"(?:numpy\.|~)*ndarray\[tuple\[(?:~?typing\.)?Any, \.\.\.\], "
+        r"(?:numpy\.|~)*dtype\[([^\[\]]*(?:\[[^\[\]]*\])?)\]\]"
+    )
+    return tuple(one and spelled_out.sub(r"NDArray[\1]", one) for one in (signature, returns))
+
+
+class CommandHelp(SphinxDirective):
+    """Print the help of every command, as a terminal shows it."""
+
+    def run(self):
+        sections = []
+        for name in command_names():
+            said = io.StringIO()
+            asked = mock.patch("sys.argv", ["eres", name, "--help"])
+            with asked, redirect_stdout(said), suppress(SystemExit):
+                main()
+            section = nodes.section(ids=[f"eres-{name}"], names=[f"eres-{name}"])
+            section += nodes.title("", f"eres {name}")
+            lines = [textwrap.fill(line, 84) for line in said.getvalue().splitlines()]
+            section += nodes.literal_block("", "\n".join(lines), language="text")
+            sections.append(section)
+        return sections
+
+
 def setup(app):
+    app.add_directive("command-help", CommandHelp)
     app.connect("doctree-resolved", link_names)
     app.connect("doctree-resolved", break_names)
     app.connect("autodoc-process-docstring", keep_bars)
+    app.connect("autodoc-process-signature", shorten_arrays)
     # Browsers show MathML without help, so pages load nothing from elsewhere.
     app.add_html_math_renderer("mathml", (inline_math, None), (display_math, None))

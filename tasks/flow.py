@@ -365,12 +365,14 @@ def flow_sample(
     (left, top), (right, bottom) = area
     inside = (window.x >= left) & (window.x < right) & (window.y >= top) & (window.y < bottom)
     window = window.where(inside)
+    pixel = (window.y.astype(np.int64) - top) * (right - left) + (window.x - left)
+    small = np.min_scalar_type((right - left) * (bottom - top))  # numpy sorts 16 bits fastest
     t = (window.t_us - start_us) / (end_us - start_us)
     return FlowSample(
         window.x.astype(np.float64) + 0.5,
         window.y.astype(np.float64) + 0.5,
         t,
-        times_before(window.y.astype(np.int64) * events.width + window.x, t),
+        times_before(pixel.astype(small), t),
         window.p,
         log_image,
         contrast_threshold,
@@ -381,7 +383,7 @@ def flow_sample(
     )
 
 
-def times_before(pixel: NDArray[np.int64], t: NDArray[np.float64]) -> NDArray[np.float64]:
+def times_before(pixel: NDArray[np.integer], t: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the time of the previous event at each event's pixel.
 
     Parameters

@@ -20,7 +20,7 @@ _SCORED_EVERY_S = 1e-4
 _SUCCESS_SHARE = 0.5
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, weakref_slot=True)
 class TrackingSample:
     """What a tracking method may use.
 

@@ -23,11 +23,13 @@ from sensor.engine.frames import (
     checked_times,
     warn_of_long_intervals,
     warn_of_whole_numbers,
+    whole_microseconds,
 )
 from sensor.engine.group import SensorGroup
+from sensor.engine.sorting import room_for_events
 from sensor.engine.workers import Workers
 from sensor.errors import SensorError
-from sensor.events import Events, concatenate
+from sensor.events import Columns, Events
 from sensor.kernels.packing import MAX_INTERVAL_US
 from sensor.model import SensorModel
 
@@ -35,6 +37,11 @@ DARK_FRACTION = 1e-3  # default dark level, share of the white level
 _SAMPLE_PX = 1 << 14  # of a frame, for a first estimate of the white level
 _SAMPLE_SHARE = 0.995
 _CHUNK_FRAMES = 12
+# Room for events in `collect`: times the number that is expected, but at most so many times the
+# number so far, or so many.
+_RESERVE = 1.1
+_MOST_GROWTH = 4
+_FEW_EVENTS = 1 << 25
 _CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk; limits memory for events
 
 
@@ -130,7 +137,46 @@ def white_level(frame: NDArray[np.floating]) -> float:
 
 def collect(bank: Bank) -> list[Events]:
     """Run a bank and return the events of each model."""
-    parts: list[list[Events]] = [[] for _ in bank.models]
+    ends_us = [whole_microseconds(bank.t_s[[0, -1]] / speed)[0] for speed in bank.speeds]
+    joined = [_Joined(*map(int, end_us)) for end_us in ends_us]
     for i, events in bank.run():
-        parts[i].append(events)
-    return [concatenate(part) for part in parts]
+        joined[i].append(events)
+    return [each.events for each in joined]
+
+
+class _Joined:
+    """Consecutive parts of a stream in one array for each column.
+
+    The arrays grow to the size that the events so far predict for the whole stream, so that few
+    events are copied twice. New memory beyond the last event is never touched.
+
+    Parameters
+    ----------
+    start_us, end_us
+        Time of the first and the last frame, us.
+    """
+
+    def __init__(self, start_us: int, end_us: int) -> None:
+        self._start_us = start_us
+        self._span_us = end_us - start_us
+        self._room = Columns.room(0)
+        self._used = 0
+        self.events: Events
+
+    def append(self, part: Events) -> None:
+        """Copy the next part of the stream to the end."""
+        used, self._used = self._used, self._used + len(part)
+        if self._used > len(self._room.t_us):
+            passed_us = max(1, int(part.t_us[-1]) - self._start_us)
+            expected = int(_RESERVE * self._used * self._span_us / passed_us)
+            most = max(_MOST_GROWTH * self._used, _FEW_EVENTS)  # the prediction can be far off
+            size = max(self._used, min(expected, most))
+            old, self._room = self._room, room_for_events(size)
+            _copy(old.part(slice(used)), self._room.part(slice(used)))
+        _copy(part.columns, self._room.part(slice(used, self._used)))
+        self.events = Events.trusted(*self._room.part(slice(self._used)), like=part)
+
+
+def _copy(source: Columns, out: Columns) -> None:
+    for k in range(len(source)):
+        out[k][:] = source[k]

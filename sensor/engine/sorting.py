@@ -63,7 +63,7 @@ class UnsortedEvents:
         """
         counts = self.counts[part.start : part.stop]
         stops = len(held) + np.cumsum(counts)
-        columns = _columns(int(stops[-1]))
+        columns = room_for_events(int(stops[-1]))
         arrays: tuple[NDArray, ...] = columns
         for array, old in zip(arrays, held.columns, strict=True):
             array[: len(held)] = old
@@ -101,7 +101,7 @@ class UnsortedEvents:
             sort_by_time(both[0], both[1], end_us - start_us, start_us, columns)
 
 
-def _columns(size: int) -> Columns:
+def room_for_events(size: int) -> Columns:
     """Allocate columns for `size` events in one block."""
     block = MEMORY.array(13 * size, np.uint8)
     t_us, x, y, p = np.split(block, (8 * size, 10 * size, 12 * size))

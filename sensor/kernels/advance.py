@@ -225,7 +225,7 @@ def ideal_interval(f, pixels, light, interval, leaked, alike, block, used):
     kind = radiance.dtype.type
     fade = exp(-leaked - interval.drift)
     flag_ideal(radiance, kind(light.dark), kind(fade), block.light_band, block.flag)
-    flagged = list_flagged(block.flag, radiance.size, block.flagged)
+    flagged = block.flagged[: list_flagged(block.flag, radiance.size, block.flagged)]
     u0, u1 = block.lines[0, : flagged.size], block.lines[1, : flagged.size]
     if f == 0:
         for k in range(flagged.size):
@@ -265,7 +265,7 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
     if light_a > 0.0:
         poles_to_end_in_own_light(n, response, light_a, interval.dt_s, block.x, block.e)
         flag_filtered(n, response, block.x, block.e, interval.drift, block.comparators, block.flag)
-        flagged = list_flagged(block.flag, n, block.flagged)
+        flagged = block.flagged[: list_flagged(block.flag, n, block.flagged)]
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = block.x[flagged[k]]
     else:
@@ -276,7 +276,7 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
             flag_filtered(
                 n, response, step.x, step.e, interval.drift, block.comparators, block.flag
             )
-        flagged = list_flagged(block.flag, n, block.flagged)
+        flagged = block.flagged[: list_flagged(block.flag, n, block.flagged)]
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = step.x
     return events_of_curves(flagged, response, interval, block.comparators, block.work, used)
@@ -322,8 +322,7 @@ def advance_pixels(light, band, state, settings, clock, block, resume, segment):
             if not log_intensity(light.radiance[f, pixels], light.dark, block.u[f + 1, :n]):
                 return BAD, Resume(b, 0, 0)
         for s in range(resume.setting if b == resume.block else 0, settings.leader.size):
-            members = np.flatnonzero(settings.leader == s)
-            if members.size == 0:
+            if settings.leader[s] != s:
                 continue
             used_before = used
             leaked = 0.0  # fall of the memory since `set_light_band`
@@ -340,7 +339,8 @@ def advance_pixels(light, band, state, settings, clock, block, resume, segment):
                     segment[b, s, f, START] = begin
                 else:
                     alike = Alike(
-                        members,
+                        s,
+                        settings.leader,
                         clock.dt_s[:, f],
                         clock.start_us[:, f],
                         clock.length_us[:, f],

@@ -31,7 +31,7 @@ from sensor.kernels.crossings import (
     v2_and_slopes_at,
     v2_at,
 )
-from sensor.kernels.elementary import inlined, jit
+from sensor.kernels.elementary import allocating, inlined, jit
 from sensor.kernels.packing import FULL, POLARITY_SHIFT, START, STOP, pack
 from sensor.kernels.silence import light_bounds
 
@@ -69,7 +69,8 @@ class Lines(NamedTuple):
 class Alike(NamedTuple):
     """Settings with equal events except for the times, over one interval."""
 
-    members: NDArray[np.int64]  # indices of these settings
+    setting: int  # the first of these settings
+    leader: NDArray[np.int64]  # (S,) as in `Settings`
     dt_s: NDArray[np.float64]  # (S,) as in `Interval`
     start_us: NDArray[np.float64]
     length_us: NDArray[np.int64]
@@ -239,10 +240,12 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
     memory = comparators.memory
     darkest, brightest = light_band.darkest, light_band.brightest
     total = count_lines(flagged, lines, comparators, work)
-    if used + alike.members.size * total + SLOTS > work.pool.size:
-        return FULL
     few = total < FEW_SLOTS * flagged.size
-    for m in alike.members:
+    for m in range(alike.setting, alike.leader.size):
+        if alike.leader[m] != alike.setting:
+            continue
+        if used + total + SLOTS > work.pool.size:
+            return FULL
         alike.segment[m, START] = used
         dt_us, start_us, length_us = alike.dt_s[m] * 1e6, alike.start_us[m], alike.length_us[m]
         used = write_lines(u0, dt_us, start_us, length_us, few, work, used)
@@ -434,7 +437,7 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
             word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
             while (v_high - level) * sign >= C:
                 if count == np.uint64(CROSSING_BATCH):
-                    used = fire(CROSSING_BATCH, interval, work, used)
+                    used = fire(np.int64(CROSSING_BATCH), interval, work, used)
                     count = np.uint64(0)
                     if used < 0:
                         return FULL
@@ -458,7 +461,7 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
     return fire(np.int64(count), interval, work, used)
 
 
-@jit
+@allocating
 def outside_refractory(events, refractory_us, ready_us):
     """Mark the events that come at least the refractory period after the pixel's last marked one.
 

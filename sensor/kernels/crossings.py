@@ -40,7 +40,7 @@ class Curve(NamedTuple):
 START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH, US, SLACK, ROOT = range(13)
 CROSSING_SIZE = 13
 # Rows of `Work.todo` in `solve_turns`: the slope falls across the bracket; length of the latest
-# step, -1 if it was the last; length of a step that is the last.
+# step; length of a step that is the last.
 FALLING, MOVED, CLOSE = LEVEL, US, SLACK
 CROSSING_BATCH = 520  # no power of two, so that the rows do not share lines of the cache
 
@@ -131,13 +131,16 @@ def towards_turn(low, high, y, moved, close, falling, curve):
     )
 
 
+_VECTOR_STEPS = 4
+
+
 @jit
 def solve_turns(todo, count):
     """Solve for the roots of the slope of v2 between LOW and HIGH, where its sign changes once.
 
     The method is Halley's inside a shrinking bracket, with bisection where a step leaves the
     bracket or is more than half as long as the one before. v2 is flat at the root: an error of 1e-8
-    in y is one of 1e-16 in v2. Few need more than the four steps of the vectorized loop.
+    in y is one of 1e-16 in v2. Few need more than the four steps of the vectorized loops.
 
     Parameters
     ----------
@@ -159,16 +162,16 @@ def solve_turns(todo, count):
         step = b - a
         last = 1e-4 * min(step, 1.0)
         y = a + step * min(max(slope_a / (slope_a - slope_b), 0.0), 1.0)
-        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
-        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
-        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
-        a, b, y, step = towards_turn(a, b, y, step, last, falls, curve)
-        root[k] = y
-        moved[k], close[k] = step if step >= last else -1.0, last
-        low[k], high[k] = a, b
+        root[k], moved[k], close[k] = y, step, last
         falling[k] = 1.0 if falls else 0.0
+    for _ in range(_VECTOR_STEPS):
+        for k in range(count):
+            curve = Curve(start[k], rise[k], A[k], B[k], short[k])
+            low[k], high[k], root[k], moved[k] = towards_turn(
+                low[k], high[k], root[k], moved[k], close[k], falling[k] == 1.0, curve
+            )
     for k in range(count):
-        if moved[k] >= 0.0:
+        if moved[k] >= close[k]:
             curve = Curve(start[k], rise[k], A[k], B[k], short[k])
             a, b, y, step = low[k], high[k], root[k], moved[k]
             for _ in range(200):

@@ -12,10 +12,17 @@ from sensor.compiling import compiler
 
 _FOLDER = Path(__file__).parent
 
-jit = compiler(_FOLDER, fastmath={"contract"})
-"""Compile a kernel. "contract" allows fused multiply-add; no other fast math."""
+allocating = compiler(_FOLDER, fastmath={"contract"})
+"""Compile a kernel that allocates or returns arrays.
 
-inlined = compiler(_FOLDER, fastmath={"contract"}, inline="always")
+"contract" allows fused multiply-add; no other fast math.
+"""
+
+# Without counting references to each array of a tuple, which takes long to compile.
+jit = compiler(_FOLDER, fastmath={"contract"}, _nrt=False)
+"""Compile a kernel that neither allocates nor returns arrays."""
+
+inlined = compiler(_FOLDER, fastmath={"contract"}, _nrt=False, inline="always")
 """Compile a kernel and paste it into its callers: a call in a loop prevents vectorization.
 
 Numba pastes before it infers types, so that LLVM optimizes the code only once.

@@ -131,17 +131,20 @@ def noise_events(source, u0, frame, interval, work, begin, used):
                 word = (bit << POLARITY_SHIFT) | position[i]
                 pool[used] = pack(part_us * (part + share), start_us, length_us, word)
                 used += 1
-    signal = pool[begin:signal_end].copy()
-    noise = pool[signal_end:used].copy()
-    j, k = 0, 0
-    for out in range(begin, used):
-        take_signal = k == noise.size or (
-            j < signal.size and (signal[j] & PLACE_MASK) <= (noise[k] & PLACE_MASK)
-        )
-        if take_signal:
-            pool[out] = signal[j]
-            j += 1
+    # Merge both from the end, with the noise in the free part of the pool.
+    count = used - signal_end
+    if used + count > pool.size:
+        return FULL
+    for k in range(signal_end, used):
+        pool[k + count] = pool[k]
+    signal, noise = signal_end - 1, used + count - 1
+    for out in range(used - 1, begin - 1, -1):
+        if noise < used or (
+            signal >= begin and (pool[signal] & PLACE_MASK) > (pool[noise] & PLACE_MASK)
+        ):
+            pool[out] = pool[signal]
+            signal -= 1
         else:
-            pool[out] = noise[k]
-            k += 1
+            pool[out] = pool[noise]
+            noise -= 1
     return used

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sensor.kernels.elementary import jit
+from sensor.kernels.elementary import allocating, jit
 
 # Layout of an unsorted event in one uint64: microseconds since the rounded start of its frame
 # interval, polarity, row, column.
@@ -173,7 +173,7 @@ def gather(pool, segment, s, f, words, used):
     return used
 
 
-@jit
+@allocating
 def sort_by_time(words, other, interval_us, start_us, columns):
     """Sort packed events by time, keep raster order within a microsecond, and unpack them.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.kernels.elementary import jit, log
+from sensor.kernels.elementary import allocating, jit, log
 
 # Returned instead of the used size of the pool when radiance is negative or not finite.
 BAD = -2
@@ -31,7 +31,7 @@ class Overlap(NamedTuple):
     weight: NDArray[np.float64]  # (n, max(samples)), each row sums to 1
 
 
-@jit
+@allocating
 def integrate_area(frame, rows, columns, out):
     """Average the radiance over the area of each pixel: I = k * E, Eq. (3).
 

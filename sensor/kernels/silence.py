@@ -227,7 +227,7 @@ _BITS = np.uint64(0x0102040810204080)  # times a word of 8 flags: their bits in 
 
 @jit
 def list_flagged(flag, n, index):
-    """Return the indices of the flagged pixels; 8 flags are looked up in a table at a time.
+    """List the indices of the flagged pixels; 8 flags are looked up in a table at a time.
 
     Parameters
     ----------
@@ -236,11 +236,12 @@ def list_flagged(flag, n, index):
     n
         Number of pixels.
     index
-        Memory for the result and 8 more entries.
+        Output, with 8 more entries as scratch memory.
 
     Returns
     -------
-    (count,) part of `index`
+    int
+        Number of flagged pixels.
     """
     words = flag.view(np.uint64)
     count = np.uint64(0)  # unsigned: Numba checks if signed indices are negative
@@ -252,4 +253,4 @@ def list_flagged(flag, n, index):
             for j in range(np.uint64(8)):
                 index[count + j] = first + _SET_BITS[bits, j]
             count += (word * _ONES) >> np.uint64(56)
-    return index[: np.int64(count)]
+    return np.int64(count)

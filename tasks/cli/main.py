@@ -26,6 +26,11 @@ _COMMANDS = (
 )
 
 
+def command_names() -> list[str]:
+    """Return the names of all commands."""
+    return [command.__name__ for command in _COMMANDS]
+
+
 def main() -> None:
     """Run the command line; exit code 1 for an error, 2 for wrong usage, 130 for Ctrl-C."""
     if sys.argv[1:] == ["--version"]:

@@ -131,7 +131,7 @@ class Flow(TaskSettings):
 
     def score_s(self, width: int) -> float:
         patches = self.features * (1 + self.native_patch)
-        return 0.04 * _share(width) * len(self.methods) * patches
+        return 0.0235 * _share(width) * len(self.methods) * patches
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -165,7 +165,7 @@ class Tracking(TaskSettings):
     seed: int = field(default=0, metadata=MAY_BE_ZERO)
 
     def score_s(self, width: int) -> float:
-        us_per_event = 8  # of the most that a method gets, at any width
+        us_per_event = 7  # of the most that a method gets, at any width
         return 1e-6 * us_per_event * self.max_events * len(self.methods) * len(self.sigmas_mm)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:

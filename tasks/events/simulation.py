@@ -146,6 +146,7 @@ def simulate_sequence(
     TaskError
         The speed is not positive, the file exists, or its format cannot hold ground truth.
     """
+    _check(out, overwrite, speed)
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)
     add = None
@@ -228,9 +229,7 @@ def simulate_frames(
     TaskError
         The speed is not positive, or the file exists.
     """
-    check_new(out, overwrite)
-    if not 0 < speed < np.inf:
-        raise TaskError(f"speed: found {speed}, expected a positive factor")
+    _check(out, overwrite, speed)
     facts = {
         **origin,
         "frames_width": frames.width,
@@ -255,6 +254,12 @@ def simulate_frames(
         parts = _later(parts, offset_us)
     count = write_events(out, parts, format=format, origin=facts, t_offset_us=offset_us, add=add)
     return count, leaving.report if leaving is not None else None
+
+
+def _check(out: Path, overwrite: bool, speed: float) -> None:
+    check_new(out, overwrite)
+    if not 0 < speed < np.inf:
+        raise TaskError(f"speed: found {speed}, expected a positive factor")
 
 
 def _later(parts: Iterable[Events], offset_us: int) -> Iterator[Events]:

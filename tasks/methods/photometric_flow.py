@@ -28,6 +28,7 @@ DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
 BOUND_SIGMAS = 4.0
 _MAX_STEPS = 1000  # fine texture and a slow sensor need 100 to 300
 _CONVERGED_PX = 1e-3
+_TOGETHER = 512  # events that are sampled at once
 
 
 def estimate(sample: FlowSample) -> FlowEstimate:
@@ -58,7 +59,7 @@ def _estimate(sample: FlowSample, *, contrast_is_known: bool, has_delay: bool) -
     if usable.sum() < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{usable.sum()} events with one before them")
     columns = np.stack([sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p], axis=1)
-    events = columns[usable]
+    events = columns[_by_pixel(sample, usable)]
     low_C, high_C = CONTRAST_BOUNDS
     if contrast_is_known:
         low_C = high_C = sample.contrast_threshold
@@ -75,6 +76,16 @@ def _estimate(sample: FlowSample, *, contrast_is_known: bool, has_delay: bool) -
     if np.abs(found[:2] - sample.initial).max() > reach:
         return FlowEstimate(sample.initial, "search ended beyond its bound")
     return FlowEstimate(found[:2], delay=float(found[3]))
+
+
+def _by_pixel(sample: FlowSample, usable: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return the indices of usable events, sorted by pixel, then by time."""
+    chosen = np.flatnonzero(usable)
+    (left, top), (right, bottom) = sample.patch
+    row, column = sample.y_px[chosen].astype(int) - top, sample.x_px[chosen].astype(int) - left
+    pixel = row * (right - left) + column
+    size = (right - left) * (bottom - top)
+    return chosen[np.argsort(pixel.astype(np.min_scalar_type(size)), kind="stable")]
 
 
 def _best_gain(
@@ -94,12 +105,13 @@ def normal_equations(events, L, unknowns):
     """Sum up the cost |p Delta L(v) / C - 1|^2 of Eq. (11) and its derivatives.
 
     Delta L_k(v) = L(x_k - v t_k) - L(x_k - v (t_k - Delta t_k)), Eq. (10); with a delay d, t_k - d
-    replaces t_k.
+    replaces t_k. An event right after the previous one at its pixel shares a point with it, which
+    is sampled once.
 
     Parameters
     ----------
     events
-        (N, 5): x, y, t, time of the previous event at the pixel, p.
+        (N, 5): x, y, t, time of the previous event at the pixel, p; fastest sorted by pixel.
     L
         (h, w) float64, log intensity at the window's start.
     unknowns
@@ -113,32 +125,53 @@ def normal_equations(events, L, unknowns):
     cost = 0.0
     gradient = np.zeros(4)
     curvature = np.zeros((4, 4))
-    for k in range(events.shape[0]):
-        x, y, t1, t0, p = events[k, 0], events[k, 1], events[k, 2], events[k, 3], events[k, 4]
-        t1 -= delay
-        t0 -= delay
-        L1, L1x, L1y = bicubic.sample(L, x - vx * t1, y - vy * t1)
-        L0, L0x, L0y = bicubic.sample(L, x - vx * t0, y - vy * t0)
-        step = p * (L1 - L0)
-        r = gain * step - 1.0
-        j0 = gain * p * (t0 * L0x - t1 * L1x)
-        j1 = gain * p * (t0 * L0y - t1 * L1y)
-        j3 = gain * p * (vx * (L1x - L0x) + vy * (L1y - L0y))
-        cost += r * r
-        gradient[0] += j0 * r
-        gradient[1] += j1 * r
-        gradient[2] += step * r
-        gradient[3] += j3 * r
-        curvature[0, 0] += j0 * j0
-        curvature[1, 0] += j1 * j0
-        curvature[1, 1] += j1 * j1
-        curvature[2, 0] += step * j0
-        curvature[2, 1] += step * j1
-        curvature[2, 2] += step * step
-        curvature[3, 0] += j3 * j0
-        curvature[3, 1] += j3 * j1
-        curvature[3, 2] += j3 * step
-        curvature[3, 3] += j3 * j3
+    x, y, t = np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER)
+    seen = np.empty((3, 2 * _TOGETHER))
+    points = np.empty(_TOGETHER, np.uint64)  # of each event; that of the one before is the previous
+    for start in range(0, events.shape[0], _TOGETHER):
+        block = events[start : start + _TOGETHER]
+        count = 0
+        for k in range(block.shape[0]):
+            follows = (
+                k > 0
+                and block[k, 3] == block[k - 1, 2]
+                and block[k, 0] == block[k - 1, 0]
+                and block[k, 1] == block[k - 1, 1]
+            )
+            if not follows:
+                t[count] = block[k, 3] - delay
+                x[count], y[count] = block[k, 0] - vx * t[count], block[k, 1] - vy * t[count]
+                count += 1
+            t[count] = block[k, 2] - delay
+            x[count], y[count] = block[k, 0] - vx * t[count], block[k, 1] - vy * t[count]
+            points[k] = count
+            count += 1
+        bicubic.sample_all(L, x[:count], y[:count], seen)
+        for k in range(block.shape[0]):
+            now, before = points[k], points[k] - np.uint64(1)
+            t1, L1, L1x, L1y = t[now], seen[0, now], seen[1, now], seen[2, now]
+            t0, L0, L0x, L0y = t[before], seen[0, before], seen[1, before], seen[2, before]
+            p = block[k, 4]
+            step = p * (L1 - L0)
+            r = gain * step - 1.0
+            j0 = gain * p * (t0 * L0x - t1 * L1x)
+            j1 = gain * p * (t0 * L0y - t1 * L1y)
+            j3 = gain * p * (vx * (L1x - L0x) + vy * (L1y - L0y))
+            cost += r * r
+            gradient[0] += j0 * r
+            gradient[1] += j1 * r
+            gradient[2] += step * r
+            gradient[3] += j3 * r
+            curvature[0, 0] += j0 * j0
+            curvature[1, 0] += j1 * j0
+            curvature[1, 1] += j1 * j1
+            curvature[2, 0] += step * j0
+            curvature[2, 1] += step * j1
+            curvature[2, 2] += step * step
+            curvature[3, 0] += j3 * j0
+            curvature[3, 1] += j3 * j1
+            curvature[3, 2] += j3 * step
+            curvature[3, 3] += j3 * j3
     for i in range(4):
         for j in range(i):
             curvature[j, i] = curvature[i, j]

@@ -224,7 +224,7 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
         monkeypatch.setattr(module, "compute_job", nothing_computed)
     jobs = queued_jobs(scene_folder)
     for address, expected in (
-        (None, [0, 0.6, 1, 1.6, 2, 2.6, 3]),
+        (None, [0, 0.35, 1, 1.35, 2, 2.35, 3]),
         (one_worker.scheduler_address, [0, 1, 2, 3]),
     ):
         said = []

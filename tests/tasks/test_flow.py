@@ -172,6 +172,32 @@ def test_bicubic_gradient_is_that_of_its_value():
         assert dy == pytest.approx((below - above) / (2 * h), abs=1e-6)
 
 
+@pytest.mark.parametrize(("low", "high"), [(-3, 40), (5, 20)])
+def test_bicubic_samples_many_points_as_it_does_one(low, high):
+    """Promise: the vectorized interpolation is that of single points, also beyond the edge."""
+    image = np.random.default_rng(0).normal(size=(29, 37))
+    points = np.random.default_rng(1).uniform(low, high, (2, 300))
+    found = np.empty((3, 300))
+    bicubic.sample_all(image, *points, found)
+    expected = [bicubic.sample(image, x, y) for x, y in points.T]
+    np.testing.assert_allclose(found.T, expected, rtol=0, atol=1e-13)
+
+
+def test_photometric_cost_does_not_depend_on_the_order_of_events(translating):
+    """Promise: a point that two events share is sampled once and counts twice."""
+    (sample,) = samples(translating, 1, 1.0)
+    by_time = photometric_events(sample)
+    by_pixel = by_time[np.lexsort((by_time[:, 2], by_time[:, 0], by_time[:, 1]))]
+    assert np.any(by_pixel[1:, 3] == by_pixel[:-1, 2])
+    at = np.array([10.0, -7.0, 4.0, 0.02])
+    for one, other in zip(
+        photometric_flow.normal_equations(by_time, sample.log_image, at),
+        photometric_flow.normal_equations(by_pixel, sample.log_image, at),
+        strict=True,
+    ):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
 def photometric_events(sample):
     usable = np.isfinite(sample.t_before)
     columns = (sample.x_px, sample.y_px, sample.t, sample.t_before, sample.p)

@@ -18,10 +18,10 @@ _MAX_PASSES = 60  # per level
 _CONVERGED_PX = 0.02  # a shorter step is the last; root mean square over the control poses
 _CONVERGED_NOISE = 0.1  # so is one that gains less than this share of the noise in the minimum
 
+Found = tuple[Trajectory, RobustSum, int, bool]
 
-def search(
-    problem: Problem, path: Trajectory, levels: Iterable[Level]
-) -> tuple[Trajectory, RobustSum, int, bool]:
+
+def search(problem: Problem, path: Trajectory, levels: Iterable[Level]) -> Found:
     """Search on one reference view after the other.
 
     Parameters
@@ -47,9 +47,7 @@ def search(
     return path, state, passes, converged
 
 
-def _levenberg_marquardt(
-    problem: Problem, level: Level, path: Trajectory
-) -> tuple[Trajectory, RobustSum, int, bool]:
+def _levenberg_marquardt(problem: Problem, level: Level, path: Trajectory) -> Found:
     """Return path, sum, number of passes over the events, and whether the search converged."""
     damping = 1e-3
     state = accumulate(problem, level, path)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,9 +14,9 @@ from eres_render import Trajectory, path_through
 from eres_render.camera import map_pixels, plane_homography
 from tasks.errors import TaskError
 from tasks.methods.photometric_tracking.accumulation import HUBER_IN_C
-from tasks.methods.photometric_tracking.reference_views import pyramid
+from tasks.methods.photometric_tracking.reference_views import Level, pyramid
 from tasks.methods.photometric_tracking.residuals import Problem, distance_m, knots_us, problem_of
-from tasks.methods.photometric_tracking.search import search
+from tasks.methods.photometric_tracking.search import Found, search
 from tasks.tracking import TrackingDiagnostics, TrackingEstimate, TrackingSample
 
 _LEAST_INSIDE = 0.5
@@ -34,11 +36,15 @@ def estimate(sample: TrackingSample) -> TrackingEstimate:
     TaskError
         The initial path's knots are not even, or not a whole number of microseconds apart.
     """
-    problem, failure = problem_of(sample, knots_us(sample.initial)[1])
-    if failure:
-        return TrackingEstimate(sample.initial, failure)
-    path, diagnostics, failure = _solve(problem, sample, sample.initial, _blur_px(sample))
-    return TrackingEstimate(sample.initial if failure else path, failure, diagnostics)
+    start = _start_of(sample)
+    if start.failure:
+        return TrackingEstimate(sample.initial, start.failure)
+    found = start.found
+    if start.finest:
+        path, state, passes, converged = search(start.problem, found[0], [start.finest])
+        found = path, state, found[2] + passes, converged
+    diagnostics, failure = _judge(start.problem, sample, found)
+    return TrackingEstimate(sample.initial if failure else found[0], failure, diagnostics)
 
 
 def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
@@ -67,7 +73,9 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     problem, failure = problem_of(sample, min(knots_us(late)[1], events_end_us))
     if failure:
         return TrackingEstimate(sample.initial, failure)
-    path, diagnostics, failure = _solve(problem, sample, late, blur_px)
+    found = search(problem, late, pyramid(sample.log_image, sample.camera.K, blur_px))
+    path = found[0]
+    diagnostics, failure = _judge(problem, sample, found)
     delay_s = _delay_s(sample, path)
     diagnostics = replace(diagnostics, delay_us=1e6 * delay_s)
     if not failure and 1e6 * delay_s >= sample.max_delay_us:  # 0 is a valid answer
@@ -88,34 +96,56 @@ def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
 
     It is the initial path if the search does not converge.
     """
-    problem, failure = problem_of(sample, knots_us(sample.initial)[1])
-    if not failure:
-        levels = list(pyramid(sample.log_image, sample.camera.K, _blur_px(sample)))
-        coarse = levels[:-1] or levels
-        path, _, _, converged = search(problem, sample.initial, coarse)
-        if converged:
-            return path, _EXTRAPOLATION_PX
+    start = _start_of(sample)
+    if not start.failure and start.found[3]:
+        return start.found[0], _EXTRAPOLATION_PX
     return sample.initial, _blur_px(sample)
 
 
-def _solve(
-    problem: Problem, sample: TrackingSample, path: Trajectory, blur_px: float
-) -> tuple[Trajectory, TrackingDiagnostics, str]:
-    """Search from coarse to fine; return the path, its diagnostics, and the reason of a failure."""
-    levels = pyramid(sample.log_image, sample.camera.K, blur_px)
-    path, state, passes, converged = search(problem, path, levels)
+class _Start(NamedTuple):
+    """The events without delay, and their search on all levels but the finest, if there are more.
+
+    `found` is as `search` returns it; `failure` says why there was no search.
+    """
+
+    problem: Problem
+    failure: str
+    found: Found
+    finest: Level | None
+
+
+_starts: WeakKeyDictionary[TrackingSample, _Start] = WeakKeyDictionary()
+
+
+def _start_of(sample: TrackingSample) -> _Start:
+    """Return how both methods begin; the second on a sample finds the first one's."""
+    if sample not in _starts:
+        problem, failure = problem_of(sample, knots_us(sample.initial)[1])
+        levels = (
+            [] if failure else list(pyramid(sample.log_image, sample.camera.K, _blur_px(sample)))
+        )
+        found = search(problem, sample.initial, levels[:-1] or levels)
+        _starts[sample] = _Start(problem, failure, found, levels[-1] if levels[1:] else None)
+    return _starts[sample]
+
+
+def _judge(
+    problem: Problem, sample: TrackingSample, found: Found
+) -> tuple[TrackingDiagnostics, str]:
+    """Return the diagnostics of what a search found, and the reason of a failure."""
+    _, state, passes, converged = found
     diagnostics = TrackingDiagnostics(
         state.cost / problem.residuals, passes, problem.residuals, state.outside
     )
     if not math.isfinite(state.cost):
-        return path, diagnostics, "the cost is not finite"
+        return diagnostics, "the cost is not finite"
     if state.outside > (1 - _LEAST_INSIDE) * problem.residuals:
         left = f"{state.outside} of {problem.residuals} events left the reference view"
-        return path, diagnostics, left
+        return diagnostics, left
     huber = HUBER_IN_C * sample.contrast_threshold
     if diagnostics.cost >= huber * (sample.contrast_threshold - 0.5 * huber):
-        return path, diagnostics, "explains the events no better than standing still"
-    return path, diagnostics, "" if converged else f"no convergence in {passes} passes"
+        return diagnostics, "explains the events no better than standing still"
+    return diagnostics, "" if converged else f"no convergence in {passes} passes"
 
 
 def _extended(path: Trajectory, by_us: int) -> Trajectory:

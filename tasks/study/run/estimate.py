@@ -1,7 +1,7 @@
 """Estimate frames, disk and time of jobs before they start.
 
-The estimate is rough, as image motion and event rates are known only afterwards. The constants were
-measured with the paper preset on two cores of a virtual AMD EPYC server, with LLVM.
+The estimate is rough, as image motion and event rates are known only afterwards. The constants come
+from the paper preset on two cores of a virtual AMD EPYC server, with LLVM and looked-up light.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from tasks.study.run.jobs import Job
 
 _IMAGE_MOTION_PX_S = 700  # average at base speed, of the fastest part of a 1280 px image
 _DISK_BYTES_PER_PX = 2.01  # of a half-float EXR, uncompressed
-_RENDER_SAMPLES_PER_S = 61e6  # both cores together
-_SIMULATE_NS_PER_PX = 11  # one core, per pixel, frame, sensor and speed; with collecting
+_RENDER_SAMPLES_PER_S = 360e6  # both cores together, with writing the frames
+_SIMULATE_NS_PER_PX = 7  # one core, per pixel, frame, sensor and speed; with collecting
 _CORES_MEASURED_ON = 2
 
 

@@ -1,0 +1,163 @@
+"""Compare the sensor's speed with other simulators, those that this Python can import.
+
+    python benchmarks/peers.py [--size 1280] [--frames 25] [--runs 3]
+
+All see the same frames, moving textures as in bench_sensor.py, with one thread and C = 0.2, without
+noise, with the filter off and at 200 Hz. They take turns; the result of each is the run with the
+least CPU time, user and system. The events of all stay in memory until the end of a run and are
+sorted by time.
+
+- OpenEB's CPU simulator (Numba), `metavision_core_ml.video_to_event`; from
+  https://github.com/prophesee-ai/openeb. Its buffer of events is reused.
+- v2e's emulator (PyTorch), `v2ecore.emulator`, with its own lin-log scale and on the CPU; from
+  https://github.com/SensorsINI/v2e: `pip install -e` of a clone, or its folder on PYTHONPATH.
+
+These two expect 8-bit values, so that their frames are scaled to 0..255, not rounded. ESIM is not
+here: esim_py reads image files, and esim_torch needs a GPU. The filters differ, so at 200 Hz all
+fire different events.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import logging
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from bench_sensor import moving_texture
+from numpy.typing import NDArray
+
+from sensor import SensorModel, simulate, stream
+
+_C = 0.2
+_SHIFT_PX = {"dense": 0.97, "sparse": 0.097, "very dense": 9.0}
+_INTERVAL_US = {"dense": 1000, "sparse": 100, "very dense": 1000}
+
+Simulator = Callable[[NDArray[np.float32], NDArray[np.int64], float], int]
+
+
+def run_stream(frames: NDArray[np.float32], t_us: NDArray[np.int64], cutoff_hz: float) -> int:
+    """Run `sensor.stream` and return the number of events.
+
+    Parameters
+    ----------
+    frames, t_us, cutoff_hz
+        (T, H, W) radiance, (T,) microseconds, and cutoff, inf for none; this and the rest alike.
+    """
+    return sum(map(len, stream(frames, t_us * 1e-6, model_of(frames, cutoff_hz), threads=1)))
+
+
+def run_simulate(frames: NDArray[np.float32], t_us: NDArray[np.int64], cutoff_hz: float) -> int:
+    """Run `sensor.simulate`."""
+    return len(simulate(frames, t_us * 1e-6, model_of(frames, cutoff_hz), threads=1))
+
+
+def model_of(frames: NDArray[np.float32], cutoff_hz: float) -> SensorModel:
+    """Return the model of the size of the frames."""
+    height, width = frames.shape[1:]
+    return SensorModel(
+        width=width, height=height, contrast_threshold=_C, cutoff_hz=cutoff_hz, dark_level=1e-6
+    )
+
+
+def openeb(most_events: int) -> Simulator:
+    """Return OpenEB's simulator with room for a number of events."""
+    from metavision_core_ml.video_to_event.simulator import EventSimulator
+    from metavision_core_ml.video_to_event.single_image_make_events_cpu import EventCPU
+
+    maker = EventCPU()
+    maker.event_buffer = maker.event_buffer[:most_events]
+    maker.max_nb_events = most_events
+
+    def run(frames: NDArray[np.float32], t_us: NDArray[np.int64], cutoff_hz: float) -> int:
+        height, width = frames.shape[1:]
+        filter_hz = 0.0 if math.isinf(cutoff_hz) else cutoff_hz
+        simulator = EventSimulator(height, width, _C, _C, 0, cutoff_hz=filter_hz)
+        simulator.event_maker = maker
+        maker.num = 0
+        for frame, t in zip(frames, t_us.tolist(), strict=True):
+            simulator.image_callback(frame, t)
+        return len(simulator.get_events())
+
+    return run
+
+
+def v2e(_: int) -> Simulator:
+    """Return v2e's emulator."""
+    import torch
+    from v2ecore.emulator import EventEmulator
+
+    torch.set_num_threads(1)
+
+    def run(frames: NDArray[np.float32], t_us: NDArray[np.int64], cutoff_hz: float) -> int:
+        emulator = EventEmulator(
+            pos_thres=_C,
+            neg_thres=_C,
+            sigma_thres=0.0,
+            cutoff_hz=0.0 if math.isinf(cutoff_hz) else cutoff_hz,
+            leak_rate_hz=0.0,
+            shot_noise_rate_hz=0.0,
+            device="cpu",
+        )
+        found = (
+            emulator.generate_events(frame, t * 1e-6)
+            for frame, t in zip(frames, t_us.tolist(), strict=True)
+        )
+        return len(np.concatenate([np.empty((0, 4)), *(e for e in found if e is not None)]))
+
+    return run
+
+
+# Name, the module that must be there, and what makes the simulator.
+PEERS = [
+    ("OpenEB", "metavision_core_ml", openeb),
+    ("v2e, lin-log", "v2ecore", v2e),
+]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--size", type=int, default=1280, help="sensor and frame side in pixels")
+    parser.add_argument("--frames", type=int, default=25, help="frames in the sequence")
+    parser.add_argument("--runs", type=int, default=3, help="runs of each kind; the least counts")
+    args = parser.parse_args()
+    logging.disable(logging.WARNING)  # v2e writes one for each frame
+    work = args.size**2 * (args.frames - 1)
+    simulators: dict[str, Simulator] = {"stream": run_stream, "simulate": run_simulate}
+    for name, module, make in PEERS:
+        if importlib.util.find_spec(module):
+            simulators[name] = make(3 * work)
+        else:
+            print(f"{name}: no module {module}; the top of this file says where it is")
+
+    print(f"{args.size}x{args.size} px, {args.frames} frames, one thread, least of {args.runs}")
+    print("scene       filter  simulator     Mpx-frames/s  CPU ns  of stream's  ev/px/frame")
+    for scene, shift_px in _SHIFT_PX.items():
+        # 8-bit values for the peers; a logarithm has the same differences at any scale.
+        frames = moving_texture(args.size, args.frames, shift_px)
+        frames *= 255 / frames.max()
+        t_us = np.arange(1, args.frames + 1) * _INTERVAL_US[scene]
+        for cutoff_hz in (math.inf, 200.0):
+            best = dict.fromkeys(simulators, math.inf)
+            fired = dict.fromkeys(simulators, 0)
+            for _ in range(args.runs):
+                for name, run in simulators.items():
+                    start = time.process_time()
+                    fired[name] = run(frames, t_us, cutoff_hz)
+                    best[name] = min(best[name], time.process_time() - start)
+            for name, seconds in best.items():
+                print(
+                    f"{scene:11} {'off' if math.isinf(cutoff_hz) else '200 Hz':7} {name:13} "
+                    f"{work / seconds / 1e6:12.1f} {seconds / work * 1e9:7.1f} "
+                    f"{seconds / best['stream']:12.2f} {fired[name] / work:12.3f}",
+                    flush=True,
+                )
+
+
+if __name__ == "__main__":
+    main()
