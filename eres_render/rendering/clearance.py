@@ -24,6 +24,8 @@ def check_clearance(
     caster: RayCaster,
     min_clearance_m: float,
     where: str,
+    *,
+    alone: bool = False,
 ) -> None:
     """Refuse a path that crosses a surface, enters a solid, or comes too near to a surface.
 
@@ -45,6 +47,9 @@ def check_clearance(
         Least distance from all surfaces, m.
     where
         Name of the path in errors.
+    alone
+        Whether rays meet a single object, behind which the camera may pass: then it is inside only
+        if it sees backs in most directions, not in most of those in which it sees something.
 
     Raises
     ------
@@ -69,7 +74,8 @@ def check_clearance(
         moves = np.linalg.norm(steps[part], axis=1) > 0
         ahead = caster.cast(places[part], np.where(moves[:, None], steps[part], [0.0, 0.0, 1.0]))
         crossed = moves & (ahead.distance <= 1)
-        inside = 2 * blind.sum(axis=1) > np.maximum(1, (shape >= 0).sum(axis=1))
+        fewest = _DIRECTIONS if alone else 1
+        inside = 2 * blind.sum(axis=1) > np.maximum(fewest, (shape >= 0).sum(axis=1))
         near = distance.min(axis=1) < min_clearance_m
         for k in np.flatnonzero(inside | near | crossed)[:1]:
             nearest = caster.shape_ids[shape[k, np.argmin(distance[k])]]

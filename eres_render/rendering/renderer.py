@@ -463,7 +463,7 @@ def _check_path(
 
         chords = np.diff(place_in_body(np.linspace(0.0, duration_s, _CHORDS + 1)), axis=0)
         length_m = float(np.linalg.norm(chords, axis=1).sum())
-        check_clearance(place_in_body, length_m, duration_s, body.caster, *rest)
+        check_clearance(place_in_body, length_m, duration_s, body.caster, *rest, alone=True)
     return trajectory
 
 

@@ -14,6 +14,8 @@ from eres_render.trajectory.tum import read_tum
 
 MOST_OBJECTS = 255  # their numbers fit into a byte, and 0 is the still world
 
+_CLOCK_S = 1e-6  # the clock of the camera's path starts at a whole microsecond
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MovingObject:
@@ -75,11 +77,12 @@ def read_object(
         If the file cannot be read, or its path begins later or ends earlier than the camera's.
     """
     t_s, poses = read_tum(file, t_offset_us)
-    if t_s[0] > 0 or t_s[-1] < duration_s:
+    if t_s[0] > _CLOCK_S or t_s[-1] < duration_s - _CLOCK_S:
         raise TrajectoryError(
             f"{file}: found poses from {t_s[0]:g} to {t_s[-1]:g} s, expected a path of object "
             f"{name!r} that covers the camera's, 0 to {duration_s:g} s"
         )
+    t_s[0], t_s[-1] = min(t_s[0], 0.0), max(t_s[-1], duration_s)
     try:
         path = path_through(t_s, poses)
     except TrajectoryError as error:

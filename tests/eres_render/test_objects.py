@@ -63,6 +63,20 @@ def test_a_path_must_cover_the_cameras(scene_folder, t_s):
         load_scene(scene_folder).objects(0, 1.0)
 
 
+def test_poses_on_a_clock_of_nanoseconds(scene_folder):
+    """The path of the object starts and ends with the camera's, to the nanosecond."""
+    times = "1305031102.175304123", "1305031103.175304877"
+    for name in ("camera", "ball"):
+        file = scene_folder / f"{name}.txt"
+        lines = [line.split(" ", 1)[1] for line in file.read_text().splitlines()[1:]]
+        file.write_text("".join(f"{t} {line}\n" for t, line in zip(times, lines, strict=True)))
+    scene = load_scene(scene_folder)
+    path = scene.trajectory()
+    (ball,) = scene.objects(path.t_offset_us, scene.duration_s)
+    ends = ball.pose([0.0, path.duration_s])
+    np.testing.assert_allclose(ends[:, 0, 3], [-0.4, 0.4], atol=1e-6)
+
+
 def test_an_objects_path_is_part_of_the_scenes_digest(scene_folder):
     scene = load_scene(scene_folder)
     before = scene.digest, scene.light_digest
@@ -160,6 +174,17 @@ def test_an_object_that_meets_the_camera_is_refused(scene_folder):
     write_path(scene_folder / "ball.txt", (0.0, 1.0), moved(), moved(z=1.8))
     with pytest.raises(TrajectoryError, match=r"at t = 0\.8\d\d s the camera .* shape 'ball'"):
         _ = Renderer(load_scene(scene_folder), 8, 1).trajectory
+
+
+def test_the_camera_may_be_behind_an_object(tmp_path):
+    """Only a camera inside of one is refused."""
+    tile = KINDS["tile"].format('<rotate x="1" angle="180"/><translate z="2"/>')
+    folder = folder_of(tmp_path / "tile", FLOOR, tile)
+    assert Renderer(load_scene(folder), 8, 1).trajectory.duration_s == 1.0
+    folder = folder_of(tmp_path / "ball", FLOOR, SPHERE.replace('"0.3"', '"1.5"'))
+    write_path(folder / "ball.txt", (0.0, 1.0), moved(z=2.0), moved(z=2.1))
+    with pytest.raises(TrajectoryError, match=r"inside a solid .* shape 'ball'"):
+        _ = Renderer(load_scene(folder), 8, 1).trajectory
 
 
 def test_frames_are_as_close_as_an_objects_motion_needs(scene_folder):
