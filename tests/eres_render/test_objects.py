@@ -107,10 +107,14 @@ KINDS = {  # shapes of each kind at rest, all before the camera
     "mesh": """<shape type="cube" id="ball"><transform name="to_world">
       <scale x="0.3" y="0.2" z="0.1"/><translate z="1"/>{}</transform><bsdf type="diffuse"/></shape>
       """,
+    "bent": """<shape type="obj" id="ball"><string name="filename" value="bent.obj"/>
+      <transform name="to_world"><translate z="1"/>{}</transform><bsdf type="diffuse"/></shape>""",
     "light": """<shape type="disk" id="ball"><transform name="to_world"><scale value="0.2"/>
       <rotate x="1" angle="160"/><translate z="1"/>{}</transform>
       <emitter type="area"><rgb name="radiance" value="30"/></emitter></shape>""",
 }
+BENT_OBJ = """v -0.3 -0.3 0\nv 0.3 -0.3 0\nv 0.3 0.3 0\nv -0.3 0.3 0
+vn 0.8 0 0.6\nvn 0 0 1\nf 1//1 2//2 3//2\nf 1//1 3//2 4//1\n"""  # a square shaded as if curved
 THERE = '<rotate z="1" angle="40"/><translate x="0.2" y="0.1" z="0.15"/>'
 
 
@@ -122,6 +126,9 @@ def test_frames_are_those_of_a_scene_with_the_object_there(tmp_path, kind):
     if kind == "ball":
         still_shape = shape.format(f'<transform name="to_world">{there}</transform>')
     parts = WHITE_FLOOR, LAMP
+    for name in ("moving", "still"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "bent.obj").write_text(BENT_OBJ)
     folder = folder_of(tmp_path / "moving", *parts, shape.format(""))
     T = moved(0.2, 0.1, 0.15, np.deg2rad(40))
     write_path(folder / "ball.txt", (0.0, 1.0), moved(), T)
@@ -346,3 +353,19 @@ def test_a_sequence_names_its_objects_and_truth_is_written(tmp_path, scene_folde
     write_path(scene_folder / "ball.txt", (1e9 - 1, 1e9 + 2), moved(), moved(0.1))
     with pytest.raises(SceneError, match="has changed since"):
         ground_truth(sequence)
+
+
+def test_an_object_above_a_plane_in_closed_form(tmp_path):
+    """Expected: depth exactly 3 m and no flow beside the ball; frames follow the ball's motion."""
+    plane = "plane = { point_m = [0.0, 0.0, 0.0], normal = [0.0, 0.0, 1.0], half_width_m = 4.0 }\n"
+    scene = load_scene(folder_of(tmp_path / "plane", FLOOR, SPHERE, objects=plane + BALL))
+    truth = truth_of(scene, 64)
+    on_ball = truth.instances(0.5, 64) == 1
+    flow = truth.flow(0.5, 0.6, 64)
+    assert on_ball.sum() > 50
+    assert np.all(truth.depth(0.5, 64)[~on_ball] == 3.0)
+    np.testing.assert_allclose(flow.flow_px[~on_ball], 0, atol=1e-4)
+    assert flow.flow_px[on_ball, 0].min() > 0.5
+    renderer = Renderer(scene, 64, 1)
+    px_s = renderer.camera.fx * 0.4 / 1.7  # of the top of the ball
+    assert renderer.image_motion(0.5, 0.6) == pytest.approx(0.1 * px_s, rel=0.05)
