@@ -87,6 +87,7 @@ WINGS = {
     "tasks.evaluation": {"tasks.methods"},
     "tasks.footage": set(),
     "tasks.events": {"tasks.evaluation", "tasks.footage"},
+    "tasks.view": {"tasks.events"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},
     "tasks.study.report": {

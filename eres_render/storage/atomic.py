@@ -3,9 +3,36 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from eres_render.errors import RenderError
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Give a temporary name in a file's folder, and rename what was written there afterwards.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be written. Nothing is left behind then, and after any other error.
+    """
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
+    try:
+        yield unfinished
+        os.replace(unfinished, path)
+    except OSError as error:
+        if error.filename is not None and str(error.filename) != str(unfinished):
+            raise  # of another file, such as one that is read meanwhile
+        raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
+    finally:
+        unfinished.unlink(missing_ok=True)
 
 
 def write_bytes(path: Path, data: bytes | memoryview) -> None:
@@ -23,16 +50,8 @@ def write_bytes(path: Path, data: bytes | memoryview) -> None:
     RenderError
         If the file cannot be written; nothing is left behind.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            unfinished.write_bytes(data)
-            os.replace(unfinished, path)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as error:
-        raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
+    with new_file(path) as unfinished:
+        unfinished.write_bytes(data)
 
 
 def write_text(path: Path, text: str) -> None:

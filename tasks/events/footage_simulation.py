@@ -116,7 +116,7 @@ def _warn_if_far(motion_px: NDArray[np.float64]) -> None:
         return
     least, most = (100 * np.interp(far_px, _LOST[:, 0], share) for share in _LOST.T[1:])
     _log.warning(
-        "things move by %.2g px of the sensor from frame to frame: about %.0f to %.0f %% of the "
-        "events are lost in between; --interpolate auto brings most of them back",
+        "things move by %.2g px of the sensor from frame to frame; on the packaged scenes that "
+        "loses %.0f to %.0f %% of the events. --interpolate auto brings most of them back",
         *(far_px, least, most),
     )

@@ -17,6 +17,7 @@ COMMANDS = [
     "convergence",
     "simulate",
     "convert",
+    "view",
     "evaluate",
     "study",
     "report",

@@ -295,7 +295,7 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
     thin = footage_of(tmp_path, [waves(0.5 * t) for t in moments[::16]], fps=62.5)
     caplog.set_level(logging.INFO)
     few, _ = simulate_footage(thin, model, tmp_path / "few.npz")
-    assert "px of the sensor from frame to frame: about" in caplog.text
+    assert "px of the sensor from frame to frame; on the packaged scenes" in caplog.text
     assert "4 frames of 96x96 px in 0.048 s, encoding linear" in caplog.text
     caplog.clear()
     many, _ = simulate_footage(thin, model, tmp_path / "many.npz", interpolate="auto")

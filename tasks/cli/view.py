@@ -1,0 +1,76 @@
+"""The command that shows events and rendered clips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from tasks.cli import terminal
+from tasks.errors import TaskError
+from tasks.view.look import ALL_OF_IT, Look
+
+
+def view(
+    sources: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(metavar="SOURCE...", help="files of events, and folders of rendered clips"),
+    ],
+    out: Path | None = None,
+    rerun: bool = False,
+    over: Path | None = None,
+    show: Literal["frames", "depth", "flow"] = "frames",
+    size: tuple[int, int] | None = None,
+    format: str | None = None,
+    overwrite: bool = False,
+    look: OmitArgPrefixes[Look] = ALL_OF_IT,
+) -> None:
+    """Look at events and rendered clips: a video, a picture, a page that plays them, or Rerun.
+
+    Several sources are side by side. Each pixel has the color of the sum of its polarities in the
+    window. The caption has the size and cutoff of the sensor, if the file knows them, and the rate.
+
+    Parameters
+    ----------
+    out
+        File to write: .mp4, .gif or .webp; .png, one picture; .html, a page that plays events
+        without a network; .rrd, a recording for the Rerun viewer.
+    rerun
+        Open the Rerun viewer instead (pip install 'eres-events[viewer]').
+    over
+        Draw the events over the frames of this rendered clip.
+    show
+        What to draw of rendered clips: their frames, or their true depth or optical flow.
+    size
+        Width and height of the sensor, for files that do not store them.
+    format
+        dsec, evt3, evt2, npz or text, instead of what the extension says.
+    overwrite
+        Replace an existing file.
+    """
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.view.view import view as write_view
+
+    if rerun == (out is not None):
+        found = "both" if rerun else "neither"
+        raise TaskError(
+            f"out, rerun: found {found}, expected one of them, such as --out events.mp4"
+        )
+    if not sources:
+        raise TaskError("found no sources, expected files of events or folders of rendered clips")
+    with progress_bar(terminal.err) as on_progress:
+        write_view(
+            sources,
+            out,
+            look,
+            over=over,
+            show=show,
+            size=size,
+            format=format,
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
+    if out is not None:
+        size_bytes = out.stat().st_size
+        terminal.out.print(f"{out}: {size_bytes / 1e6:.2f} MB", soft_wrap=True)

@@ -1,0 +1,188 @@
+"""Rendered clips as pictures: frames, true depth and true optical flow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import GroundTruth, RadianceSequence
+from sensor.optics import crop_to_aspect
+from tasks.view.drawing import Picture, depth_colors, flow_colors, tone_mapped
+from tasks.view.panel import Panel
+
+_SAMPLES = 5  # times at which the scale of depth or flow is measured
+_FLOW_STEP_S = 1e-3
+_TRUTH_WIDTH = 640  # px; a ray is cast for every pixel
+
+
+class ClipFrames:
+    """The frames of a rendered clip by time on the clock of events.
+
+    Parameters
+    ----------
+    sequence
+        The clip.
+    speed
+        Factor by which the scene moved faster for the events than in the frames.
+    """
+
+    def __init__(self, sequence: RadianceSequence, speed: float = 1.0) -> None:
+        self.sequence = sequence
+        self._speed = speed
+        self._times_s = sequence.t_s
+        self._read = lru_cache(maxsize=1)(self._mapped)
+
+    def _mapped(self, i: int) -> Picture:
+        return tone_mapped(self.sequence.frame(i), self.sequence.white_level)
+
+    def path_s(self, t_us: int) -> float:
+        """Return the time on the clip's path, s."""
+        return float((t_us - self.sequence.t_offset_us) * 1e-6 * self._speed)
+
+    def span_us(self) -> tuple[int, int]:
+        """Return the times of the first and the last frame on the clock of the events, us."""
+        first, last = np.round(self._times_s[[0, -1]] / self._speed * 1e6).astype(int)
+        return self.sequence.t_offset_us + int(first), self.sequence.t_offset_us + int(last)
+
+    def at(self, t_us: int) -> Picture:
+        """Return the last frame up to a time, or the first one, as gray levels."""
+        i = int(np.searchsorted(self._times_s, self.path_s(t_us), side="right")) - 1
+        return self._read(min(max(i, 0), len(self._times_s) - 1))
+
+    def seen_by(self, width: int, height: int, t_us: int) -> Picture:
+        """Return what a sensor of some size sees at a time.
+
+        Parameters
+        ----------
+        width, height
+            Size of the sensor, px.
+        t_us
+            The time.
+
+        Returns
+        -------
+        (height, width, 3) uint8.
+        """
+        frame = self.at(t_us)
+        rows, columns = crop_to_aspect(frame.shape[0], frame.shape[1], height, width)
+        how = cv2.INTER_AREA if width < frame.shape[1] else cv2.INTER_LINEAR
+        seen = cv2.resize(frame[rows, columns], (width, height), interpolation=how)
+        return seen.astype(np.uint8, copy=False)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSource:
+    """The frames of a clip."""
+
+    frames: ClipFrames
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the frames, px."""
+        return self.frames.sequence.width, self.frames.sequence.height
+
+    def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
+        """Yield a panel for each of some ascending times on the clock of the events, us."""
+        title = f"{self.frames.sequence.manifest.scene}, frames"
+        for t_us in times_us:
+            yield Panel(
+                self.frames.at(t_us), title, f"{self.frames.path_s(t_us):.3f} s of the path"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class DepthSource:
+    """The true depth of a clip."""
+
+    frames: ClipFrames
+    truth: GroundTruth
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, px."""
+        return _truth_size(self.frames.sequence)
+
+    def depth(self, t_us: int) -> NDArray[np.float32]:
+        """Return the (H, W) z-depth at a time, m; inf where nothing is seen."""
+        return self.truth.depth(self.frames.path_s(t_us), *self.size)
+
+    def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
+        """Yield a panel for each of some ascending times on the clock of the events, us."""
+        some = np.concatenate([self.depth(t_us) for t_us in _some(times_us)])
+        seen = some[np.isfinite(some)]
+        near_m, far_m = np.percentile(seen, (0.5, 99.5)) if seen.size else (1.0, 1.0)
+        scale = 1 / np.linspace(1 / far_m, 1 / near_m, 256, dtype=np.float32)
+        legend = depth_colors(scale[None], near_m, far_m)
+        for t_us in times_us:
+            picture = depth_colors(self.depth(t_us), near_m, far_m)
+            height, width = picture.shape[:2]
+            bar = cv2.resize(legend, (width // 3, max(3, height // 40)))
+            _inlay(picture, bar.astype(np.uint8, copy=False))
+            yield Panel(picture, "true depth", f"{far_m:.3g} m (dark) to {near_m:.3g} m (bright)")
+
+
+@dataclass(frozen=True, slots=True)
+class FlowSource:
+    """The true optical flow of a clip."""
+
+    frames: ClipFrames
+    truth: GroundTruth
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pictures, px."""
+        return _truth_size(self.frames.sequence)
+
+    def flow(self, t_us: int) -> NDArray[np.float32]:
+        """Return the (H, W, 2) motion at a time, px of the frames per second of the path."""
+        t_s = self.frames.path_s(t_us)
+        ahead = t_s + _FLOW_STEP_S <= self.truth.trajectory.duration_s
+        step_s = _FLOW_STEP_S if ahead else -_FLOW_STEP_S
+        flow = self.truth.flow(t_s, t_s + step_s, *self.size).flow_px
+        scale = self.frames.sequence.width / self.size[0] / step_s
+        return (flow * scale).astype(np.float32)
+
+    def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
+        """Yield a panel for each of some ascending times on the clock of the events, us."""
+        some = np.concatenate([self.flow(t_us) for t_us in _some(times_us)])
+        longest = float(np.percentile(np.hypot(some[..., 0], some[..., 1]), 99)) or 1.0
+        for t_us in times_us:
+            picture = flow_colors(self.flow(t_us), longest)
+            side = min(self.size) // 5
+            y, x = np.mgrid[-1 : 1 : side * 1j, -1 : 1 : side * 1j]
+            wheel = flow_colors(np.dstack([x, y]), 1)
+            _inlay(picture, wheel, x**2 + y**2 <= 1)
+            yield Panel(picture, "true optical flow", f"rim of the wheel: {longest:.3g} px/s")
+
+
+ClipSource = FrameSource | DepthSource | FlowSource
+
+
+def _truth_size(sequence: RadianceSequence) -> tuple[int, int]:
+    width = min(sequence.width, _TRUTH_WIDTH)
+    return width, round(width * sequence.height / sequence.width)
+
+
+def _some(times_us: Sequence[int]) -> list[int]:
+    """Return a few of some times, evenly."""
+    at = np.linspace(0, len(times_us) - 1, min(_SAMPLES, len(times_us)))
+    return [times_us[i] for i in np.round(at).astype(int)]
+
+
+def _inlay(picture: Picture, legend: Picture, shape: NDArray[np.bool_] | None = None) -> None:
+    """Put a legend into the lower left corner, on a black edge."""
+    height, width = legend.shape[:2]
+    edge = max(2, picture.shape[0] // 200)
+    inside = np.full((height, width), True) if shape is None else shape
+    covered = np.pad(inside, edge)
+    below = cv2.dilate(covered.astype(np.uint8), np.ones((2 * edge + 1,) * 2, np.uint8)) > 0
+    margin = 2 * edge
+    y, x = picture.shape[0] - height - 2 * edge - margin, margin
+    corner = picture[y : y + height + 2 * edge, x : x + width + 2 * edge]
+    corner[below] = 0
+    corner[edge:-edge, edge:-edge][inside] = legend[inside]

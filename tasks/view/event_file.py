@@ -1,0 +1,90 @@
+"""Files of events as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sensor.events import Events
+from sensor.formats import Header, read_events
+from sensor.model import SensorModel
+from tasks.view.clip import ClipFrames, ClipSource
+from tasks.view.drawing import Palette, draw_events, plain
+from tasks.view.panel import Panel
+from tasks.view.windows import windows
+
+
+@dataclass(frozen=True, slots=True)
+class EventSource:
+    """A file of events.
+
+    Parameters
+    ----------
+    path, header, format
+        The file, its header with a size, and its format, None for what its name says.
+    palette
+        Colors of the picture.
+    length_us, count
+        Events of a picture, one of both; see `windows`.
+    frames
+        Drawn behind the events.
+    """
+
+    path: Path
+    header: Header
+    palette: Palette
+    length_us: int | None = None
+    count: int | None = None
+    format: str | None = None
+    frames: ClipFrames | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the sensor, px."""
+        assert self.header.width is not None
+        assert self.header.height is not None
+        return self.header.width, self.header.height
+
+    @property
+    def title(self) -> str:
+        """The sensor, or the file if it is unknown."""
+        return self.path.name if self.header.model is None else sensor_title(self.header.model)
+
+    def parts(self) -> Iterator[Events]:
+        """Read the file."""
+        return read_events(self.path, format=self.format, size=self.size)
+
+    def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
+        """Yield a panel for each of some ascending times, us."""
+        for _, panel in self.drawn(times_us):
+            yield panel
+
+    def drawn(self, times_us: Sequence[int]) -> Iterator[tuple[Events, Panel]]:
+        """Yield the events of each window, and its panel."""
+        cut = windows(self.parts(), times_us, length_us=self.length_us, count=self.count)
+        for t_us, events in zip(times_us, cut, strict=True):
+            ground = (
+                plain(*self.size, self.palette.ground)
+                if self.frames is None
+                else self.frames.seen_by(*self.size, t_us)
+            )
+            picture = draw_events(events, ground, self.palette)
+            yield events, Panel(picture, self.title, self._rate(events, t_us))
+
+    def _rate(self, events: Events, t_us: int) -> str:
+        us = self.length_us
+        if us is None:
+            us = t_us - int(events.t_us[0]) if len(events) else 1
+        return f"{len(events) / us:.3g} Mev/s"  # events per microsecond
+
+
+def sensor_title(model: SensorModel) -> str:
+    """Return the size of a sensor and its cutoff."""
+    size = f"{model.width}x{model.height} px"
+    return f"{size}, {model.cutoff_hz:g} Hz" if np.isfinite(model.cutoff_hz) else f"{size}, ideal"
+
+
+Source = EventSource | ClipSource

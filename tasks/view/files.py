@@ -1,0 +1,149 @@
+"""Write pictures to a file: MP4, GIF, WebP or PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from eres_render.storage.atomic import new_file
+from tasks.errors import TaskError
+from tasks.view.drawing import Picture
+
+_ENCODERS = ("libx264", "libopenh264")  # of H.264, the best first
+_PALETTE_PICTURES = 5  # that decide the colors of a GIF
+_WEBP_QUALITY = 60
+
+
+def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
+    """Write an H.264 video.
+
+    Parameters
+    ----------
+    path
+        The file.
+    pictures
+        (H, W, 3) uint8 each, H and W even.
+    fps
+        Pictures per second.
+
+    Raises
+    ------
+    TaskError
+        This build of FFmpeg cannot encode H.264.
+    """
+    import av
+    from av.video.reformatter import ColorRange, Colorspace
+
+    encoder = next((name for name in _ENCODERS if name in av.codecs_available), None)
+    if encoder is None:
+        raise TaskError(f"{path}: PyAV's FFmpeg has no encoder for H.264; write a .webp or .gif")
+    rate = Fraction(fps).limit_denominator(1000)
+    first = next(pictures)
+    options = {"crf": "23", "preset": "medium"} if encoder == "libx264" else {}
+    with (
+        new_file(path) as file,
+        av.open(str(file), "w", format="mp4", options={"movflags": "+faststart"}) as container,
+    ):
+        stream: Any = container.add_stream(encoder, rate=rate, options=options)
+        stream.height, stream.width = first.shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.codec_context.colorspace = Colorspace.ITU709
+        stream.codec_context.color_range = ColorRange.MPEG
+        for picture in chain([first], pictures):
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
+            coded = frame.reformat(
+                format="yuv420p",
+                dst_colorspace=Colorspace.ITU709,
+                dst_color_range=ColorRange.MPEG,
+            )
+            container.mux(stream.encode(coded))
+        container.mux(stream.encode())
+
+
+def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
+    """Write an animated GIF that repeats.
+
+    Parameters
+    ----------
+    path
+        The file.
+    pictures
+        (H, W, 3) uint8 each.
+    fps
+        Pictures per second; a GIF stores hundredths of a second.
+    """
+    # One palette for all pictures, so that colors do not flicker.
+    some = list(islice(pictures, _PALETTE_PICTURES))
+    colors = Image.fromarray(np.concatenate(some)).quantize(255)
+    first, *rest = some
+    coded = (_coded(picture, colors) for picture in chain(rest, pictures))
+    with new_file(path) as file:
+        _coded(first, colors).save(
+            file,
+            "GIF",
+            save_all=True,
+            append_images=coded,
+            duration=10 * round(100 / fps),
+            loop=0,
+        )
+
+
+def _coded(picture: Picture, colors: Image.Image) -> Image.Image:
+    return Image.fromarray(picture).quantize(palette=colors, dither=Image.Dither.NONE)
+
+
+def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
+    """Write an animated WebP that repeats.
+
+    Parameters
+    ----------
+    path
+        The file.
+    pictures
+        (H, W, 3) uint8 each.
+    fps
+        Pictures per second.
+    """
+    with new_file(path) as file:
+        Image.fromarray(next(pictures)).save(
+            file,
+            "WEBP",
+            save_all=True,
+            append_images=map(Image.fromarray, pictures),
+            duration=round(1000 / fps),
+            loop=0,
+            quality=_WEBP_QUALITY,
+            method=4,
+        )
+
+
+def write_png(path: Path, pictures: Iterator[Picture], fps: float) -> None:
+    """Write one picture.
+
+    Parameters
+    ----------
+    path
+        The file.
+    pictures
+        Its only picture, (H, W, 3) uint8.
+    fps
+        Not used.
+    """
+    del fps
+    with new_file(path) as file:
+        Image.fromarray(next(pictures)).save(file, "PNG", optimize=True)
+
+
+WRITERS: dict[str, Callable[[Path, Iterator[Picture], float], None]] = {
+    ".mp4": write_mp4,
+    ".gif": write_gif,
+    ".webp": write_webp,
+    ".png": write_png,
+}
+"""Writers of pictures, by extension."""

@@ -1,0 +1,112 @@
+"""Put panels side by side, each with two lines of caption."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from tasks.view.drawing import Palette, Picture, resized
+from tasks.view.panel import Panel
+
+_SMALL_PX = 360  # lower pictures grow, by a whole factor
+_GAP_PX, _MARGIN_PX = 8, 4
+_TEXT_SHARE = 0.065  # of the height of the pictures
+_SMALLEST_TEXT_PX, _LARGEST_TEXT_PX = 12, 24
+_FINER = 4  # letters are drawn this much larger and averaged, which places them between pixels
+
+
+class Layout:
+    """Scales pictures of several sizes to one height, and draws their captions and a footer.
+
+    Parameters
+    ----------
+    sizes
+        Width and height of each picture, px.
+    most
+        Width and height that the result must not exceed, px, except for captions.
+    palette
+        Colors of captions and footer.
+    height
+        Height of the pictures, px; by default that of the largest, or a multiple of it for small
+        sensors.
+    """
+
+    def __init__(
+        self,
+        sizes: Sequence[tuple[int, int]],
+        most: tuple[int, int],
+        palette: Palette,
+        height: int | None = None,
+    ) -> None:
+        shapes = [width / height for width, height in sizes]
+        if height is None:
+            tallest = max(height for _, height in sizes)
+            height = tallest * math.ceil(_SMALL_PX / tallest)
+            room = most[0] - _GAP_PX * (len(sizes) - 1)
+            height = max(1, min(height, most[1], int(room / sum(shapes))))
+        self._height = height
+        self._widths = [max(1, round(shape * height)) for shape in shapes]
+        self._lefts = [sum(self._widths[:k]) + k * _GAP_PX for k in range(len(sizes))]
+        self._palette = palette
+        self._text_px = self._page_px = 0  # those of the first picture are kept
+
+    def draw(self, panels: Sequence[Panel], footer: str) -> Picture:
+        """Draw panels.
+
+        Parameters
+        ----------
+        panels
+            One for each of the sizes.
+        footer
+            A line below all of them.
+
+        Returns
+        -------
+        (H, W, 3) uint8, the same H and W each time, even, as videos need it.
+        """
+        if not self._text_px:
+            self._measure(panels, footer)
+        line = round(1.4 * self._text_px)
+        below = self._height + _GAP_PX // 2
+        height = below + 3 * line + 2 * _GAP_PX
+        page = Image.new("RGB", (self._page_px, height + height % 2), self._palette.page)
+        for panel, left, width in zip(panels, self._lefts, self._widths, strict=True):
+            page.paste(Image.fromarray(resized(panel.picture, width, self._height)), (left, 0))
+            self._write(page, left, below, panel.title, width)
+            self._write(page, left, below + line, panel.detail, width, dim=True)
+        self._write(page, 0, below + _GAP_PX + 2 * line, footer, self._page_px, dim=True)
+        return np.asarray(page)
+
+    def _measure(self, panels: Sequence[Panel], footer: str) -> None:
+        """Choose letters that fit below the narrowest picture, and a page that holds the footer."""
+        size = round(_TEXT_SHARE * self._height)
+        size = min(max(size, _SMALLEST_TEXT_PX), _LARGEST_TEXT_PX)
+        captions = [line for panel in panels for line in (panel.title, panel.detail)]
+        widest = max(_font(size).getlength(text) for text in captions) + 2 * _MARGIN_PX
+        fitting = int(size * min(self._widths) / widest)
+        self._text_px = max(_SMALLEST_TEXT_PX, min(size, fitting))
+        longest = math.ceil(1.1 * _font(self._text_px).getlength(footer)) + 2 * _MARGIN_PX
+        width = max(self._lefts[-1] + self._widths[-1], longest)
+        self._page_px = width + width % 2
+
+    def _write(
+        self, page: Image.Image, x: int, y: int, text: str, most: int, dim: bool = False
+    ) -> None:
+        """Write a line in at most `most` px from column x on."""
+        ink, behind = np.array(self._palette.text), np.array(self._palette.page)
+        color = ink + (0.3 if dim else 0.0) * (behind - ink)
+        font = _font(_FINER * self._text_px)
+        width = min(math.ceil(font.getlength(text) / _FINER), most - 2 * _MARGIN_PX)
+        mask = Image.new("L", (_FINER * max(width, 1), _FINER * round(1.4 * self._text_px)))
+        ImageDraw.Draw(mask).text((0, 0), text, 255, font=font)
+        page.paste(tuple(color.astype(int)), (x + _MARGIN_PX, y), mask.reduce(_FINER))
+
+
+@lru_cache
+def _font(size: int) -> Any:
+    return ImageFont.load_default(size)

@@ -1,0 +1,67 @@
+"""Options of `eres view` for what of the events is shown, and how."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from tasks.errors import TaskError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """What of the events is shown, and how.
+
+    Parameters
+    ----------
+    window
+        Each picture shows the events of this many milliseconds up to its time.
+    count
+        Each picture shows this many events up to its time, instead of a window.
+    slow
+        Slow motion: how many times slower than real time. By default the file plays a few seconds.
+    fps
+        Pictures per second of the file.
+    start
+        Leave out what is earlier, seconds on the clock of the events, as `eres info` prints it.
+    end
+        Leave out what is later, seconds.
+    at
+        Time of the picture in a .png, seconds; by default the middle.
+    palette
+        Colors: blue-red or dark.
+    height
+        Height of the pictures, px; by default one that suits sensor and file.
+    """
+
+    window: float = 10.0
+    count: int | None = None
+    slow: float | None = None
+    fps: float = 25.0
+    start: float | None = None
+    end: float | None = None
+    at: float | None = None
+    palette: Literal["blue-red", "dark"] = "blue-red"
+    height: int | None = None
+
+    def check(self) -> None:
+        """Refuse values that are not positive.
+
+        Raises
+        ------
+        TaskError
+            The text names the option.
+        """
+        for name in ("window", "count", "slow", "fps", "height"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < math.inf:
+                raise TaskError(f"{name}: found {value}, expected a positive number")
+
+    @property
+    def length_us(self) -> int | None:
+        """Length of a window, us; None if it has a number of events."""
+        return None if self.count is not None else max(1, round(1e3 * self.window))
+
+
+ALL_OF_IT = Look()

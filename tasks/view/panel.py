@@ -1,0 +1,24 @@
+"""What is drawn of one source at one time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tasks.view.drawing import Picture
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One source at one time.
+
+    Parameters
+    ----------
+    picture
+        (H, W, 3) uint8.
+    title, detail
+        Two lines of caption: what it is, and its numbers at this time.
+    """
+
+    picture: Picture
+    title: str
+    detail: str

@@ -1,0 +1,156 @@
+"""A page that plays events in a browser, without a network: one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import logging
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from numpy.typing import NDArray
+
+from eres_render.progress import Progress
+from eres_render.storage.atomic import write_text
+from tasks.errors import TaskError
+from tasks.view.drawing import STRENGTHS
+from tasks.view.event_file import EventSource
+
+_log = logging.getLogger(__name__)
+
+MOST_EVENTS = 2_000_000
+"""Events of a page, all files together; of more, every second, third, ... is kept."""
+
+_TEMPLATES = Environment(
+    loader=PackageLoader("tasks.view"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PackedEvents:
+    """Events of one file, for the page.
+
+    Parameters
+    ----------
+    title
+        The sensor or the file.
+    width, height
+        Of the sensor, px.
+    count
+        Number of events in the page.
+    every
+        The page has every `every`-th event of the file.
+    data
+        Base64 of the columns, compressed by zlib: uint32 time from the event before, us (the first
+        from the start of the page); uint16 x; uint16 y; uint8 1 for brighter; little-endian.
+    """
+
+    title: str
+    width: int
+    height: int
+    count: int
+    every: int
+    data: str
+
+
+def write_player(
+    path: Path,
+    sources: Sequence[EventSource],
+    counts: Sequence[int],
+    span_us: tuple[int, int],
+    window_ms: float,
+    on_progress: Progress,
+) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    path
+        The HTML file.
+    sources
+        Files of events, side by side.
+    counts
+        How many events of each lie in the span.
+    span_us
+        The part of the events that is shown, [start, end), us.
+    window_ms
+        Length of the window of events at first, ms.
+    on_progress
+        Called after each file.
+
+    Raises
+    ------
+    TaskError
+        The span is longer than the page's clock.
+    """
+    if span_us[1] - span_us[0] >= 1 << 32:
+        raise TaskError(f"{path}: found more than 71 minutes; choose a part with --start and --end")
+    every = -(-sum(counts) // MOST_EVENTS)
+    if every > 1:
+        _log.warning(
+            "%s: keeps one of %d events, as there are %d and a browser holds %d; choose a part "
+            "with --start and --end for all of them",
+            *(path, every, sum(counts), MOST_EVENTS),
+        )
+    packed = []
+    for k, source in enumerate(sources, start=1):
+        packed.append(pack(source, span_us, every))
+        on_progress("packing", k, len(sources))
+    palette = sources[0].palette
+    page = _TEMPLATES.get_template("player.html").render(
+        title=", ".join(source.path.name for source in sources),
+        panels=[{"title": one.title, "width": one.width, "height": one.height} for one in packed],
+        every=every,
+        events={
+            "start_us": span_us[0],
+            "duration_us": span_us[1] - span_us[0],
+            "window_ms": window_ms,
+            "brighter": palette.brighter,
+            "darker": palette.darker,
+            "ground": palette.ground,
+            "strengths": STRENGTHS,
+            "sources": [asdict(one) for one in packed],
+        },
+    )
+    write_text(path, page)
+
+
+def pack(source: EventSource, span_us: tuple[int, int], every: int) -> PackedEvents:
+    """Pack the events of a file for the page.
+
+    Parameters
+    ----------
+    source
+        The file.
+    span_us
+        The part that is packed, [start, end), us.
+    every
+        Keep every `every`-th event.
+
+    Returns
+    -------
+    PackedEvents
+    """
+    kept: list[tuple[NDArray, ...]] = []
+    seen = 0
+    for part in source.parts():
+        inside = part.between(*span_us)
+        chosen = slice(-seen % every, None, every)
+        kept.append(tuple(column[chosen].copy() for column in inside.columns))
+        seen += len(inside)
+        if len(part) and part.t_us[-1] >= span_us[1]:
+            break
+    t_us, x, y, p = (np.concatenate(column) for column in zip(*kept, strict=True))
+    steps = np.diff(t_us, prepend=span_us[0]).astype("<u4")
+    columns = steps, x.astype("<u2"), y.astype("<u2"), (p > 0).astype("u1")
+    data = zlib.compress(b"".join(column.tobytes() for column in columns), 6)
+    width, height = source.size
+    encoded = base64.b64encode(data).decode()
+    return PackedEvents(source.title, width, height, len(t_us), every, encoded)

@@ -1,0 +1,139 @@
+"""Show clips and events in the Rerun viewer, or write a recording for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import ground_truth
+from eres_render.progress import Progress
+from eres_render.storage.atomic import new_file
+from sensor.events import Events
+from tasks.errors import TaskError
+from tasks.view.clip import ClipFrames, DepthSource, FlowSource
+from tasks.view.event_file import EventSource, Source
+
+_MOST_POINTS = 20_000  # of a window
+_PATH_STEPS = 500
+
+
+def write_recording(
+    path: Path | None,
+    sources: Sequence[Source],
+    times_us: Sequence[int],
+    on_progress: Progress,
+) -> None:
+    """Log frames, poses, true depth and flow of clips, and pictures and points of events.
+
+    Everything is on the timeline "time". A point of an event is its pixel and its age, where the
+    window is as long as the sensor is wide.
+
+    Parameters
+    ----------
+    path
+        The recording; None opens the viewer.
+    sources
+        Clips and files of events.
+    times_us
+        Times at which all are logged, us.
+    on_progress
+        Called after each time.
+
+    Raises
+    ------
+    TaskError
+        Rerun is not installed.
+    """
+    with _recording(path) as (rerun, recording):
+        logs = []
+        for source in sources:
+            if isinstance(source, EventSource):
+                logs.append(_events(rerun, recording, source, times_us))
+            else:
+                logs.append(_clip(rerun, recording, source.frames, times_us))
+        for k, t_us in enumerate(times_us, start=1):
+            recording.set_time("time", duration=np.timedelta64(t_us, "us"))
+            for log in logs:
+                next(log)
+            on_progress("logging", k, len(times_us))
+
+
+@contextmanager
+def _recording(path: Path | None) -> Iterator[tuple[Any, Any]]:
+    try:
+        import rerun
+    except ModuleNotFoundError as error:
+        raise TaskError(
+            "rerun: is not installed; pip install 'eres-events[viewer]', or pip install rerun-sdk"
+        ) from error
+    recording = rerun.RecordingStream("eres")
+    if path is None:
+        recording.spawn()
+        yield rerun, recording
+        recording.flush()
+        return
+    with new_file(path) as file:
+        recording.save(file)
+        try:
+            yield rerun, recording
+        finally:
+            recording.disconnect()
+
+
+def _clip(
+    rerun: Any, recording: Any, frames: ClipFrames, times_us: Sequence[int]
+) -> Iterator[None]:
+    """Log a clip at each time, before the next is asked for."""
+    clip = frames.sequence
+    truth = ground_truth(clip)
+    place = f"clips/{clip.folder.name}"
+    depth, flow = DepthSource(frames, truth), FlowSource(frames, truth)
+    ends_s = clip.t_s[[0, -1]]
+    path = truth.trajectory.pose(np.linspace(ends_s[0], ends_s[1], _PATH_STEPS))[:, :3, 3]
+    recording.log(f"{place}/path", rerun.LineStrips3D([path]), static=True)
+    for t_us, colors in zip(times_us, flow.panels(times_us), strict=True):
+        T = truth.pose(frames.path_s(t_us))
+        pose = rerun.Transform3D(translation=T[:3, 3], mat3x3=T[:3, :3])
+        recording.log(f"{place}/camera", pose)
+        for name, picture in (
+            ("frames", rerun.Image(frames.at(t_us))),
+            ("depth", rerun.DepthImage(depth.depth(t_us), meter=1.0)),
+            ("flow", rerun.Image(colors.picture)),
+        ):
+            width = clip.width if name == "frames" else depth.size[0]
+            camera = truth.camera(width)
+            lens = rerun.Pinhole(
+                image_from_camera=camera.K, resolution=[camera.width, camera.height]
+            )
+            recording.log(f"{place}/camera/{name}", lens, picture)
+        yield
+
+
+def _events(
+    rerun: Any, recording: Any, source: EventSource, times_us: Sequence[int]
+) -> Iterator[None]:
+    """Log a file of events at each time, before the next is asked for."""
+    place = f"events/{source.path.name}"
+    palette = source.palette
+    for events, panel in source.drawn(times_us):
+        recording.log(f"{place}/image", rerun.Image(panel.picture))
+        recording.log(f"{place}/rate", rerun.TextDocument(f"{panel.title}, {panel.detail}"))
+        some = events[max(0, len(events) - _MOST_POINTS) :]
+        colors = np.where((some.p > 0)[:, None], palette.brighter, palette.darker)
+        points = rerun.Points3D(_points(some), colors=colors.astype(np.uint8), radii=0.4)
+        recording.log(f"{place}/points", points)
+        yield
+
+
+def _points(events: Events) -> NDArray[np.float32]:
+    """Return (N, 3) column, row and age; the oldest event is as far away as the sensor is wide."""
+    if not len(events):
+        return np.zeros((0, 3), np.float32)
+    age_us = events.t_us[-1] - events.t_us
+    age = age_us * (events.width / max(int(age_us[0]), 1))
+    return np.stack([events.x, events.y, age], axis=1).astype(np.float32)

@@ -1,0 +1,153 @@
+"""What is shown: sources of pictures, and the time that they cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from eres_render import RadianceSequence, ground_truth, open_sequence
+from eres_render.progress import Progress
+from sensor.errors import EventFormatError
+from sensor.formats import Header, read_header
+from tasks.errors import TaskError
+from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
+from tasks.view.drawing import PALETTES
+from tasks.view.event_file import EventSource, Source
+from tasks.view.look import Look
+from tasks.view.windows import span_of
+
+Show = Literal["frames", "depth", "flow"]
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What is shown, with the time that all of it covers.
+
+    Parameters
+    ----------
+    sources
+        In their order.
+    start_us, end_us
+        The part of their time that is shown, us.
+    counts
+        Number of events in that part, of each file of events.
+    """
+
+    sources: tuple[Source, ...]
+    start_us: int
+    end_us: int
+    counts: tuple[int, ...]
+
+    @property
+    def event_sources(self) -> tuple[EventSource, ...]:
+        """Those that are files of events."""
+        return tuple(one for one in self.sources if isinstance(one, EventSource))
+
+
+def open_subject(
+    paths: Sequence[Path],
+    look: Look,
+    *,
+    over: RadianceSequence | None,
+    show: Show,
+    size: tuple[int, int] | None,
+    format: str | None,
+    on_progress: Progress,
+) -> Subject:
+    """Open files of events and rendered clips, and measure their time.
+
+    Parameters
+    ----------
+    paths
+        Files of events, and folders of rendered clips.
+    look
+        What of the events is shown, and how.
+    over
+        Clip that is drawn behind the events.
+    show
+        What is drawn of clips.
+    size, format
+        Of files of events that do not say, see `read_events`.
+    on_progress
+        Called for each file.
+
+    Returns
+    -------
+    Subject
+
+    Raises
+    ------
+    TaskError
+        A file has no events in the part that is shown, or their speeds differ beside a clip.
+    """
+    files = [path for path in paths if not path.is_dir()]
+    headers = {path: _header(path, size, format) for path in files}
+    speeds = {float(header.origin.get("speed", 1.0)) for header in headers.values()}
+    if len(speeds) > 1 and len(files) < len(paths):
+        found = " and ".join(f"{speed:g}" for speed in sorted(speeds))
+        raise TaskError(f"found events at speeds {found}, expected one speed beside a clip")
+    sources: list[Source] = []
+    for path in paths:
+        if path in headers:
+            speed = float(headers[path].origin.get("speed", 1.0))
+            frames = None if over is None else ClipFrames(over, speed)
+            sources.append(
+                EventSource(
+                    path,
+                    headers[path],
+                    PALETTES[look.palette],
+                    length_us=look.length_us,
+                    count=look.count,
+                    format=format,
+                    frames=frames,
+                )
+            )
+        else:
+            clip = ClipFrames(open_sequence(path), next(iter(speeds), 1.0))
+            sources.append(_clip_source(clip, show))
+    return _timed(tuple(sources), look, on_progress)
+
+
+def _header(path: Path, size: tuple[int, int] | None, format: str | None) -> Header:
+    header = read_header(path, format=format)
+    try:
+        return header.with_size(size)
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
+
+
+def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
+    if show == "frames":
+        return FrameSource(frames)
+    truth = ground_truth(frames.sequence)
+    return DepthSource(frames, truth) if show == "depth" else FlowSource(frames, truth)
+
+
+def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Subject:
+    start_us, end_us = (None if t_s is None else round(1e6 * t_s) for t_s in (look.start, look.end))
+    if start_us is not None and end_us is not None and not start_us < end_us:
+        raise TaskError(f"start, end: found {look.start} to {look.end} s, expected a span")
+    files = any(isinstance(source, EventSource) for source in sources)
+    starts, ends, counts = [], [], []
+    for k, source in enumerate(sources):
+        on_progress("reading", k, len(sources))
+        if isinstance(source, EventSource):
+            span = span_of(source.parts(), start_us, end_us)
+            if span is None:
+                part = "in the file" if start_us is end_us is None else "between start and end"
+                raise TaskError(f"{source.path}: found no events {part}")
+            counts.append(span.count)
+            starts.append(span.start_us)
+            ends.append(span.end_us)
+        elif not files:
+            first_us, last_us = source.frames.span_us()
+            starts.append(first_us)
+            ends.append(last_us)
+    return Subject(
+        sources,
+        min(starts) if start_us is None else start_us,
+        max(ends) if end_us is None else end_us,
+        tuple(counts),
+    )

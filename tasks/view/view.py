@@ -1,0 +1,142 @@
+"""`view`: events and rendered clips into a file to look at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from eres_render import open_sequence
+from eres_render.progress import Progress, silent
+from tasks.errors import TaskError
+from tasks.events.overwriting import check_new
+from tasks.view.drawing import PALETTES, Picture
+from tasks.view.files import WRITERS
+from tasks.view.layout import Layout
+from tasks.view.look import Look
+from tasks.view.player import write_player
+from tasks.view.recording import write_recording
+from tasks.view.subject import Show, Subject, open_subject
+
+_SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
+_SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # that a file plays by default, about
+_FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
+_MOST_LOOPED = 300  # pictures of a .gif or .webp, which are in memory at once
+
+
+KINDS = (*WRITERS, ".html", ".rrd")
+
+
+def view(
+    paths: Sequence[Path],
+    out: Path | None,
+    look: Look,
+    *,
+    over: Path | None = None,
+    show: Show = "frames",
+    size: tuple[int, int] | None = None,
+    format: str | None = None,
+    overwrite: bool = False,
+    on_progress: Progress = silent,
+) -> None:
+    """Write events and rendered clips to a file to look at, side by side.
+
+    Parameters
+    ----------
+    paths
+        Files of events, and folders of rendered clips.
+    out
+        The file: .mp4, .gif, .webp, .png, .html or .rrd; None opens the Rerun viewer.
+    look
+        What of the events is shown, and how.
+    over
+        Rendered clip that is drawn behind the events.
+    show
+        What is drawn of rendered clips.
+    size, format
+        Of files of events that do not say, see `read_events`.
+    overwrite
+        Whether to replace an existing file.
+    on_progress
+        Called after each picture.
+
+    Raises
+    ------
+    TaskError
+        The kind of file is unknown, it exists, or there is nothing to show in it.
+    """
+    look.check()
+    kind = ".rrd" if out is None else out.suffix.lower()
+    if kind not in KINDS:
+        raise TaskError(f"{out}: found extension {kind!r}, expected one of {', '.join(KINDS)}")
+    if out is not None:
+        check_new(out, overwrite)
+    clip = None if over is None else open_sequence(over)
+    subject = open_subject(
+        paths, look, over=clip, show=show, size=size, format=format, on_progress=on_progress
+    )
+    if kind == ".rrd":
+        write_recording(out, subject.sources, _times(subject, look, kind), on_progress)
+        return
+    assert out is not None
+    if kind == ".html":
+        if len(subject.event_sources) < len(subject.sources) or over is not None:
+            raise TaskError(f"{out}: found a rendered clip, expected events alone in a .html")
+        span_us = subject.start_us, subject.end_us
+        write_player(out, subject.event_sources, subject.counts, span_us, look.window, on_progress)
+        return
+    times_us = _times(subject, look, kind)
+    if kind in (".gif", ".webp") and len(times_us) > _MOST_LOOPED:
+        raise TaskError(
+            f"{out}: found {len(times_us)} pictures, expected at most {_MOST_LOOPED}; choose a "
+            "part with --start and --end, a smaller --slow or --fps, or write a .mp4"
+        )
+    WRITERS[kind](out, _pictures(subject, look, times_us, kind, on_progress), look.fps)
+
+
+def _times(subject: Subject, look: Look, kind: str) -> list[int]:
+    """Return the ends of the pictures' windows, us."""
+    start_us, end_us = subject.start_us, subject.end_us
+    if kind == ".png":
+        t_us = (start_us + end_us) // 2 if look.at is None else round(1e6 * look.at)
+        if not start_us <= t_us <= end_us:
+            span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
+            raise TaskError(f"at: found {look.at} s, expected {span}, as in the files")
+        return [t_us]
+    step_us = 1e6 / (look.fps * _slow(subject, look, kind))
+    lead_us = 0.0
+    if subject.event_sources:  # the first picture shows a whole window
+        lead_us = step_us if look.length_us is None else look.length_us
+    first_us = min(start_us + lead_us, end_us)
+    steps = math.floor((end_us - first_us) / step_us)
+    return [round(first_us + k * step_us) for k in range(steps + 1)]
+
+
+def _slow(subject: Subject, look: Look, kind: str) -> float:
+    if look.slow is not None:
+        return look.slow
+    span_s = 1e-6 * max(subject.end_us - subject.start_us, 1)
+    ideal = _SECONDS.get(kind, _SECONDS[".mp4"]) / span_s
+    return min(_FACTORS, key=lambda factor: abs(math.log(factor / ideal)))
+
+
+def _pictures(
+    subject: Subject, look: Look, times_us: list[int], kind: str, on_progress: Progress
+) -> Iterator[Picture]:
+    sizes = [source.size for source in subject.sources]
+    layout = Layout(sizes, _SIZES[kind], PALETTES[look.palette], look.height)
+    notes = []
+    if subject.event_sources:
+        notes.append(f"{look.count} events" if look.count else f"{look.window:g} ms of events")
+    if kind != ".png":
+        notes.append(_pace(_slow(subject, look, kind)))
+    drawn = zip(*(source.panels(times_us) for source in subject.sources), strict=True)
+    for k, (t_us, panels) in enumerate(zip(times_us, drawn, strict=True), start=1):
+        yield layout.draw(panels, ", ".join([f"{t_us * 1e-6:.4f} s", *notes]))
+        on_progress("drawing", k, len(times_us))
+
+
+def _pace(slow: float) -> str:
+    if slow == 1:
+        return "real time"
+    return f"{slow:g} times slower" if slow > 1 else f"{1 / slow:g} times faster"

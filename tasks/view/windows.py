@@ -1,0 +1,119 @@
+"""The events of each picture, read from a file in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sensor.events import Events, concatenate
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The time and number of a file's events.
+
+    Parameters
+    ----------
+    start_us, end_us
+        From the first event to just after the last: [start_us, end_us).
+    count
+        How many there are.
+    """
+
+    start_us: int
+    end_us: int
+    count: int
+
+
+def span_of(
+    parts: Iterable[Events], start_us: int | None = None, end_us: int | None = None
+) -> Span | None:
+    """Measure the events of a stream.
+
+    Parameters
+    ----------
+    parts
+        Parts of the stream.
+    start_us, end_us
+        Look only at events in [start_us, end_us).
+
+    Returns
+    -------
+    span
+        None if there is no event.
+    """
+    first, last, count = None, 0, 0
+    for part in parts:
+        low = 0 if start_us is None else int(np.searchsorted(part.t_us, start_us))
+        high = len(part) if end_us is None else int(np.searchsorted(part.t_us, end_us))
+        if low < high:
+            first = int(part.t_us[low]) if first is None else first
+            last = int(part.t_us[high - 1])
+            count += high - low
+        if high < len(part):
+            break
+    return None if first is None else Span(first, last + 1, count)
+
+
+def windows(
+    parts: Iterable[Events],
+    ends_us: Sequence[int],
+    *,
+    length_us: int | None = None,
+    count: int | None = None,
+) -> Iterator[Events]:
+    """Yield the events that end at some times.
+
+    Parameters
+    ----------
+    parts
+        Parts of a stream, at least one.
+    ends_us
+        Ends of the windows, ascending.
+    length_us
+        Length of the windows: events in [end - length_us, end).
+    count
+        Instead of a length, the number of events before the end.
+
+    Yields
+    ------
+    Events
+    """
+    stream = iter(parts)
+    held = next(stream)
+    for end_us in ends_us:
+        fresh = []
+        while not (len(held) and held.t_us[-1] >= end_us):
+            if (part := next(stream, None)) is None:
+                break
+            fresh.append(held)
+            # Only what this window can still need stays, however far away its end is.
+            held = part
+            fresh = _needed(fresh, held, end_us, length_us, count)
+        if fresh:
+            held = concatenate([*fresh, held])
+        stop = int(np.searchsorted(held.t_us, end_us))
+        if length_us is not None:
+            begin = int(np.searchsorted(held.t_us, end_us - length_us))
+        else:
+            begin = max(0, stop - (count or 0))
+        yield held[begin:stop]
+        held = held[begin:]
+
+
+def _needed(
+    parts: list[Events], after: Events, end_us: int, length_us: int | None, count: int | None
+) -> list[Events]:
+    """Return the last of some parts: those that a window which ends in `after` or later needs."""
+    if length_us is not None:
+        return [part for part in parts if len(part) and part.t_us[-1] >= end_us - length_us]
+    later = int(np.searchsorted(after.t_us, end_us))
+    needed: list[Events] = []
+    for part in reversed(parts):
+        if later >= (count or 0):
+            break
+        needed.insert(0, part)
+        later += len(part)
+    return needed

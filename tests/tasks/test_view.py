@@ -1,0 +1,448 @@
+"""Pictures, videos, a page and recordings of events and rendered clips."""
+
+import base64
+import io
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from browser import CHROMIUM, LOW_CONTRAST, watched
+from eres_render import load_scene, open_sequence, render_scene
+from event_streams import make_events, random_events
+from light_scenes import small_carpet_folder
+from sensor import SensorModel
+from sensor.formats import write_events
+from tasks.view.clip import ClipFrames
+from tasks.view.drawing import (
+    PALETTES,
+    depth_colors,
+    draw_events,
+    flow_colors,
+    plain,
+    resized,
+    tone_mapped,
+)
+from tasks.view.layout import Layout
+from tasks.view.panel import Panel
+from tasks.view.windows import Span, span_of, windows
+
+COLORS = PALETTES["blue-red"]
+
+
+def mixed(color, ground, strength):
+    return [round(c * strength + g * (1 - strength)) for c, g in zip(color, ground, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    """Return the folder of 0.2 s of a small carpet."""
+    folder = tmp_path_factory.mktemp("view")
+    scene = load_scene(small_carpet_folder(folder / "carpet"))
+    options = {"resolution": 48, "spp": 1, "max_displacement_px": 1.0, "continuous": True}
+    (sequence,) = render_scene(scene, folder / "clip", duration_s=0.2, **options)
+    return sequence.folder
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """Return a file of 4000 events of 64x48 px in 200 ms."""
+    file = tmp_path_factory.mktemp("events") / "events.h5"
+    write_events(file, random_events(4000, 64, 48, mean_us=50.0))
+    return file
+
+
+# Drawing
+
+
+@pytest.mark.parametrize("palette", PALETTES.values(), ids=PALETTES)
+def test_a_pixel_has_the_color_of_the_sum_of_its_polarities(palette):
+    """Promise: brighter and darker have their colors, more opaque up to a sum of 3; what cancels
+    and what did not fire shows the ground."""
+    x = [0] + [1] * 2 + [2] * 3 + [3] * 5 + [4] * 2 + [0] * 3
+    y = [0] * 13 + [1] * 3
+    p = [1] + [1] * 2 + [1] * 3 + [1] * 5 + [1, 0] + [1, 0, 0]
+    picture = draw_events(
+        make_events(range(16), x, y, p, 6, 2), plain(6, 2, palette.ground), palette
+    )
+    brighter = [mixed(palette.brighter, palette.ground, s) for s in (0.65, 0.85, 1.0, 1.0)]
+    darker = mixed(palette.darker, palette.ground, 0.65)
+    nothing = list(palette.ground)
+    assert picture.tolist() == [[*brighter, nothing, nothing], [darker] + 5 * [nothing]]
+
+
+def test_events_are_drawn_over_a_picture():
+    ground = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
+    picture = draw_events(make_events([5], [1], [0], [0], 2, 2), ground, COLORS)
+    assert picture[0, 1].tolist() == mixed(COLORS.darker, ground[0, 1].tolist(), 0.65)
+    picture[0, 1] = ground[0, 1]
+    np.testing.assert_array_equal(picture, ground)
+
+
+def test_light_has_a_gamma_and_ends_at_white():
+    light = np.array([[0, 0.5, 1, 9]], np.float32)
+    assert tone_mapped(light, 1.0)[0, :, 0].tolist() == [0, round(255 * 0.5 ** (1 / 2.2)), 255, 255]
+
+
+def test_depth_is_even_in_its_inverse_and_nothing_is_black():
+    """Promise: the ends of viridis are the ends of the scale."""
+    picture = depth_colors(np.array([[4.0, 1.0, 1.6, np.inf, 99.0]]), 1.0, 4.0)[0].tolist()
+    assert picture[0] == [68, 1, 84]
+    assert picture[1] == [253, 231, 37]
+    assert picture[2] == [33, 145, 140]  # 1 / 1.6 is in the middle of 1 / 4 and 1
+    assert picture[3] == [0, 0, 0]
+    assert picture[4] == picture[0]
+
+
+def test_flow_has_its_direction_as_hue_and_its_length_as_saturation():
+    flow = np.array([[[2, 0], [-2, 0], [0, 0], [1, 0], [9, 0], [-1, 3**0.5]]], float)
+    assert flow_colors(flow, 2.0)[0].tolist() == [
+        [255, 0, 0],
+        [0, 255, 255],
+        [255, 255, 255],
+        [255, 128, 128],
+        [255, 0, 0],
+        [0, 255, 0],  # 120 degrees
+    ]
+
+
+def test_pixels_become_squares_or_means():
+    picture = np.array([[[0] * 3, [200] * 3]], np.uint8)
+    assert resized(picture, 4, 2)[..., 0].tolist() == 2 * [[0, 0, 200, 200]]
+    assert resized(picture, 1, 1)[0, 0, 0] == 100
+
+
+def test_captions_change_and_the_page_keeps_its_size():
+    """Promise: videos need it; longer numbers are cut off, never drawn over the next picture."""
+    layout = Layout([(40, 30), (40, 30)], (500, 500), COLORS, height=61)
+    picture = plain(40, 30, COLORS.ground)
+    first = layout.draw([Panel(picture, "a", "1"), Panel(picture, "b", "2")], "now")
+    later = layout.draw([Panel(picture, "a" * 99, "1" * 99), Panel(picture, "", "")], "now " * 9)
+    assert first.shape == later.shape
+    assert all(side % 2 == 0 for side in first.shape[:2])
+    rows = slice(61 + 4, 61 + 4 + 2 * 17)  # two lines of captions
+    assert (later[rows, :77] != 255).any()
+    assert np.all(later[rows, 81:] == 255)
+
+
+# Windows
+
+
+def test_windows_include_their_start_and_not_their_end():
+    events = make_events([10, 20, 20, 30], *np.zeros((3, 4)))
+    found = [part.t_us.tolist() for part in windows([events], [20, 30, 31], length_us=10)]
+    assert found == [[10], [20, 20], [30]]
+    found = [part.t_us.tolist() for part in windows([events], [5, 20, 31], count=3)]
+    assert found == [[], [10], [20, 20, 30]]
+
+
+@given(
+    times=st.lists(st.integers(0, 60), max_size=40).map(sorted),
+    cuts=st.lists(st.integers(0, 40), max_size=5).map(sorted),
+    ends=st.lists(st.integers(0, 80), max_size=12).map(sorted),
+    length=st.integers(1, 30),
+)
+def test_windows_do_not_depend_on_the_parts_of_a_file(times, cuts, ends, length):
+    """Promise: any division of the stream gives the events of each window."""
+    events = make_events(times, *np.zeros((3, len(times))))
+    bounds = [0, *(min(cut, len(times)) for cut in cuts), len(times)]
+    parts = [events[a:b] for a, b in pairwise(bounds)]
+    by_time = [part.t_us.tolist() for part in windows(parts, ends, length_us=length)]
+    assert by_time == [[t for t in times if end - length <= t < end] for end in ends]
+    by_count = [part.t_us.tolist() for part in windows(parts, ends, count=length)]
+    assert by_count == [[t for t in times if t < end][-length:] for end in ends]
+
+
+def test_the_span_counts_events_from_start_to_before_end():
+    parts = [make_events(t, *np.zeros((3, len(t)))) for t in ([], [3, 5], [5, 9, 12])]
+    assert span_of(parts) == Span(3, 13, 5)
+    assert span_of(parts, 5, 12) == Span(5, 10, 3)
+    assert span_of(parts, 13) is None
+
+
+# Files
+
+
+def test_a_png_is_one_picture_at_its_time(eres, tmp_path):
+    """Promise: a window ends at --at; small sensors grow by a whole factor; captions below."""
+    file, out = tmp_path / "few.npz", tmp_path / "few.png"
+    write_events(
+        file, make_events([0, 9999, 10000, 20000], [0, 1, 2, 3], [0] * 4, [1, 0, 1, 1], 8, 6)
+    )
+    assert eres("view", file, "--out", out, "--at", "0.01")[0] == 0
+    picture = np.asarray(Image.open(out))
+    assert picture.shape[1] == 8 * 60
+    row = picture[30, 30 : 8 * 60 : 60].tolist()
+    blue, red = (mixed(c, COLORS.ground, 0.65) for c in (COLORS.brighter, COLORS.darker))
+    assert row == [blue, red, *(6 * [list(COLORS.ground)])]
+    assert picture.shape[0] > 360
+    assert np.all(picture[357:360, 3] == COLORS.ground)
+    assert np.all(picture[360, :] == COLORS.page)
+    assert (picture[360:] < 128).any()
+
+
+def test_sources_are_side_by_side_at_one_height(eres, tmp_path, recording):
+    """Promise: each keeps its shape, with a gap between them."""
+    other = tmp_path / "wide.npz"
+    write_events(other, random_events(4000, 300, 100, mean_us=50.0))
+    out = tmp_path / "two.png"
+    assert eres("view", recording, other, "--out", out, "--height", 96)[0] == 0
+    picture = np.asarray(Image.open(out))
+    assert picture.shape[1] == 128 + 8 + 288
+    assert np.all(picture[:96, 128:136] == COLORS.page)
+    grounds = np.all(picture[:96] == COLORS.ground, axis=2)
+    assert grounds[:, :128].mean() > 0.5
+    assert grounds[:, 136:].mean() > 0.5
+
+
+def test_an_mp4_plays_in_slow_motion(eres, tmp_path, recording):
+    """Promise: --slow and --fps decide the number of pictures; H.264 keeps their colors."""
+    out = tmp_path / "events.mp4"
+    options = ("--slow", 10, "--fps", 20, "--start", 0.05, "--end", 0.1, "--height", 101)
+    assert eres("view", recording, "--out", out, *options)[0] == 0
+    with av.open(str(out)) as video:
+        stream = video.streams.video[0]
+        assert (stream.codec_context.name, stream.pix_fmt) == ("h264", "yuv420p")
+        assert stream.average_rate == 20
+        pictures = [frame.to_ndarray(format="rgb24") for frame in video.decode(stream)]
+    assert len(pictures) == 9  # 60 to 100 ms, 5 ms apart: the first window begins at the start
+    assert all(side % 2 == 0 for side in pictures[0].shape[:2])
+    median = np.median(pictures[4][:101, :134], axis=(0, 1))
+    assert np.abs(median - COLORS.ground).max() <= 3
+
+
+@pytest.mark.parametrize("kind", ["gif", "webp"])
+def test_a_loop_has_its_pictures_and_times(eres, tmp_path, recording, kind):
+    out = tmp_path / f"events.{kind}"
+    assert eres("view", recording, "--out", out, "--slow", 5, "--height", 96)[0] == 0
+    with Image.open(out) as loop:
+        assert (loop.n_frames, loop.info["loop"]) == (24, 0)
+        for k in range(loop.n_frames):
+            loop.seek(k)
+            loop.load()
+            assert loop.info["duration"] == 40
+        shown = np.asarray(loop.convert("RGB"))[:96, :128]
+    ground = np.abs(shown.astype(int) - COLORS.ground).max(axis=2) < 12
+    assert 0.5 < ground.mean() < 0.99
+
+
+def test_a_video_of_any_length_plays_a_few_seconds(eres, tmp_path):
+    """Promise: the default slow motion suits milliseconds and minutes."""
+    for seconds in (0.02, 7.0):
+        file, out = tmp_path / "any.npz", tmp_path / "any.mp4"
+        count = 200
+        write_events(file, random_events(count, 32, 24, mean_us=1e6 * seconds / count))
+        assert eres("view", file, "--out", out, "--height", 48, "--overwrite")[0] == 0
+        with av.open(str(out)) as video:
+            assert 3 <= video.duration * 1e-6 <= 14
+
+
+# Rendered clips
+
+
+def test_frames_are_those_of_the_sensor_and_its_clock(clip):
+    """Promise: behind events is the last frame up to their time, cropped as the sensor sees it."""
+    sequence = open_sequence(clip)
+    frames = ClipFrames(sequence, speed=2.0)
+    t_us = round(sequence.t_s[3] / 2 * 1e6) + 2
+    expected = tone_mapped(sequence.frame(3), sequence.white_level)
+    np.testing.assert_array_equal(frames.at(t_us), expected)
+    seen = frames.seen_by(24, 12, t_us).astype(float)
+    blocks = expected[12:36].reshape(12, 2, 24, 2, 3).mean(axis=(1, 3))
+    assert np.abs(seen - blocks).max() <= 0.5
+
+
+@pytest.mark.parametrize("show", ["frames", "depth", "flow"])
+def test_clips_and_events_beside_them(eres, tmp_path, clip, show):
+    out = tmp_path / "clip.png"
+    file = tmp_path / "events.h5"
+    model = SensorModel(width=48, height=36, cutoff_hz=200.0)
+    write_events(file, random_events(2000, 48, 36, mean_us=25.0, model=model))
+    code, _, err = eres(
+        *("view", clip, file, "--over", clip, "--show", show, "--out", out, "--height", 96)
+    )
+    assert code == 0, err
+    picture = np.asarray(Image.open(out))[:96].astype(int)
+    assert picture.shape[1] == 96 + 8 + 128
+    left, right = picture[:, :96], picture[:, 104:]
+    gray = [np.ptp(part, axis=2).max(axis=(0, 1)) == 0 for part in (left, right)]
+    assert gray == [show == "frames", False]
+    assert len(np.unique(left.reshape(-1, 3), axis=0)) > 10
+
+
+def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
+    """Promise: frames, pose, depth and flow of a clip, and pictures and points of events."""
+    pytest.importorskip("rerun")
+    file, out = tmp_path / "events.h5", tmp_path / "all.rrd"
+    write_events(file, random_events(2000, 48, 36, mean_us=25.0))
+    code, _, err = eres("view", clip, file, "--out", out, "--slow", 2)
+    assert code == 0, err
+    rerun = Path(sys.executable).with_name("rerun")
+    run = [str(rerun), "rrd"]
+    assert subprocess.run([*run, "verify", out], capture_output=True).returncode == 0
+    said = subprocess.run([*run, "print", "-v", out], capture_output=True, text=True).stdout
+    places = ("camera", "camera/frames", "camera/depth", "camera/flow", "path")
+    for place in [f"clips/{clip.name}/{name}" for name in places]:
+        assert f"/{place}" in said
+    for name in ("image", "points"):
+        assert f"/events/events.h5/{name}" in said.replace("\\", "")
+
+
+# Mistakes
+
+
+@pytest.mark.parametrize(
+    ("args", "text"),
+    [
+        (["{events}"], "found neither, expected one of them"),
+        (["{events}", "--rerun", "--out", "{tmp}/o.mp4"], "found both"),
+        (["{events}", "--out", "{tmp}/o.avi"], "found extension '.avi', expected one of .mp4"),
+        (["{events}", "--out", "{tmp}/file.mp4"], "exists already; add --overwrite"),
+        (["{events}", "--out", "{tmp}/file.mp4/o.mp4"], "cannot be written"),
+        (["{tmp}/none.h5", "--out", "{tmp}/o.mp4"], "none.h5: No such file"),
+        (["{tmp}/file.mp4", "--out", "{tmp}/o.mp4"], "found extension '.mp4'"),
+        (["{tmp}", "--out", "{tmp}/o.mp4"], "manifest.json"),
+        (["{events}", "--out", "{tmp}/o.mp4", "--start", "9"], "found no events between"),
+        (["{events}", "--out", "{tmp}/o.mp4", "--start", "2", "--end", "1"], "start, end: found"),
+        (["{events}", "--out", "{tmp}/o.png", "--at", "9"], "at: found 9.0"),
+        (["{events}", "--out", "{tmp}/o.mp4", "--fps", "0"], "fps: found 0"),
+        (["{events}", "--out", "{tmp}/o.gif", "--slow", "1000"], "expected at most 300"),
+        (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip"),
+        (["--out", "{tmp}/o.mp4"], "found no sources"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(eres, tmp_path, recording, clip, args, text):
+    (tmp_path / "file.mp4").write_text("in the way")
+    code, _, err = eres(
+        "view", *[a.format(tmp=tmp_path, events=recording, clip=clip) for a in args]
+    )
+    assert (code, err.startswith("error: "), text in err) == (1, True, True), err
+    assert len(err.strip().splitlines()) == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["file.mp4"]
+
+
+def test_a_damaged_file_leaves_no_video(eres, tmp_path, monkeypatch):
+    """Promise: what goes wrong on the way names the file of events, and leaves no output."""
+    file, out = tmp_path / "events.txt", tmp_path / "out.mp4"
+    write_events(file, random_events(3000, 16, 12, mean_us=50.0))
+    monkeypatch.setattr("tasks.view.subject.span_of", lambda *_: Span(0, 150_000, 3000))
+    file.write_text(file.read_text() + "not an event\n")
+    code, _, err = eres("view", file, "--out", out)
+    assert (code, "events.txt" in err) == (1, True)
+    assert [p.name for p in tmp_path.iterdir()] == ["events.txt"]
+
+
+def test_a_size_that_a_file_does_not_store_is_asked_for(eres, tmp_path):
+    file, out = tmp_path / "bare.txt", tmp_path / "bare.png"
+    file.write_text("0.001 2 1 1\n")
+    code, _, err = eres("view", file, "--out", out)
+    assert (code, f"{file}: the file does not store the sensor's size" in err) == (1, True)
+    assert eres("view", file, "--out", out, "--size", 4, 2)[0] == 0
+
+
+def test_without_rerun_the_command_to_install_it(eres, tmp_path, recording, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    code, _, err = eres("view", recording, "--out", tmp_path / "o.rrd")
+    assert (code, "pip install 'eres-events[viewer]'" in err) == (1, True)
+
+
+def test_without_h264_another_file_is_named(eres, tmp_path, recording, monkeypatch):
+    monkeypatch.setattr("av.codecs_available", {"mpeg4"})
+    code, _, err = eres("view", recording, "--out", tmp_path / "o.mp4")
+    assert (code, "no encoder for H.264" in err) == (1, True)
+    assert not list(tmp_path.iterdir())
+
+
+# The page
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+def row(page):
+    """Return the colors of the first row of the canvas."""
+    address = page.locator("canvas").evaluate("(canvas) => canvas.toDataURL()")
+    picture = Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2])))
+    return np.asarray(picture.convert("RGB"))[0].tolist()
+
+
+def test_the_page_plays_events(eres, tmp_path, chromium):
+    """Promise: the slider, the keys and the window show the events that a picture shows."""
+    file, out = tmp_path / "few.npz", tmp_path / "few.html"
+    t_us = [0, 4000, 5000, 9000, 20000, 20000]
+    events = make_events(t_us, [0, 1, 2, 3, 4, 4], [0] * 6, [1, 0, 1, 1, 1, 1], 8, 6)
+    write_events(file, events)
+    assert eres("view", file, "--out", out, "--window", 5)[0] == 0
+    page = chromium.new_page()
+    complaints = watched(page)
+    page.goto(out.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    none, blue, red = (
+        list(COLORS.ground),
+        mixed(COLORS.brighter, COLORS.ground, 0.65),
+        mixed(COLORS.darker, COLORS.ground, 0.65),
+    )
+    assert row(page) == [blue, red, *(6 * [none])]  # from 0 to 5 ms, without its end
+    page.locator("#time").fill("9000")
+    assert row(page) == [none, red, blue, *(5 * [none])]
+    assert page.locator("#clock").inner_text() == "0.009000 s"
+    page.keyboard.press("ArrowUp")  # 10 ms
+    assert row(page)[:4] == [blue, red, blue, none]
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#time").input_value() == "14000"
+    assert row(page)[:5] == [none, red, blue, blue, none]
+    page.locator("#window").select_option("1")
+    page.locator("#time").fill("20001")
+    assert row(page)[4] == mixed(COLORS.brighter, COLORS.ground, 0.85)
+    page.locator("#time").fill("0")
+    page.locator("#slow").select_option("1")
+    page.keyboard.press(" ")
+    page.wait_for_function("document.getElementById('time').value === '20001'")
+    assert page.get_by_role("button", name="Play").is_visible()
+    page.close()
+    assert complaints == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_page_fits_and_needs_no_network(eres, tmp_path, recording, chromium, width, scheme):
+    out = tmp_path / "page.html"
+    assert eres("view", recording, recording, "--out", out)[0] == 0
+    page = chromium.new_page(viewport={"width": width, "height": 844}, color_scheme=scheme)
+    complaints, addresses = watched(page), set()
+    page.on("request", lambda request: addresses.add(request.url))
+    page.goto(out.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    assert addresses == {out.as_uri()}
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    assert page.evaluate(LOW_CONTRAST) == []
+    for control in ("Time", "Window", "Slow motion"):
+        assert page.get_by_label(control, exact=True).is_visible()
+    page.close()
+    assert complaints == []
+
+
+def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, monkeypatch, caplog):
+    """Promise: of too many events every k-th stays, by a message and on the page."""
+    monkeypatch.setattr("tasks.view.player.MOST_EVENTS", 1500)
+    out = tmp_path / "some.html"
+    assert eres("view", recording, "--out", out)[0] == 0
+    assert "keeps one of 3 events" in caplog.text
+    text = out.read_text()
+    assert '"count": 1334' in text
+    assert "one of 3 events" in text
