@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from eres_render import GroundTruth, Renderer, clips, load_scene
-from eres_render.sequence.ground_truth import surface_distance
+from eres_render.sequence.ground_truth import surfaces
 from tasks.flow import PATCH_PX, find_features
 from tasks.row import read_rows
 
@@ -32,7 +32,7 @@ def departures_px(run: Path, scene_name: str) -> dict[tuple[int, int], float]:
     render, flow = study["render"], study["evaluate"]["flow"]
     scene = load_scene(scene_name)
     renderer = Renderer(scene, render["resolution"], render["spp"], render["seed"])
-    truth = GroundTruth(renderer.trajectory, renderer.camera, surface_distance(scene), scene.plane)
+    truth = GroundTruth(renderer.trajectory, renderer.camera, surfaces(scene)[0], scene.plane)
     samples = {row.sample for row in read_rows(run / "rows.parquet") if row.scene == scene_name}
     width = renderer.camera.width
     offset = np.linspace(-0.5, 0.5, 13) * PATCH_PX * width / 1280

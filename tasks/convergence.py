@@ -132,9 +132,9 @@ def converge(
             t_s: NDArray[np.float64] = t_s,
             ends: list[NDArray[np.float64]] = ends,
         ) -> Iterator[NDArray[np.float32]]:
-            for k, pose in enumerate(renderer.trajectory.pose(t_s)):
+            for k, (t, pose) in enumerate(zip(t_s, renderer.trajectory.pose(t_s), strict=True)):
                 on_progress(_name(setting), k, len(t_s))
-                frame = renderer.frame(pose, seed=k if setting.fresh_seeds else None)
+                frame = renderer.frame(pose, seed=k if setting.fresh_seeds else None, t_s=t)
                 if k in (0, len(t_s) - 1):
                     ends.append(np.log(frame.astype(np.float64) + dark_level))
                 yield frame

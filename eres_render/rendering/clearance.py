@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.errors import TrajectoryError
 from eres_render.rendering.raycast import RayCaster
-from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
 
@@ -17,11 +18,14 @@ _RAYS_AT_ONCE = 1 << 18
 
 
 def check_clearance(
-    trajectory: Trajectory,
+    place: Callable[[Float64], Float64],
+    length_m: float,
     duration_s: float,
     caster: RayCaster,
     min_clearance_m: float,
     where: str,
+    *,
+    alone: bool = False,
 ) -> None:
     """Refuse a path that crosses a surface, enters a solid, or comes too near to a surface.
 
@@ -31,8 +35,10 @@ def check_clearance(
 
     Parameters
     ----------
-    trajectory
-        The path.
+    place
+        Returns the positions of the camera, (N, 3) m, at (N,) times in seconds.
+    length_m
+        Length of its path.
     duration_s
         How much of it to check, s.
     caster
@@ -41,16 +47,18 @@ def check_clearance(
         Least distance from all surfaces, m.
     where
         Name of the path in errors.
+    alone
+        Whether rays meet a single object, behind which the camera may pass: then it is inside only
+        if it sees backs in most directions, not in most of those in which it sees something.
 
     Raises
     ------
     TrajectoryError
         The text names the first bad time and the shape.
     """
-    length_m = trajectory.mean_speed_mps(duration_s) * duration_s
     count = int(np.clip(2 * length_m / min_clearance_m, _FEWEST_PLACES, _MOST_PLACES)) + 1
     t_s = np.linspace(0.0, duration_s, count)
-    places = trajectory.pose(t_s)[:, :3, 3]
+    places = place(t_s)
     steps = np.diff(places, axis=0, append=places[-1:])
     directions = _sphere(_DIRECTIONS)
     places_at_once = _RAYS_AT_ONCE // _DIRECTIONS
@@ -66,7 +74,8 @@ def check_clearance(
         moves = np.linalg.norm(steps[part], axis=1) > 0
         ahead = caster.cast(places[part], np.where(moves[:, None], steps[part], [0.0, 0.0, 1.0]))
         crossed = moves & (ahead.distance <= 1)
-        inside = 2 * blind.sum(axis=1) > np.maximum(1, (shape >= 0).sum(axis=1))
+        fewest = _DIRECTIONS if alone else 1
+        inside = 2 * blind.sum(axis=1) > np.maximum(fewest, (shape >= 0).sum(axis=1))
         near = distance.min(axis=1) < min_clearance_m
         for k in np.flatnonzero(inside | near | crossed)[:1]:
             nearest = caster.shape_ids[shape[k, np.argmin(distance[k])]]

@@ -77,10 +77,11 @@ def irradiance_maps(
     BackendError
         If the selected variant is scalar.
     SceneError
-        If the scene has no light, or a surface cannot be baked.
+        If the scene has no light or moving objects, or a surface cannot be baked.
     """
     import mitsuba as mi
 
+    refuse_objects(scene)
     if (variant := str(mi.variant())).startswith("scalar"):
         raise BackendError(
             f"{scene.name}: baking needs a vectorized Mitsuba variant, found {variant}; "
@@ -125,6 +126,15 @@ def irradiance_maps(
             break  # no surface sees another
     _log.info("baked %s in %.1f s", scene.name, time.perf_counter() - start)
     return maps
+
+
+def refuse_objects(scene: Scene) -> None:
+    """Refuse to bake a scene whose objects move, and with them shadows and reflected light."""
+    if scene.settings.objects:
+        raise SceneError(
+            f"{scene.xml_file}: found moving objects ({', '.join(scene.settings.objects)}), and "
+            "baked light stands still; render with --integrator path, the default for this scene"
+        )
 
 
 def _square(spp: int) -> int:

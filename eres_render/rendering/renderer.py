@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import logging
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, Literal
 
@@ -16,14 +17,22 @@ from eres_render.errors import RenderError, SceneError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
+from eres_render.rendering.irradiance import refuse_objects
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
 from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.lookup import NEAR_M, LookUp
 from eres_render.rendering.memory import check_memory
+from eres_render.rendering.motion import Body, PlacedObjects, still_and_bodies
 from eres_render.rendering.raycast import RayCaster
+from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
-from eres_render.trajectory.frame_times import ImageMotion, depth_image_motion, plane_image_motion
+from eres_render.trajectory.frame_times import (
+    ImageMotion,
+    depth_image_motion,
+    object_image_motion,
+    plane_image_motion,
+)
 from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
@@ -31,6 +40,7 @@ Integrator = Literal["baked", "baked-full", "path"]
 
 _log = logging.getLogger(__name__)
 
+_CHORDS = 2000  # that measure the length of the camera's path as an object sees it
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
 
 # Mitsuba's camera looks along z with x to the left and y up; ours has x right and y down.
@@ -41,7 +51,8 @@ class Renderer:
     """Renders linear radiance of one scene from any pose.
 
     Every frame uses the same random numbers, so radiance is a continuous function of the pose, and
-    the remaining Monte Carlo error moves with the camera instead of flickering.
+    the remaining Monte Carlo error moves with the camera instead of flickering. Where objects move,
+    every frame is of a time, and path-traced, as the light that they shade and reflect moves too.
 
     Parameters
     ----------
@@ -59,7 +70,8 @@ class Renderer:
         "baked" (light is computed once, for Lambertian surfaces), "baked-full" (the same light,
         with a ray for every sample, where "baked" looks most of them up: see
         `eres_render.rendering.lookup`) or "path" (path tracing in every frame, which is noisy: see
-        `measure_noise`). By default baked if possible, else path.
+        `measure_noise`). By default baked if possible, else path. Scenes with moving objects need
+        "path".
     on_progress
         Called while light is baked, if it must be.
     camera
@@ -74,7 +86,7 @@ class Renderer:
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
-        If Mitsuba refuses the scene or it cannot be baked.
+        If Mitsuba refuses the scene, it cannot be baked or one of its objects cannot move.
     """
 
     def __init__(
@@ -103,9 +115,11 @@ class Renderer:
         self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
         check_memory(camera, spp, self.integrator, self.variant)
         baked = self.integrator != "path"
+        if baked:
+            refuse_objects(scene)
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
             # Baking takes minutes, so the path is checked first.
-            _check_path(scene, camera, RayCaster(load_mi_scene(scene)))
+            _check_path(scene, camera, RayCaster(load_mi_scene(scene)), ())
         self._mi_scene: Any
         self._look_up: LookUp | None = None
         if baked:
@@ -115,6 +129,11 @@ class Renderer:
                 self._look_up = LookUp(self._mi_scene, shape_ids)
         else:
             self._mi_scene = load_mi_scene(scene)
+        self._objects: tuple[MovingObject, ...] = ()
+        self._placed: PlacedObjects | None = None
+        if scene.settings.objects:
+            self._objects = scene.objects(scene.trajectory().t_offset_us, scene.duration_s)
+            self._placed = PlacedObjects(self._mi_scene, self._objects, scene.xml_file)
         # In the baked scene every path ends at the first surface it meets.
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
 
@@ -142,7 +161,9 @@ class Renderer:
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
         self._camera_parameters = mi.traverse(self._sensor)
 
-    def frame(self, T_world_cam: Float64, seed: int | None = None) -> NDArray[np.float32]:
+    def frame(
+        self, T_world_cam: Float64, seed: int | None = None, *, t_s: float | None = None
+    ) -> NDArray[np.float32]:
         """Render the radiance seen from a pose.
 
         Parameters
@@ -152,16 +173,28 @@ class Renderer:
         seed
             Seed of the sampler, in place of the renderer's own. Noise differs from seed
             to seed; an event camera would see it as flicker.
+        t_s
+            Time on the camera's path, s, at which moving objects are seen; still scenes need none.
 
         Returns
         -------
         radiance
             (H, W) float32, W m^-2 sr^-1.
+
+        Raises
+        ------
+        RenderError
+            If objects move and no time is given.
         """
-        return self._render(T_world_cam, self.spp, self.seed if seed is None else seed)
+        return self._render(T_world_cam, t_s, self.spp, self.seed if seed is None else seed)
 
     def repeats(
-        self, T_world_cam: Float64, pixels: NDArray[np.integer], count: int
+        self,
+        T_world_cam: Float64,
+        pixels: NDArray[np.integer],
+        count: int,
+        *,
+        t_s: float | None = None,
     ) -> NDArray[np.float32]:
         """Render a few pixels several times.
 
@@ -176,12 +209,15 @@ class Renderer:
             (N,) `row * width + column`.
         count
             Number of renders of each pixel.
+        t_s
+            As for `frame`.
 
         Returns
         -------
         radiance
             (count, N) float32, W m^-2 sr^-1.
         """
+        self._place_objects(t_s)
         if self.variant.startswith("scalar"):
             return self._repeats_scalar(T_world_cam, pixels, count)
         self._look_from(T_world_cam)
@@ -202,7 +238,10 @@ class Renderer:
             If nearly everything that the camera sees is black.
         """
         t_s = np.linspace(0.0, self.scene.duration_s, 5)
-        frames = [self._render(T, _WHITE_SPP, self.seed) for T in self.trajectory.pose(t_s)]
+        frames = [
+            self._render(T, t, _WHITE_SPP, self.seed)
+            for t, T in zip(t_s.tolist(), self.trajectory.pose(t_s), strict=True)
+        ]
         white = float(np.percentile(np.stack(frames), 99.9))
         if not white > 0:
             raise SceneError(
@@ -214,24 +253,33 @@ class Renderer:
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The scene's camera path, checked to keep clear of all surfaces.
+        """The scene's camera path, checked to keep clear of all surfaces, also of moving ones.
 
         Raises
         ------
         TrajectoryError, SceneError
             If there is no path, or it does not; the text names the time and the obstacle.
         """
-        return _check_path(self.scene, self.camera, self._caster)
+        return _check_path(self.scene, self.camera, *self._still_and_bodies)
 
     @cached_property
     def image_motion(self) -> ImageMotion:
         """Largest motion of the image between two times on the path, px."""
+        trajectory, camera = self.trajectory, self.camera
         if self.scene.plane is not None:
-            return plane_image_motion(self.trajectory, self.camera, self.scene.plane)
-        return depth_image_motion(self.trajectory, self.camera, self.inverse_depth)
+            of_still = plane_image_motion(trajectory, camera, self.scene.plane)
+        else:
+            of_still = depth_image_motion(trajectory, camera, self.inverse_depth)
+        of_bodies = [
+            object_image_motion(trajectory, camera, body.pose, body.box_m, body.distance)
+            for body in self._still_and_bodies[1]
+        ]
+        if not of_bodies:
+            return of_still
+        return lambda t_0_s, t_1_s: max(one(t_0_s, t_1_s) for one in (of_still, *of_bodies))
 
     def inverse_depth(self, T_world_cam: Float64, points_px: Float64) -> Float64:
-        """Return the inverse of the z-depth at some pixels.
+        """Return the inverse of the z-depth at some pixels, of all that stands still.
 
         Parameters
         ----------
@@ -246,14 +294,19 @@ class Renderer:
             (N,) 1/m; 0 where nothing is seen.
         """
         rays = self.camera.rays(points_px) @ T_world_cam[:3, :3].T
-        return 1 / self._caster.cast(T_world_cam[:3, 3], rays).distance
+        return 1 / self._still_and_bodies[0].cast(T_world_cam[:3, 3], rays).distance
 
     @cached_property
-    def _caster(self) -> RayCaster:
-        return RayCaster(self._mi_scene)
+    def _still_and_bodies(self) -> tuple[RayCaster, tuple[Body, ...]]:
+        # With objects, of another scene than the one in which they move for the frames.
+        mi_scene = load_mi_scene(self.scene) if self._objects else self._mi_scene
+        return still_and_bodies(mi_scene, self._objects)
 
-    def _render(self, T_world_cam: Float64, spp: int, seed: int) -> NDArray[np.float32]:
+    def _render(
+        self, T_world_cam: Float64, t_s: float | None, spp: int, seed: int
+    ) -> NDArray[np.float32]:
         self._look_from(T_world_cam)
+        self._place_objects(t_s)
         if self.variant.startswith("scalar"):
             image = self._tracer.render(self._mi_scene, self._sensor, seed, spp)
             return np.asarray(image, dtype=np.float32)[:, :, 0]
@@ -261,6 +314,15 @@ class Renderer:
             return self._looked_up(self._look_up, T_world_cam, spp, seed)
         height, width = self.camera.height, self.camera.width
         return self._render_vectorized(spp, seed).reshape(height, width)
+
+    def _place_objects(self, t_s: float | None) -> None:
+        if self._placed is None:
+            return
+        if t_s is None:
+            raise RenderError(
+                f"{self.scene.name}: found no t_s, expected a time on the path, as objects move"
+            )
+        self._placed.place(t_s)
 
     def _look_from(self, T_world_cam: Float64) -> None:
         self._camera_parameters["to_world"] = _to_world(T_world_cam)
@@ -382,15 +444,34 @@ def _means(samples: Any, spp: int) -> NDArray[np.float32]:
     return np.asarray(dr.block_sum(samples[0], spp) / spp, dtype=np.float32)
 
 
-def _check_path(scene: Scene, camera: Camera, caster: RayCaster) -> Trajectory:
+def _check_path(
+    scene: Scene, camera: Camera, still: RayCaster, bodies: Sequence[Body]
+) -> Trajectory:
     """Return a scene's camera path, checked to keep clear of all surfaces."""
-    trajectory = scene.trajectory(camera)
-    check_clearance(trajectory, scene.duration_s, caster, scene.min_clearance_m, scene.path_name)
+    trajectory, duration_s = scene.trajectory(camera), scene.duration_s
+    rest = scene.min_clearance_m, scene.path_name
+
+    def place(t_s: Float64) -> Float64:
+        return trajectory.pose(t_s)[..., :3, 3]
+
+    length_m = trajectory.mean_speed_mps(duration_s) * duration_s
+    check_clearance(place, length_m, duration_s, still, *rest)
+    for body in bodies:
+
+        def place_in_body(t_s: Float64, body: Body = body) -> Float64:
+            return (np.linalg.inv(body.pose(t_s)) @ trajectory.pose(t_s))[..., :3, 3]
+
+        chords = np.diff(place_in_body(np.linspace(0.0, duration_s, _CHORDS + 1)), axis=0)
+        length_m = float(np.linalg.norm(chords, axis=1).sum())
+        check_clearance(place_in_body, length_m, duration_s, body.caster, *rest, alone=True)
     return trajectory
 
 
 def _best_integrator(scene: Scene, variant: str) -> Integrator:
     """Return "baked" if the light of all surfaces is baked or can be, else "path", and log why."""
+    if scene.settings.objects:
+        _log.info("path tracing every frame of %s, as objects move in it", scene.name)
+        return "path"
     if has_lightmaps(scene):
         return "baked"
     mi_scene = load_mi_scene(scene)  # kept: its meshes must not outlive it

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import typing
+from collections import Counter
+from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 
 from eres_render.errors import SceneError, nearest
+from eres_render.scene.objects import MOST_OBJECTS
 from eres_render.scene.scene import Scene
 from eres_render.scene.settings import (
     CameraSettings,
@@ -83,8 +88,9 @@ def _load_folder(folder: Path, source: str) -> Scene:
             raise SceneError(f"{needed}: missing, expected in a scene folder")
     settings = read_toml(SceneToml, toml_file, SceneError)
     _check(settings, toml_file)
-    files = read_scene_xml(xml_file, settings.textures).files
-    return Scene(folder.name, xml_file, settings, source, files)
+    xml = read_scene_xml(xml_file, settings.textures)
+    _check_objects(settings, toml_file, xml.shape_ids)
+    return Scene(folder.name, xml_file, settings, source, xml.files)
 
 
 def _load_xml(file: Path) -> Scene:
@@ -100,12 +106,13 @@ def _load_xml(file: Path) -> Scene:
     return Scene(file.stem, file, settings, str(file), xml.files)
 
 
+def _refuse(file: Path, field: str, found: object, expected: str) -> typing.NoReturn:
+    raise SceneError(f"{file}: {field}: found {found}, expected {expected}")
+
+
 def _check(settings: SceneToml, file: Path) -> None:
     """Refuse impossible values."""
-
-    def refuse(field: str, found: object, expected: str) -> typing.NoReturn:
-        raise SceneError(f"{file}: {field}: found {found}, expected {expected}")
-
+    refuse = partial(_refuse, file)
     path, plane, bake = settings.path, settings.plane, settings.bake
     positive: dict[str, float] = {"bake.cell_m": bake.cell_m, "bake.spp": bake.spp}
     if path is not None:
@@ -129,3 +136,27 @@ def _check(settings: SceneToml, file: Path) -> None:
             refuse(field, value, "a positive number")
     if not 0 < settings.camera.fov_deg < 180:
         refuse("camera.fov_deg", settings.camera.fov_deg, "(0, 180) degrees")
+
+
+def _check_objects(settings: SceneToml, file: Path, shape_ids: Collection[str]) -> None:
+    """Refuse objects without shapes or a path, and shapes that are unknown or of two objects."""
+    refuse = partial(_refuse, file)
+    objects = settings.objects or {}
+    if len(objects) > MOST_OBJECTS:
+        refuse("objects", len(objects), f"at most {MOST_OBJECTS}")
+    uses = Counter(shape for one in objects.values() for shape in one.shapes)
+    for name, one in objects.items():
+        field = f"objects.{name}"
+        if not re.fullmatch(r"[\w-]+", name):  # files are named after it
+            refuse(field, repr(name), "a name of letters, digits, - and _")
+        if not one.shapes:
+            refuse(f"{field}.shapes", "none", "ids of one or more shapes in scene.xml")
+        for shape in one.shapes:
+            if shape not in shape_ids:
+                hint = nearest(shape, sorted(shape_ids))
+                refuse(f"{field}.shapes", repr(shape), f"the id of a shape in scene.xml: {hint}")
+            if uses[shape] > 1:
+                refuse(f"{field}.shapes", f"{shape!r} twice", "each shape in one object only")
+        if not (file.parent / one.trajectory).is_file():
+            missing = file.parent / one.trajectory
+            refuse(f"{field}.trajectory", f"{one.trajectory!r}", f"a file; {missing} is missing")

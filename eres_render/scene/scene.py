@@ -12,7 +12,8 @@ import numpy as np
 
 from eres_render.camera import Camera, Plane
 from eres_render.errors import RenderError, SceneError, TrajectoryError
-from eres_render.scene.settings import SceneToml, TumPath, WaypointsPath
+from eres_render.scene.objects import MovingObject, read_object
+from eres_render.scene.settings import ObjectSettings, SceneToml, TumPath, WaypointsPath
 from eres_render.scene.xml import canonical_xml
 from eres_render.storage.checksums import sha256
 from eres_render.storage.digest import digest
@@ -61,7 +62,9 @@ class Scene:
         return digest(
             {
                 "light": self.light_digest,
-                "settings": dataclasses.replace(self.settings, title="", license="", path=path),
+                "settings": dataclasses.replace(
+                    self.settings, title="", license="", path=path, objects=self._hashed_objects()
+                ),
                 "bake version": BAKE_VERSION,
                 "lightmaps": {f.name: sha256(f) for f in self.folder.glob("lightmap_*.exr")},
             }
@@ -69,13 +72,14 @@ class Scene:
 
     @cached_property
     def light_digest(self) -> str:
-        """Digest of everything that determines a lightmap: scene.xml, its files, textures, bake."""
+        """Digest of what determines the light: scene.xml and its files, textures, bake, objects."""
         files = (self.xml_file, *dict.fromkeys(self.files))
         return digest(
             {
                 "files": [canonical_xml(f) if f.suffix == ".xml" else sha256(f) for f in files],
                 "textures": {name: one.digest for name, one in self.settings.textures.items()},
                 "bake": self.settings.bake,
+                "objects": self._hashed_objects(),
             }
         )
 
@@ -108,6 +112,40 @@ class Scene:
     def texture_files(self) -> dict[str, str]:
         """Return the texture files by parameter of scene.xml; make those that are not cached."""
         return {name: str(recipe.file()) for name, recipe in self.settings.textures.items()}
+
+    def objects(self, t_offset_us: int, duration_s: float) -> tuple[MovingObject, ...]:
+        """Return the objects that move, in the order of scene.toml, each on its path.
+
+        Parameters
+        ----------
+        t_offset_us
+            Of the camera's path; see `Trajectory`.
+        duration_s
+            How long the paths must last, s.
+
+        Returns
+        -------
+        objects
+            None in a still scene.
+
+        Raises
+        ------
+        TrajectoryError
+            If a path cannot be read or does not cover the time from 0 to `duration_s`.
+        """
+        return tuple(
+            read_object(name, one.shapes, self.folder / one.trajectory, t_offset_us, duration_s)
+            for name, one in (self.settings.objects or {}).items()
+        )
+
+    def _hashed_objects(self) -> dict[str, ObjectSettings] | None:
+        """Return the settings of the objects with digests in place of their files' names."""
+        if self.settings.objects is None:
+            return None
+        return {
+            name: dataclasses.replace(one, trajectory=sha256(self.folder / one.trajectory))
+            for name, one in self.settings.objects.items()
+        }
 
     @property
     def path_name(self) -> str:
@@ -143,7 +181,7 @@ class Scene:
         Raises
         ------
         TrajectoryError
-            If the path cannot be made, or the camera never moves.
+            If the path cannot be made, or neither the camera nor any object moves.
         SceneError
             If the scene has no path, or a view leaves the square.
         """
@@ -154,9 +192,10 @@ class Scene:
     @cached_property
     def _trajectory(self) -> Trajectory:
         trajectory = self._unchecked_trajectory()
-        if np.ptp(trajectory.controls, axis=0).max() == 0:
+        if np.ptp(trajectory.controls, axis=0).max() == 0 and not self.settings.objects:
             raise TrajectoryError(
-                f"{self.path_name}: found a path of length 0, expected a camera that moves"
+                f"{self.path_name}: found a path of length 0, expected a camera or an object that "
+                "moves"
             )
         self._check_view(trajectory, self.camera(2))
         return trajectory

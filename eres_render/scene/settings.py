@@ -76,6 +76,14 @@ class TumPath:
 
 
 @dataclass(frozen=True, slots=True)
+class ObjectSettings:
+    """Shapes of scene.xml that move together; a file of poses T_world_object in TUM format."""
+
+    shapes: tuple[str, ...]
+    trajectory: str
+
+
+@dataclass(frozen=True, slots=True)
 class BakeSettings:
     """Size of the lightmap cells, and the number of samples in each cell."""
 
@@ -87,7 +95,8 @@ class BakeSettings:
 class SceneToml:
     """The content of scene.toml.
 
-    `path` is None for a Mitsuba file without a scene.toml.
+    `path` is None for a Mitsuba file without a scene.toml, `objects` for a scene in which nothing
+    moves but the camera.
     """
 
     title: str
@@ -99,3 +108,4 @@ class SceneToml:
     path: FacingPlanePath | WaypointsPath | TumPath | None
     textures: dict[str, TextureRecipe] = field(default_factory=dict)
     bake: BakeSettings = BakeSettings()
+    objects: dict[str, ObjectSettings] | None = None

@@ -28,11 +28,14 @@ class SceneXml:
         All files that it names: meshes, images, included scene files.
     cameras
         Its `<sensor>` elements, with values in place of parameters.
+    shape_ids
+        Ids of its `<shape>` elements that have one.
     """
 
     file: Path
     files: tuple[Path, ...]
     cameras: tuple[Element, ...]
+    shape_ids: frozenset[str]
 
     def fov_rad(self) -> float:
         """Return the horizontal field of view of the camera, radians.
@@ -68,7 +71,7 @@ def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
     Returns
     -------
     xml
-        Its cameras and the files that it names.
+        Its cameras, the ids of its shapes and the files that it names.
 
     Raises
     ------
@@ -78,7 +81,8 @@ def read_scene_xml(file: Path, given: Collection[str] = ()) -> SceneXml:
     reader = _Reader(file, given)
     elements = list(reader.elements(file))
     cameras = tuple(element for element in elements if element.tag == "sensor")
-    return SceneXml(file, tuple(reader.files), cameras)
+    shape_ids = frozenset(e.attrib["id"] for e in elements if e.tag == "shape" and "id" in e.attrib)
+    return SceneXml(file, tuple(reader.files), cameras, shape_ids)
 
 
 def canonical_xml(file: Path) -> str:

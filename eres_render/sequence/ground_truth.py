@@ -1,9 +1,9 @@
-"""Ground truth at any resolution and time: depth, optical flow, visibility, poses."""
+"""Ground truth at any resolution and time: depth, flow, visibility, moving objects, poses."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +13,9 @@ from eres_render.camera import Camera, Plane, plane_homography
 from eres_render.errors import SceneError
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.load import load_mi_scene
-from eres_render.rendering.raycast import RayCaster
+from eres_render.rendering.motion import Body, still_and_bodies
 from eres_render.scene.load import load_scene
+from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
 from eres_render.sequence.sequence import RadianceSequence
 from eres_render.trajectory.spline import Trajectory
@@ -40,17 +41,20 @@ class Flow:
         the point moves behind the camera.
     valid
         (H, W) bool: the point is inside the image at the second time, and visible.
+    occluded
+        (H, W) bool: the point is inside the image at the second time, and hidden.
     """
 
     flow_px: Float32
     valid: NDArray[np.bool_]
+    occluded: NDArray[np.bool_]
 
 
 class GroundTruth:
-    """Depth, optical flow and poses of a camera on its path, at any time and resolution.
+    """Depth, flow, moving objects and poses of a camera on its path, at any time and resolution.
 
-    In a planar scene everything is in closed form. Otherwise rays are cast in single precision,
-    with errors of about 1e-6 of the distance.
+    A plane is in closed form. At everything else rays are cast in single precision, with errors of
+    about 1e-6 of the distance.
 
     Parameters
     ----------
@@ -59,9 +63,11 @@ class GroundTruth:
     camera
         The camera of the frames.
     distance
-        Gives the distance along rays to the first surface.
+        Gives the distance along rays to the first surface of what stands still.
     plane
-        All that the camera sees, in a planar scene.
+        All that stands still, in a planar scene.
+    objects
+        All that moves.
     """
 
     def __init__(
@@ -70,9 +76,11 @@ class GroundTruth:
         camera: Camera,
         distance: Distance,
         plane: Plane | None = None,
+        objects: Sequence[Body] = (),
     ) -> None:
         self.trajectory = trajectory
         self.plane = plane
+        self.objects = tuple(objects)
         self._camera = camera
         self._distance = distance
 
@@ -133,9 +141,29 @@ class GroundTruth:
             (H, W) float32 z-depth at the centers of the pixels, m; inf where nothing is
             seen.
         """
-        camera, T = self.camera(width, height), self.pose(t_s)
-        depth = self._depth(T, camera.rays(camera.centers()))
+        camera = self.camera(width, height)
+        depth, _ = self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
         return depth.reshape(camera.height, camera.width).astype(np.float32)
+
+    def instances(self, t_s: float, width: int, height: int | None = None) -> NDArray[np.uint8]:
+        """Return which object is seen at a time.
+
+        Parameters
+        ----------
+        t_s
+            Time on the path, s.
+        width, height
+            Size of the image, px; see `camera`.
+
+        Returns
+        -------
+        instances
+            (H, W) at the centers of the pixels: k for `objects[k - 1]`, 0 for all that stands still
+            and for nothing.
+        """
+        camera = self.camera(width, height)
+        _, number = self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
+        return number.reshape(camera.height, camera.width)
 
     def flow(self, t_0_s: float, t_1_s: float, width: int, height: int | None = None) -> Flow:
         """Return the optical flow from one time to another.
@@ -153,9 +181,10 @@ class GroundTruth:
             At the centers of the pixels.
         """
         camera = self.camera(width, height)
-        flow, valid = self.point_flow(camera.centers(), t_0_s, t_1_s, width, height)
+        flow, valid, occluded = self._flow(camera, camera.centers(), t_0_s, t_1_s)
         shape = camera.height, camera.width
-        return Flow(flow.astype(np.float32).reshape(*shape, 2), valid.reshape(shape))
+        flow_px = flow.astype(np.float32).reshape(*shape, 2)
+        return Flow(flow_px, valid.reshape(shape), occluded.reshape(shape))
 
     def point_flow(
         self,
@@ -183,25 +212,36 @@ class GroundTruth:
         valid
             (N,) whether the point is inside the image at the second time, and visible.
         """
-        camera = self.camera(width, height)
+        flow_px, valid, _ = self._flow(self.camera(width, height), points_px, t_0_s, t_1_s)
+        return flow_px, valid
+
+    def _flow(
+        self, camera: Camera, points_px: Float64, t_0_s: float, t_1_s: float
+    ) -> tuple[Float64, NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return the (N, 2) flow of points, and which are then visible and which hidden."""
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         rays = camera.rays(points_px)
-        depth = self._depth(T_0, rays)
+        depth, number = self._seen(T_0, t_0_s, rays)
         # Points over their depth, so that points at infinity only turn.
         T = np.linalg.inv(T_1) @ T_0
         points = rays @ T[:3, :3].T + T[:3, 3] / depth[:, None]
+        for k, body in enumerate(self.objects, start=1):
+            on = number == k
+            before, after = body.pose([t_0_s, t_1_s])
+            T = np.linalg.inv(T_1) @ after @ np.linalg.inv(before) @ T_0
+            points[on] = rays[on] @ T[:3, :3].T + T[:3, 3] / depth[on, None]
         ahead = points[:, 2] > 0
         points[~ahead] = 0.0, 0.0, 1.0
         there = camera.project(points)
         side = (camera.width, camera.height)
-        valid = ahead & np.all((there >= 0) & (there < side), axis=1)
+        inside = ahead & np.all((there >= 0) & (there < side), axis=1)
 
         # A point is visible if no surface is nearer on the ray from the second pose to it; a point
         # at infinity, if the ray meets nothing.
-        way = points[valid] @ T_1[:3, :3].T
-        reach = self._distance(T_1[:3, 3], way)
-        valid[valid] = reach >= (1 - _OCCLUDER_SHARE) * depth[valid]
-        return np.where(ahead[:, None], there - points_px, 0.0), valid
+        reach, _ = self._seen(T_1, t_1_s, points[inside])
+        valid = inside.copy()
+        valid[inside] = reach >= (1 - _OCCLUDER_SHARE) * depth[inside]
+        return np.where(ahead[:, None], there - points_px, 0.0), valid, inside & ~valid
 
     def homography(
         self, t_0_s: float, t_1_s: float, width: int, height: int | None = None
@@ -230,8 +270,17 @@ class GroundTruth:
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         return plane_homography(self.camera(width, height).K, T_0, T_1, self.plane)
 
-    def _depth(self, T_world_cam: Float64, rays_cam: Float64) -> Float64:
-        return self._distance(T_world_cam[:3, 3], rays_cam @ T_world_cam[:3, :3].T)
+    def _seen(self, T: Float64, t_s: float, rays_cam: Float64) -> tuple[Float64, NDArray[np.uint8]]:
+        """Return the distance along rays of the camera at a pose, and the number of the object."""
+        distance = self._distance(T[:3, 3], rays_cam @ T[:3, :3].T)
+        number = np.zeros(len(rays_cam), np.uint8)
+        for k, body in enumerate(self.objects, start=1):
+            T_body_cam = np.linalg.inv(body.pose(t_s)) @ T
+            reach = body.distance(T_body_cam[:3, 3], rays_cam @ T_body_cam[:3, :3].T)
+            nearer = reach < distance
+            distance = np.where(nearer, reach, distance)
+            number[nearer] = k
+        return distance, number
 
 
 def ground_truth(sequence: RadianceSequence) -> GroundTruth:
@@ -250,13 +299,35 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
         raise SceneError(
             f"{scene.xml_file}: has changed since {sequence.folder} was rendered; render it again"
         )
-    return GroundTruth(sequence.trajectory, sequence.camera, surface_distance(scene), scene.plane)
+    objects = scene.objects(manifest.t_offset_us, manifest.t_s[-1])
+    distance, bodies = surfaces(scene, objects)
+    return GroundTruth(sequence.trajectory, sequence.camera, distance, scene.plane, bodies)
 
 
-def surface_distance(scene: Scene) -> Distance:
-    """Return a function for the distance to a scene's surfaces, in closed form for a plane."""
-    if (plane := scene.plane) is not None:
-        return plane.distance
+def surfaces(
+    scene: Scene, objects: Sequence[MovingObject] = ()
+) -> tuple[Distance, tuple[Body, ...]]:
+    """Return what rays meet in a scene.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    objects
+        Its moving objects.
+
+    Returns
+    -------
+    distance
+        Gives the distance to what stands still, in closed form for a plane.
+    bodies
+        One for each object.
+    """
+    plane = scene.plane
+    if plane is not None and not objects:
+        return plane.distance, ()
     select_variant()
-    caster = RayCaster(load_mi_scene(scene))
-    return lambda origin, rays: caster.cast(origin, rays).distance
+    still, bodies = still_and_bodies(load_mi_scene(scene), objects)
+    if plane is not None:
+        return plane.distance, bodies
+    return lambda origin, rays: still.cast(origin, rays).distance, bodies

@@ -1,4 +1,4 @@
-"""Ground truth on disk: depth and flow as float EXR, flow also as DSEC's PNG, poses, camera."""
+"""Ground truth on disk: depth and flow as float EXR, flow also as DSEC's PNG, objects, poses."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from eres_render.trajectory.tum import tum_text
 
 _PNG_ZERO, _PNG_PER_PX = 1 << 15, 128
 _NUMBER = re.compile(r"\d{6,}", re.ASCII)
+_OBJECT = re.compile(r"\d{3}_[\w-]+")
 
 Float64 = NDArray[np.float64]
 
@@ -44,8 +45,11 @@ def write_truth(
 
     Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM, on the clock of the poses that
     define the camera's path, if any), `depth/000000.exr`, ... (float channel Z, meters),
-    `flow/000000.exr`, ... (float channels u and v in px, valid 0 or 1) and on request
-    `flow/000000.png`, ... as in the DSEC dataset. If one file cannot be written, all are removed.
+    `flow/000000.exr`, ... (float channels u and v in px, valid and occluded 0 or 1) and on request
+    `flow/000000.png`, ... as in the DSEC dataset. If objects move, also `instances/000000.png`, ...
+    (8 bits, the number of the object at each pixel, 0 for the still world) and the poses
+    T_world_object (TUM) of each object in `objects/001_NAME.txt`, ..., by number and name. If one
+    file cannot be written, all are removed.
 
     Parameters
     ----------
@@ -76,7 +80,8 @@ def write_truth(
             raise RenderError(f"{name}: found {side}, expected at least 1 px")
     _make_room(out_dir, overwrite)
     times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
-    folders = [out_dir, out_dir / "depth", out_dir / "flow"]
+    inside = ["depth", "flow", *(["instances", "objects"] if truth.objects else [])]
+    folders = [out_dir, *(out_dir / name for name in inside)]
     made = [folder for folder in folders if not folder.is_dir()]
     files: list[Path] = []
 
@@ -92,9 +97,15 @@ def write_truth(
         path = truth.trajectory
         poses = tum_text(times, path.pose(times), path.t_offset_us)
         write("poses.txt", lambda file: write_text(file, poses))
+        for k, one in enumerate(truth.objects, start=1):
+            text = tum_text(times, one.pose(times), path.t_offset_us, "T_world_object")
+            write(f"objects/{k:03d}_{one.name}.txt", partial(write_text, text=text))
         for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
             depth = truth.depth(t_0, width, height)
             write(f"depth/{i:06d}.exr", partial(write_depth, depth=depth))
+            if truth.objects:
+                instances = truth.instances(t_0, width, height)
+                write(f"instances/{i:06d}.png", partial(_write_png, pixels=instances))
             if t_1 is not None:
                 flow = truth.flow(t_0, t_1, width, height)
                 write(f"flow/{i:06d}.exr", partial(write_flow, flow=flow))
@@ -117,8 +128,10 @@ def _make_room(folder: Path, overwrite: bool) -> None:
         raise RenderError(
             f"{folder}: found a sequence; truth would replace its poses.txt; write elsewhere"
         )
-    numbered = [*folder.glob("depth/*.exr"), *folder.glob("flow/*.exr"), *folder.glob("flow/*.png")]
+    kinds = ("depth/*.exr", "flow/*.exr", "flow/*.png", "instances/*.png")
+    numbered = [file for kind in kinds for file in folder.glob(kind)]
     old = [file for file in numbered if _NUMBER.fullmatch(file.stem)]
+    old += [file for file in folder.glob("objects/*.txt") if _OBJECT.fullmatch(file.stem)]
     old += [file for name in ("camera.json", "poses.txt") if (file := folder / name).exists()]
     if old and not overwrite:
         raise RenderError(
@@ -180,7 +193,7 @@ def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
 
 
 def write_flow(path: Path, flow: Flow) -> None:
-    """Write flow as an EXR image with the float channels u and v, px, and valid, 0 or 1.
+    """Write flow as an EXR image: float channels u and v, px, valid and occluded, 0 or 1.
 
     Parameters
     ----------
@@ -190,7 +203,7 @@ def write_flow(path: Path, flow: Flow) -> None:
         The flow.
     """
     u, v = np.moveaxis(flow.flow_px, 2, 0)
-    _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid})
+    _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid, "occluded": flow.occluded})
 
 
 def write_flow_png(path: Path, flow: Flow) -> None:
@@ -215,7 +228,11 @@ def write_flow_png(path: Path, flow: Flow) -> None:
     if code.min() < 0 or code.max() > np.iinfo(np.uint16).max:
         raise RenderError(f"{path}: found a flow of 256 px or more, which does not fit such a file")
     rgb = np.dstack([code, flow.valid]).astype(np.uint16)
-    good, data = cv2.imencode(".png", rgb[..., ::-1])  # OpenCV's order is blue, green, red
+    _write_png(path, rgb[..., ::-1])  # OpenCV's order is blue, green, red
+
+
+def _write_png(path: Path, pixels: NDArray[np.unsignedinteger]) -> None:
+    good, data = cv2.imencode(".png", pixels)
     if not good:
         raise RenderError(f"{path}: the PNG encoder failed")
     write_bytes(path, data.tobytes())

@@ -26,7 +26,7 @@ class Manifest:
     `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
     time 0 on the clock of the given poses; it is not written if it is 0. `intrinsics` are fx, fy,
     cx and cy in pixels; they are not written if pixels are square and the principal point is the
-    center of the image.
+    center of the image. `objects` are the names of those that move, not written if there are none.
     """
 
     version: int
@@ -50,6 +50,7 @@ class Manifest:
     mitsuba: str
     t_offset_us: int = 0
     intrinsics: tuple[float, float, float, float] | None = None
+    objects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)
@@ -107,7 +108,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         What to write.
     """
     table = dataclasses.asdict(manifest)
-    for name in ("t_offset_us", "intrinsics"):
+    for name in ("t_offset_us", "intrinsics", "objects"):
         if not table[name]:
             del table[name]
     write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

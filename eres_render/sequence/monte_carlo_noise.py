@@ -217,7 +217,10 @@ def measure_noise(
         chosen = rng.choice(in_image, pixels, replace=False)
         poses = renderer.trajectory.pose(t_s)
         events, of_mean, log_variances = count_events(
-            (renderer.repeats(pose, chosen, REPEATS) for pose in poses),
+            (
+                renderer.repeats(pose, chosen, REPEATS, t_s=t)
+                for t, pose in zip(t_s.tolist(), poses, strict=True)
+            ),
             _DARK_FRACTION * renderer.white_level,
             contrast_threshold,
         )

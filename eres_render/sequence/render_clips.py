@@ -73,7 +73,8 @@ class _ClipInProgress(RadianceSequence):
         if found is not None:
             return found
         started_s = time.perf_counter()
-        half = to_half(self.renderer.frame(self.poses[i]), self.writer.file(i))
+        radiance = self.renderer.frame(self.poses[i], t_s=self.manifest.t_s[i])
+        half = to_half(radiance, self.writer.file(i))
         self.rendered.frames += 1
         self.rendered.seconds += time.perf_counter() - started_s
         self.wait()
@@ -176,6 +177,7 @@ def _manifest(
         mitsuba=version("mitsuba"),
         t_offset_us=renderer.trajectory.t_offset_us,
         intrinsics=None if centered else (camera.fx, camera.fy, camera.cx, camera.cy),
+        objects=tuple(scene.settings.objects or ()),
     )
 
 

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from eres_render.camera import Camera, Plane, map_pixels, plane_homography
@@ -100,6 +100,93 @@ def depth_image_motion(
         if not np.all(points[:, 2] > 0):
             return float(np.hypot(camera.width, camera.height))  # it leaves the view
         return float(np.linalg.norm(camera.project(points) - points_px, axis=-1).max())
+
+    return motion
+
+
+# T_world_object, (..., 4, 4), at times (...) in seconds.
+Pose = Callable[[ArrayLike], Float64]
+# Distance from origins along (N, 3) rays to the first surface of an object, both in its own
+# coordinates: (N,) in units of each ray's length, inf where there is none.
+Distance = Callable[[Float64, Float64], Float64]
+
+
+def object_image_motion(
+    trajectory: Trajectory,
+    camera: Camera,
+    pose: Pose,
+    box_m: Float64,
+    distance: Distance,
+    grid_points: int = 17,
+) -> ImageMotion:
+    """Return how far the image of a moving object moves.
+
+    It is measured on a grid of image points that the object's box covers at the first time or, if
+    the object is not in view then, at the second: so an object that flies into the view counts as
+    soon as it is there. What hides it is not considered.
+
+    Parameters
+    ----------
+    trajectory
+        The camera's path.
+    camera
+        The camera of the render.
+    pose
+        The object's path, on the time of the camera's.
+    box_m
+        (2, 3) lower and upper corner of the object in its own coordinates.
+    distance
+        Gives the distance to the object along rays.
+    grid_points
+        Points of the grid along each side of the box's image.
+
+    Returns
+    -------
+    motion
+        Largest displacement over the grid between two times, px.
+    """
+    corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)
+    size: Float64 = np.array([camera.width, camera.height], np.float64)
+
+    def T_cam_object(t_s: float) -> Float64:
+        return np.linalg.inv(trajectory.pose(t_s)) @ pose(t_s)
+
+    def in_camera(T: Float64, points: Float64) -> Float64:
+        return points @ T[:3, :3].T + T[:3, 3]
+
+    @functools.lru_cache(maxsize=2)
+    def seen_at(t_s: float) -> Float64:
+        """Return points of the object that are in view, (N, 3) in its own coordinates."""
+        T = T_cam_object(t_s)
+        box = in_camera(T, corners)
+        if not np.any(box[:, 2] > 0):
+            return np.empty((0, 3))
+        low: Float64 = np.zeros(2)
+        high = size
+        if np.all(box[:, 2] > 0):
+            seen = camera.project(box)
+            low, high = np.clip(seen.min(0), 0, size), np.clip(seen.max(0), 0, size)
+        if not np.all(high > low):
+            return np.empty((0, 3))
+        x, y = np.meshgrid(*np.linspace(low, high, grid_points).T)
+        grid = np.column_stack([x.ravel(), y.ravel()])
+        T_object_cam = np.linalg.inv(pose(t_s)) @ trajectory.pose(t_s)
+        rays = camera.rays(grid) @ T_object_cam[:3, :3].T
+        reach = distance(T_object_cam[:3, 3], rays)
+        met = np.isfinite(reach)
+        return T_object_cam[:3, 3] + reach[met, None] * rays[met]
+
+    def motion(t_0_s: float, t_1_s: float) -> float:
+        points = seen_at(t_0_s)
+        if not len(points):
+            points = seen_at(t_1_s)
+        if not len(points):
+            return 0.0
+        before, after = (in_camera(T_cam_object(t), points) for t in (t_0_s, t_1_s))
+        if not np.all([before[:, 2] > 0, after[:, 2] > 0]):
+            return float(np.hypot(*size))  # it leaves the view
+        moved = camera.project(after) - camera.project(before)
+        return float(np.linalg.norm(moved, axis=-1).max())
 
     return motion
 

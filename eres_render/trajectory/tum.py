@@ -16,7 +16,9 @@ Float64 = NDArray[np.float64]
 _EXACT = Context(prec=1000)  # digits, more than a float64 has
 
 
-def tum_text(t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0) -> str:
+def tum_text(
+    t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0, what: str = "T_world_cam"
+) -> str:
     """Return poses as text in TUM's format.
 
     Times have all their digits: `read_tum` with the same offset returns them to the last bit.
@@ -29,6 +31,8 @@ def tum_text(t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0) -> str:
         (N, 4, 4) poses.
     t_offset_us
         Added to the times.
+    what
+        Name of the poses, for the comment.
 
     Returns
     -------
@@ -42,7 +46,7 @@ def tum_text(t_s: Float64, T_world_cam: Float64, t_offset_us: int = 0) -> str:
         " ".join([_later(t, t_offset_us), *(repr(float(value)) for value in row)])
         for t, *row in rows
     )
-    return "# t_s x_m y_m z_m qx qy qz qw (T_world_cam)\n" + "\n".join(lines) + "\n"
+    return f"# t_s x_m y_m z_m qx qy qz qw ({what})\n" + "\n".join(lines) + "\n"
 
 
 def _later(t_s: float, t_offset_us: int) -> str:

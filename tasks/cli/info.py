@@ -49,6 +49,7 @@ def info(
         clock["clock"] = (
             f"time 0 is {seconds(sequence.t_offset_us)} s on the clock of the given poses"
         )
+    moving = {"moving objects": ", ".join(manifest.objects)} if manifest.objects else {}
     pairs = {
         "scene": f"{manifest.scene}, {part}",
         "found at": manifest.scene_source,
@@ -57,6 +58,7 @@ def info(
         **clock,
         "window": f"{start_s:.4f} to {end_s:.4f} s",
         "camera speed": f"{length_m / (sequence.t_s[-1] - sequence.t_s[0]):.3g} m/s on average",
+        **moving,
         "white": f"{sequence.white_level:.4g} W m^-2 sr^-1",
         "samples per pixel": str(manifest.spp),
         "motion per frame": f"at most {manifest.max_displacement_px:g} px",

@@ -138,10 +138,11 @@ def truth(
     flow_png: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Write ground truth of a sequence: depth, optical flow, visibility, poses.
+    """Write ground truth of a sequence: depth, optical flow, visibility, moving objects, poses.
 
     Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
-    the next (EXR channels u, v, valid). Times run from the start of the window to its end.
+    the next (EXR channels u, v, valid, occluded). If objects move, masks hold the number of the
+    object at each pixel. Times run from the start of the window to its end.
 
     Parameters
     ----------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,10 @@ def truth_to_add(
 
     The file's group `truth` holds, at times `t_us` (T,) on the events' clock: `T_world_cam`
     (T, 4, 4), `depth` (T, H, W) in meters, `flow` (T - 1, H, W, 2) in px from each time to the next
-    with `flow_valid` (T - 1, H, W), and the camera matrix `K` (3, 3). They are for the view of the
-    sensor, `sensor.optics.crop_to_aspect` of the frames, to within half a pixel of the frames.
+    with `flow_valid` and `flow_occluded` (T - 1, H, W), and the camera matrix `K` (3, 3). They are
+    for the view of the sensor, `sensor.optics.crop_to_aspect` of the frames, to within half a pixel
+    of the frames. If N objects move, also `instances` (T, H, W), k for object k and 0 for the still
+    world, and `T_world_object` (N, T, 4, 4) with the attribute `names`.
 
     Parameters
     ----------
@@ -49,23 +51,31 @@ def truth_to_add(
     times_s = window_times(sequence, step_s)
 
     def add(path: Path) -> None:
-        images = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
         with writable(path, new=False) as (file, storage):
             group = file.create_group("truth")
             t_us = np.round(times_s / speed * 1e6).astype(np.int64)
             group["t_us"] = sequence.t_offset_us + t_us
             group["T_world_cam"] = truth.trajectory.pose(times_s)
             group["K"] = truth.camera(*size).K
-            depth = np.stack([truth.depth(t_s, *size) for t_s in times_s])
-            group.create_dataset("depth", data=depth, chunks=(1, *depth.shape[1:]), **images)
+            _store(group, "depth", [truth.depth(t_s, *size) for t_s in times_s])
             storage.check()
             flows = [truth.flow(*times, *size) for times in pairwise(times_s)]
-            flow = np.stack([f.flow_px for f in flows])
-            group.create_dataset("flow", data=flow, chunks=(1, *flow.shape[1:]), **images)
-            valid = np.stack([f.valid for f in flows])
-            group.create_dataset("flow_valid", data=valid, chunks=(1, *valid.shape[1:]), **images)
+            _store(group, "flow", [f.flow_px for f in flows])
+            _store(group, "flow_valid", [f.valid for f in flows])
+            _store(group, "flow_occluded", [f.occluded for f in flows])
+            if truth.objects:
+                _store(group, "instances", [truth.instances(t_s, *size) for t_s in times_s])
+                group["T_world_object"] = np.stack([one.pose(times_s) for one in truth.objects])
+                group["T_world_object"].attrs["names"] = [one.name for one in truth.objects]
 
     return add
+
+
+def _store(group: h5py.Group, name: str, images: Sequence[np.ndarray]) -> None:
+    """Store images of equal size, compressed one by one."""
+    data = np.stack(images)
+    how = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
+    group.create_dataset(name, data=data, chunks=(1, *data.shape[1:]), **how)
 
 
 def truth_to_copy(source: Path, shift_us: int) -> AddTo:

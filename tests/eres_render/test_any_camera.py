@@ -20,7 +20,7 @@ from eres_render import (
     render_clip,
 )
 from eres_render.rendering.backend import select_variant
-from eres_render.sequence.ground_truth import surface_distance
+from eres_render.sequence.ground_truth import surfaces
 from eres_render.storage.exr import write_luminance
 from light_scenes import dots_folder, light_evenly, room_folder, tilted_pose
 
@@ -118,7 +118,7 @@ def test_a_scalar_machine_moves_the_principal_point_and_refuses_pixels_that_are_
 def test_truth_follows_surface_points_through_any_camera(small_carpet, tmp_path, depth):
     """Expected: a point at its depth lies on the surface, and its flow ends at its projection."""
     scene = load_scene(room_folder(tmp_path / "room")) if depth else small_carpet
-    distance = surface_distance(scene)
+    distance = surfaces(scene)[0]
     for camera in (WIDE, random_camera(7)):
         truth = GroundTruth(scene.trajectory(), camera, distance, scene.plane)
         width, height = camera.width, camera.height
@@ -143,7 +143,7 @@ def test_sensors_see_through_the_same_lens(small_carpet, seed):
     another aspect ratio divide the largest centered crop."""
     rng = np.random.default_rng(seed)
     whole = random_camera(seed + 100)
-    truth = GroundTruth(small_carpet.trajectory(), whole, surface_distance(small_carpet))
+    truth = GroundTruth(small_carpet.trajectory(), whole, surfaces(small_carpet)[0])
     points = [*rng.uniform(-0.3, 0.3, 2), 1.0] * rng.uniform(0.5, 2, (20, 1))
     expected = whole.project(points)
     coarse = truth.camera(max(2, whole.width // 3))

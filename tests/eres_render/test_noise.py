@@ -185,7 +185,7 @@ def test_measuring_costs_a_twentieth_of_the_render_or_seconds(shiny_room, width,
     renderer.white_level = 1.0
     taken = []
 
-    def count(pose, pixels, repeats):
+    def count(pose, pixels, repeats, *, t_s):
         taken.append(len(pixels) * repeats * renderer.spp)
         return np.ones((repeats, len(pixels)))
 

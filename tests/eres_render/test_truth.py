@@ -24,7 +24,7 @@ from eres_render.camera import map_pixels
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
-from eres_render.sequence.ground_truth import surface_distance
+from eres_render.sequence.ground_truth import surfaces
 from eres_render.sequence.ground_truth_files import write_flow_png
 from eres_render.trajectory.tum import read_tum, tum_text
 from light_scenes import DOTS_M, dots_folder, light_evenly, room_folder
@@ -40,9 +40,7 @@ SQUARE_XML = """<scene version="3.0.0">
 
 
 def of_scene(scene):
-    return GroundTruth(
-        scene.trajectory(), scene.camera(WIDTH), surface_distance(scene), scene.plane
-    )
+    return GroundTruth(scene.trajectory(), scene.camera(WIDTH), surfaces(scene)[0], scene.plane)
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +222,7 @@ def test_flow_pngs_are_read_by_dsecs_formula(tmp_path):
     """dsec.ifi.uzh.ch: flow = (png[..., :2] - 2^15) / 128 in RGB order, valid = png[..., 2]."""
     flow_px = np.array([[[1.5, -2.25], [0.0, 100.01]], [[-255.9, 3.0], [9.0, 9.0]]], np.float32)
     valid = np.array([[True, True], [True, False]])
-    write_flow_png(tmp_path / "flow.png", Flow(flow_px, valid))
+    write_flow_png(tmp_path / "flow.png", Flow(flow_px, valid, ~valid))
     png = cv2.imread(str(tmp_path / "flow.png"), cv2.IMREAD_UNCHANGED)
     assert png.dtype == np.uint16
     rgb = png[..., ::-1].astype(np.float64)
@@ -232,5 +230,5 @@ def test_flow_pngs_are_read_by_dsecs_formula(tmp_path):
     np.testing.assert_allclose(read[valid], flow_px[valid], atol=1 / 256)
     np.testing.assert_array_equal(rgb[..., 2], valid)
     with pytest.raises(RenderError, match="256 px or more"):
-        write_flow_png(tmp_path / "wide.png", Flow(flow_px + 2.5e2, valid))
+        write_flow_png(tmp_path / "wide.png", Flow(flow_px + 2.5e2, valid, ~valid))
     assert not (tmp_path / "wide.png").exists()

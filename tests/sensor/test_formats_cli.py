@@ -159,6 +159,7 @@ def test_truth_in_the_same_file(eres, sequence, tmp_path):
         flow = truth.flow(times_s[1], times_s[2], 16)
         np.testing.assert_array_equal(group["flow"][1], flow.flow_px)
         np.testing.assert_array_equal(group["flow_valid"][1], flow.valid)
+        np.testing.assert_array_equal(group["flow_occluded"][1], flow.occluded)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.h5", "plain.h5"]
 
 
@@ -245,7 +246,7 @@ def test_truth_is_kept_from_dsec_to_dsec(eres, sequence, tmp_path, caplog):
     with h5py.File(a) as before, h5py.File(b) as after:
         names = []
         before["truth"].visit(names.append)
-        assert len(names) == 9
+        assert len(names) == 10
         assert dict(after["truth"].attrs) == {"made by": "hand"}
         for name in names:
             old, new = before["truth"][name], after["truth"][name]

@@ -1,0 +1,172 @@
+"""The moving objects of a scene in Mitsuba: placed for a frame, and as bodies that rays meet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eres_render.errors import SceneError
+from eres_render.rendering.raycast import RayCaster
+from eres_render.scene.objects import MovingObject
+
+Float64 = NDArray[np.float64]
+
+
+class PlacedObjects:
+    """Moves the shapes of a loaded scene to where its objects are at a time.
+
+    What stands still is not touched; Mitsuba sorts all shapes for its rays again.
+
+    Parameters
+    ----------
+    mi_scene
+        The scene in Mitsuba, with its objects where scene.xml puts them.
+    objects
+        The objects that move.
+    scene_file
+        For error messages.
+
+    Raises
+    ------
+    SceneError
+        If a shape of an object is not a mesh, or of a kind that Mitsuba cannot move.
+    """
+
+    def __init__(self, mi_scene: Any, objects: Sequence[MovingObject], scene_file: object) -> None:
+        import mitsuba as mi
+
+        self._parameters = mi.traverse(mi_scene)
+        self._movers: list[tuple[MovingObject, Callable[[Float64], None]]] = []
+        shapes = {shape.id(): shape for shape in mi_scene.shapes()}
+        for one in objects:
+            for name in one.shapes:
+                if name not in shapes or shapes[name].class_name() == "Instance":
+                    raise SceneError(
+                        f"{scene_file}: shape {name!r} of object {one.name!r} is an instance or "
+                        "inside a group, expected a shape of its own"
+                    )
+                self._movers.append((one, self._mover(name, one.name, scene_file)))
+
+    def place(self, t_s: float) -> None:
+        """Move all objects to where they are at a time on the camera's path, in seconds."""
+        for one, move in self._movers:
+            move(one.pose(t_s))
+        self._parameters.update()
+
+    def _mover(self, shape: str, of: str, scene_file: object) -> Callable[[Float64], None]:
+        """Return a function that puts a shape where its object has the given pose."""
+        import mitsuba as mi
+
+        parameters = self._parameters
+        to_world, positions = f"{shape}.to_world", f"{shape}.vertex_positions"
+        if to_world in parameters:
+            at_rest = np.array(parameters[to_world].matrix, np.float64).reshape(4, 4)
+
+            def turn(T: Float64) -> None:
+                parameters[to_world] = mi.ScalarTransform4f((T @ at_rest).tolist())
+
+            return turn
+        if positions not in parameters:
+            raise SceneError(
+                f"{scene_file}: shape {shape!r} of object {of!r} is of a kind that Mitsuba cannot "
+                "move, expected a mesh, a sphere, a rectangle, a disk or a cylinder"
+            )
+        normals = f"{shape}.vertex_normals"
+        vertices, directions = (
+            np.array(parameters[key], np.float64).reshape(-1, 3) for key in (positions, normals)
+        )
+        kind = type(parameters[positions])
+
+        def move_vertices(T: Float64) -> None:
+            R = T[:3, :3]
+            parameters[positions] = kind((vertices @ R.T + T[:3, 3]).astype(np.float32).ravel())
+            if len(directions):  # or Mitsuba would make new ones
+                parameters[normals] = kind((directions @ R.T).astype(np.float32).ravel())
+
+        return move_vertices
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Body:
+    """A rigid part of a scene that moves, as rays meet it.
+
+    Parameters
+    ----------
+    name
+        Of the object.
+    pose
+        Returns T_world_object, (..., 4, 4), at times (...) in seconds.
+    caster
+        Casts rays at its shapes alone, in its own coordinates.
+    box_m
+        (2, 3) lower and upper corner of its shapes in its own coordinates.
+    """
+
+    name: str
+    pose: Callable[[ArrayLike], Float64]
+    caster: RayCaster
+    box_m: Float64
+
+    def distance(self, origins: Float64, rays: Float64) -> Float64:
+        """Return the distance along rays, all in the object's coordinates.
+
+        Parameters
+        ----------
+        origins
+            (N, 3) or (3,), m.
+        rays
+            (N, 3), of any length.
+
+        Returns
+        -------
+        distance
+            (N,) in units of the rays' lengths; inf where they meet nothing.
+        """
+        return self.caster.cast(origins, rays).distance
+
+
+def still_and_bodies(
+    mi_scene: Any, objects: Sequence[MovingObject]
+) -> tuple[RayCaster, tuple[Body, ...]]:
+    """Take a scene apart into what stands still and the objects that move.
+
+    Parameters
+    ----------
+    mi_scene
+        The scene in Mitsuba, with its objects where scene.xml puts them; it must not change.
+    objects
+        The objects that move.
+
+    Returns
+    -------
+    still
+        Casts rays at all other shapes.
+    bodies
+        One for each object.
+    """
+    if not objects:
+        return RayCaster(mi_scene), ()
+    shapes = {shape.id(): shape for shape in mi_scene.shapes()}
+    of_objects = {name for one in objects for name in one.shapes}
+    still = _scene_of([shape for name, shape in shapes.items() if name not in of_objects])
+    bodies = []
+    for one in objects:
+        part = _scene_of([shapes[name] for name in one.shapes])
+        box_m = np.array([np.ravel(part.bbox().min), np.ravel(part.bbox().max)], np.float64)
+        bodies.append(Body(one.name, one.pose, RayCaster(part), box_m))
+    return RayCaster(still), tuple(bodies)
+
+
+def _scene_of(shapes: Sequence[Any]) -> Any:
+    """Return a Mitsuba scene of shapes that another scene holds."""
+    import mitsuba as mi
+
+    names = [shape.id() for shape in shapes]
+    scene = mi.load_dict({"type": "scene"} | {f"s{k}": shape for k, shape in enumerate(shapes)})
+    for shape, name in zip(shapes, names, strict=True):
+        shape.set_id(name)  # `load_dict` gave it another
+    return scene

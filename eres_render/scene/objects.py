@@ -1,0 +1,90 @@
+"""Objects of a scene that move: which shapes belong to each, and where it is at any time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eres_render.errors import TrajectoryError
+from eres_render.trajectory.spline import Trajectory, path_through
+from eres_render.trajectory.tum import read_tum
+
+MOST_OBJECTS = 255  # their numbers fit into a byte, and 0 is the still world
+
+_CLOCK_S = 1e-6  # the clock of the camera's path starts at a whole microsecond
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MovingObject:
+    """A rigid object on its own path.
+
+    Its coordinates are those of scene.xml: with the identity as pose it is where scene.xml puts it.
+
+    Parameters
+    ----------
+    name
+        Of its table in scene.toml.
+    shapes
+        Ids of its shapes.
+    start_s
+        Time at which its path starts, on the time of the camera's path; not after 0.
+    """
+
+    name: str
+    shapes: tuple[str, ...]
+    path: Trajectory
+    start_s: float
+
+    def pose(self, t_s: ArrayLike) -> NDArray[np.float64]:
+        """Return T_world_object, (..., 4, 4), at the times (...) of the camera's path in seconds.
+
+        Raises
+        ------
+        TrajectoryError
+            If the object's path does not last until then.
+        """
+        return self.path.pose(np.asarray(t_s, np.float64) - self.start_s)
+
+
+def read_object(
+    name: str, shapes: tuple[str, ...], file: Path, t_offset_us: int, duration_s: float
+) -> MovingObject:
+    """Read the path of an object.
+
+    Parameters
+    ----------
+    name
+        Of the object.
+    shapes
+        Ids of its shapes.
+    file
+        Poses T_world_object in TUM format, on the clock of the camera's path.
+    t_offset_us
+        Time 0 of the camera's path on that clock, microseconds.
+    duration_s
+        How long the camera's path lasts, s.
+
+    Returns
+    -------
+    The object.
+
+    Raises
+    ------
+    TrajectoryError
+        If the file cannot be read, or its path begins later or ends earlier than the camera's.
+    """
+    t_s, poses = read_tum(file, t_offset_us)
+    if t_s[0] > _CLOCK_S or t_s[-1] < duration_s - _CLOCK_S:
+        raise TrajectoryError(
+            f"{file}: found poses from {t_s[0]:g} to {t_s[-1]:g} s, expected a path of object "
+            f"{name!r} that covers the camera's, 0 to {duration_s:g} s"
+        )
+    t_s[0], t_s[-1] = min(t_s[0], 0.0), max(t_s[-1], duration_s)
+    try:
+        path = path_through(t_s, poses)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{file}: {error}") from error
+    return MovingObject(name, shapes, path, float(t_s[0]))
