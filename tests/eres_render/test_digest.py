@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene
+from eres_render.scene.settings import ObjectSettings
 from eres_render.scene.texture_recipes import TEXTURES
 from eres_render.storage.checksums import sha256
 from eres_render.storage.digest import digest
@@ -60,6 +61,8 @@ def changed_leaf(value: Any) -> Any:
         return ("x",) if value == () else 1
     if value in TEXTURES:  # the kind must be known
         return "stones" if value != "stones" else "carpet"
+    if value == "scene.xml":  # a file that is there
+        return "scene.toml"
     return f"{value}x"
 
 
@@ -117,11 +120,17 @@ def test_every_value_of_a_scene_is_in_its_digest(name, monkeypatch):
     light has only the fields that the light depends on."""
     monkeypatch.setattr("eres_render.scene.scene.sha256", functools.cache(sha256))
     scene = load_scene(name)
+    still = scene.digest, scene.light_digest
+    moving = {"ball": ObjectSettings(shapes=("a", "b"), trajectory="scene.xml")}
+    settings = dataclasses.replace(scene.settings, objects=moving)
+    scene = dataclasses.replace(scene, settings=settings)
+    assert still[0] != scene.digest
+    assert still[1] != scene.light_digest
     found, light = {scene.digest}, {scene.light_digest}
     for settings, place in changes(scene.settings):
         changed = dataclasses.replace(scene, settings=settings)
         assert (changed.digest in found) == (place in (".title", ".license")), place
-        of_light = place.startswith((".textures", ".bake"))
+        of_light = place.startswith((".textures", ".bake", ".objects"))
         assert (changed.light_digest in light) != of_light, place
         found.add(changed.digest)
         light.add(changed.light_digest)
