@@ -62,23 +62,23 @@ class Camera:
         cy: float | None = None,
     ) -> None:
         if width < 1 or height < 1:
-            raise RenderError(f"Camera: the image must have pixels, got {width}x{height}")
+            raise RenderError(f"Camera: found {width}x{height} pixels, expected at least 1x1")
         above = {"fx": 0.0, "fy": 0.0, "cx": -math.inf, "cy": -math.inf}
         for (name, low), given in zip(above.items(), (fx, fy, cx, cy), strict=True):
             if given is not None and not low < given < math.inf:
-                raise RenderError(f"Camera.{name} must lie in ({low:g}, inf), got {given}")
+                raise RenderError(f"Camera.{name}: found {given}, expected ({low:g}, inf)")
         if fov_rad is None:
             if fx is None:
                 raise RenderError("Camera: found neither fov_rad nor fx, expected one of them")
             fov_rad = 2 * math.atan2(0.5 * width, fx)
         if not 0 < fov_rad < math.pi:
-            raise RenderError(f"Camera.fov_rad must lie in (0, pi), got {fov_rad}")
+            raise RenderError(f"Camera.fov_rad: found {fov_rad}, expected (0, pi)")
         fx_of_fov = 0.5 * width / math.tan(0.5 * fov_rad)
         if fx is None:
             fx = fx_of_fov
         elif not math.isclose(fx, fx_of_fov, rel_tol=1e-6):
             raise RenderError(
-                f"Camera: fov_rad = {fov_rad} means fx = {fx_of_fov}, got fx = {fx}; give one"
+                f"Camera.fx: found {fx}, expected {fx_of_fov} for fov_rad = {fov_rad}; give one"
             )
         values = {
             "width": width,
@@ -122,7 +122,9 @@ class Camera:
         """
         points_cam = np.asarray(points_cam, dtype=np.float64)
         if not np.all(points_cam[..., 2] > 0):
-            raise RenderError("Camera.project: every point must lie in front of the camera, z > 0")
+            raise RenderError(
+                "Camera.project: found a point with z <= 0, expected points in front of the camera"
+            )
         return (self.fx, self.fy) * points_cam[..., :2] / points_cam[..., 2:] + (self.cx, self.cy)
 
     def rays(self, points_px: Float64) -> Float64:
@@ -162,7 +164,7 @@ class Plane:
 
     def __post_init__(self) -> None:
         if not math.isclose(math.hypot(*self.normal), 1.0, abs_tol=1e-9):
-            raise RenderError(f"Plane.normal must have length 1, got {self.normal}")
+            raise RenderError(f"Plane.normal: found {self.normal}, expected a vector of length 1")
 
     def distance(self, origin: Float64, direction: Float64) -> Float64:
         """Return how far rays run to the plane.
@@ -207,7 +209,7 @@ class Plane:
         """
         distance = self.distance(origin, direction)
         if not np.all(np.isfinite(distance)):
-            raise RenderError("Plane.intersect: a ray does not run towards the plane")
+            raise RenderError("Plane.intersect: found a ray that does not run toward the plane")
         return origin + distance[..., None] * direction
 
 

@@ -17,5 +17,5 @@ def silent(stage: str, done: float, total: float, /) -> None:
     Parameters
     ----------
     stage, done, total
-        As a `Progress` takes them.
+        As in `Progress`.
     """

@@ -59,7 +59,7 @@ class Memory:
         return block[start : start + size].view(dtype).reshape(shape)
 
     def release(self) -> None:
-        """Give the blocks back; those of arrays that somebody holds, with these arrays."""
+        """Free all blocks; a block that an array still uses is freed together with the array."""
         with self._lock:
             self._blocks.clear()
 
@@ -81,7 +81,7 @@ class Memory:
         return block
 
     def _oldest(self, free: list[int], excess: int) -> list[int]:
-        """Return the oldest of the free blocks, enough to make up for the excess if possible."""
+        """Return the oldest of the free blocks, enough to remove the excess if possible."""
         sizes = np.cumsum([0, *(self._blocks[k].size for k in free)])
         return free[: int(np.searchsorted(sizes, excess))]
 

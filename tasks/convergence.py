@@ -68,7 +68,7 @@ class Outcome:
 
 
 def settings() -> list[RenderSetting]:
-    """Return the finest setting, then others in samples and in displacement, and the quick one."""
+    """Return the finest setting, then fewer samples, larger steps, and the quick preset's."""
     by_spp = [replace(USUAL, spp=spp) for spp in SPP]
     by_displacement = [replace(USUAL, max_displacement_px=px) for px in DISPLACEMENTS_PX]
     each = dict.fromkeys([*by_spp, *by_displacement, QUICK])  # the usual one is there twice

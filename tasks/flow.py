@@ -131,7 +131,7 @@ class Features:
     Parameters
     ----------
     width, height
-        Of the image, px.
+        Size of the image, px.
     centers_px
         (N, 2) positions at the window's start.
     flow_px

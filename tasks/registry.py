@@ -31,6 +31,8 @@ class TaskSpec:
     ----------
     title
         Name in words.
+    summary
+        What is scored, for `eres evaluate --help`.
     methods
         Places of the methods, by name.
     metric
@@ -66,6 +68,7 @@ class TaskSpec:
     share_column: ShareColumn | None = None
     extensions: tuple[str, ...] = ()
     labels: Mapping[str, str] = field(default_factory=dict)
+    summary: str = ""
 
     def label(self, method: str) -> str:
         """Return a method's name in words; a ``module:function`` stays as it is."""
@@ -88,6 +91,7 @@ _POSITION_ERROR = Metric(
 TASKS = {
     "reconstruction": TaskSpec(
         title="reconstruction",
+        summary="PSNR of the image at the end of the window",
         methods={
             "event_integration": f"{_METHODS}.event_integration:reconstruct",
             "no_events": f"{_METHODS}.no_events:reconstruct",
@@ -100,6 +104,7 @@ TASKS = {
     ),
     "video": TaskSpec(
         title="video reconstruction",
+        summary="PSNR of images along a continuous sequence",
         methods={
             "high_pass_filter": f"{_METHODS}.high_pass_filter:HighPassFilter",
             "high_pass_filter_no_event_decay": f"{_METHODS}.high_pass_filter:without_event_decay",
@@ -117,6 +122,7 @@ TASKS = {
     ),
     "flow": TaskSpec(
         title="optical flow",
+        summary="end-point error of 20 patches",
         methods={
             "photometric_flow": f"{_METHODS}.photometric_flow:estimate",
             "photometric_flow_unknown_contrast": (
@@ -136,6 +142,7 @@ TASKS = {
     ),
     "tracking": TaskSpec(
         title="pose tracking",
+        summary="position error over the first 14 ms, in planar scenes",
         methods={
             "photometric_tracking": f"{_METHODS}.photometric_tracking:estimate",
             "photometric_tracking_with_delay": (

@@ -40,15 +40,18 @@ class Row:
 
     def __post_init__(self) -> None:
         if self.width <= 0:
-            raise ResultError(f"Row.width must be positive, got {self.width}")
+            raise ResultError(f"Row.width: found {self.width}, expected a positive number")
         if not self.cutoff_hz > 0:
-            raise ResultError(f"Row.cutoff_hz must be positive or inf, got {self.cutoff_hz}")
+            raise ResultError(
+                f"Row.cutoff_hz: found {self.cutoff_hz}, expected a positive number or inf"
+            )
         if not (self.contrast_threshold > 0 and math.isfinite(self.contrast_threshold)):
             raise ResultError(
-                f"Row.contrast_threshold must be positive, got {self.contrast_threshold}"
+                "Row.contrast_threshold: "
+                f"found {self.contrast_threshold}, expected a positive number"
             )
         if not (self.speed > 0 and math.isfinite(self.speed)):
-            raise ResultError(f"Row.speed must be positive, got {self.speed}")
+            raise ResultError(f"Row.speed: found {self.speed}, expected a positive number")
 
 
 _ARROW_TYPES = {"str": "string", "int": "int64", "float": "double"}

@@ -44,7 +44,7 @@ class TrackingSample:
     contrast_threshold
         C, known in simulation, log units.
     camera
-        Of the sensor's size; its `K` is the camera matrix.
+        Camera with the size of the sensor; its `K` is the camera matrix.
     plane
         The plane that the camera sees, in world coordinates.
     T_0

@@ -124,7 +124,7 @@ def _leaf(length_m: float, rise: float) -> list[Chart]:
     return both_sides(grid(points[:, ::-1], leaf, t, s), apart_m=0.0015)
 
 
-# Middles of the ceiling lamps, x and y; scene.xml has the glowing rectangle 5 mm below each.
+# Centers of the ceiling lamps, x and y; scene.xml has the glowing rectangle 5 mm below each.
 _CEILING_LAMPS_M = ((3.15, 1.2), (4.75, 3.3))
 
 

@@ -24,7 +24,7 @@ def wooden(tone: float, ring_m: float = 0.018) -> FacePainter:
     Returns
     -------
     painter
-        For the faces of a box.
+        Painter of the faces of a box.
     """
     return lambda along_u: partial(wood, tone=tone, along_u=along_u, ring_m=ring_m)
 

@@ -38,7 +38,7 @@ class Chart:
     paint
         What the surface reflects.
     solid
-        (rows - 1, columns - 1) bool: which meshes of the grid exist; False at a hole.
+        (rows - 1, columns - 1) bool: which cells of the grid exist; False at a hole.
     """
 
     points: Float64
@@ -92,7 +92,7 @@ def grid(points: ArrayLike, paint: Painter, t: ArrayLike, s: ArrayLike) -> Chart
     Returns
     -------
     chart
-        With normals from the grid's slopes.
+        The chart, with normals from the slopes of the grid.
     """
     p = np.asarray(points, dtype=np.float64)
     along_v, along_u = np.gradient(p, axis=0), np.gradient(p, axis=1)
@@ -148,7 +148,7 @@ def plate(
     t, s
         Positions of the cuts along `down` and along `right`, 0 to 1.
     hole
-        Row and column of the mesh that is left out, if any.
+        Row and column of the cell that is left out, if any.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def lathe(radii_m: ArrayLike, heights_m: ArrayLike, paint: Painter, segments: in
     paint
         Painter of the chart.
     segments
-        Number of meshes around the axis.
+        Number of cells around the axis.
 
     Returns
     -------

@@ -58,7 +58,7 @@ class Bent(NamedTuple):
     ----------
     piece : (N,) int32
     vertices, normals : (N, 3, 3) float64
-        Of each of the three vertices, m.
+        Positions, m, and unit normals of the three vertices.
     """
 
     piece: Int32
@@ -75,9 +75,9 @@ class FlatSurfaces:
     textures
         Radiance, (rows, columns) float16 each: views of Mitsuba's own memory.
     piece_of_triangle : (T,) int32
-        Of all meshes, one after the other; `TRACED` where there is none.
+        Piece of each triangle, mesh after mesh; `TRACED` if it has none.
     first_triangle : (S,) int64
-        Of each shape, by its number in Mitsuba's registry; -1 for what is not a mesh.
+        First triangle of each shape, by its number in Mitsuba's registry; -1 if not a mesh.
     edges : (E, 2, 3) float64
         Every edge but those inside a piece, m.
     boxes : (B, 2, 3) float64

@@ -41,13 +41,13 @@ def _load(bits):
 
 @intrinsic
 def _half_at(typingctx, address, index):
-    """The half-float so many after the one at an address, as it is in memory."""
+    """Return the bits of the half-float at an index of an array, given the array's address."""
     return _load(16)
 
 
 @intrinsic
 def _pair_at(typingctx, address, index):
-    """The same and the next one, in the upper half."""
+    """Return the bits of two half-floats, the one at the index in the lower half."""
     return _load(32)
 
 
@@ -225,7 +225,7 @@ def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
 
 @numba.njit(**_OPTIONS, inline="always")
 def _within(start, step, low, high, a, b):
-    """Cut the shares [a, b] of a line down to where start + share * step is in [low, high]."""
+    """Narrow [a, b] to the s for which start + s * step is in [low, high]."""
     if step == 0.0:
         return (a, b) if low <= start <= high else (1.0, 0.0)
     p, q = (low - start) / step, (high - start) / step
@@ -234,7 +234,7 @@ def _within(start, step, low, high, a, b):
 
 @numba.njit(**_OPTIONS, inline="always")
 def _shows(piece, row, column, piece_at, marked):
-    """Whether a pixel shows one piece and nothing else."""
+    """Return whether a pixel shows one piece and nothing else."""
     return (
         piece >= 0
         and not marked[row, column]
@@ -421,7 +421,7 @@ _HALF_TO_FLOAT = 2.0**112  # the difference between the exponents' biases
 
 @numba.njit(**_OPTIONS, inline="always")
 def _texel(dx, dy, steps):
-    """The texel (dx, dy) px from a block's center, from its base."""
+    """Return the texel (dx, dy) px from the center of a block, relative to the base."""
     (u, ux, uy), (v, vx, vy), (one, wx, wy) = steps
     per_z = one / (one + wx * dx + wy * dy)
     return u + (ux * dx + uy * dy) * per_z, v + (vx * dx + vy * dy) * per_z
@@ -429,18 +429,18 @@ def _texel(dx, dy, steps):
 
 @numba.njit(**_OPTIONS, inline="always")
 def _between(t0, t1, b0, b1, fu, fv):
-    """What four texels have between them, at fu of the way to the right and fv downward."""
+    """Interpolate bilinearly between four texels, fu to the right and fv downward."""
     t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
     return t + fv * (b - t)
 
 
 @numba.njit(**_OPTIONS, inline="always")
 def _left(pair):
-    """The lower half-float of two, times 2^-112; none is negative."""
+    """Return the lower of two half-floats, times 2^-112; none is negative."""
     return _float_of((pair & np.uint32(0xFFFF)) << np.uint32(13))
 
 
 @numba.njit(**_OPTIONS, inline="always")
 def _right(pair):
-    """The upper one."""
+    """Return the upper of two half-floats, times 2^-112."""
     return _float_of((pair >> np.uint32(16)) << np.uint32(13))

@@ -28,7 +28,7 @@ class PlacedObjects:
     objects
         The objects that move.
     scene_file
-        For error messages.
+        The scene file, for error messages.
 
     Raises
     ------
@@ -97,7 +97,7 @@ class Body:
     Parameters
     ----------
     name
-        Of the object.
+        Name of the object.
     pose
         Returns T_world_object, (..., 4, 4), at times (...) in seconds.
     caster

@@ -51,8 +51,8 @@ class Renderer:
     """Renders linear radiance of one scene from any pose.
 
     Every frame uses the same random numbers, so radiance is a continuous function of the pose, and
-    the remaining Monte Carlo error moves with the camera instead of flickering. Where objects move,
-    every frame is of a time, and path-traced, as the light that they shade and reflect moves too.
+    the remaining Monte Carlo error moves with the camera instead of flickering. If objects move,
+    each frame has a time and is path-traced, because shadows and reflected light move too.
 
     Parameters
     ----------

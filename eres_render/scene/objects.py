@@ -26,7 +26,7 @@ class MovingObject:
     Parameters
     ----------
     name
-        Of its table in scene.toml.
+        Name of its table in scene.toml.
     shapes
         Ids of its shapes.
     start_s
@@ -57,7 +57,7 @@ def read_object(
     Parameters
     ----------
     name
-        Of the object.
+        Name of the object.
     shapes
         Ids of its shapes.
     file

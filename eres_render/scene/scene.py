@@ -119,7 +119,7 @@ class Scene:
         Parameters
         ----------
         t_offset_us
-            Of the camera's path; see `Trajectory`.
+            Offset of the clock of the camera's path; see `Trajectory`.
         duration_s
             How long the paths must last, s.
 

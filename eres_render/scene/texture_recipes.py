@@ -71,8 +71,8 @@ class TextureRecipe:
             raise SceneError(f"texture kind: found {self.kind!r}, expected one of {list(TEXTURES)}")
         if min(self.shape) < 1 or not self.texel_m > 0:
             raise SceneError(
-                f"texture {self.kind}: size_px, height_px and texel_m must be positive, "
-                f"got {self.size_px}, {self.height_px} and {self.texel_m}"
+                f"texture {self.kind}: found size_px {self.size_px}, height_px {self.height_px} "
+                f"and texel_m {self.texel_m}, expected positive numbers"
             )
 
     @property

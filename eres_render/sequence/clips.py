@@ -29,8 +29,8 @@ class Clip:
     def __post_init__(self) -> None:
         if not 0 <= self.t_start_s <= self.t_window_start_s < self.t_window_end_s:
             raise RenderError(
-                f"Clip {self.index}: expected 0 <= start <= window start < window end, got "
-                f"{self.t_start_s}, {self.t_window_start_s}, {self.t_window_end_s} s"
+                f"Clip {self.index}: found {self.t_start_s}, {self.t_window_start_s}, "
+                f"{self.t_window_end_s} s, expected 0 <= start <= window start < window end"
             )
 
     @property
@@ -79,8 +79,8 @@ def clips(
     duration_s = _checked_duration_s(scene, duration_s)
     if not every_s > 0 or not 0 < window_s <= 0.5 * every_s or not 0 <= warmup_s <= 0.5 * every_s:
         raise RenderError(
-            f"window_s and warmup_s must fit in half of every_s: got window {window_s} s, "
-            f"warm-up {warmup_s} s, every {every_s} s"
+            f"window_s, warmup_s: found {window_s} and {warmup_s} s, expected each to fit into "
+            f"half of every_s = {every_s} s"
         )
     fitting = math.floor((duration_s - window_s) / every_s + 0.5 + 1e-9)
     if fitting < 1:

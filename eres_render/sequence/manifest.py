@@ -103,7 +103,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     Parameters
     ----------
     folder
-        Of the sequence.
+        Folder of the sequence.
     manifest
         What to write.
     """

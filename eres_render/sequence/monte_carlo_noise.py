@@ -35,7 +35,7 @@ class Noise:
     log_noise
         Standard deviation of a pixel's log radiance, root mean square over pixels and frames.
     contrast_threshold
-        Of the ideal pixel, as fine as the render's, that looks at the frames.
+        Threshold of the ideal pixel, as fine as the render's, that looks at the frames.
     events_hz
         Its event rate.
     false_events_hz
@@ -139,7 +139,7 @@ def count_events(
     dark_level
         Added to the radiance before the logarithm, W m^-2 sr^-1.
     contrast_threshold
-        Of the pixels.
+        Threshold of the pixels.
 
     Returns
     -------
@@ -188,7 +188,7 @@ def measure_noise(
     max_displacement_px
         Largest motion from frame to frame, px.
     contrast_threshold
-        Of the pixels that look at the frames.
+        Threshold of the pixels that look at the frames.
 
     Returns
     -------

@@ -110,7 +110,7 @@ def clip_in_progress(
     max_displacement_px
         In pixels of the render.
     compression
-        Of the files: by default none, which costs the least time.
+        Compression of the files; none by default, which costs the least time.
     on_progress
         Called after each rendered frame, with the number of frames up to this one.
 

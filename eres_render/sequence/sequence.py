@@ -190,9 +190,9 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
     Parameters
     ----------
     folder
-        Of the sequence.
+        Folder of the sequence.
     manifest
-        Of the sequence.
+        Its manifest.
 
     Returns
     -------
@@ -231,13 +231,13 @@ class SequenceWriter:
     Parameters
     ----------
     folder
-        Of the sequence; made if it does not exist.
+        Folder of the sequence; made if it does not exist.
     manifest
-        Of the sequence; the writer sets its `complete`.
+        Manifest of the sequence; the writer sets its `complete`.
     trajectory
         The camera's path, on the time of the frames.
     compression
-        Of the frames.
+        Compression of the frames.
 
     Attributes
     ----------

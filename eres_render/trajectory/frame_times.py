@@ -220,9 +220,11 @@ def adaptive_times(
         If `max_displacement_px` is not positive, or the marks do not increase.
     """
     if not max_displacement_px > 0:
-        raise RenderError(f"max_displacement_px must be positive, got {max_displacement_px}")
+        raise RenderError(
+            f"max_displacement_px: found {max_displacement_px}, expected a positive number"
+        )
     if len(marks_s) < 2 or not np.all(np.diff(marks_s) > _TIME_RESOLUTION_S):
-        raise RenderError(f"marks_s must be at least two increasing times, got {list(marks_s)}")
+        raise RenderError(f"marks_s: found {list(marks_s)}, expected two or more increasing times")
 
     times = [float(marks_s[0])]
     step_s = 1e-4

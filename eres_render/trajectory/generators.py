@@ -65,8 +65,8 @@ def look_at(position_m: ArrayLike, target_m: ArrayLike, up: ArrayLike) -> Float6
     x = np.cross(z, np.asarray(up))
     if not np.linalg.norm(x) > 1e-6 * np.linalg.norm(z) * np.linalg.norm(up):
         raise TrajectoryError(
-            f"a camera at {np.asarray(position_m).tolist()} cannot look at "
-            f"{np.asarray(target_m).tolist()} with up {np.asarray(up).tolist()}"
+            f"target_m: found {np.asarray(target_m).tolist()}, expected a point away from the "
+            f"camera, {np.asarray(position_m).tolist()}, neither straight up nor down"
         )
     z, x = z / np.linalg.norm(z), x / np.linalg.norm(x)
     T = np.eye(4)
@@ -127,7 +127,7 @@ def random_path(
     knots_s = knot_interval_s * np.arange(-1.0, n - 1)
     unscaled_mps = Trajectory(knots_s, controls).mean_speed_mps(duration_s)
     if not unscaled_mps > 0:
-        raise TrajectoryError(f"random_path: sway must let the camera move, got {sway}")
+        raise TrajectoryError(f"sway: found {sway}, expected one that lets the camera move")
     scale = mean_speed_mps / unscaled_mps
     controls[:, :3, 3] = home[:3, 3] + scale * (controls[:, :3, 3] - home[:3, 3])
     return Trajectory(knots_s, controls)
@@ -189,7 +189,9 @@ def waypoint_loop(
         if poses:
             chord_m.append(chord_m[-1] + float(np.linalg.norm(T[:3, 3] - poses[-1][:3, 3])))
             if not chord_m[-1] > chord_m[-2]:
-                raise TrajectoryError("waypoint_loop: two consecutive poses are at the same place")
+                raise TrajectoryError(
+                    "waypoints: found two consecutive poses at one place, expected distinct places"
+                )
         poses.append(T)
     path = path_through(chord_m, np.array(poses))
     end = brentq(lambda t: float(path.length_m(t)) - length_m, 0.0, path.duration_s, xtol=1e-12)

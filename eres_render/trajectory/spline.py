@@ -46,18 +46,18 @@ class Trajectory:
         shape = self.controls.shape
         if len(shape) != 3 or shape[0] < 4 or shape[1:] != (4, 4):
             raise TrajectoryError(
-                f"Trajectory.controls must have shape (N >= 4, 4, 4), got {shape}"
+                f"Trajectory.controls: found shape {shape}, expected (N, 4, 4) with N of at least 4"
             )
         knots = self.knots_s
         if knots.shape != shape[:1] or not np.all(np.diff(knots) > 0) or knots[1] != 0:
             raise TrajectoryError(
-                f"Trajectory.knots_s must be {shape[0]} increasing times, the second of them 0, "
-                f"got shape {knots.shape}, {knots[:3].tolist()}..."
+                f"Trajectory.knots_s: found shape {knots.shape}, {knots[:3].tolist()}..., expected "
+                f"{shape[0]} increasing times, the second of them 0"
             )
         R = self.controls[:, :3, :3]
         if not np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-6):
             raise TrajectoryError(
-                "Trajectory.controls: a control pose's rotation matrix is not orthonormal"
+                "Trajectory.controls: found a rotation that is not orthonormal, expected rotations"
             )
 
     @property
@@ -154,7 +154,7 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     T_world_cam
         (N, 4, 4) poses.
     t_offset_us
-        Of the path; see `Trajectory`.
+        Offset of the path's clock; see `Trajectory`.
 
     Returns
     -------

@@ -85,7 +85,7 @@ def whole_microseconds(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Round times to whole microseconds, half up; return them and the remainders, us.
 
-    Whole seconds are converted apart, so that large times, such as those since 1970, keep all
+    Whole seconds are converted separately, so that large times, such as those since 1970, keep all
     digits of t_s.
     """
     seconds = np.floor(t_s)

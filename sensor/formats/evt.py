@@ -75,7 +75,7 @@ class Codec:
     encode, decode, decode_triggers
         As in `evt2`.
     trigger_bits
-        Bits of a word of an event that a word of a trigger also has: its time.
+        Bits that the words of an event and of a trigger share: those of the time.
     channels
         Number of trigger inputs.
     """
@@ -189,7 +189,7 @@ class _Words:
         self._words = np.empty(_WRITE_WORDS, codec.word)
 
     def put(self, events: Columns, trigger: int | None = None) -> None:
-        """Write events, or in place of the only one the word of a trigger at its time."""
+        """Write events; with a trigger, write its word in place of that of the single event."""
         done = 0
         while done < len(events.t_us):
             rest = events.part(slice(done, None))

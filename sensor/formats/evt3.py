@@ -70,7 +70,7 @@ def encode(events, width, state, words):
         high = state[HIGH]
         target = t[i] >> 12
         if high < target:
-            # Start at 0 and write every turn of the clock, since readers count them.
+            # Start at 0 and write every wrap of the clock, since readers count them.
             if high < 0 or high % _STRIDE == _STRIDE - 1:
                 high += 1
             else:
@@ -234,7 +234,7 @@ def decode(words, width, height, state, events):
 
 @numba.njit(cache=True, nogil=True)
 def _turned(high, new):
-    """Return the high part of the time after a word of the clock, with its turns."""
+    """Return the high part of the time after a clock word; count wraps of the clock."""
     if high < 0:
         return new
     before = high % _WRAP

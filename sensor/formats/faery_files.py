@@ -161,7 +161,10 @@ def _backwards(k: int) -> EventFormatError:
 def _checked(found: np.ndarray, header: Header, first: int, sort: bool, none: Events) -> Events:
     """Convert a packet to `Events` and check its values; `first` is the index of its first."""
     if found["t"].max() >= _MAX_TIME_US:
-        raise EventFormatError(f"events from {first}: found time {found['t'].max()} us")
+        latest = found["t"].max()
+        raise EventFormatError(
+            f"events from {first}: found time {latest} us, expected less than {_MAX_TIME_US} us"
+        )
     t_us = found["t"].astype(np.int64)
     backwards = np.flatnonzero(t_us[1:] < t_us[:-1])
     if len(backwards) and not sort:

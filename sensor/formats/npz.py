@@ -102,7 +102,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
 @contextmanager
 def _said(where: str) -> Iterator[None]:
-    """Say in our words, and where, what `zipfile`, `zlib` and numpy say of damage in theirs."""
+    """Convert errors of `zipfile`, `zlib` and numpy about damage to `EventFormatError`."""
     try:
         yield
     except (
@@ -117,7 +117,7 @@ def _said(where: str) -> Iterator[None]:
         SyntaxError,
         OSError,
     ) as error:
-        # A place that no file can have is damage; what else the system says is its own matter.
+        # EINVAL is a damaged offset; other errors of the system are not about the content.
         if isinstance(error, EventError) or getattr(error, "errno", None) not in (None, EINVAL):
             raise
         raise EventFormatError(f"{where}: {error or type(error).__name__}") from error
@@ -132,13 +132,15 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def _open_entry(archive: zipfile.ZipFile, name: str) -> tuple[IO[bytes], tuple[int, ...], np.dtype]:
-    """An entry at its first value, its shape and its dtype."""
+    """Open an entry; return it at its first value, with its shape and dtype."""
     try:
         info = archive.getinfo(f"{name}.npy")
     except KeyError:
         raise EventFormatError(f"entry {name}: missing") from None
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise EventFormatError(f"entry {name}: compressed in a way that numpy does not use")
+        raise EventFormatError(
+            f"entry {name}: found compression {info.compress_type}, expected none or deflate"
+        )
     with _said(f"entry {name}"):
         entry = archive.open(info)
         version = np.lib.format.read_magic(entry)
@@ -147,13 +149,13 @@ def _open_entry(archive: zipfile.ZipFile, name: str) -> tuple[IO[bytes], tuple[i
         shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
     if fortran and len(shape) > 1:
         raise EventFormatError(
-            f"entry {name}: found shape {shape} in Fortran's order, expected C's"
+            f"entry {name}: found shape {shape} in Fortran order, expected C order"
         )
     return entry, shape, dtype
 
 
 def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
-    """A number or text without dimensions; None where there is none of that name."""
+    """Read a number or text without dimensions; None if no entry has the name."""
     if f"{name}.npy" not in archive.namelist():
         return None
     entry, shape, dtype = _open_entry(archive, name)
@@ -171,7 +173,7 @@ def _read_scalar(archive: zipfile.ZipFile, name: str, kind: str) -> object:
 
 
 def read_header(path: Path) -> Header:
-    """Read an npz file's size, model and origin.
+    """Read the size, model and origin of an npz file.
 
     Raises
     ------

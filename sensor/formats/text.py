@@ -3,9 +3,9 @@
 t is in seconds with six decimals, p is 0 or 1. Files without the first line need the size of the
 sensor. Further decimals are rounded to microseconds.
 
-The reader also takes the text of others: commas or tabs between the numbers, exponents, p of -1 and
-1, comments (`#`, `%`) and a line of names such as `t_us,x,y,p` at the start, which gives the order
-of the columns and perhaps the unit of time.
+The reader also accepts the text of other programs: commas or tabs between the numbers, exponents,
+p of -1 and 1, comments (`#`, `%`) and a line of names such as `t_us,x,y,p` at the start, which
+gives the order of the columns and perhaps the unit of time.
 """
 
 from __future__ import annotations
@@ -319,7 +319,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 
 @dataclass(frozen=True, slots=True)
 class _Start:
-    """What the lines before the events say."""
+    """Content of the lines before the events."""
 
     header: Header
     order: tuple[int, ...]  # the column of each number of a line, as in `_COLUMNS`
@@ -480,7 +480,9 @@ def _parts(path: Path, start: _Start, power: int, sort: bool, none: Events) -> I
             whole = data.rfind(b"\n") + 1
             rest = data[whole:]
             if len(rest) > _MAX_LINE_BYTES:
-                raise EventFormatError(f"byte {offset + whole}: found a line without end")
+                raise EventFormatError(
+                    f"byte {offset + whole}: found no end of line within {_MAX_LINE_BYTES} bytes"
+                )
             lines = np.frombuffer(data, np.uint8, whole)
             while len(lines):
                 room = min(batching.PART_EVENTS, len(lines) // _SHORTEST_LINE_BYTES + 1)

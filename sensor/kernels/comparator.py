@@ -177,8 +177,8 @@ def time_lines(u0, dt_us, start_us, length_us, slots, work):
 def write_lines(u0, dt_us, start_us, length_us, few, work, used):
     """Append the events of all flagged ideal pixels to the pool.
 
-    All slots of a pixel are written and those without an event overwritten by the next pixel:
-    nobody can predict how many a pixel fires. Pixels with more events than slots are rare.
+    All slots of a pixel are written, and the next pixel overwrites those without an event, because
+    a branch on the number of events would be mispredicted. Few pixels have more events than slots.
 
     Parameters
     ----------

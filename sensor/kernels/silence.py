@@ -39,7 +39,7 @@ class LightBand(NamedTuple):
 
 @inlined
 def light_bounds(level, leaked, fall, rise):
-    """Return the light band of a pixel in float32, rather too narrow than too wide.
+    """Return the light band of a pixel in float32, rounded so that it is never too wide.
 
     Parameters
     ----------

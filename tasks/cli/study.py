@@ -20,12 +20,14 @@ from tasks.errors import StudyError
 from tasks.registry import TASKS
 from tasks.row import Row
 
+_SUMMARIES = " ".join(f"{name}: {spec.summary}." for name, spec in TASKS.items())
+
 
 def evaluate(
     sequence: Annotated[
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
     ],
-    task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS))],
+    task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS), help=_SUMMARIES)],
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     resolution: int = 346,
     cutoff: float = math.inf,
@@ -34,14 +36,8 @@ def evaluate(
 ) -> None:
     """Score methods of one task on the events of one sensor on one rendered sequence.
 
-    reconstruction: PSNR of the image at the end of the window. flow: end-point error of 20 patches.
-    tracking: position error over the first 14 ms, in planar scenes. video: PSNR of images along a
-    continuous sequence.
-
     Parameters
     ----------
-    task
-        The task.
     method
         Names (`eres methods` lists them), or your own functions as
         package.module:function; by default all methods of the task.

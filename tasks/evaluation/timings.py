@@ -46,7 +46,7 @@ class JobTimings:
     Parameters
     ----------
     scene, sample
-        Of the job; several jobs may have the same, for different tasks.
+        Scene and sample of the job; jobs for different tasks may share them.
     cores
         Number of cores.
     frames, resolution, spp

@@ -83,7 +83,7 @@ def simulate_footage(
     else:
         divided = steps_for(motion_px) if steps == 0 else [steps] * len(motion_px)
         footage = interpolated(footage, divided)
-        _log.info("%d frames with those in between", len(footage))
+        _log.info("%d frames after interpolation", len(footage))
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
     if interpolate is not None:
         origin["interpolate"] = interpolate

@@ -106,7 +106,8 @@ class HighPassFilter:
     def _check_order(self, t_us: int) -> None:
         if self._t_us is not None and t_us < self._t_us:
             raise TaskError(
-                f"high-pass filter: found {t_us} us, before the last event at {self._t_us} us"
+                f"high-pass filter: found {t_us} us, expected at least {self._t_us} us, the "
+                "time of the last event"
             )
 
 

@@ -13,7 +13,7 @@ from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.methods import task_of
 
 LEAST_RESOLUTION = 62
-"""Side of frames, px, in which `sensor.statistics.slope_scaling` has room for its blocks."""
+"""Side of frames, px, in which `sensor.statistics.slopes_by_pixel_size` has room for its blocks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

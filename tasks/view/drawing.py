@@ -30,11 +30,11 @@ class Palette:
     Parameters
     ----------
     brighter, darker
-        Of pixels that became brighter and darker.
+        Colors of pixels that became brighter and darker.
     ground
-        Behind the events.
+        Color behind the events.
     page, text
-        Of the captions.
+        Colors of the captions: background and letters.
     """
 
     brighter: Color

@@ -28,7 +28,7 @@ class EventSource:
     palette
         Colors of the picture.
     length_us, count
-        Events of a picture, one of both; see `windows`.
+        Window of a picture: its length, or its number of events; see `windows`.
     frames
         Drawn behind the events.
     """

@@ -42,7 +42,7 @@ class PackedEvents:
     title
         The sensor or the file.
     width, height
-        Of the sensor, px.
+        Size of the sensor, px.
     count
         Number of events in the page.
     every

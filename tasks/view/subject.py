@@ -42,7 +42,7 @@ class Subject:
 
     @property
     def event_sources(self) -> tuple[EventSource, ...]:
-        """Those that are files of events."""
+        """The sources that are files of events."""
         return tuple(one for one in self.sources if isinstance(one, EventSource))
 
 
@@ -69,7 +69,7 @@ def open_subject(
     show
         What is drawn of clips.
     size, format
-        Of files of events that do not say, see `read_events`.
+        Size and format for files of events that do not tell; see `read_events`.
     on_progress
         Called for each file.
 

@@ -54,7 +54,7 @@ def view(
     show
         What is drawn of rendered clips.
     size, format
-        Of files of events that do not say, see `read_events`.
+        Size and format for files of events that do not tell; see `read_events`.
     overwrite
         Whether to replace an existing file.
     on_progress

@@ -106,7 +106,7 @@ def windows(
 def _needed(
     parts: list[Events], after: Events, end_us: int, length_us: int | None, count: int | None
 ) -> list[Events]:
-    """Return the last of some parts: those that a window which ends in `after` or later needs."""
+    """Return the last parts: those needed by a window that ends in `after` or later."""
     if length_us is not None:
         return [part for part in parts if len(part) and part.t_us[-1] >= end_us - length_us]
     later = int(np.searchsorted(after.t_us, end_us))

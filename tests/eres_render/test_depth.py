@@ -88,7 +88,7 @@ def test_a_loop_does_not_repeat_itself_and_follows_its_seed():
 
 
 def test_waypoints_at_one_place_are_refused():
-    with pytest.raises(TrajectoryError, match="at the same place"):
+    with pytest.raises(TrajectoryError, match="two consecutive poses at one place"):
         waypoint_loop(
             np.array([CORNERS[0]] * 2),
             duration_s=1.0,
@@ -97,7 +97,7 @@ def test_waypoints_at_one_place_are_refused():
             turn_rad=(0, 0, 0),
             seed=0,
         )
-    with pytest.raises(TrajectoryError, match="cannot look at"):
+    with pytest.raises(TrajectoryError, match="expected a point away from the camera"):
         look_at((0, 0, 1), (0, 0, 2), UP)
 
 

@@ -50,7 +50,7 @@ def test_without_motion_only_the_marks_remain():
 
 
 def test_senseless_requests_are_refused(motion):
-    with pytest.raises(RenderError, match="max_displacement_px must be positive"):
+    with pytest.raises(RenderError, match=r"max_displacement_px: found .*, expected a positive"):
         adaptive_times(motion, MARKS_S, 0.0)
     with pytest.raises(RenderError, match="increasing"):
         adaptive_times(motion, (0.3, 0.2), 0.5)

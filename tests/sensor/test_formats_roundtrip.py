@@ -387,7 +387,7 @@ def test_unsorted_text_is_sorted_on_request(tmp_path, monkeypatch):
         ("640 480\n5e6 1 2 1\n", "found whole times, 5e6"),
         ("t_min,x,y,p\n1,1,2,1\n", "byte 0"),
         ("t,x,y,q\n1,1,2,1\n", "found b't,x,y,q"),
-        ("640 480\n" + "1" * 600, "a line without end"),
+        ("640 480\n" + "1" * 600, "no end of line within"),
     ],
 )
 def test_text_that_is_not_events_is_refused(text, said, tmp_path):

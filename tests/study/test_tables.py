@@ -118,7 +118,7 @@ def test_every_rendering_has_the_same_numbers() -> None:
 
 def test_contradictory_rows_are_refused() -> None:
     """The same item of the same sample twice is an error; another item or variant is not."""
-    with pytest.raises(ResultError, match="two rows of sample 0, item 0"):
+    with pytest.raises(ResultError, match="found two of sample 0, item 0"):
         Scores([*grid(), row(128, 0, 1.0)])
     other = replace(row(128, 0, 1.0), variant="other")
     assert len(Scores([*grid(), row(128, 0, 1.0, item=1), other]).series()) == 2
@@ -223,9 +223,9 @@ def test_main_tables_leave_out_variants_and_our_changes() -> None:
 
 def test_unknown_names_and_empty_runs_are_refused() -> None:
     """The text names claims without a verdict."""
-    with pytest.raises(ResultError, match="unknown metric 'ssim'"):
+    with pytest.raises(ResultError, match="found metric 'ssim'"):
         Scores([row(128, 0, 1.0, metric="ssim")])
-    with pytest.raises(ResultError, match="unknown task 'juggling'"):
+    with pytest.raises(ResultError, match="found task 'juggling'"):
         Scores([row(128, 0, 1.0, task="juggling")])
     with pytest.raises(ResultError, match="no rows"):
         Scores([])

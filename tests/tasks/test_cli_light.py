@@ -160,12 +160,12 @@ BAD_NUMBERS = [
     (("--spp", "0"), "spp: found 0, expected a square"),
     (("--spp", "7"), "spp: found 7, expected a square"),
     (("--seed", "-1"), "seed: found -1"),
-    (("--resolution", "0"), "the image must have pixels, got 0x0"),
+    (("--resolution", "0"), "Camera: found 0x0 pixels"),
     (("--width", "9"), "found --resolution and --width, expected --resolution for square frames"),
     (("--height", "9"), "found --resolution and --height, expected --resolution for"),
     (("--width", "9", "--height", "8"), "found --resolution and --width and --height, expected"),
     (("--duration", "9"), "duration_s: found 9.0, expected (0, 0.4] s"),
-    (("--max-displacement", "0"), "max_displacement_px must be positive"),
+    (("--max-displacement", "0"), "max_displacement_px: found 0.0, expected a positive number"),
     (("--integrator", "baked"), "shape 'mirror' is not Lambertian"),
 ]
 

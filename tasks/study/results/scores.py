@@ -147,8 +147,8 @@ class Scores:
         for row in rows:
             if row.contrast_threshold != self.contrast_threshold:
                 raise ResultError(
-                    f"rows of several contrast thresholds: {self.contrast_threshold:g} and "
-                    f"{row.contrast_threshold:g}"
+                    f"rows: found contrast thresholds {self.contrast_threshold:g} and "
+                    f"{row.contrast_threshold:g}, expected one"
                 )
             key = (row.task, row.method, row.metric, row.variant)
             where = (row.scene, row.width, row.cutoff_hz, row.speed)
@@ -159,8 +159,8 @@ class Scores:
                 values = cells[key + where] = of_series.setdefault(Condition(*where), {})
             if (row.sample, row.item) in values:
                 raise ResultError(
-                    f"two rows of sample {row.sample}, item {row.item} of {Series(*key)}, "
-                    f"{Condition(*where)}"
+                    f"rows: found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
+                    f"{Condition(*where)}, expected one"
                 )
             values[row.sample, row.item] = row
         self._expected: dict[tuple[Series, str], list[tuple[int, int]]] = {}
@@ -346,10 +346,10 @@ class Scores:
 
 def _check_known(row: Row) -> None:
     if row.task not in TASKS:
-        raise ResultError(f"unknown task {row.task!r}; expected {' or '.join(sorted(TASKS))}")
+        raise ResultError(f"rows: found task {row.task!r}, expected {' or '.join(sorted(TASKS))}")
     metric = TASKS[row.task].metric.name
     if row.metric != metric:
-        raise ResultError(f"unknown metric {row.metric!r} of {row.task}; expected {metric}")
+        raise ResultError(f"rows: found metric {row.metric!r} of {row.task}, expected {metric}")
 
 
 @cache

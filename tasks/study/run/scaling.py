@@ -60,7 +60,7 @@ def measure_scaling(
     sequence
         Frames of the clip.
     dark_level
-        Of the sensors, in the frames' unit of radiance.
+        Dark level of the sensors, in the frames' unit of radiance.
     histograms
         Complete histograms of times between events, by width, cutoff and speed.
 
