@@ -5,9 +5,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 from tasks.evaluation.timings import JobTimings, MethodTimings
 from tasks.row import Row, write_rows
+from tasks.study.report import write_report
 from tasks.study.results.paper import WIDTHS
 
 
@@ -17,6 +19,13 @@ def make_run(folder: Path, rows: list[Row]) -> Path:
     (folder / "environment.json").write_text(json.dumps(environment))
     (folder / "study.json").write_text(json.dumps({"render": {"spp": 16}}))
     return folder
+
+
+def page_of(folder: Path, **options) -> str:
+    """Write the report of a run and return its page; static figures, which take longest, not."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
+        return write_report(folder, **options).read_text()
 
 
 def add_previews(folder: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drawn import without_space
-from finished_runs import add_previews, make_run
+from finished_runs import add_previews, make_run, page_of
 from study_rows import CM, EI, EPF, EPPT, HF, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.errors import ResultError
@@ -42,7 +42,7 @@ def paper_rows(samples: int = 7, nothing_db: float = 12.0) -> list[Row]:
 
 
 def html_of(folder: Path, rows: list[Row]) -> str:
-    return without_space(write_report(make_run(folder, rows)).read_text())
+    return without_space(page_of(make_run(folder, rows)))
 
 
 def plots_of(page: str) -> list[dict]:
@@ -99,7 +99,7 @@ def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
 
 def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
     """The figure is a PNG and an SVG, and the tables are CSV with one line per cell."""
-    html_of(tmp_path, paper_rows())
+    write_report(make_run(tmp_path, paper_rows()))
     assert {p.name for p in (tmp_path / "figures").iterdir()} == {
         *("tradeoff_event_integration.png", "tradeoff_event_integration.svg")
     }
@@ -163,7 +163,7 @@ def test_the_pictures_are_explained(tmp_path: Path) -> None:
     """The captions explain the colors and the time, and say that the radiance is tone-mapped."""
     run = make_run(tmp_path, paper_rows(samples=1))
     add_previews(run)
-    page = without_space(write_report(run).read_text())
+    page = without_space(page_of(run))
     assert "Blue: brighter, red: darker" in page
     assert f"over the last {PREVIEW_S * 1e3:g} ms" in page
     assert "<figcaption>the radiance, tone-mapped</figcaption>" in page
@@ -236,7 +236,7 @@ def all_tasks() -> list[Row]:
 
 def test_every_task_has_its_place(tmp_path: Path) -> None:
     """A selector with one visible set of plots, answers, tables, failures; few figures."""
-    page = html_of(tmp_path, all_tasks())
+    page = without_space(write_report(make_run(tmp_path, all_tasks())).read_text())
     options = re.findall(r'<option value="(\d+)">([^<]*)</option>', page)
     assert [name for _, name in options] == [
         *("event integration", "high-pass filter", "photometric flow", "contrast maximization"),
@@ -285,7 +285,7 @@ def test_a_section_of_your_own(tmp_path: Path) -> None:
     mine = own_section()
     none = replace(mine, id="none", title="Nothing to see", data=lambda run: None)
     make_run(tmp_path, paper_rows(samples=1))
-    page = without_space(write_report(tmp_path, sections=[*SECTIONS, mine, none]).read_text())
+    page = without_space(page_of(tmp_path, sections=[*SECTIONS, mine, none]))
     assert '<a href="#mine">Mine</a>' in page
     assert '<section id="mine" aria-labelledby="h-mine"><h2 id="h-mine">What I see</h2>' in page
     assert "<p>&lt;a&gt;, carpet</p>–" in page

@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 
 from browser import CHROMIUM, LOW_CONTRAST, watched
-from finished_runs import JOB, add_previews, make_run
+from finished_runs import JOB, add_previews, make_run, page_of
 from study_rows import EI, EPF, EPPT, nothing_rows
 from study_rows import paper_rows as task_rows
 from tasks.evaluation.timings import timings_file
 from tasks.row import Row
-from tasks.study.report import write_report
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
@@ -53,9 +52,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     add_previews(folder)
     (folder / "costs").mkdir()
     (folder / "costs" / "part.json").write_bytes(timings_file(JOB))
-    with pytest.MonkeyPatch.context() as patch:  # static figures take longer than all the rest
-        patch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
-        return write_report(folder)
+    page_of(folder)
+    return folder / "report.html"
 
 
 @pytest.fixture(scope="module")

@@ -98,7 +98,7 @@ def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
 
 def test_a_killed_worker_costs_its_job_only(cluster, scene_folder, tmp_path):
     """Promise: after SIGKILL in the middle of a job, others continue, and the rows are the same."""
-    study = tiny_study(scene_folder, seed=1, samples=5)
+    study = tiny_study(scene_folder, seed=1, samples=3)
     before, killed, over = frames_begun(cache_dir()), [], threading.Event()
 
     def kill():

@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from drawn import comparison_html, section, without_space
+from finished_runs import page_of
 from study_rows import CM, EI, EPF, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row, read_rows, write_rows
-from tasks.study.report import write_report
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Plot
 from tasks.study.report.sections.threshold import compare_thresholds
@@ -178,7 +178,7 @@ def page(tmp_path_factory) -> tuple[Path, str]:
     rows = usual_rows() + usual_rows(EPF, 3.5, samples=1)
     rows += paper_rows(CM, samples=1, scenes=["carpet"])
     run = run_of(tmp_path_factory.mktemp("run"), several(rows))
-    return run, without_space(write_report(run).read_text())
+    return run, without_space(page_of(run))
 
 
 def test_the_page_is_about_the_first_threshold_and_says_so(page, tmp_path) -> None:
@@ -187,7 +187,7 @@ def test_the_page_is_about_the_first_threshold_and_says_so(page, tmp_path) -> No
     alone = run_of(
         tmp_path, [r for r in read_rows(page[0] / "rows.parquet") if r.contrast_threshold == 0.2]
     )
-    lone = without_space(write_report(alone).read_text())
+    lone = without_space(page_of(alone))
     said = "The whole page uses a contrast threshold of 0.2"
     assert said in page[1]
     assert "compares it with 0.1 and 0.4" in text_of(page[1])
@@ -259,7 +259,7 @@ def test_claims_say_at_which_threshold_they_are_judged(eres, tmp_path, threshold
     run = run_of(tmp_path, several(usual_rows(samples=1), thresholds))
     code, out, _ = eres("claims", run)
     assert code == 0
-    page = write_report(run).read_text()
+    page = page_of(run)
     if said:
         assert said in out
         assert said in html.unescape(page)

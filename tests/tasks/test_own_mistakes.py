@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene, path_through
+from finished_runs import page_of
 from sensor import Events
 from small_study import only
 from tasks.errors import MethodError, TaskError
@@ -26,7 +27,6 @@ from tasks.study.config import (
     preset,
     with_method,
 )
-from tasks.study.report import write_report
 from tasks.study.run import local, run_study
 from tasks.study.run.jobs import jobs_of, trials
 from tasks.tracking import TrackingEstimate, TrackingSample
@@ -222,7 +222,7 @@ def test_what_is_not_finite_is_a_failure(scene_folder, tmp_path, monkeypatch):
         assert {row.failure for row in mine} == {f"{reasons.get(task, 'the image')} is not finite"}
         for name in names:
             assert [row.value for row in mine if row.method == name] == [r.value for r in nothing]
-    assert f"{HERE}:flow_0" in write_report(tmp_path / "run").read_text()
+    assert f"{HERE}:flow_0" in page_of(tmp_path / "run")
 
 
 def test_a_method_of_another_task_is_refused_before_anything_is_rendered(
