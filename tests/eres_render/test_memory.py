@@ -45,7 +45,7 @@ GIVE_BACK = (
     RESIDENT
     + """
 during = []
-renderer = Renderer(load_scene("room"), 64, 4)
+renderer = Renderer(load_scene("carpet"), 64, 4)
 clip = Clip(0, 1.0, 1.0, 1.001)
 render_clip(renderer, clip, Path(sys.argv[1]), 0.25, lambda *_: during.append(resident_kib()))
 print(during[-1], resident_kib())
@@ -77,12 +77,12 @@ def test_memory_does_not_grow_over_two_thousand_frames(tmp_path):
 
 
 def test_what_rendering_no_longer_needs_goes_back_to_the_system(tmp_path):
-    """Promise: after a clip, nothing keeps the memory that loading the room needed."""
+    """Promise: after a clip, nothing keeps the memory that loading the carpet needed, 98 MB."""
     if select_variant().startswith("scalar"):
         pytest.skip("keeps nothing for later")
-    load_scene("room").texture_files()  # whoever made them would have more on its heap
+    load_scene("carpet").texture_files()  # whoever made them would have more on its heap
     during_kib, after_kib = map(int, run_python(GIVE_BACK, tmp_path / "s").stdout.split())
-    assert after_kib < during_kib - 300_000
+    assert after_kib < during_kib - 60_000
 
 
 PEAK = """
