@@ -15,12 +15,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from sensor.errors import EventFormatError
 from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
+from sensor.formats.compiling import jit
 from sensor.formats.header import Header
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
@@ -59,7 +59,7 @@ LAST_US, DARKER = range(2)  # entries of the reader's state: last time, p of dar
 _UNKNOWN = 9
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _put_digits(out, at, value, digits):
     """Write `value` in decimal with at least `digits` digits; return the end position."""
     power = np.int64(1)
@@ -74,7 +74,7 @@ def _put_digits(out, at, value, digits):
     return at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _format_lines(events, out):
     """Write columns of events as lines into (n,) uint8; return the bytes used."""
     t, x, y, p = events
@@ -99,20 +99,20 @@ def _format_lines(events, out):
     return at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _skip_blanks(data, at):
     while data[at] == _SPACE or data[at] == _TAB or data[at] == _RETURN:
         at += 1
     return at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _skip_separator(data, at):
     at = _skip_blanks(data, at)
     return _skip_blanks(data, at + 1) if data[at] == _COMMA else at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _integer(data, at, most):
     """Parse digits; return their value (-1 if missing or above `most`) and the end position."""
     value = np.int64(0)
@@ -125,7 +125,7 @@ def _integer(data, at, most):
     return (value if at > start else np.int64(-1)), at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _plain_line(data, at):
     """Parse a line as we write it; return t, x, y, p and the end position, -1 if it is another."""
     none = np.int64(0)
@@ -147,7 +147,7 @@ def _plain_line(data, at):
     return second * 1_000_000 + micro, x, y, p, at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _number(data, at, power, rounded):
     """Parse a decimal, perhaps with an exponent, and multiply it by 10^power.
 
@@ -182,7 +182,7 @@ def _number(data, at, power, rounded):
     return (-value if negative else value), (at if value >= 0 else -1)
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _scaled(value, power, dropped, rounded):
     """Multiply by 10^power; return -1 if that is too large, or not whole and not rounded.
 
@@ -204,7 +204,7 @@ def _scaled(value, power, dropped, rounded):
     return value // unit + (rest >= unit - rest)
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _any_line(data, at, order, power):
     """Parse four numbers in any order; return t, x, y, p and the end position, -1 if wrong."""
     value = np.zeros(4, np.int64)
@@ -222,7 +222,7 @@ def _any_line(data, at, order, power):
     return value[0], value[1], value[2], value[3], at if good else -1
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _parse_lines(data, width, height, order, power, sort, state, events):
     """Parse (n,) uint8 that ends with a newline into columns of events.
 
