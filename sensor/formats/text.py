@@ -22,6 +22,7 @@ from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
 from sensor.formats.compiling import jit
 from sensor.formats.header import Header
+from sensor.time_units import TIME_UNITS
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
 _READ_BYTES = 1 << 22
@@ -40,8 +41,6 @@ _REASONS = {
 }
 _MAX_SECONDS = 9 * 10**12  # what int64 microseconds hold, nearly
 
-TIME_UNITS = {"s": 6, "ms": 3, "us": 0, "ns": -3}
-"""Powers of ten from each unit to microseconds."""
 _NAMES = {
     **dict.fromkeys(("t", "ts", "time", "timestamp", "timestamps"), "t"),
     **{"x": "x", "y": "y"},
