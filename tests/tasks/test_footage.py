@@ -16,6 +16,7 @@ from sensor.events import concatenate
 from sensor.formats import read_events
 from tasks.errors import TaskError
 from tasks.events.footage_simulation import simulate_footage
+from tasks.events.simulation import SimulationOptions
 from tasks.footage import open_footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
@@ -180,6 +181,8 @@ def test_times_from_a_file(tmp_path):
         ("1\n3\n2\n", "s", "txt:3: found 2, expected a time after the one before it"),
         ("1\nx\n2\n", "s", "txt:2: found 'x', expected one time"),
         ("1\nnan\n2\n", "s", "txt:2: found 'nan', expected one time"),
+        ("1\n1e11\n2\n", "s", "txt:2: found '1e11', expected one time"),
+        ("1\n1e999999\n2\n", "s", "txt:2: found '1e999999', expected one time"),
         ("1 0.png\n2\n3\n", "s", "txt:1: found '1 0.png', expected one time"),
     ],
 )
@@ -304,6 +307,25 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
     assert 0.85 * len(every) < many < 1.1 * len(every)
     with pytest.raises(TaskError, match="interpolate: found '0', expected auto, or 1 or more"):
         simulate_footage(thin, model, tmp_path / "x.npz", interpolate="0")
+
+
+def test_motion_is_measured_only_where_it_is_needed(tmp_path):
+    """Promise: a given number of intervals needs no pass over the frames; a mistake costs none."""
+    footage = footage_of(tmp_path, [waves(t, 32) for t in range(3)])
+    model = SensorModel(width=32, height=32)
+
+    def stages(**options):
+        found = []
+        out = tmp_path / f"{len(list(tmp_path.iterdir()))}.npz"
+        simulate_footage(footage, model, out, on_progress=lambda *at: found.append(at), **options)
+        return found
+
+    assert stages(interpolate="2") == [("simulating", k, 5) for k in range(1, 6)]
+    measured = [("measuring motion", k, 3) for k in range(1, 4)]
+    assert stages() == [*measured, *(("simulating", k, 3) for k in range(1, 4))]
+    assert stages(interpolate="auto")[:3] == measured
+    with pytest.raises(TaskError, match="speed: found 0, expected a positive factor"):
+        SimulationOptions(speed=0)
 
 
 def test_memory_does_not_grow_with_the_footage(tmp_path):
