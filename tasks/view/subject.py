@@ -12,6 +12,7 @@ from eres_render.progress import Progress
 from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
+from tasks.events.reading import AS_STORED, Reading
 from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
 from tasks.view.drawing import PALETTES
 from tasks.view.event_file import EventSource, Source
@@ -52,7 +53,7 @@ def open_subject(
     *,
     over: RadianceSequence | None,
     show: Show,
-    size: tuple[int, int] | None,
+    reading: Reading,
     format: str | None,
     on_progress: Progress,
 ) -> Subject:
@@ -68,8 +69,8 @@ def open_subject(
         Clip that is drawn behind the events.
     show
         What is drawn of clips.
-    size, format
-        Size and format for files of events that do not tell; see `read_events`.
+    reading, format
+        How to read files of events that do not tell it.
     on_progress
         Called for each file.
 
@@ -80,10 +81,16 @@ def open_subject(
     Raises
     ------
     TaskError
-        A file has no events in the part that is shown, or their speeds differ beside a clip.
+        A file has no events in the part that is shown, their speeds differ beside a clip, or
+        options of files are given without a file.
     """
     files = [path for path in paths if not path.is_dir()]
-    headers = {path: _header(path, size, format) for path in files}
+    if not files and (format is not None or reading != AS_STORED):
+        raise TaskError(
+            "found rendered clips, expected format, size, time-unit and sort only with files of "
+            "events"
+        )
+    headers = {path: _header(path, reading.size, format) for path in files}
     speeds = {float(header.origin.get("speed", 1.0)) for header in headers.values()}
     if len(speeds) > 1 and len(files) < len(paths):
         found = " and ".join(f"{speed:g}" for speed in sorted(speeds))
@@ -101,6 +108,7 @@ def open_subject(
                     length_us=look.length_us,
                     count=look.count,
                     format=format,
+                    reading=reading,
                     frames=frames,
                 )
             )

@@ -10,6 +10,7 @@ from eres_render import open_sequence
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
+from tasks.events.reading import AS_STORED, Reading
 from tasks.view.drawing import PALETTES, Picture
 from tasks.view.files import WRITERS
 from tasks.view.layout import Layout
@@ -34,7 +35,7 @@ def view(
     *,
     over: Path | None = None,
     show: Show = "frames",
-    size: tuple[int, int] | None = None,
+    reading: Reading = AS_STORED,
     format: str | None = None,
     overwrite: bool = False,
     on_progress: Progress = silent,
@@ -53,8 +54,8 @@ def view(
         Rendered clip that is drawn behind the events.
     show
         What is drawn of rendered clips.
-    size, format
-        Size and format for files of events that do not tell; see `read_events`.
+    reading, format
+        How to read files of events that do not tell it.
     overwrite
         Whether to replace an existing file.
     on_progress
@@ -73,7 +74,7 @@ def view(
         check_new(out, overwrite)
     clip = None if over is None else open_sequence(over)
     subject = open_subject(
-        paths, look, over=clip, show=show, size=size, format=format, on_progress=on_progress
+        paths, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
     )
     if kind == ".rrd":
         write_recording(out, subject.sources, _times(subject, look, kind), on_progress)

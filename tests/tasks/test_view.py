@@ -347,6 +347,30 @@ def test_a_size_that_a_file_does_not_store_is_asked_for(eres, tmp_path):
     assert eres("view", file, "--out", out, "--size", 4, 2)[0] == 0
 
 
+def test_a_file_is_read_as_the_options_say(eres, tmp_path):
+    """Promise: size, unit of time and sorting reach the reader; the picture is that of a file that
+    needs none of them. Rendered clips do not ignore them."""
+    file, stored = tmp_path / "bare.txt", tmp_path / "stored.h5"
+    file.write_text("30000 2 1 1\n10000 3 0 1\n20000 1 1 0\n")
+    write_events(
+        stored, make_events([10_000, 20_000, 30_000], [3, 1, 2], [0, 1, 1], [1, 0, 1], 4, 2)
+    )
+    pictures = []
+    for source, options in ((stored, ()), (file, ("--size", 4, 2, "--time-unit", "us", "--sort"))):
+        out = tmp_path / f"{source.stem}.png"
+        code, _, err = eres(
+            "view", source, "--out", out, "--at", 0.030001, "--window", 30, *options
+        )
+        assert code == 0, err
+        pictures.append(np.asarray(Image.open(out))[:360, :720])
+    assert len(np.unique(pictures[0].reshape(-1, 3), axis=0)) == 3
+    np.testing.assert_array_equal(*pictures)
+    code, _, err = eres("view", file, "--out", tmp_path / "o.png", "--size", 4, 2)
+    assert (code, "give their unit" in err) == (1, True)
+    code, _, err = eres("view", tmp_path, "--out", tmp_path / "o.png", "--sort")
+    assert (code, "sort only with files of events" in err) == (1, True)
+
+
 def test_without_rerun_the_command_to_install_it(eres, tmp_path, recording, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     code, _, err = eres("view", recording, "--out", tmp_path / "o.rrd")
