@@ -188,6 +188,33 @@ def test_a_png_is_one_picture_at_its_time(eres, tmp_path):
     assert (picture[360:] < 128).any()
 
 
+def test_a_file_of_one_event_shows_it(eres, tmp_path):
+    """Promise: the middle of the file lies after its only event."""
+    file, out = tmp_path / "one.h5", tmp_path / "one.png"
+    write_events(file, make_events([5000], [1], [0], [1], 3, 2))
+    assert eres("view", file, "--out", out)[0] == 0
+    picture = np.asarray(Image.open(out))[90, [90, 270, 450]].tolist()
+    ground = list(COLORS.ground)
+    assert picture == [ground, mixed(COLORS.brighter, COLORS.ground, 0.65), ground]
+
+
+@pytest.mark.parametrize(("kind", "fps"), [(".gif", 30), (".gif", 300), (".webp", 60)])
+def test_the_pace_is_that_of_the_rate_that_a_file_has(eres, tmp_path, recording, kind, fps):
+    """Promise: 0.1 s of events, 10 times slower, play for a second, also if the wanted rate is not
+    a whole number of the file's ticks."""
+    out = tmp_path / f"out{kind}"
+    options = ("--start", 0.05, "--end", 0.15, "--window", 1, "--slow", 10, "--fps", fps)
+    code, _, err = eres("view", recording, "--out", out, *options, "--height", 16)
+    assert code == 0, err
+    with Image.open(out) as loop:
+        lasted_ms = 0
+        for k in range(loop.n_frames):
+            loop.seek(k)
+            loop.load()
+            lasted_ms += loop.info["duration"]
+    assert 960 <= lasted_ms <= 1020
+
+
 def test_sources_are_side_by_side_at_one_height(eres, tmp_path, recording):
     """Promise: each keeps its shape, with a gap between them."""
     other = tmp_path / "wide.npz"
@@ -295,6 +322,32 @@ def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
         assert f"/events/events.h5/{name}" in said.replace("\\", "")
 
 
+def test_files_of_one_name_have_their_own_places_in_a_recording(eres, tmp_path):
+    """Promise: in a recording for Rerun no source hides another, whatever their names are."""
+    pytest.importorskip("rerun")
+    files = [tmp_path / folder / "my events!.h5" for folder in "ab"]
+    for file in files:
+        file.parent.mkdir()
+        write_events(file, random_events(300, 16, 12, mean_us=100.0))
+    out = tmp_path / "both.rrd"
+    code, _, err = eres("view", *files, "--out", out, "--slow", 1)
+    assert code == 0, err
+    rerun = [str(Path(sys.executable).with_name("rerun")), "rrd", "print", "-v", out]
+    said = subprocess.run(rerun, capture_output=True, text=True).stdout.replace("\\", "")
+    for k in (1, 2):
+        assert f"/events/my events!.h5/{k}/points" in said
+
+
+def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, clip):
+    """Promise: the origin of a file may have any words; a speed is checked where it counts."""
+    file, out = tmp_path / "own.npz", tmp_path / "out.png"
+    write_events(file, random_events(99, 48, 36, mean_us=25.0), origin={"speed": "fast"})
+    assert eres("view", file, "--out", out)[0] == 0
+    for sources in ((file, clip), (file, "--over", clip)):
+        code, _, err = eres("view", *sources, "--out", out, "--overwrite")
+        assert (code, "found 'fast' as speed in its origin" in err) == (1, True)
+
+
 # Mistakes
 
 
@@ -314,6 +367,16 @@ def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
         (["{events}", "--out", "{tmp}/o.png", "--at", "9"], "at: found 9.0"),
         (["{events}", "--out", "{tmp}/o.mp4", "--fps", "0"], "fps: found 0"),
         (["{events}", "--out", "{tmp}/o.gif", "--slow", "1000"], "expected at most 300"),
+        (
+            ["{events}", "--out", "{tmp}/o.mp4", "--end", "1e8"],
+            "expected at most 1000000 in",
+        ),
+        (["{events}", "--out", "{tmp}/o.mp4", "--start", "nan"], "start: found nan, expected"),
+        (["{events}", "--out", "{tmp}/o.png", "--at", "inf"], "at: found inf, expected"),
+        (["{events}", "--out", "{tmp}/o.mp4", "--at", "0.1"], "at: found 0.1, expected none with"),
+        (["{events}", "--out", "{tmp}/o.html", "--count", "9"], "count: found 9, expected none"),
+        (["{clip}", "--out", "{tmp}/o.mp4", "--start", "9"], "found no frames between"),
+        (["{clip}", "--out", "{tmp}/o.mp4", "--end", "-1"], "found no frames between"),
         (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip"),
         (["--out", "{tmp}/o.mp4"], "found no sources"),
     ],
