@@ -10,6 +10,7 @@ gives the order of the columns and perhaps the unit of time.
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -26,7 +27,8 @@ from sensor.time_units import TIME_UNITS
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
 _READ_BYTES = 1 << 22
-_MAX_LINE_BYTES = 256  # longest line read
+_MAX_LINE_BYTES = 256  # longest line of an event
+_MAX_COMMENT_BYTES = 1 << 16
 _SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
 _SAMPLE_BYTES = 1 << 16  # of events, in which the times tell their unit
 
@@ -341,19 +343,27 @@ def _read_start(path: Path) -> _Start:
     size: tuple[int, int] | tuple[None, None] = (None, None)
     order: tuple[int, ...] = (0, 1, 2, 3)
     unit = None
-    length = 0
     with path.open("rb") as file:
+        if file.read(len(codecs.BOM_UTF8)) != codecs.BOM_UTF8:
+            file.seek(0)
+        first = length = file.tell()
         while True:
-            line = file.readline(_MAX_LINE_BYTES)
+            line = file.readline(_MAX_COMMENT_BYTES)
             words = line.replace(b",", b" ").split()
             whole = line.endswith(b"\n")
-            names = _named_columns(line)
-            if names is not None and whole:
+            short = whole and len(line) <= _MAX_LINE_BYTES
+            names = _named_columns(line) if short else None
+            if names is not None:
                 order, unit = names
-            elif len(words) == 2 and whole and all(word.isdigit() for word in words):
-                size = int(words[0]), int(words[1])
+            elif short and len(words) == 2 and all(word.isdigit() for word in words):
+                found = int(words[0]), int(words[1])
+                if size not in ((None, None), found):
+                    raise EventFormatError(
+                        f"byte {length}: found {line!r}, a second size, expected one"
+                    )
+                size = found
             elif line[:1] not in (b"#", b"%") or not whole:
-                if length or len(words) == 4:  # the parser names a line that is no event
+                if length > first or len(words) == 4:  # the parser names a line that is no event
                     return _Start(Header(*size), order, unit, length)
                 raise EventFormatError(
                     f"byte {length}: found {line[:60]!r}, expected a line 'width height', a line "
@@ -364,7 +374,7 @@ def _read_start(path: Path) -> _Start:
 
 def _named_columns(line: bytes) -> tuple[tuple[int, ...], str | None] | None:
     """Return the order of the columns and the unit of time that a line of names gives."""
-    text = line.decode("utf-8", "replace").lower().lstrip("\ufeff#% ")
+    text = line.decode("utf-8", "replace").lower().lstrip("#% ")
     words = re.sub(r"\s*[\[(]\s*(\w+)\s*[\])]", r"_\1", text).replace(",", " ").split()
     names, unit = [], None
     for word in words:
