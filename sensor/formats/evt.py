@@ -27,6 +27,24 @@ import numpy as np
 from sensor.errors import EventFormatError
 from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
+from sensor.formats.evt_words import (
+    BACKWARDS,
+    BAD_WORD,
+    BAD_X,
+    BAD_Y,
+    CHANNEL_SHIFT,
+    DONE,
+    FOUND,
+    FULL,
+    LAST_US,
+    NO_BASE,
+    SKIPPED,
+    STATE_SIZE,
+    TRIGGER,
+    Layout,
+    Y,
+    decode_triggers,
+)
 from sensor.formats.header import (
     Header,
     model_from_json,
@@ -51,16 +69,6 @@ _FIELDS = {
     *("event_count", "sensor_model", "origin", "t0"),
 }
 
-# Reasons why a decoder stopped; see `decode` in `evt2` and `evt3`.
-DONE, FULL, BAD_X, BAD_Y, BACKWARDS, BAD_WORD, NO_BASE = range(7)
-
-# Entries of the state of a codec. Each codec uses those that it needs.
-HIGH, LOW, Y, BASE_X, BASE_P, LAST_US, SKIPPED, FOUND = range(8)
-STATE_SIZE = 8
-
-TRIGGER = 0xA  # the type of a trigger's word; its lowest bit is the edge
-_CHANNEL_SHIFT = 8
-
 
 @dataclass(frozen=True, slots=True)
 class Codec:
@@ -70,29 +78,18 @@ class Codec:
     ----------
     name, version
         Names in the header, such as EVT3 and 3.0.
-    word
-        Type of the words.
-    encode, decode, decode_triggers
+    word, layout
+        Type of the words, and places in them.
+    encode, decode
         As in `evt2`.
-    trigger_bits
-        Bits that the words of an event and of a trigger share: those of the time.
-    channels
-        Number of trigger inputs.
     """
 
     name: str
     version: str
     word: type[np.unsignedinteger]
+    layout: Layout
     encode: Callable
     decode: Callable
-    decode_triggers: Callable
-    trigger_bits: int
-    channels: int
-
-    @property
-    def kind_shift(self) -> int:
-        """Place of the type in a word, its highest four bits."""
-        return 8 * np.dtype(self.word).itemsize - 4
 
 
 def _new_state() -> np.ndarray:
@@ -196,7 +193,7 @@ class _Words:
             taken, made = self._codec.encode(rest, self._width, self._state, self._words)
             words = self._words[:made]
             if trigger is not None and taken:
-                words[-1] = words[-1] & self._codec.trigger_bits | trigger
+                words[-1] = words[-1] & self._codec.layout.time_bits | trigger
             self._file.write(words.astype(words.dtype.newbyteorder("<"), copy=False).data)
             done += taken
 
@@ -209,8 +206,8 @@ class _Words:
             np.full(1, row, np.uint16),
             triggers.p[k : k + 1],
         )
-        kind = TRIGGER << self._codec.kind_shift
-        self.put(event, kind | int(triggers.channel[k]) << _CHANNEL_SHIFT | int(triggers.p[k] > 0))
+        kind = TRIGGER << self._codec.layout.kind_shift
+        self.put(event, kind | int(triggers.channel[k]) << CHANNEL_SHIFT | int(triggers.p[k] > 0))
 
 
 def _check_triggers(triggers: Triggers, codec: Codec) -> None:
@@ -222,10 +219,10 @@ def _check_triggers(triggers: Triggers, codec: Codec) -> None:
             f"{codec.name}: found triggers from {first_us} to {last_us} us, expected 0 to "
             f"{MAX_TIME_US - 1} us"
         )
-    if triggers.channel.max() >= codec.channels:
+    if triggers.channel.max() >= codec.layout.channels:
         raise EventFormatError(
             f"{codec.name}: found a trigger on channel {triggers.channel.max()}, expected 0 to "
-            f"{codec.channels - 1}"
+            f"{codec.layout.channels - 1}"
         )
 
 
@@ -473,9 +470,9 @@ def read_triggers(path: Path, codec: Codec) -> Triggers:
         while data := file.read(size * _READ_WORDS):
             words = np.frombuffer(data, f"<u{size}", len(data) // size)
             words = words.astype(codec.word, copy=False)
-            room = np.count_nonzero(words >> codec.kind_shift == TRIGGER)
+            room = np.count_nonzero(words >> codec.layout.kind_shift == TRIGGER)
             columns = np.empty(room, np.int64), np.empty(room, np.uint8), np.empty(room, np.int8)
-            made = codec.decode_triggers(words, state, *columns)
+            made = decode_triggers(words, codec.layout, state, *columns)
             found.append([column[:made] for column in columns])
     if not found:
         return NO_TRIGGERS

@@ -11,11 +11,11 @@ https://docs.prophesee.ai/stable/data/encoding_formats/evt2.html.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from sensor.formats import evt
-from sensor.formats.evt import (
+from sensor.formats.compiling import jit
+from sensor.formats.evt_words import (
     BACKWARDS,
     BAD_WORD,
     BAD_X,
@@ -24,15 +24,18 @@ from sensor.formats.evt import (
     FOUND,
     FULL,
     HIGH,
+    HIGH_TIME,
     LAST_US,
     SKIPPED,
     TRIGGER,
+    Layout,
+    turned,
 )
 
 _WRAP = 1 << 28  # values of the high part
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def encode(events, width, state, words):
     """Encode events until `words` is full.
 
@@ -75,7 +78,7 @@ def encode(events, width, state, words):
     return t.size, made
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def decode(words, width, height, state, events):
     """Decode words until `events` is full or a word is wrong.
 
@@ -131,8 +134,8 @@ def decode(words, width, height, state, events):
                 y[made] = row
                 p[made] = 2 * kind - 1
                 made += 1
-        elif kind == 8:
-            high = _turned(high, word & (_WRAP - 1))
+        elif kind == HIGH_TIME:
+            high = turned(high, word & (_WRAP - 1), _WRAP)
         elif kind != TRIGGER and kind != 0xE and kind != 0xF:
             found = BAD_WORD
             break
@@ -142,47 +145,6 @@ def decode(words, width, height, state, events):
     return i, made, found
 
 
-@numba.njit(cache=True, nogil=True)
-def _turned(high, new):
-    """Return the high part of the time after a clock word; count wraps of the clock."""
-    if high < 0:
-        return new
-    before = high % _WRAP
-    turn = _WRAP if before - new >= _WRAP // 2 else 0
-    return high + turn + new - before
+LAYOUT = Layout(kind_shift=28, high_bits=28, low_bits=6, low_shift=22, channels=32)
 
-
-@numba.njit(cache=True, nogil=True)
-def decode_triggers(words, state, t_us, channel, p):
-    """Decode the triggers of all words; those before the first word of time are skipped.
-
-    Parameters
-    ----------
-    words
-        (m,) uint32.
-    state
-        (STATE_SIZE,) int64, updated.
-    t_us, channel, p
-        Columns of `Triggers`, output, with room for all.
-
-    Returns
-    -------
-    Number of triggers.
-    """
-    made = 0
-    high = state[HIGH]
-    for each in words:
-        word = np.int64(each)
-        kind = word >> 28
-        if kind == 8:
-            high = _turned(high, word & (_WRAP - 1))
-        elif kind == TRIGGER and high >= 0:
-            t_us[made] = (high << 6) | ((word >> 22) & 63)
-            channel[made] = (word >> 8) & 31
-            p[made] = 1 if word & 1 else -1
-            made += 1
-    state[HIGH] = high
-    return made
-
-
-CODEC = evt.Codec("EVT2", "2.0", np.uint32, encode, decode, decode_triggers, 63 << 22, 32)
+CODEC = evt.Codec("EVT2", "2.0", np.uint32, LAYOUT, encode, decode)

@@ -18,11 +18,11 @@ https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from sensor.formats import evt
-from sensor.formats.evt import (
+from sensor.formats.compiling import jit
+from sensor.formats.evt_words import (
     BACKWARDS,
     BAD_WORD,
     BAD_X,
@@ -33,12 +33,16 @@ from sensor.formats.evt import (
     FOUND,
     FULL,
     HIGH,
+    HIGH_TIME,
     LAST_US,
     LOW,
+    LOW_TIME,
     NO_BASE,
     SKIPPED,
     TRIGGER,
+    Layout,
     Y,
+    turned,
 )
 
 _WRAP = 1 << 12  # values of the high part
@@ -46,7 +50,7 @@ _STRIDE = 1 << 10  # largest step of the high part in one word: some decoders re
 _MOST_WORDS = 6  # for one event or one group of vectors: time, row, start, three vectors
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def encode(events, width, state, words):
     """Encode events until `words` is full.
 
@@ -125,7 +129,7 @@ def encode(events, width, state, words):
     return i, made
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def decode(words, width, height, state, events):
     """Decode words until `events` is full or a word is wrong.
 
@@ -207,13 +211,13 @@ def decode(words, width, height, state, events):
                     break
             if kind != 2 and base >= 0:
                 base += size
-        elif kind == 6:
+        elif kind == LOW_TIME:
             low = word & 0xFFF
         elif kind == 0:
             row = word & 0x7FF
-        elif kind == 8:
+        elif kind == HIGH_TIME:
             before = high
-            high = _turned(high, word & (_WRAP - 1))
+            high = turned(high, word & (_WRAP - 1), _WRAP)
             if high != before:
                 low = 0
         elif kind == 3:
@@ -232,54 +236,6 @@ def decode(words, width, height, state, events):
     return i, made, found
 
 
-@numba.njit(cache=True, nogil=True)
-def _turned(high, new):
-    """Return the high part of the time after a clock word; count wraps of the clock."""
-    if high < 0:
-        return new
-    before = high % _WRAP
-    turn = _WRAP if before - new >= _WRAP // 2 else 0
-    return high + turn + new - before
+LAYOUT = Layout(kind_shift=12, high_bits=12, low_bits=12, low_shift=-1, channels=16)
 
-
-@numba.njit(cache=True, nogil=True)
-def decode_triggers(words, state, t_us, channel, p):
-    """Decode the triggers of all words; those before the first word of time are skipped.
-
-    Parameters
-    ----------
-    words
-        (m,) uint16.
-    state
-        (STATE_SIZE,) int64, updated.
-    t_us, channel, p
-        Columns of `Triggers`, output, with room for all.
-
-    Returns
-    -------
-    Number of triggers.
-    """
-    made = 0
-    high = state[HIGH]
-    low = state[LOW]
-    for each in words:
-        word = np.int64(each)
-        kind = word >> 12
-        if kind == 6:
-            low = word & 0xFFF
-        elif kind == 8:
-            before = high
-            high = _turned(high, word & (_WRAP - 1))
-            if high != before:
-                low = 0
-        elif kind == TRIGGER and high >= 0:
-            t_us[made] = (high << 12) | low
-            channel[made] = (word >> 8) & 15
-            p[made] = 1 if word & 1 else -1
-            made += 1
-    state[HIGH] = high
-    state[LOW] = low
-    return made
-
-
-CODEC = evt.Codec("EVT3", "3.0", np.uint16, encode, decode, decode_triggers, 0, 16)
+CODEC = evt.Codec("EVT3", "3.0", np.uint16, LAYOUT, encode, decode)

@@ -10,22 +10,25 @@ gives the order of the columns and perhaps the unit of time.
 
 from __future__ import annotations
 
+import codecs
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import numba
 import numpy as np
 
 from sensor.errors import EventFormatError
 from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
+from sensor.formats.compiling import jit
 from sensor.formats.header import Header
+from sensor.time_units import TIME_UNITS
 
 _LINE_BYTES = 40  # the longest line written: sign, 13 + 1 + 6 digits of time, 5, 5, 1, 4 separators
 _READ_BYTES = 1 << 22
-_MAX_LINE_BYTES = 256  # longest line read
+_MAX_LINE_BYTES = 256  # longest line of an event
+_MAX_COMMENT_BYTES = 1 << 16
 _SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
 _SAMPLE_BYTES = 1 << 16  # of events, in which the times tell their unit
 
@@ -40,8 +43,6 @@ _REASONS = {
 }
 _MAX_SECONDS = 9 * 10**12  # what int64 microseconds hold, nearly
 
-TIME_UNITS = {"s": 6, "ms": 3, "us": 0, "ns": -3}
-"""Powers of ten from each unit to microseconds."""
 _NAMES = {
     **dict.fromkeys(("t", "ts", "time", "timestamp", "timestamps"), "t"),
     **{"x": "x", "y": "y"},
@@ -59,7 +60,7 @@ LAST_US, DARKER = range(2)  # entries of the reader's state: last time, p of dar
 _UNKNOWN = 9
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _put_digits(out, at, value, digits):
     """Write `value` in decimal with at least `digits` digits; return the end position."""
     power = np.int64(1)
@@ -74,7 +75,7 @@ def _put_digits(out, at, value, digits):
     return at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _format_lines(events, out):
     """Write columns of events as lines into (n,) uint8; return the bytes used."""
     t, x, y, p = events
@@ -99,20 +100,20 @@ def _format_lines(events, out):
     return at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _skip_blanks(data, at):
     while data[at] == _SPACE or data[at] == _TAB or data[at] == _RETURN:
         at += 1
     return at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _skip_separator(data, at):
     at = _skip_blanks(data, at)
     return _skip_blanks(data, at + 1) if data[at] == _COMMA else at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _integer(data, at, most):
     """Parse digits; return their value (-1 if missing or above `most`) and the end position."""
     value = np.int64(0)
@@ -125,7 +126,7 @@ def _integer(data, at, most):
     return (value if at > start else np.int64(-1)), at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _plain_line(data, at):
     """Parse a line as we write it; return t, x, y, p and the end position, -1 if it is another."""
     none = np.int64(0)
@@ -147,7 +148,7 @@ def _plain_line(data, at):
     return second * 1_000_000 + micro, x, y, p, at
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _number(data, at, power, rounded):
     """Parse a decimal, perhaps with an exponent, and multiply it by 10^power.
 
@@ -182,7 +183,7 @@ def _number(data, at, power, rounded):
     return (-value if negative else value), (at if value >= 0 else -1)
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _scaled(value, power, dropped, rounded):
     """Multiply by 10^power; return -1 if that is too large, or not whole and not rounded.
 
@@ -204,7 +205,7 @@ def _scaled(value, power, dropped, rounded):
     return value // unit + (rest >= unit - rest)
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _any_line(data, at, order, power):
     """Parse four numbers in any order; return t, x, y, p and the end position, -1 if wrong."""
     value = np.zeros(4, np.int64)
@@ -222,7 +223,7 @@ def _any_line(data, at, order, power):
     return value[0], value[1], value[2], value[3], at if good else -1
 
 
-@numba.njit(cache=True, nogil=True)
+@jit
 def _parse_lines(data, width, height, order, power, sort, state, events):
     """Parse (n,) uint8 that ends with a newline into columns of events.
 
@@ -342,19 +343,27 @@ def _read_start(path: Path) -> _Start:
     size: tuple[int, int] | tuple[None, None] = (None, None)
     order: tuple[int, ...] = (0, 1, 2, 3)
     unit = None
-    length = 0
     with path.open("rb") as file:
+        if file.read(len(codecs.BOM_UTF8)) != codecs.BOM_UTF8:
+            file.seek(0)
+        first = length = file.tell()
         while True:
-            line = file.readline(_MAX_LINE_BYTES)
+            line = file.readline(_MAX_COMMENT_BYTES)
             words = line.replace(b",", b" ").split()
             whole = line.endswith(b"\n")
-            names = _named_columns(line)
-            if names is not None and whole:
+            short = whole and len(line) <= _MAX_LINE_BYTES
+            names = _named_columns(line) if short else None
+            if names is not None:
                 order, unit = names
-            elif len(words) == 2 and whole and all(word.isdigit() for word in words):
-                size = int(words[0]), int(words[1])
+            elif short and len(words) == 2 and all(word.isdigit() for word in words):
+                found = int(words[0]), int(words[1])
+                if size not in ((None, None), found):
+                    raise EventFormatError(
+                        f"byte {length}: found {line!r}, a second size, expected one"
+                    )
+                size = found
             elif line[:1] not in (b"#", b"%") or not whole:
-                if length or len(words) == 4:  # the parser names a line that is no event
+                if length > first or len(words) == 4:  # the parser names a line that is no event
                     return _Start(Header(*size), order, unit, length)
                 raise EventFormatError(
                     f"byte {length}: found {line[:60]!r}, expected a line 'width height', a line "
@@ -365,7 +374,7 @@ def _read_start(path: Path) -> _Start:
 
 def _named_columns(line: bytes) -> tuple[tuple[int, ...], str | None] | None:
     """Return the order of the columns and the unit of time that a line of names gives."""
-    text = line.decode("utf-8", "replace").lower().lstrip("\ufeff#% ")
+    text = line.decode("utf-8", "replace").lower().lstrip("#% ")
     words = re.sub(r"\s*[\[(]\s*(\w+)\s*[\])]", r"_\1", text).replace(",", " ").split()
     names, unit = [], None
     for word in words:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.compiling import compiler
 from sensor.errors import EventError
 from sensor.events import Columns, Events
-
-jit = compiler(Path(__file__).parent)
+from sensor.representations.compiling import jit
 
 
 def event_counts(events: Events) -> NDArray[np.int32]:

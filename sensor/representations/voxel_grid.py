@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.compiling import compiler
 from sensor.errors import EventError
 from sensor.events import Columns, Events
-
-jit = compiler(Path(__file__).parent)
+from sensor.representations.compiling import jit
 
 
 def voxel_grid(

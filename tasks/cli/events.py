@@ -68,7 +68,7 @@ def simulate(
     """
     from tasks.cli.progress_bar import progress_bar
     from tasks.events.footage_simulation import simulate_footage
-    from tasks.events.simulation import sensor_for, simulate_sequence
+    from tasks.events.simulation import SimulationOptions, sensor_for, simulate_sequence
     from tasks.footage import Footage
 
     frames = open_frames(path, footage)
@@ -88,17 +88,11 @@ def simulate(
         contrast_threshold=threshold,
         pixel=pixel,
     )
+    options = SimulationOptions(
+        speed=speed, seed=seed, readout=bus.readout(), format=format, overwrite=overwrite
+    )
     with progress_bar(terminal.err) as on_progress:
-        count, report = simulate_frames(
-            model,
-            out,
-            speed=speed,
-            seed=seed,
-            readout=bus.readout(),
-            format=format,
-            overwrite=overwrite,
-            on_progress=on_progress,
-        )
+        count, report = simulate_frames(model, out, options, on_progress=on_progress)
     terminal.out.print(f"{out}: {count} events of {model.width}x{model.height} px", soft_wrap=True)
     if report is not None:
         terminal.out.print(f"bus: {report}", soft_wrap=True)

@@ -9,6 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.errors import TaskError
+from tasks.events.reading import AS_STORED, Reading
 from tasks.view.look import ALL_OF_IT, Look
 
 
@@ -21,9 +22,9 @@ def view(
     rerun: bool = False,
     over: Path | None = None,
     show: Literal["frames", "depth", "flow"] = "frames",
-    size: tuple[int, int] | None = None,
     format: str | None = None,
     overwrite: bool = False,
+    reading: OmitArgPrefixes[Reading] = AS_STORED,
     look: OmitArgPrefixes[Look] = ALL_OF_IT,
 ) -> None:
     """Look at events and rendered clips: a video, a picture, a page that plays them, or Rerun.
@@ -42,10 +43,8 @@ def view(
         Draw the events over the frames of this rendered clip.
     show
         What to draw of rendered clips: their frames, or their true depth or optical flow.
-    size
-        Width and height of the sensor, for files that do not store them.
     format
-        dsec, evt3, evt2, npz or text, instead of what the extension says.
+        Format of the files of events, as for `eres info`, instead of what their extensions say.
     overwrite
         Replace an existing file.
     """
@@ -66,7 +65,7 @@ def view(
             look,
             over=over,
             show=show,
-            size=size,
+            reading=reading,
             format=format,
             overwrite=overwrite,
             on_progress=on_progress,

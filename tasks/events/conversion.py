@@ -15,6 +15,7 @@ from tasks.events.overwriting import check_new
 from tasks.events.reading import AS_STORED, Reading
 from tasks.events.truth import truth_to_copy
 
+_MAX_SHIFT_US = 1 << 62  # int64 holds the sum of two such times
 _WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
 
 
@@ -55,11 +56,13 @@ def convert(
     Raises
     ------
     TaskError
-        Both are the same file, `out` exists and may not be replaced, or both kinds of shift are
-        given.
+        Both are the same file, `out` exists and may not be replaced, both kinds of shift are given,
+        or the shift is too large.
     """
     if shift_us and from_start:
         raise TaskError("found shift_us and from_start, expected at most one of them")
+    if abs(shift_us) >= _MAX_SHIFT_US:
+        raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
     header = read_header(source, format=input_format)
     if out.exists() and out.samefile(source):
         raise TaskError(f"{out}: is the input {source}, which cannot be replaced while it is read")

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.progress import Progress, silent
-from sensor import Readout, ReadoutReport, SensorModel
+from sensor import ReadoutReport, SensorModel
 from sensor.formats.header import Value
 from sensor.optics import crop_to_aspect
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
-from tasks.events.simulation import simulate_frames
+from tasks.events.simulation import AS_IN_THE_FRAMES, SimulationOptions, simulate_frames
 from tasks.footage import Footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
@@ -31,19 +31,15 @@ def simulate_footage(
     footage: Footage,
     model: SensorModel,
     out: Path,
+    options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
     interpolate: str | None = None,
-    speed: float = 1.0,
-    seed: int = 0,
-    readout: Readout | None = None,
-    format: str | None = None,
-    overwrite: bool = False,
     on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires on footage.
 
-    The log says which encoding is assumed, and how far things move from frame to frame. A warning
-    says about how many events are lost where that is more than a pixel of the sensor.
+    The log says which encoding is assumed. Without interpolation a warning says about how many
+    events are lost, where things move by more than a pixel of the sensor from frame to frame.
 
     Parameters
     ----------
@@ -53,11 +49,13 @@ def simulate_footage(
         The sensor.
     out
         The file.
+    options
+        Speed, seed, bus, and how to write the file.
     interpolate
         Number of intervals into which each interval between frames is divided by
         motion-compensated frames, or "auto": as many as it takes to have half a pixel of motion.
-    speed, seed, readout, format, overwrite, on_progress
-        As for `simulate_frames`.
+    on_progress
+        Called after each frame.
 
     Returns
     -------
@@ -66,45 +64,37 @@ def simulate_footage(
     Raises
     ------
     TaskError
-        `interpolate` is neither a positive number nor "auto", or as for `simulate_frames`.
+        The file exists, or `interpolate` is neither a positive number nor "auto".
     """
-    check_new(out, overwrite)
-    steps = _parsed(interpolate)
+    check_new(out, options.overwrite)
+    steps = _steps(interpolate)
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         *(footage.path, len(footage), footage.width, footage.height),
         *(footage.t_s[-1] - footage.t_s[0], footage.encoding),
     )
-    _, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)
-    sensor_px = model.width / (columns.stop - columns.start)
-    motion_px = sensor_px * displacements_px(footage, on_progress)
     if steps is None:
-        _warn_if_far(motion_px)
+        _, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)
+        sensor_px = model.width / (columns.stop - columns.start)
+        motion_px = sensor_px * displacements_px(footage, on_progress)
+        if interpolate is None:
+            _warn_if_far(motion_px)
+        else:
+            footage = interpolated(footage, steps_for(motion_px))
     else:
-        divided = steps_for(motion_px) if steps == 0 else [steps] * len(motion_px)
-        footage = interpolated(footage, divided)
+        footage = interpolated(footage, [steps] * (len(footage) - 1))
+    if interpolate is not None:
         _log.info("%d frames after interpolation", len(footage))
     origin: dict[str, Value] = {"footage": footage.path.name, "encoding": footage.encoding}
     if interpolate is not None:
         origin["interpolate"] = interpolate
-    return simulate_frames(
-        footage,
-        model,
-        out,
-        origin=origin,
-        speed=speed,
-        seed=seed,
-        readout=readout,
-        format=format,
-        overwrite=overwrite,
-        on_progress=on_progress,
-    )
+    return simulate_frames(footage, model, out, options, origin=origin, on_progress=on_progress)
 
 
-def _parsed(interpolate: str | None) -> int | None:
-    """Return the number of intervals, 0 for as many as it takes, None for no interpolation."""
+def _steps(interpolate: str | None) -> int | None:
+    """Return the number of intervals, None if it is not given."""
     if interpolate is None or interpolate == "auto":
-        return None if interpolate is None else 0
+        return None
     if not interpolate.isdecimal() or int(interpolate) < 1:
         raise TaskError(f"interpolate: found {interpolate!r}, expected auto, or 1 or more")
     return int(interpolate)

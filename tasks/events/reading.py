@@ -1,4 +1,4 @@
-"""Options of `eres convert` and `eres info` for files that do not tell how to read them."""
+"""Options of `eres convert`, `info` and `view` for files that do not tell how to read them."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -40,6 +40,43 @@ class Frames(Protocol):
     def white_level(self) -> float: ...
     def __len__(self) -> int: ...
     def __iter__(self) -> Iterator[NDArray[np.float32]]: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SimulationOptions:
+    """How a sensor is simulated on frames, and how its events are written.
+
+    Parameters
+    ----------
+    speed
+        Factor by which the scene moves faster than in the frames: their times are divided by it.
+    seed
+        Seed of everything random in the sensor.
+    readout
+        The bus on which the events leave; None if all leave when they fire.
+    format
+        As for `write_events`.
+    overwrite
+        Whether to replace an existing file.
+
+    Raises
+    ------
+    TaskError
+        The speed is not positive.
+    """
+
+    speed: float = 1.0
+    seed: int = 0
+    readout: Readout | None = None
+    format: str | None = None
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0 < self.speed < np.inf:
+            raise TaskError(f"speed: found {self.speed}, expected a positive factor")
+
+
+AS_IN_THE_FRAMES = SimulationOptions()
 
 
 def sensor_for(
@@ -95,13 +132,9 @@ def simulate_sequence(
     sequence: RadianceSequence,
     model: SensorModel,
     out: Path,
+    options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
-    speed: float = 1.0,
-    seed: int = 0,
-    readout: Readout | None = None,
     truth_step_s: float | None = None,
-    format: str | None = None,
-    overwrite: bool = False,
     on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires on a sequence.
@@ -122,18 +155,10 @@ def simulate_sequence(
         The sensor.
     out
         The file.
-    speed
-        Factor by which the scene moves faster than it was rendered: frame times are divided by it.
-    seed
-        Seed of everything random in the sensor.
-    readout
-        The bus on which the events leave; None if all leave when they fire.
+    options
+        Speed, seed, bus, and how to write the file.
     truth_step_s
         Step of the ground truth that is added to the file, see `truth_to_add`; None for none.
-    format
-        As for `write_events`.
-    overwrite
-        Whether to replace an existing file.
     on_progress
         Called after each frame.
 
@@ -144,14 +169,15 @@ def simulate_sequence(
     Raises
     ------
     TaskError
-        The speed is not positive, the file exists, or its format cannot hold ground truth.
+        The file exists, or its format cannot hold ground truth.
     """
-    _check(out, overwrite, speed)
+    check_new(out, options.overwrite)
+    speed = options.speed
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)
     add = None
     if truth_step_s is not None:
-        if find_format(out, format, new=True).name != "dsec":
+        if find_format(out, options.format, new=True).name != "dsec":
             raise TaskError(f"{out}: only DSEC's format (.h5) can store truth")
         add = truth_to_add(sequence, model, speed, truth_step_s)
     manifest = sequence.manifest
@@ -167,12 +193,8 @@ def simulate_sequence(
         sequence,
         model,
         out,
+        options,
         origin=origin,
-        speed=speed,
-        seed=seed,
-        readout=readout,
-        format=format,
-        overwrite=overwrite,
         add=add,
         on_progress=on_progress,
     )
@@ -182,13 +204,9 @@ def simulate_frames(
     frames: Frames,
     model: SensorModel,
     out: Path,
+    options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
     origin: Mapping[str, Value],
-    speed: float = 1.0,
-    seed: int = 0,
-    readout: Readout | None = None,
-    format: str | None = None,
-    overwrite: bool = False,
     add: Callable[[Path], object] | None = None,
     on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
@@ -205,18 +223,12 @@ def simulate_frames(
         The sensor.
     out
         The file.
+    options
+        Speed, seed, bus, and how to write the file.
     origin
         Where the frames come from, for the file.
-    speed
-        Factor by which the scene moves faster than in the frames: their times are divided by it.
-    seed
-        Seed of everything random in the sensor.
-    readout
-        The bus on which the events leave; None if all leave when they fire.
-    format, add
+    add
         As for `write_events`.
-    overwrite
-        Whether to replace an existing file.
     on_progress
         Called after each frame.
 
@@ -227,15 +239,15 @@ def simulate_frames(
     Raises
     ------
     TaskError
-        The speed is not positive, or the file exists.
+        The file exists.
     """
-    _check(out, overwrite, speed)
+    check_new(out, options.overwrite)
     facts = {
         **origin,
         "frames_width": frames.width,
         "frames_height": frames.height,
-        "speed": float(speed),
-        "seed": seed,
+        "speed": float(options.speed),
+        "seed": options.seed,
     }
     rows, columns = crop_to_aspect(frames.height, frames.width, model.height, model.width)
 
@@ -244,22 +256,18 @@ def simulate_frames(
             yield frame[rows, columns]
             on_progress("simulating", k, len(frames))
 
-    parts: Iterable[Events] = stream(seen(), frames.t_s / speed, model, seed=seed)
+    parts: Iterable[Events] = stream(seen(), frames.t_s / options.speed, model, seed=options.seed)
     leaving = None
-    if readout is not None:
-        facts |= {f"readout_{name}": value for name, value in asdict(readout).items()}
-        parts = leaving = read_out(parts, readout)
+    if options.readout is not None:
+        facts |= {f"readout_{name}": value for name, value in asdict(options.readout).items()}
+        parts = leaving = read_out(parts, options.readout)
     offset_us = frames.t_offset_us
     if offset_us:
         parts = _later(parts, offset_us)
-    count = write_events(out, parts, format=format, origin=facts, t_offset_us=offset_us, add=add)
+    count = write_events(
+        out, parts, format=options.format, origin=facts, t_offset_us=offset_us, add=add
+    )
     return count, leaving.report if leaving is not None else None
-
-
-def _check(out: Path, overwrite: bool, speed: float) -> None:
-    check_new(out, overwrite)
-    if not 0 < speed < np.inf:
-        raise TaskError(f"speed: found {speed}, expected a positive factor")
 
 
 def _later(parts: Iterable[Events], offset_us: int) -> Iterator[Events]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from pathlib import Path
 
 import cv2
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.storage.exr import read_channels
+from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
 
-NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 _TIMES = "timestamps.txt"
 _KINDS = {
     ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
@@ -118,7 +118,7 @@ def _read_times(file: Path, time_unit: str | None) -> list[int]:
         ) from error
     stated = re.fullmatch(r"#\s*unit\s*:\s*(\w+)\s*", lines[0]) if lines else None
     unit = time_unit or (stated and stated[1])
-    if unit is None or unit not in NANOSECONDS:
+    if unit is None or unit not in TIME_UNITS:
         found = "no unit" if unit is None else f"unit {unit!r}"
         raise TaskError(
             f"{file}: found {found}, expected --time-unit s, ms, us or ns, or a first line such as "
@@ -131,8 +131,9 @@ def _read_times(file: Path, time_unit: str | None) -> list[int]:
             continue
         try:
             # Exact: a float of seconds since 1970 has steps of a quarter of a microsecond.
-            times.append(round(Decimal(text) * NANOSECONDS[unit]))
-        except (InvalidOperation, ValueError, OverflowError):
+            time = round(Decimal(text).scaleb(TIME_UNITS[unit] + 3))
+            times.append(int(np.int64(time)))  # an error beyond 292 years
+        except (ArithmeticError, ValueError):
             raise TaskError(f"{file}:{k}: found {text!r}, expected one time") from None
         if times[1:] and times[-1] <= times[-2]:
             raise TaskError(f"{file}:{k}: found {text}, expected a time after the one before it")

@@ -16,22 +16,22 @@ from tasks.footage.motion import gray, optical_flow
 
 Float32 = NDArray[np.float32]
 
+_MOST_PX = 0.5  # of motion per step
 
-def steps_for(displacements_px: NDArray[np.float64], most_px: float = 0.5) -> list[int]:
-    """Return how finely to divide intervals.
+
+def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
+    """Return how finely to divide intervals so that half a pixel of motion is left in a step.
 
     Parameters
     ----------
     displacements_px
         (T - 1,) motion in each interval, px.
-    most_px
-        Largest motion per step, px.
 
     Returns
     -------
     (T - 1,) steps.
     """
-    return [max(1, math.ceil(shift / most_px)) for shift in displacements_px]
+    return [max(1, math.ceil(shift / _MOST_PX)) for shift in displacements_px]
 
 
 def interpolated(footage: Footage, steps: Sequence[int]) -> Footage:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tasks.errors import TaskError
 
+_RIGHT_ANGLE = 1e-3  # largest deviation, radians
 _HIGH_DEFINITION = 720  # rows from which video without a tag has the matrix of BT.709
 
 
@@ -85,17 +86,20 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
     Yields
     ------
     (H, W) for gray video, else (H, W, 3) red, green, blue; uint8, or uint16 for more than 8 bits.
+    They are turned and mirrored as the video's display matrix says: phones write how they are held.
 
     Raises
     ------
     TaskError
-        The video is damaged, or has another number of frames.
+        The video is damaged, has another number of frames, or turns them by no right angle.
     """
     found = 0
     with _open(path) as (container, stream):
         for frame in container.decode(stream):
             found += 1
-            yield _numbers(frame)
+            matrix = frame.side_data.get("DISPLAYMATRIX")
+            numbers = _numbers(frame)
+            yield numbers if matrix is None else _turned(numbers, matrix, path)
     if found != count:
         raise TaskError(f"{path}: decoded {found} frames, expected {count}; the video is damaged")
 
@@ -121,3 +125,23 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
         interpolation=Interpolation.BILINEAR | Interpolation.ACCURATE_RND,
     )
     return numbers
+
+
+def _turned(numbers: NDArray[np.generic], matrix: Any, path: Path) -> NDArray[np.generic]:
+    """Return the numbers of a frame as its display matrix turns and mirrors them.
+
+    The matrix is 9 int32, a b u c d v x y w: column p and row q are shown at column a p + c q and
+    row b p + d q (QuickTime File Format, "Matrices").
+    """
+    a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
+    upright, sideways = abs(a) + abs(d), abs(b) + abs(c)
+    if min(upright, sideways) > _RIGHT_ANGLE * max(upright, sideways):
+        raise TaskError(
+            f"{path}: found frames turned by {np.degrees(np.arctan2(b, a)):.3g} degrees, expected "
+            "a multiple of 90"
+        )
+    if sideways > upright:
+        numbers, columns, rows = numbers.swapaxes(0, 1), c, b
+    else:
+        columns, rows = a, d
+    return np.ascontiguousarray(numbers[:: -1 if rows < 0 else 1, :: -1 if columns < 0 else 1])

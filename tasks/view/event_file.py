@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from sensor.events import Events
-from sensor.formats import Header, read_events
+from sensor.formats import Header
 from sensor.model import SensorModel
+from tasks.events.reading import AS_STORED, Reading
 from tasks.view.clip import ClipFrames, ClipSource
 from tasks.view.drawing import Palette, draw_events, plain
 from tasks.view.panel import Panel
@@ -29,6 +30,8 @@ class EventSource:
         Colors of the picture.
     length_us, count
         Window of a picture: its length, or its number of events; see `windows`.
+    reading
+        How to read the file.
     frames
         Drawn behind the events.
     """
@@ -39,6 +42,7 @@ class EventSource:
     length_us: int | None = None
     count: int | None = None
     format: str | None = None
+    reading: Reading = AS_STORED
     frames: ClipFrames | None = None
 
     @property
@@ -55,7 +59,7 @@ class EventSource:
 
     def parts(self) -> Iterator[Events]:
         """Read the file."""
-        return read_events(self.path, format=self.format, size=self.size)
+        return self.reading.parts(self.path, self.format)
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
         """Yield a panel for each of some ascending times, us."""

@@ -18,6 +18,26 @@ from tasks.view.drawing import Picture
 _ENCODERS = ("libx264", "libopenh264")  # of H.264, the best first
 _PALETTE_PICTURES = 5  # that decide the colors of a GIF
 _WEBP_QUALITY = 60
+_TICKS_HZ = {".gif": 100, ".webp": 1000}  # a picture lasts a whole number of them
+
+
+def possible_fps(kind: str, fps: float) -> float:
+    """Return the rate nearest to a wanted one that a file can have.
+
+    Parameters
+    ----------
+    kind
+        Extension of the file.
+    fps
+        Pictures per second.
+
+    Returns
+    -------
+    Pictures per second.
+    """
+    if kind not in _TICKS_HZ:
+        return fps
+    return _TICKS_HZ[kind] / max(1, round(_TICKS_HZ[kind] / fps))
 
 
 def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
@@ -76,7 +96,7 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     pictures
         (H, W, 3) uint8 each.
     fps
-        Pictures per second; a GIF stores hundredths of a second.
+        Pictures per second, as from `possible_fps`.
     """
     # One palette for all pictures, so that colors do not flicker.
     some = list(islice(pictures, _PALETTE_PICTURES))
@@ -89,7 +109,7 @@ def write_gif(path: Path, pictures: Iterator[Picture], fps: float) -> None:
             "GIF",
             save_all=True,
             append_images=coded,
-            duration=10 * round(100 / fps),
+            duration=round(1000 / fps),
             loop=0,
         )
 
@@ -108,7 +128,7 @@ def write_webp(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     pictures
         (H, W, 3) uint8 each.
     fps
-        Pictures per second.
+        Pictures per second, as from `possible_fps`.
     """
     with new_file(path) as file:
         Image.fromarray(next(pictures)).save(

@@ -8,6 +8,16 @@ from typing import Literal
 
 from tasks.errors import TaskError
 
+_LATEST_S = 9e12  # int64 holds its microseconds
+_RANGES = {
+    "window": (1e-3, 1e3 * _LATEST_S),
+    "count": (1, math.inf),
+    "slow": (1e-6, 1e9),
+    "fps": (0.01, 1000),
+    "height": (1, 1 << 14),
+    **dict.fromkeys(("start", "end", "at"), (-_LATEST_S, _LATEST_S)),
+}
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
@@ -46,22 +56,22 @@ class Look:
     height: int | None = None
 
     def check(self) -> None:
-        """Refuse values that are not positive.
+        """Refuse values that no file can show.
 
         Raises
         ------
         TaskError
             The text names the option.
         """
-        for name in ("window", "count", "slow", "fps", "height"):
+        for name, (least, most) in _RANGES.items():
             value = getattr(self, name)
-            if value is not None and not 0 < value < math.inf:
-                raise TaskError(f"{name}: found {value}, expected a positive number")
+            if value is not None and not least <= value <= most:
+                raise TaskError(f"{name}: found {value}, expected {least:g} to {most:g}")
 
     @property
     def length_us(self) -> int | None:
         """Length of a window, us; None if it has a number of events."""
-        return None if self.count is not None else max(1, round(1e3 * self.window))
+        return None if self.count is not None else round(1e3 * self.window)
 
 
 ALL_OF_IT = Look()

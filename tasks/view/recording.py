@@ -31,7 +31,7 @@ def write_recording(
     """Log frames, poses, true depth and flow of clips, and pictures and points of events.
 
     Everything is on the timeline "time". A point of an event is its pixel and its age, where the
-    window is as long as the sensor is wide.
+    oldest is as far away as the sensor is wide.
 
     Parameters
     ----------
@@ -51,16 +51,31 @@ def write_recording(
     """
     with _recording(path) as (rerun, recording):
         logs = []
-        for source in sources:
+        for place, source in zip(_places(sources), sources, strict=True):
+            at = rerun.new_entity_path(place)
             if isinstance(source, EventSource):
-                logs.append(_events(rerun, recording, source, times_us))
+                logs.append(_events(rerun, recording, at, source, times_us))
             else:
-                logs.append(_clip(rerun, recording, source.frames, times_us))
+                logs.append(_clip(rerun, recording, at, source.frames, times_us))
         for k, t_us in enumerate(times_us, start=1):
             recording.set_time("time", duration=np.timedelta64(t_us, "us"))
             for log in logs:
                 next(log)
             on_progress("logging", k, len(times_us))
+
+
+def _places(sources: Sequence[Source]) -> list[list[str]]:
+    """Return where each source is in the recording; sources of one name are numbered."""
+    names = [
+        ["events", source.path.name]
+        if isinstance(source, EventSource)
+        else ["clips", source.frames.sequence.folder.name]
+        for source in sources
+    ]
+    return [
+        name if names.count(name) == 1 else [*name, str(names[: k + 1].count(name))]
+        for k, name in enumerate(names)
+    ]
 
 
 @contextmanager
@@ -86,12 +101,11 @@ def _recording(path: Path | None) -> Iterator[tuple[Any, Any]]:
 
 
 def _clip(
-    rerun: Any, recording: Any, frames: ClipFrames, times_us: Sequence[int]
+    rerun: Any, recording: Any, place: str, frames: ClipFrames, times_us: Sequence[int]
 ) -> Iterator[None]:
     """Log a clip at each time, before the next is asked for."""
     clip = frames.sequence
     truth = ground_truth(clip)
-    place = f"clips/{clip.folder.name}"
     depth, flow = DepthSource(frames, truth), FlowSource(frames, truth)
     ends_s = clip.t_s[[0, -1]]
     path = truth.trajectory.pose(np.linspace(ends_s[0], ends_s[1], _PATH_STEPS))[:, :3, 3]
@@ -115,10 +129,9 @@ def _clip(
 
 
 def _events(
-    rerun: Any, recording: Any, source: EventSource, times_us: Sequence[int]
+    rerun: Any, recording: Any, place: str, source: EventSource, times_us: Sequence[int]
 ) -> Iterator[None]:
     """Log a file of events at each time, before the next is asked for."""
-    place = f"events/{source.path.name}"
     palette = source.palette
     for events, panel in source.drawn(times_us):
         recording.log(f"{place}/image", rerun.Image(panel.picture))

@@ -12,6 +12,7 @@ from eres_render.progress import Progress
 from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
+from tasks.events.reading import AS_STORED, Reading
 from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
 from tasks.view.drawing import PALETTES
 from tasks.view.event_file import EventSource, Source
@@ -19,6 +20,8 @@ from tasks.view.look import Look
 from tasks.view.windows import span_of
 
 Show = Literal["frames", "depth", "flow"]
+
+_FASTEST = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +55,7 @@ def open_subject(
     *,
     over: RadianceSequence | None,
     show: Show,
-    size: tuple[int, int] | None,
+    reading: Reading,
     format: str | None,
     on_progress: Progress,
 ) -> Subject:
@@ -68,8 +71,8 @@ def open_subject(
         Clip that is drawn behind the events.
     show
         What is drawn of clips.
-    size, format
-        Size and format for files of events that do not tell; see `read_events`.
+    reading, format
+        How to read files of events that do not tell it.
     on_progress
         Called for each file.
 
@@ -80,19 +83,28 @@ def open_subject(
     Raises
     ------
     TaskError
-        A file has no events in the part that is shown, or their speeds differ beside a clip.
+        A file has no events or a clip no frames in the part that is shown, speeds differ beside a
+        clip, or options of files are given without a file.
     """
     files = [path for path in paths if not path.is_dir()]
-    headers = {path: _header(path, size, format) for path in files}
-    speeds = {float(header.origin.get("speed", 1.0)) for header in headers.values()}
-    if len(speeds) > 1 and len(files) < len(paths):
-        found = " and ".join(f"{speed:g}" for speed in sorted(speeds))
+    if not files and (format is not None or reading != AS_STORED):
+        raise TaskError(
+            "found rendered clips, expected format, size, time-unit and sort only with files of "
+            "events"
+        )
+    headers = {path: _header(path, reading.size, format) for path in files}
+    beside_clips = len(files) < len(paths)
+    speeds = {
+        path: _speed(path, header) if beside_clips or over is not None else 1.0
+        for path, header in headers.items()
+    }
+    if beside_clips and len(set(speeds.values())) > 1:
+        found = " and ".join(f"{speed:g}" for speed in sorted(set(speeds.values())))
         raise TaskError(f"found events at speeds {found}, expected one speed beside a clip")
     sources: list[Source] = []
     for path in paths:
         if path in headers:
-            speed = float(headers[path].origin.get("speed", 1.0))
-            frames = None if over is None else ClipFrames(over, speed)
+            frames = None if over is None else ClipFrames(over, speeds[path])
             sources.append(
                 EventSource(
                     path,
@@ -101,11 +113,12 @@ def open_subject(
                     length_us=look.length_us,
                     count=look.count,
                     format=format,
+                    reading=reading,
                     frames=frames,
                 )
             )
         else:
-            clip = ClipFrames(open_sequence(path), next(iter(speeds), 1.0))
+            clip = ClipFrames(open_sequence(path), next(iter(speeds.values()), 1.0))
             sources.append(_clip_source(clip, show))
     return _timed(tuple(sources), look, on_progress)
 
@@ -116,6 +129,14 @@ def _header(path: Path, size: tuple[int, int] | None, format: str | None) -> Hea
         return header.with_size(size)
     except EventFormatError as error:
         raise EventFormatError(f"{path}: {error}") from error
+
+
+def _speed(path: Path, header: Header) -> float:
+    """Return the speed at which the events were simulated, 1 if the file does not say."""
+    speed = header.origin.get("speed", 1.0)
+    if isinstance(speed, str) or not 0 < speed < _FASTEST:
+        raise TaskError(f"{path}: found {speed!r} as speed in its origin, expected a factor")
+    return float(speed)
 
 
 def _clip_source(frames: ClipFrames, show: Show) -> ClipSource:
@@ -143,6 +164,11 @@ def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Su
             ends.append(span.end_us)
         elif not files:
             first_us, last_us = source.frames.span_us()
+            too_late = start_us is not None and start_us > last_us
+            if too_late or (end_us is not None and end_us < first_us):
+                raise TaskError(
+                    f"{source.frames.sequence.folder}: found no frames between start and end"
+                )
             starts.append(first_us)
             ends.append(last_us)
     return Subject(

@@ -10,8 +10,9 @@ from eres_render import open_sequence
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
+from tasks.events.reading import AS_STORED, Reading
 from tasks.view.drawing import PALETTES, Picture
-from tasks.view.files import WRITERS
+from tasks.view.files import WRITERS, possible_fps
 from tasks.view.layout import Layout
 from tasks.view.look import Look
 from tasks.view.player import write_player
@@ -21,10 +22,16 @@ from tasks.view.subject import Show, Subject, open_subject
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
 _SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # that a file plays by default, about
 _FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
-_MOST_LOOPED = 300  # pictures of a .gif or .webp, which are in memory at once
-
+# All pictures of a .gif or .webp are in memory at once, of others only their times.
+_MOST_PICTURES = {".mp4": 10**6, ".gif": 300, ".webp": 300}
 
 KINDS = (*WRITERS, ".html", ".rrd")
+_WITHOUT = {  # options of a look that a kind of file does not have
+    **dict.fromkeys(WRITERS, ("at",)),
+    ".png": ("slow",),
+    ".html": ("at", "count", "height", "slow"),
+    ".rrd": ("at", "height"),
+}
 
 
 def view(
@@ -34,7 +41,7 @@ def view(
     *,
     over: Path | None = None,
     show: Show = "frames",
-    size: tuple[int, int] | None = None,
+    reading: Reading = AS_STORED,
     format: str | None = None,
     overwrite: bool = False,
     on_progress: Progress = silent,
@@ -53,8 +60,8 @@ def view(
         Rendered clip that is drawn behind the events.
     show
         What is drawn of rendered clips.
-    size, format
-        Size and format for files of events that do not tell; see `read_events`.
+    reading, format
+        How to read files of events that do not tell it.
     overwrite
         Whether to replace an existing file.
     on_progress
@@ -63,17 +70,21 @@ def view(
     Raises
     ------
     TaskError
-        The kind of file is unknown, it exists, or there is nothing to show in it.
+        The kind of file is unknown or does not have an option, the file exists, or there is nothing
+        to show in it.
     """
     look.check()
     kind = ".rrd" if out is None else out.suffix.lower()
     if kind not in KINDS:
         raise TaskError(f"{out}: found extension {kind!r}, expected one of {', '.join(KINDS)}")
+    for name in _WITHOUT[kind]:
+        if getattr(look, name) is not None:
+            raise TaskError(f"{name}: found {getattr(look, name)}, expected none with {kind}")
     if out is not None:
         check_new(out, overwrite)
     clip = None if over is None else open_sequence(over)
     subject = open_subject(
-        paths, look, over=clip, show=show, size=size, format=format, on_progress=on_progress
+        paths, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
     )
     if kind == ".rrd":
         write_recording(out, subject.sources, _times(subject, look, kind), on_progress)
@@ -86,29 +97,32 @@ def view(
         write_player(out, subject.event_sources, subject.counts, span_us, look.window, on_progress)
         return
     times_us = _times(subject, look, kind)
-    if kind in (".gif", ".webp") and len(times_us) > _MOST_LOOPED:
-        raise TaskError(
-            f"{out}: found {len(times_us)} pictures, expected at most {_MOST_LOOPED}; choose a "
-            "part with --start and --end, a smaller --slow or --fps, or write a .mp4"
-        )
-    WRITERS[kind](out, _pictures(subject, look, times_us, kind, on_progress), look.fps)
+    pictures = _pictures(subject, look, times_us, kind, on_progress)
+    WRITERS[kind](out, pictures, possible_fps(kind, look.fps))
 
 
 def _times(subject: Subject, look: Look, kind: str) -> list[int]:
     """Return the ends of the pictures' windows, us."""
     start_us, end_us = subject.start_us, subject.end_us
     if kind == ".png":
-        t_us = (start_us + end_us) // 2 if look.at is None else round(1e6 * look.at)
+        # The middle, rounded up: the only event of a file comes before it.
+        t_us = (start_us + end_us + 1) // 2 if look.at is None else round(1e6 * look.at)
         if not start_us <= t_us <= end_us:
             span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
             raise TaskError(f"at: found {look.at} s, expected {span}, as in the files")
         return [t_us]
-    step_us = 1e6 / (look.fps * _slow(subject, look, kind))
+    step_us = 1e6 / (possible_fps(kind, look.fps) * _slow(subject, look, kind))
     lead_us = 0.0
     if subject.event_sources:  # the first picture shows a whole window
         lead_us = step_us if look.length_us is None else look.length_us
     first_us = min(start_us + lead_us, end_us)
     steps = math.floor((end_us - first_us) / step_us)
+    most = _MOST_PICTURES.get(kind, _MOST_PICTURES[".mp4"])
+    if steps >= most:
+        raise TaskError(
+            f"found {steps + 1} pictures, expected at most {most} in a {kind}; choose a part with "
+            "--start and --end, a smaller --slow or --fps, or write a .mp4"
+        )
     return [round(first_us + k * step_us) for k in range(steps + 1)]
 
 

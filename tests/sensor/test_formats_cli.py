@@ -373,6 +373,9 @@ def test_convert_shifts_everything_together(eres, sequence, tmp_path):
         assert [origin["window_start_us"], origin["window_end_us"]] == times[[0, -1]].tolist()
     code, _, err = eres("convert", a, tmp_path / "d.h5", "--from-start", "--shift-us", 5)
     assert (code, "expected at most one of them" in err) == (1, True)
+    for shift_us in (1 << 62, -(10**30)):
+        code, _, err = eres("convert", a, tmp_path / "d.h5", "--shift-us", shift_us)
+        assert (code, f"shift_us: found {shift_us}, expected less than 2^62" in err) == (1, True)
 
 
 @pytest.mark.parametrize("start_us", [0, 1_600_000_000_000_000])

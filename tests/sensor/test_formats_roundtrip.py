@@ -283,6 +283,9 @@ OTHERS = {
     "numpy.savetxt": "# made by hand\n1.500000000000000000e-03 3.0e+00 4.0e+00 0.0e+00\n"
     "2.000000000000000000e+00 5.000000000000000000e+00 60e-1 1.000000000000000000e+00\n",
     "comments": "# a camera\n% of mine\n346 260\n0.0015 3 4 0\n2.0 5 6 1\n",
+    "a byte order mark": "\ufeff346 260\n0.0015 3 4 0\n2.0 5 6 1\n",
+    "a byte order mark before events": "\ufeff0.0015 3 4 0\n2.0 5 6 1\n",
+    "a long comment": f"#{' ' * 60_000}\n0.0015 3 4 0\n2.0 5 6 1\n",
     "names": "t,x,y,p\n0.0015,3,4,0\n2.0,5,6,1\n",
     "names with a unit": "x,y,Polarity,timestamp_us\n3,4,0,1500\n5,6,1,2000000\n",
     "names in a comment": "# p time [ns] x y\n-1 1500000 3 4\n1 2000000000 5 6\n",
@@ -295,7 +298,7 @@ OTHERS = {
 def test_text_of_others(kind, suffix, tmp_path):
     """Promise: the reader takes other separators, signs, exponents, comments and orders."""
     path = tmp_path / f"a.{suffix}"
-    path.write_text(OTHERS[kind], newline="")
+    path.write_text(OTHERS[kind], "utf-8", newline="")
     assert_same(load_events(path, size=(346, 260)), SAME)
 
 
@@ -366,6 +369,7 @@ def test_unsorted_text_is_sorted_on_request(tmp_path, monkeypatch):
         ("", "byte 0: found b''"),
         ("640 480", "byte 0: found b'640 480'"),
         ("640 480 3\n", "byte 0"),
+        ("640 480\n320 240\n0.5 1 2 1\n", "byte 8: found b'320 240\\n', a second size, expected"),
         ("640 480\n0.5 1 2 1\n0.4 1 2 1\n", "byte 18: found b'0.4 1 2 1': the time is earlier"),
         ("640 480\n0.5 640 2 1\n", "x is outside the sensor"),
         ("640 480\n0.5 1 480 1\n", "y is outside the sensor"),

@@ -21,7 +21,7 @@ from sensor.optics import integrate
 from sensor.representations import voxel_grid
 from tasks.datasets import EventDataset
 from tasks.errors import TaskError
-from tasks.events.simulation import simulate_sequence
+from tasks.events.simulation import SimulationOptions, simulate_sequence
 
 GRID = functools.partial(voxel_grid, bins=3)
 
@@ -36,7 +36,9 @@ def folder(tmp_path_factory):
     )
     for k, clip in enumerate(clips):
         model = SensorModel(width=16, height=16, dark_level=1e-3 * clip.white_level)
-        simulate_sequence(clip, model, folder / f"{k}.h5", speed=2.0, truth_step_s=0.02)
+        simulate_sequence(
+            clip, model, folder / f"{k}.h5", SimulationOptions(speed=2.0), truth_step_s=0.02
+        )
     return folder
 
 

@@ -1,6 +1,7 @@
 """Videos and folders of images become light, and events."""
 
 import logging
+import struct
 import tracemalloc
 from fractions import Fraction
 
@@ -16,6 +17,7 @@ from sensor.events import concatenate
 from sensor.formats import read_events
 from tasks.errors import TaskError
 from tasks.events.footage_simulation import simulate_footage
+from tasks.events.simulation import SimulationOptions
 from tasks.footage import open_footage
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
@@ -137,6 +139,50 @@ def test_video_with_ten_bits_keeps_them(tmp_path):
     np.testing.assert_allclose(light, levels / 1023, atol=3e-4)
 
 
+@pytest.mark.parametrize(
+    ("matrix", "corners"),
+    [  # a, b, c, d; where the corners A B / C D are shown
+        ((1, 0, 0, 1), "AB/CD"),
+        ((0, 1, -1, 0), "CA/DB"),  # a phone that is held upright
+        ((-1, 0, 0, -1), "DC/BA"),
+        ((0, -1, 1, 0), "BD/AC"),
+        ((-1, 0, 0, 1), "BA/DC"),  # mirrored, as from a front camera
+        ((0, 1, 1, 0), "AC/BD"),
+        ((0, -2, -2, 0), "DB/CA"),
+    ],
+)
+def test_videos_are_turned_as_they_are_shown(tmp_path, matrix, corners):
+    """Promise: the display matrix of a video turns and mirrors its frames."""
+    levels = dict(zip("ABCD", (40, 90, 140, 190), strict=True))
+    plain = np.kron([[levels[c] for c in row] for row in ("AB", "CD")], np.ones((16, 32)))
+    video = mp4_shown_by(tmp_path, plain.astype(np.uint8), matrix)
+    shown = np.array([[levels[c] for c in row] for row in corners.split("/")])
+    sides = (32, 16) if matrix[0] == 0 else (16, 32)
+    footage = open_footage(video, encoding="linear")
+    assert (footage.height, footage.width) == (2 * sides[0], 2 * sides[1])
+    for light in footage:
+        np.testing.assert_allclose(255 * light, np.kron(shown, np.ones(sides)), atol=3)
+
+
+def test_a_turn_by_no_right_angle_is_refused(tmp_path):
+    """Promise: no frame is shown askew; the error says how it is turned."""
+    video = mp4_shown_by(tmp_path, np.full((32, 64), 99, np.uint8), (0.8, 0.6, -0.6, 0.8))
+    with pytest.raises(TaskError, match=r"turned by 36.9 degrees, expected a multiple of 90"):
+        open_footage(video)
+
+
+def mp4_shown_by(folder, gray, matrix):
+    """Write two equal gray frames, and a, b, c, d of the display matrix into the track's header."""
+    planes = np.stack([gray, *np.full((2, *gray.shape), 128, np.uint8)])
+    video = write_video(folder / "a.mp4", np.stack([planes, planes]), codec="libx264", wide=2)
+    data = bytearray(video.read_bytes())
+    a, b, c, d = (round(65536 * one) for one in matrix)
+    place = data.index(b"tkhd") + 44  # ISO/IEC 14496-12, 8.3.2
+    data[place : place + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    video.write_bytes(data)
+    return video
+
+
 def test_videos_keep_their_own_times(tmp_path):
     """Promise: a video of variable rate has its own times; --fps replaces them."""
     planes = np.full((5, 3, 16, 16), 128, np.uint8)
@@ -180,6 +226,8 @@ def test_times_from_a_file(tmp_path):
         ("1\n3\n2\n", "s", "txt:3: found 2, expected a time after the one before it"),
         ("1\nx\n2\n", "s", "txt:2: found 'x', expected one time"),
         ("1\nnan\n2\n", "s", "txt:2: found 'nan', expected one time"),
+        ("1\n1e11\n2\n", "s", "txt:2: found '1e11', expected one time"),
+        ("1\n1e999999\n2\n", "s", "txt:2: found '1e999999', expected one time"),
         ("1 0.png\n2\n3\n", "s", "txt:1: found '1 0.png', expected one time"),
     ],
 )
@@ -304,6 +352,25 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
     assert 0.85 * len(every) < many < 1.1 * len(every)
     with pytest.raises(TaskError, match="interpolate: found '0', expected auto, or 1 or more"):
         simulate_footage(thin, model, tmp_path / "x.npz", interpolate="0")
+
+
+def test_motion_is_measured_only_where_it_is_needed(tmp_path):
+    """Promise: a given number of intervals needs no pass over the frames; a mistake costs none."""
+    footage = footage_of(tmp_path, [waves(t, 32) for t in range(3)])
+    model = SensorModel(width=32, height=32)
+
+    def stages(**options):
+        found = []
+        out = tmp_path / f"{len(list(tmp_path.iterdir()))}.npz"
+        simulate_footage(footage, model, out, on_progress=lambda *at: found.append(at), **options)
+        return found
+
+    assert stages(interpolate="2") == [("simulating", k, 5) for k in range(1, 6)]
+    measured = [("measuring motion", k, 3) for k in range(1, 4)]
+    assert stages() == [*measured, *(("simulating", k, 3) for k in range(1, 4))]
+    assert stages(interpolate="auto")[:3] == measured
+    with pytest.raises(TaskError, match="speed: found 0, expected a positive factor"):
+        SimulationOptions(speed=0)
 
 
 def test_memory_does_not_grow_with_the_footage(tmp_path):

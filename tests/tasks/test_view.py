@@ -188,6 +188,33 @@ def test_a_png_is_one_picture_at_its_time(eres, tmp_path):
     assert (picture[360:] < 128).any()
 
 
+def test_a_file_of_one_event_shows_it(eres, tmp_path):
+    """Promise: the middle of the file lies after its only event."""
+    file, out = tmp_path / "one.h5", tmp_path / "one.png"
+    write_events(file, make_events([5000], [1], [0], [1], 3, 2))
+    assert eres("view", file, "--out", out)[0] == 0
+    picture = np.asarray(Image.open(out))[90, [90, 270, 450]].tolist()
+    ground = list(COLORS.ground)
+    assert picture == [ground, mixed(COLORS.brighter, COLORS.ground, 0.65), ground]
+
+
+@pytest.mark.parametrize(("kind", "fps"), [(".gif", 30), (".gif", 300), (".webp", 60)])
+def test_the_pace_is_that_of_the_rate_that_a_file_has(eres, tmp_path, recording, kind, fps):
+    """Promise: 0.1 s of events, 10 times slower, play for a second, also if the wanted rate is not
+    a whole number of the file's ticks."""
+    out = tmp_path / f"out{kind}"
+    options = ("--start", 0.05, "--end", 0.15, "--window", 1, "--slow", 10, "--fps", fps)
+    code, _, err = eres("view", recording, "--out", out, *options, "--height", 16)
+    assert code == 0, err
+    with Image.open(out) as loop:
+        lasted_ms = 0
+        for k in range(loop.n_frames):
+            loop.seek(k)
+            loop.load()
+            lasted_ms += loop.info["duration"]
+    assert 960 <= lasted_ms <= 1020
+
+
 def test_sources_are_side_by_side_at_one_height(eres, tmp_path, recording):
     """Promise: each keeps its shape, with a gap between them."""
     other = tmp_path / "wide.npz"
@@ -295,6 +322,32 @@ def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
         assert f"/events/events.h5/{name}" in said.replace("\\", "")
 
 
+def test_files_of_one_name_have_their_own_places_in_a_recording(eres, tmp_path):
+    """Promise: in a recording for Rerun no source hides another, whatever their names are."""
+    pytest.importorskip("rerun")
+    files = [tmp_path / folder / "my events!.h5" for folder in "ab"]
+    for file in files:
+        file.parent.mkdir()
+        write_events(file, random_events(300, 16, 12, mean_us=100.0))
+    out = tmp_path / "both.rrd"
+    code, _, err = eres("view", *files, "--out", out, "--slow", 1)
+    assert code == 0, err
+    rerun = [str(Path(sys.executable).with_name("rerun")), "rrd", "print", "-v", out]
+    said = subprocess.run(rerun, capture_output=True, text=True).stdout.replace("\\", "")
+    for k in (1, 2):
+        assert f"/events/my events!.h5/{k}/points" in said
+
+
+def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, clip):
+    """Promise: the origin of a file may have any words; a speed is checked where it counts."""
+    file, out = tmp_path / "own.npz", tmp_path / "out.png"
+    write_events(file, random_events(99, 48, 36, mean_us=25.0), origin={"speed": "fast"})
+    assert eres("view", file, "--out", out)[0] == 0
+    for sources in ((file, clip), (file, "--over", clip)):
+        code, _, err = eres("view", *sources, "--out", out, "--overwrite")
+        assert (code, "found 'fast' as speed in its origin" in err) == (1, True)
+
+
 # Mistakes
 
 
@@ -314,6 +367,16 @@ def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
         (["{events}", "--out", "{tmp}/o.png", "--at", "9"], "at: found 9.0"),
         (["{events}", "--out", "{tmp}/o.mp4", "--fps", "0"], "fps: found 0"),
         (["{events}", "--out", "{tmp}/o.gif", "--slow", "1000"], "expected at most 300"),
+        (
+            ["{events}", "--out", "{tmp}/o.mp4", "--end", "1e8"],
+            "expected at most 1000000 in",
+        ),
+        (["{events}", "--out", "{tmp}/o.mp4", "--start", "nan"], "start: found nan, expected"),
+        (["{events}", "--out", "{tmp}/o.png", "--at", "inf"], "at: found inf, expected"),
+        (["{events}", "--out", "{tmp}/o.mp4", "--at", "0.1"], "at: found 0.1, expected none with"),
+        (["{events}", "--out", "{tmp}/o.html", "--count", "9"], "count: found 9, expected none"),
+        (["{clip}", "--out", "{tmp}/o.mp4", "--start", "9"], "found no frames between"),
+        (["{clip}", "--out", "{tmp}/o.mp4", "--end", "-1"], "found no frames between"),
         (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip"),
         (["--out", "{tmp}/o.mp4"], "found no sources"),
     ],
@@ -345,6 +408,30 @@ def test_a_size_that_a_file_does_not_store_is_asked_for(eres, tmp_path):
     code, _, err = eres("view", file, "--out", out)
     assert (code, f"{file}: the file does not store the sensor's size" in err) == (1, True)
     assert eres("view", file, "--out", out, "--size", 4, 2)[0] == 0
+
+
+def test_a_file_is_read_as_the_options_say(eres, tmp_path):
+    """Promise: size, unit of time and sorting reach the reader; the picture is that of a file that
+    needs none of them. Rendered clips do not ignore them."""
+    file, stored = tmp_path / "bare.txt", tmp_path / "stored.h5"
+    file.write_text("30000 2 1 1\n10000 3 0 1\n20000 1 1 0\n")
+    write_events(
+        stored, make_events([10_000, 20_000, 30_000], [3, 1, 2], [0, 1, 1], [1, 0, 1], 4, 2)
+    )
+    pictures = []
+    for source, options in ((stored, ()), (file, ("--size", 4, 2, "--time-unit", "us", "--sort"))):
+        out = tmp_path / f"{source.stem}.png"
+        code, _, err = eres(
+            "view", source, "--out", out, "--at", 0.030001, "--window", 30, *options
+        )
+        assert code == 0, err
+        pictures.append(np.asarray(Image.open(out))[:360, :720])
+    assert len(np.unique(pictures[0].reshape(-1, 3), axis=0)) == 3
+    np.testing.assert_array_equal(*pictures)
+    code, _, err = eres("view", file, "--out", tmp_path / "o.png", "--size", 4, 2)
+    assert (code, "give their unit" in err) == (1, True)
+    code, _, err = eres("view", tmp_path, "--out", tmp_path / "o.png", "--sort")
+    assert (code, "sort only with files of events" in err) == (1, True)
 
 
 def test_without_rerun_the_command_to_install_it(eres, tmp_path, recording, monkeypatch):

@@ -1,0 +1,118 @@
+"""What the words of EVT2 and EVT3 have in common: the clock, the triggers, a decoder's state."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sensor.formats.compiling import jit
+
+# Reasons why a decoder stopped; see `decode` in `evt2` and `evt3`.
+DONE, FULL, BAD_X, BAD_Y, BACKWARDS, BAD_WORD, NO_BASE = range(7)
+
+# Entries of the state of a codec. Each codec uses those that it needs.
+HIGH, LOW, Y, BASE_X, BASE_P, LAST_US, SKIPPED, FOUND = range(8)
+STATE_SIZE = 8
+
+# Types of words.
+LOW_TIME = 6  # in EVT3
+HIGH_TIME = 8
+TRIGGER = 0xA  # its lowest bit is the edge
+
+CHANNEL_SHIFT = 8  # place of the channel in a trigger
+
+
+class Layout(NamedTuple):
+    """Sizes and places in the words of one version.
+
+    Parameters
+    ----------
+    kind_shift
+        Place of the type, the highest four bits.
+    high_bits, low_bits
+        Sizes of the two parts of the time.
+    low_shift
+        Place of the low part in the words of events and triggers; -1 if it has its own words.
+    channels
+        Number of trigger inputs, a power of 2.
+    """
+
+    kind_shift: int
+    high_bits: int
+    low_bits: int
+    low_shift: int
+    channels: int
+
+    @property
+    def time_bits(self) -> int:
+        """The bits of the time in the words of events and triggers."""
+        return 0 if self.low_shift < 0 else ((1 << self.low_bits) - 1) << self.low_shift
+
+
+@jit
+def turned(high, new, wrap):
+    """Return the high part of the time after a word of the clock; count wraps of the clock.
+
+    Parameters
+    ----------
+    high
+        The high part before, with wraps; negative at the start.
+    new, wrap
+        Value of the word, and number of values.
+
+    Returns
+    -------
+    The high part, with wraps.
+    """
+    if high < 0:
+        return new
+    before = high % wrap
+    turn = wrap if before - new >= wrap // 2 else 0
+    return high + turn + new - before
+
+
+@jit
+def decode_triggers(words, layout, state, t_us, channel, p):
+    """Decode the triggers of all words; those before the first word of time are skipped.
+
+    Parameters
+    ----------
+    words
+        (m,) uint32 or uint16.
+    layout
+        `Layout`.
+    state
+        (STATE_SIZE,) int64, updated.
+    t_us, channel, p
+        Columns of `Triggers`, output, with room for all.
+
+    Returns
+    -------
+    Number of triggers.
+    """
+    wrap = 1 << layout.high_bits
+    low_values = 1 << layout.low_bits
+    made = 0
+    high = state[HIGH]
+    low = state[LOW]
+    for each in words:
+        word = np.int64(each)
+        kind = word >> layout.kind_shift
+        if kind == LOW_TIME and layout.low_shift < 0:
+            low = word % low_values
+        elif kind == HIGH_TIME:
+            before = high
+            high = turned(high, word % wrap, wrap)
+            if high != before:
+                low = 0
+        elif kind == TRIGGER and high >= 0:
+            if layout.low_shift >= 0:
+                low = (word >> layout.low_shift) % low_values
+            t_us[made] = (high << layout.low_bits) | low
+            channel[made] = (word >> CHANNEL_SHIFT) % layout.channels
+            p[made] = 1 if word & 1 else -1
+            made += 1
+    state[HIGH] = high
+    state[LOW] = low
+    return made
