@@ -72,7 +72,17 @@ def samples(translating, count, sigma_px, seed=0):
     for _ in range(count):
         center = rng.uniform(30, SIZE - 30, 2)
         initial = FLOW + rng.normal(0, sigma_px, 2)
-        yield flow_sample(events, 0, 50_000, log_image, C, center, side, initial, sigma_px)
+        yield flow_sample(
+            events,
+            0,
+            50_000,
+            log_image=log_image,
+            contrast_threshold=C,
+            center_px=center,
+            side_px=side,
+            initial=initial,
+            initial_sigma_px=sigma_px,
+        )
 
 
 @pytest.mark.parametrize("warmup_s", [0.0, 0.01])
@@ -319,17 +329,17 @@ def noise(rng, per_px, initial=(0.0, 0.0), sigma_px=4.0):
     x, y = (rng.integers(first, last, count) for first, last in area.T)
     nothing = np.full(count, np.nan)
     return FlowSample(
-        x + 0.5,
-        y + 0.5,
-        np.sort(rng.uniform(0, 1, count)),
-        nothing,
-        np.ones(count, np.int8),
-        np.zeros((100, 100)),
-        C,
-        np.array([50.0, 50.0]),
-        area,
-        np.array(initial),
-        sigma_px,
+        x_px=x + 0.5,
+        y_px=y + 0.5,
+        t=np.sort(rng.uniform(0, 1, count)),
+        t_before=nothing,
+        p=np.ones(count, np.int8),
+        log_image=np.zeros((100, 100)),
+        contrast_threshold=C,
+        center_px=np.array([50.0, 50.0]),
+        patch=area,
+        initial=np.array(initial),
+        initial_sigma_px=sigma_px,
     )
 
 
@@ -374,7 +384,15 @@ def test_too_few_events_is_a_counted_failure(translating):
     events, log_image = translating
     for method in (photometric_flow, contrast_maximization):
         sample = flow_sample(
-            events[:0], 0, 50_000, log_image, C, np.array([50.0, 50.0]), 31, FLOW + 1, 1.0
+            events[:0],
+            0,
+            50_000,
+            log_image=log_image,
+            contrast_threshold=C,
+            center_px=np.array([50.0, 50.0]),
+            side_px=31,
+            initial=FLOW + 1,
+            initial_sigma_px=1.0,
         )
         answer = method.estimate(sample)
         assert "events" in answer.failure
@@ -403,11 +421,21 @@ def test_patches_are_cut_at_the_sensors_edge(translating):
     mask = patch_mask(np.array([[5.0, 5.0], [60.0, 60.0]]), 61, 128, 128)
     assert mask.sum() == 36**2 + 61**2 - 6**2  # which overlap by 6 x 6
     events, log_image = translating
-    arguments = (0, 50_000, log_image, C, np.array([5.0, 5.0]), 31, FLOW, 1.0)
-    at_corner = flow_sample(events, *arguments)
+    at = partial(
+        flow_sample,
+        start_us=0,
+        end_us=50_000,
+        log_image=log_image,
+        contrast_threshold=C,
+        center_px=np.array([5.0, 5.0]),
+        side_px=31,
+        initial=FLOW,
+        initial_sigma_px=1.0,
+    )
+    at_corner = at(events)
     kept = events.where(patch_mask(np.array([[5.0, 5.0]]), 31, SIZE, SIZE)[events.y, events.x])
     assert 0 < len(kept) == len(at_corner.t) < len(events)
-    np.testing.assert_array_equal(flow_sample(kept, *arguments).t_before, at_corner.t_before)
+    np.testing.assert_array_equal(at(kept).t_before, at_corner.t_before)
     assert at_corner.x_px.max() == 20.5
 
 
