@@ -24,7 +24,9 @@ _G0, _G1, _G2, _G3, _G4 = (float(tap) for tap in _TAPS)
 class Patch(NamedTuple):
     """The events of a patch, in pixels of an image with a margin for every flow."""
 
-    events: NDArray[np.float64]  # (3, N) column, row, and time from mid-window
+    column: NDArray[np.float64]  # (N,) of each event in the image
+    row: NDArray[np.float64]
+    t: NDArray[np.float64]  # (N,) its time from mid-window
     exposure_t: NDArray[np.float64]  # times from mid-window at which the patch is sampled
     width: int  # of the patch, px
     height: int
@@ -69,9 +71,9 @@ class Contrast:
         column, row = far - sample.patch[0]
         exposures = max(_EXPOSURES, math.ceil(2 * farthest.max()))  # at most a pixel apart
         self.patch = Patch(
-            np.stack(
-                [sample.x_px - 0.5 + column, sample.y_px - 0.5 + row, sample.t - REFERENCE_TIME]
-            ),
+            sample.x_px - 0.5 + column,
+            sample.y_px - 0.5 + row,
+            sample.t - REFERENCE_TIME,
             (np.arange(exposures) + 0.5) / exposures - REFERENCE_TIME,
             width,
             height,
@@ -122,7 +124,7 @@ def contrast_at(patch, images, vx, vy):
             for x in range(columns):
                 total += image[y, x] * image[y, x]
     area = patch.width * patch.height
-    mean = patch.events.shape[1] / area
+    mean = patch.t.size / area
     return total / (area * mean * mean)
 
 
@@ -134,15 +136,15 @@ def _vote(patch, vx, vy, image):
     right, below = np.uint64(1), np.uint64(columns)
     first = np.empty(_TOGETHER, np.uint64)  # the pixel at the top left of each event
     fx, fy = np.empty(_TOGETHER), np.empty(_TOGETHER)
-    for start in range(0, patch.events.shape[1], _TOGETHER):
-        events = patch.events[:, start : start + _TOGETHER]
-        for k in range(events.shape[1]):
-            column = events[0, k] - vx * events[2, k]
-            row = events[1, k] - vy * events[2, k]
-            x0, y0 = np.floor(column), np.floor(row)
-            fx[k], fy[k] = column - x0, row - y0
-            first[k] = np.uint64(np.int64(y0 * columns + x0))
-        for k in range(events.shape[1]):
+    for start in range(0, patch.t.size, _TOGETHER):
+        group = slice(start, min(start + _TOGETHER, patch.t.size))
+        column, row, t = patch.column[group], patch.row[group], patch.t[group]
+        for k in range(t.size):
+            x, y = column[k] - vx * t[k], row[k] - vy * t[k]
+            x0, y0 = np.floor(x), np.floor(y)
+            fx[k], fy[k] = x - x0, y - y0
+            first[k] = np.int64(y0 * columns + x0)
+        for k in range(t.size):
             at = first[k]
             pixels[at] += (1.0 - fx[k]) * (1.0 - fy[k])
             pixels[at + right] += fx[k] * (1.0 - fy[k])
@@ -167,7 +169,7 @@ def _subtract_even_events(patch, vx, vy, image):
         top = patch.far_y - vy * patch.exposure_t[k]
         x0[k], y0[k] = int(left), int(top)
         fx[k], fy[k] = left - x0[k], top - y0[k]
-    share = patch.events.shape[1] / (width * height) / exposures
+    share = patch.t.size / (width * height) / exposures
     for y in range(rows):
         for k in range(exposures):
             below = y - y0[k]
@@ -191,25 +193,22 @@ def _blur(images):
     across, blurred = images.across, images.blurred
     rows, columns = across.shape
     for y in range(rows):
-        _blur_line(images.votes[y], across[y])
-    for y in range(4, rows - 4):
-        for x in range(columns):
-            blurred[y, x] = (
-                _G0 * across[y, x]
-                + _G1 * (across[y - 1, x] + across[y + 1, x])
-                + _G2 * (across[y - 2, x] + across[y + 2, x])
-                + _G3 * (across[y - 3, x] + across[y + 3, x])
-                + _G4 * (across[y - 4, x] + across[y + 4, x])
+        line, found = images.votes[y], across[y, 4:]
+        for x in range(columns - 8):
+            found[x] = (
+                _G0 * line[x + 4]
+                + _G1 * (line[x + 3] + line[x + 5])
+                + _G2 * (line[x + 2] + line[x + 6])
+                + _G3 * (line[x + 1] + line[x + 7])
+                + _G4 * (line[x] + line[x + 8])
             )
-
-
-@jit_contract
-def _blur_line(line, blurred):
-    for x in range(4, line.size - 4):
-        blurred[x] = (
-            _G0 * line[x]
-            + _G1 * (line[x - 1] + line[x + 1])
-            + _G2 * (line[x - 2] + line[x + 2])
-            + _G3 * (line[x - 3] + line[x + 3])
-            + _G4 * (line[x - 4] + line[x + 4])
-        )
+    for y in range(rows - 8):
+        lines, found = across[y : y + 9], blurred[y + 4]
+        for x in range(columns):
+            found[x] = (
+                _G0 * lines[4, x]
+                + _G1 * (lines[3, x] + lines[5, x])
+                + _G2 * (lines[2, x] + lines[6, x])
+                + _G3 * (lines[1, x] + lines[7, x])
+                + _G4 * (lines[0, x] + lines[8, x])
+            )
