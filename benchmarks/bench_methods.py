@@ -74,12 +74,12 @@ def flow_samples(width: int, count: int, seed: int = 0) -> list[FlowSample]:
             events,
             0,
             round(WINDOW_S * 1e6),
-            log_image,
-            C,
-            rng.uniform(side_px, size - side_px, 2),
-            side_px,
-            truth + rng.normal(0, sigma_px, 2),
-            sigma_px,
+            log_image=log_image,
+            contrast_threshold=C,
+            center_px=rng.uniform(side_px, size - side_px, 2),
+            side_px=side_px,
+            initial=truth + rng.normal(0, sigma_px, 2),
+            initial_sigma_px=sigma_px,
         )
         for _ in range(count)
     ]

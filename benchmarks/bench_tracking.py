@@ -71,13 +71,13 @@ def main() -> None:
             sample = tracking_sample(
                 events,
                 0,
-                log_image,
-                C,
-                camera,
-                plane,
-                np.eye(4),
-                perturbed(truth, sigma_m, 0),
-                sigma_m,
+                log_image=log_image,
+                contrast_threshold=C,
+                camera=camera,
+                plane=plane,
+                T_0=np.eye(4),
+                initial=perturbed(truth, sigma_m, 0),
+                initial_sigma_m=sigma_m,
                 max_events=max_events,
             )
             problem, _ = problem_of(sample, 14_000)

@@ -330,6 +330,7 @@ def flow_sample(
     events: Events,
     start_us: int,
     end_us: int,
+    *,
     log_image: NDArray[np.float64],
     contrast_threshold: float,
     center_px: NDArray[np.float64],
@@ -369,17 +370,17 @@ def flow_sample(
     small = np.min_scalar_type((right - left) * (bottom - top))  # numpy sorts 16 bits fastest
     t = (window.t_us - start_us) / (end_us - start_us)
     return FlowSample(
-        window.x.astype(np.float64) + 0.5,
-        window.y.astype(np.float64) + 0.5,
-        t,
-        times_before(pixel.astype(small), t),
-        window.p,
-        log_image,
-        contrast_threshold,
-        center_px,
-        area,
-        initial,
-        initial_sigma_px,
+        x_px=window.x.astype(np.float64) + 0.5,
+        y_px=window.y.astype(np.float64) + 0.5,
+        t=t,
+        t_before=times_before(pixel.astype(small), t),
+        p=window.p,
+        log_image=log_image,
+        contrast_threshold=contrast_threshold,
+        center_px=center_px,
+        patch=area,
+        initial=initial,
+        initial_sigma_px=initial_sigma_px,
     )
 
 

@@ -176,6 +176,7 @@ def perturbed(path: Trajectory, sigma_m: float, seed: int) -> Trajectory:
 def tracking_sample(
     events: Events,
     start_us: int,
+    *,
     log_image: Float64,
     contrast_threshold: float,
     camera: Camera,
@@ -183,7 +184,6 @@ def tracking_sample(
     T_0: Float64,
     initial: Trajectory,
     initial_sigma_m: float,
-    *,
     max_events: int | None = None,
     max_delay_us: int = 0,
     seed: int = 0,
@@ -241,19 +241,19 @@ def tracking_sample(
     same = pixel[order[1:]] == pixel[order[:-1]]
     t_before_us[1:][same] = t_us[:-1][same]
     return TrackingSample(
-        window.x[order],
-        window.y[order],
-        t_us,
-        t_before_us,
-        window.p[order],
-        log_image,
-        contrast_threshold,
-        camera,
-        plane,
-        T_0,
-        initial,
-        initial_sigma_m,
-        max_delay_us,
+        x=window.x[order],
+        y=window.y[order],
+        t_us=t_us,
+        t_before_us=t_before_us,
+        p=window.p[order],
+        log_image=log_image,
+        contrast_threshold=contrast_threshold,
+        camera=camera,
+        plane=plane,
+        T_0=T_0,
+        initial=initial,
+        initial_sigma_m=initial_sigma_m,
+        max_delay_us=max_delay_us,
     )
 
 

@@ -7,6 +7,7 @@ from functools import cache, partial
 import cv2
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from eres_render import Camera, GroundTruth, Plane, Trajectory
 from sensor import SensorModel, simulate
@@ -24,6 +25,7 @@ from tasks.flow import (
     times_before,
 )
 from tasks.methods import contrast_maximization, photometric_flow
+from tasks.methods.contrast_maximization import search
 from tasks.numerics import bicubic
 
 SIZE = 160  # part of a 640 px sensor's view
@@ -72,7 +74,17 @@ def samples(translating, count, sigma_px, seed=0):
     for _ in range(count):
         center = rng.uniform(30, SIZE - 30, 2)
         initial = FLOW + rng.normal(0, sigma_px, 2)
-        yield flow_sample(events, 0, 50_000, log_image, C, center, side, initial, sigma_px)
+        yield flow_sample(
+            events,
+            0,
+            50_000,
+            log_image=log_image,
+            contrast_threshold=C,
+            center_px=center,
+            side_px=side,
+            initial=initial,
+            initial_sigma_px=sigma_px,
+        )
 
 
 @pytest.mark.parametrize("warmup_s", [0.0, 0.01])
@@ -302,14 +314,52 @@ def test_contrast_is_that_of_a_slow_reference(translating, objective):
     y_px, x_px = np.mgrid[top:bottom, left:right].reshape(2, -1) + 0.5
     fast = contrast_maximization.Contrast(sample, 20.0, objective)
     exposures = 29  # at most a pixel apart, for flows of up to 20 px from the initial one
-    assert len(fast.exposure_t) >= exposures
-    even = sum(warped(x_px, y_px, np.full(x_px.shape, t + 0.5)) for t in fast.exposure_t)
+    assert len(fast.patch.exposure_t) >= exposures
+    even = sum(warped(x_px, y_px, np.full(x_px.shape, t + 0.5)) for t in fast.patch.exposure_t)
     mean = len(sample.t) / x_px.size
-    image = warped(sample.x_px, sample.y_px, sample.t) - mean * even / len(fast.exposure_t)
+    image = warped(sample.x_px, sample.y_px, sample.t) - mean * even / len(fast.patch.exposure_t)
     image = cv2.GaussianBlur(image, (9, 9), 1.0)
     dy, dx = np.gradient(image)
     power = image**2 if objective == "variance" else dx**2 + dy**2
     assert fast(flow) == pytest.approx(power.sum() / x_px.size / mean**2, rel=1e-9)
+
+
+@pytest.mark.parametrize("objective", ["variance", "gradient"])
+def test_the_search_is_that_of_scipy(translating, objective):
+    """Oracle: SciPy's Nelder-Mead makes as many images and ends at the same flow, to the bit.
+
+    One search starts far off, and one has a bound that it meets.
+    """
+    (moving,) = samples(translating, 1, 1.0)
+    random = noise(np.random.default_rng(0), 2)
+    for sample, reach, size in (
+        (moving, 6.0, 0.75),
+        (replace(moving, initial=FLOW + 4), 6.0, 0.75),
+        (replace(moving, initial=FLOW + 1), 0.7, 0.4),
+        (random, 16.0, 2.0),
+        (random, 16.0, 1e-3),  # the first simplex has converged
+    ):
+        contrast = contrast_maximization.Contrast(sample, reach, objective)
+
+        def loss(offset, contrast=contrast, sample=sample, reach=reach):
+            far = max(abs(offset[0]), abs(offset[1])) > reach
+            return 0.0 if far else -contrast(sample.initial + offset)
+
+        best = minimize(
+            loss,
+            np.zeros(2),
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": np.array([[0.0, 0.0], [size, 0.0], [0.0, size]]),
+                "xatol": search.CONVERGED_PX,
+                "fatol": np.inf,
+                "maxfev": search.MOST_IMAGES,
+            },
+        )
+        inputs = contrast.patch, contrast.images, sample.initial, size, reach
+        offset, made = search.sharpest_flow(*inputs)
+        np.testing.assert_array_equal(offset, best.x)
+        assert made == best.nfev
 
 
 def noise(rng, per_px, initial=(0.0, 0.0), sigma_px=4.0):
@@ -319,17 +369,17 @@ def noise(rng, per_px, initial=(0.0, 0.0), sigma_px=4.0):
     x, y = (rng.integers(first, last, count) for first, last in area.T)
     nothing = np.full(count, np.nan)
     return FlowSample(
-        x + 0.5,
-        y + 0.5,
-        np.sort(rng.uniform(0, 1, count)),
-        nothing,
-        np.ones(count, np.int8),
-        np.zeros((100, 100)),
-        C,
-        np.array([50.0, 50.0]),
-        area,
-        np.array(initial),
-        sigma_px,
+        x_px=x + 0.5,
+        y_px=y + 0.5,
+        t=np.sort(rng.uniform(0, 1, count)),
+        t_before=nothing,
+        p=np.ones(count, np.int8),
+        log_image=np.zeros((100, 100)),
+        contrast_threshold=C,
+        center_px=np.array([50.0, 50.0]),
+        patch=area,
+        initial=np.array(initial),
+        initial_sigma_px=sigma_px,
     )
 
 
@@ -374,7 +424,15 @@ def test_too_few_events_is_a_counted_failure(translating):
     events, log_image = translating
     for method in (photometric_flow, contrast_maximization):
         sample = flow_sample(
-            events[:0], 0, 50_000, log_image, C, np.array([50.0, 50.0]), 31, FLOW + 1, 1.0
+            events[:0],
+            0,
+            50_000,
+            log_image=log_image,
+            contrast_threshold=C,
+            center_px=np.array([50.0, 50.0]),
+            side_px=31,
+            initial=FLOW + 1,
+            initial_sigma_px=1.0,
         )
         answer = method.estimate(sample)
         assert "events" in answer.failure
@@ -403,11 +461,21 @@ def test_patches_are_cut_at_the_sensors_edge(translating):
     mask = patch_mask(np.array([[5.0, 5.0], [60.0, 60.0]]), 61, 128, 128)
     assert mask.sum() == 36**2 + 61**2 - 6**2  # which overlap by 6 x 6
     events, log_image = translating
-    arguments = (0, 50_000, log_image, C, np.array([5.0, 5.0]), 31, FLOW, 1.0)
-    at_corner = flow_sample(events, *arguments)
+    at = partial(
+        flow_sample,
+        start_us=0,
+        end_us=50_000,
+        log_image=log_image,
+        contrast_threshold=C,
+        center_px=np.array([5.0, 5.0]),
+        side_px=31,
+        initial=FLOW,
+        initial_sigma_px=1.0,
+    )
+    at_corner = at(events)
     kept = events.where(patch_mask(np.array([[5.0, 5.0]]), 31, SIZE, SIZE)[events.y, events.x])
     assert 0 < len(kept) == len(at_corner.t) < len(events)
-    np.testing.assert_array_equal(flow_sample(kept, *arguments).t_before, at_corner.t_before)
+    np.testing.assert_array_equal(at(kept).t_before, at_corner.t_before)
     assert at_corner.x_px.max() == 20.5
 
 

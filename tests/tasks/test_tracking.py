@@ -87,9 +87,9 @@ def sample_of(scene, sigma_m, trial, **options):
     truth = path_at(pose, 0.0)
     initial = perturbed(truth, sigma_m, trial)
     options = {"max_events": 60_000} | options
-    return tracking_sample(
-        events, START_US, log_image, C, CAMERA, FLOOR, pose(0.0), initial, sigma_m, **options
-    )
+    seen = {"log_image": log_image, "contrast_threshold": C, "camera": CAMERA, "plane": FLOOR}
+    path = {"T_0": pose(0.0), "initial": initial, "initial_sigma_m": sigma_m}
+    return tracking_sample(events, START_US, **seen, **path, **options)
 
 
 def error_mm(path, scene):
@@ -328,18 +328,18 @@ def test_joined_events_add_up(scene):
     joined = join_events(problem, 4)
     assert joined.residuals < 0.6 * problem.residuals
     for p in (problem, joined):
-        assert p.residuals == np.count_nonzero(p.t_before_us >= 0)
+        assert p.residuals == np.count_nonzero(p.events.t_before_us >= 0)
 
-    def by_pixel(p, values):
-        return np.bincount(p.y.astype(int) * WIDTH + p.x, values, WIDTH**2)
+    def by_pixel(events, values):
+        later = events.t_before_us >= 0
+        pixel = events.y.astype(int) * WIDTH + events.x
+        return np.bincount(pixel, np.where(later, values, 0), WIDTH**2)
 
-    later, joined_later = problem.t_before_us >= 0, joined.t_before_us >= 0
+    apart, together = problem.events, joined.events
+    np.testing.assert_array_equal(by_pixel(apart, apart.p), by_pixel(together, together.p))
     np.testing.assert_array_equal(
-        by_pixel(problem, problem.p * later), by_pixel(joined, joined.p * joined_later)
-    )
-    np.testing.assert_array_equal(
-        by_pixel(problem, np.where(later, problem.t_us - problem.t_before_us, 0)),
-        by_pixel(joined, np.where(joined_later, joined.t_us - joined.t_before_us, 0)),
+        by_pixel(apart, apart.t_us - apart.t_before_us),
+        by_pixel(together, together.t_us - together.t_before_us),
     )
 
 
@@ -364,18 +364,24 @@ def test_bad_input_is_refused(scene):
     """Promise: the error names samples that cannot be tracked."""
     events, log_image, pose = scene
     initial = path_at(pose, 0.0)
-    good = [events, START_US, log_image, C, CAMERA, FLOOR, pose(0.0), initial, 0.002]
-    for place, bad, message in (
-        (5, None, "depth"),
-        (2, log_image[:-1], "log_image"),
-        (4, Camera(320, 320, 1.0), "camera"),
-        (6, np.eye(3), "T_0"),
+    good = {
+        "log_image": log_image,
+        "contrast_threshold": C,
+        "camera": CAMERA,
+        "plane": FLOOR,
+        "T_0": pose(0.0),
+        "initial": initial,
+        "initial_sigma_m": 0.002,
+    }
+    for name, bad, message in (
+        ("plane", None, "depth"),
+        ("log_image", log_image[:-1], "log_image"),
+        ("camera", Camera(320, 320, 1.0), "camera"),
+        ("T_0", np.eye(3), "T_0"),
     ):
-        arguments = list(good)
-        arguments[place] = bad
         with pytest.raises(TaskError, match=message):
-            tracking_sample(*arguments)
-    sample = tracking_sample(*good, max_events=20_000)
+            tracking_sample(events, START_US, **(good | {name: bad}))
+    sample = tracking_sample(events, START_US, **good, max_events=20_000)
     uneven = Trajectory(np.array([-0.001, 0.0, 0.002, 0.004, 0.006]), initial.controls[:5])
     with pytest.raises(TaskError, match="even intervals"):
         eppt.estimate(replace(sample, initial=uneven))

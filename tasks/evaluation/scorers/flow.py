@@ -51,12 +51,12 @@ class FlowScorer:
                     events,
                     setting.start_us,
                     setting.end_us,
-                    self._reference.log_images[features.width],
-                    setting.model.contrast_threshold,
-                    features.centers_px[item],
-                    side_px,
-                    initial_px[item],
-                    initial_sigma_px(features.width, task.initial_sigma_px),
+                    log_image=self._reference.log_images[features.width],
+                    contrast_threshold=setting.model.contrast_threshold,
+                    center_px=features.centers_px[item],
+                    side_px=side_px,
+                    initial=initial_px[item],
+                    initial_sigma_px=initial_sigma_px(features.width, task.initial_sigma_px),
                 )
                 for name, method in methods.items():
                     answer, cpu_s = ask("flow", name, method, sample)

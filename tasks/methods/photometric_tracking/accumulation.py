@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eres_render import Trajectory
@@ -14,6 +16,21 @@ from tasks.numerics import bicubic, cumulative_spline
 from tasks.numerics.compiling import jit_contract
 
 HUBER_IN_C = 0.5
+
+
+class Spline(NamedTuple):
+    """A path at each microsecond, from `cumulative_spline.tabulate`."""
+
+    segment: NDArray[np.int64]  # (T,)
+    table: Float64  # (T, 52)
+    controls: int  # M, number of control poses
+
+
+class Loss(NamedTuple):
+    """Huber's rho of Eq. (15): r^2 / 2 up to a bound, linear beyond; log units."""
+
+    C: float
+    bound: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,63 +75,46 @@ def accumulate(problem: Problem, level: Level, path: Trajectory) -> RobustSum:
     segment, table = cumulative_spline.tabulate(R, p, omega, problem.interval_us, problem.seen_us)
     return RobustSum(
         *normal_equations(
-            problem.x,
-            problem.y,
-            problem.t_us,
-            problem.t_before_us,
-            problem.p,
-            segment,
-            table,
-            len(R),
-            problem.rays,
-            level.image,
-            level.intrinsics,
-            *problem.reference,
-            problem.plane,
-            C,
-            HUBER_IN_C * C,
+            problem.events,
+            problem.geometry,
+            Spline(segment, table, len(R)),
+            level,
+            Loss(C, HUBER_IN_C * C),
         )
     )
 
 
 @jit_contract
-def normal_equations(
-    x, y, t_us, t_before_us, p, segment, table, controls, rays, L, view, R_0, p_0, plane, C, huber
-):
+def normal_equations(events, geometry, spline, level, loss):
     """Sum up the robust cost of Eq. (15) and its derivatives in the control poses.
 
-    The cost is sum rho(r_k) with Huber's rho, r^2 / 2 up to `huber` and linear beyond. An event
-    that sees a point outside the reference view has no derivatives, and costs as much as with a
-    flat reference view, rho(C), so that the search does not gain from looking away.
+    The cost is sum rho(r_k). An event that sees a point outside the reference view has no
+    derivatives, and costs as much as with a flat reference view, rho(C), so that the search does
+    not gain from looking away.
 
     Parameters
     ----------
-    x, y, t_us, t_before_us, p
-        (N,): events as in `TrackingSample`; p may be sums of several polarities.
-    segment, table
-        (T,), (T, 52): the spline at each event's microsecond, from `cumulative_spline.tabulate`.
-    controls
-        Number M of control poses.
-    rays
-        Focal lengths and principal point of the sensor, px.
-    L
-        (h, w): L_l of Eq. (13).
-    view
-        Focal lengths and principal point of L, in its pixels.
-    R_0, p_0
-        (3, 3), (3,): rotation and position of T_0.
-    plane
-        (4,): n and offset, with n . X = offset.
-    C, huber
-        Contrast threshold and Huber's bound, log units.
+    events, geometry
+        The `PixelEvents` and the `Geometry` of a problem.
+    spline
+        The `Spline` at the time of each event.
+    level
+        The `Level`; its image is L_l of Eq. (13).
+    loss
+        The `Loss` of a residual.
 
     Returns
     -------
     cost, gradient (6 M,), Hessian (6 M, 6 M), events outside
         Unknowns are each control pose's position, then its rotation, on the left.
     """
+    x, y, t_us, t_before_us, p = events
+    rays, R_0, p_0, plane = geometry
+    segment, table, controls = spline
+    L = level.image
+    C, huber = loss
     fx, fy, cx, cy = rays
-    view_fx, view_fy, view_cx, view_cy = view
+    view_fx, view_fy, view_cx, view_cy = level.intrinsics
     height, width = L.shape
     n_x, n_y, n_z, offset = plane
     gradient = np.zeros(6 * controls)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -14,23 +14,12 @@ from tasks.numerics.compiling import jit_contract
 _COARSEST_PX = 16  # of the reference view at its coarsest
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Level:
-    """The reference view at one size.
+class Level(NamedTuple):
+    """The reference view at one size."""
 
-    Parameters
-    ----------
-    image
-        (h, w) float64, log intensity.
-    intrinsics
-        Focal lengths and principal point, in this view's pixels.
-    events
-        Number of consecutive events at a pixel that are joined into one.
-    """
-
-    image: Float64
-    intrinsics: Intrinsics
-    events: int
+    image: Float64  # (h, w) log intensity
+    intrinsics: Intrinsics  # in this view's pixels
+    events: int  # number of consecutive events at a pixel that are joined into one
 
 
 def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Level]:

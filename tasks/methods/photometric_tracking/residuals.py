@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +38,31 @@ def knots_us(path: Trajectory) -> tuple[int, int]:
     return interval_us, interval_us * (len(path.knots_s) - 3)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Problem:
-    """Events of a sample within the path's duration, and other constants of a search."""
+class PixelEvents(NamedTuple):
+    """Events sorted by pixel, as in `TrackingSample`; arrays are (N,)."""
 
     x: NDArray[np.uint16]
     y: NDArray[np.uint16]
     t_us: NDArray[np.int32]
     t_before_us: NDArray[np.int32]
-    p: NDArray[np.integer]
+    p: NDArray[np.integer]  # or sums of several polarities
+
+
+class Geometry(NamedTuple):
+    """The sensor's rays, the pose of the reference view, and the plane that both see."""
+
     rays: Intrinsics  # of the sensor
-    reference: tuple[Float64, Float64]  # rotation and position of T_0
-    plane: Float64  # (4,) n_x, n_y, n_z, offset
+    R_0: Float64  # (3, 3) rotation of T_0
+    p_0: Float64  # (3,) position of T_0
+    plane: Float64  # (4,) n and offset, with n . X = offset
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Problem:
+    """Events of a sample within the path's duration, and other constants of a search."""
+
+    events: PixelEvents
+    geometry: Geometry
     seen_us: NDArray[np.bool_]  # (T,) whether each microsecond of the path has an event
     residuals: int
     contrast_threshold: float
@@ -74,22 +88,27 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
     follows = inside & (sample.t_before_us >= 0)
     residuals = int(np.count_nonzero(follows))
     inside &= follows | np.append(follows[1:], False)  # a pixel's only event gives no residual
-    t_us, t_before_us = sample.t_us[inside], sample.t_before_us[inside]
-    wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
-    problem = Problem(
+    events = PixelEvents(
         sample.x[inside],
         sample.y[inside],
-        t_us,
-        t_before_us,
+        sample.t_us[inside],
+        sample.t_before_us[inside],
         sample.p[inside],
-        intrinsics(sample.camera.K),
-        (np.ascontiguousarray(sample.T_0[:3, :3]), sample.T_0[:3, 3].copy()),
-        np.array([*sample.plane.normal, sample.plane.offset_m]),
-        _seen_us(t_us, duration_us),
-        residuals,
-        sample.contrast_threshold,
-        knots_us(sample.initial)[0],
-        distance_m(sample),
+    )
+    wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
+    problem = Problem(
+        events=events,
+        geometry=Geometry(
+            intrinsics(sample.camera.K),
+            np.ascontiguousarray(sample.T_0[:3, :3]),
+            sample.T_0[:3, 3].copy(),
+            np.array([*sample.plane.normal, sample.plane.offset_m]),
+        ),
+        seen_us=_seen_us(events.t_us, duration_us),
+        residuals=residuals,
+        contrast_threshold=sample.contrast_threshold,
+        interval_us=knots_us(sample.initial)[0],
+        distance_m=distance_m(sample),
     )
     if residuals < wanted:
         return problem, f"{residuals} events with one before them, expected {wanted}"
@@ -129,22 +148,26 @@ def join_events(problem: Problem, events: int) -> Problem:
     """
     if events == 1:
         return problem
-    number = np.arange(len(problem.t_us))
-    first = problem.t_before_us < 0
+    x, y, t_us, t_before_us, p = problem.events
+    number = np.arange(len(t_us))
+    first = t_before_us < 0
     since_first = number - np.maximum.accumulate(np.where(first, number, 0))
     last = np.append(first[1:], True)
     ends = (since_first % events == 0) | last
     every = math.ceil(np.count_nonzero(ends & ~first) / _COARSE_RESIDUALS)
     kept = np.flatnonzero(ends & (np.cumsum(first) % every == 0))
-    first, t_us = first[kept], problem.t_us[kept]
-    total = np.cumsum(problem.p, dtype=np.int64)[kept]  # a pixel's first one does not matter
+    first, t_us = first[kept], t_us[kept]
+    total = np.cumsum(p, dtype=np.int64)[kept]  # a pixel's first one does not matter
+    joined = PixelEvents(
+        x[kept],
+        y[kept],
+        t_us,
+        np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
+        np.diff(total, prepend=0).astype(np.int16),
+    )
     return replace(
         problem,
-        x=problem.x[kept],
-        y=problem.y[kept],
-        t_us=t_us,
-        t_before_us=np.where(first, -1, np.roll(t_us, 1)).astype(np.int32),
-        p=np.diff(total, prepend=0).astype(np.int16),
+        events=joined,
         seen_us=_seen_us(t_us, len(problem.seen_us)),
         residuals=int(np.count_nonzero(~first)),
     )

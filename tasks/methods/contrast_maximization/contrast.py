@@ -1,0 +1,214 @@
+"""The contrast of the image of warped events."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.flow import FlowSample
+from tasks.numerics.compiling import jit_contract
+
+REFERENCE_TIME = 0.5  # mid-window, so that events move as little as possible
+_EXPOSURES = 16  # times, at least, at which the patch's own motion is sampled
+_TOGETHER = 256  # events whose places are computed at once
+_SMOOTHING_PX = 1.0
+_REACH_PX = 4  # of the Gaussian: four sigma
+_TAPS = np.exp(-0.5 * (np.arange(_REACH_PX + 1) / _SMOOTHING_PX) ** 2)
+_TAPS /= 2 * _TAPS.sum() - _TAPS[0]
+_G0, _G1, _G2, _G3, _G4 = (float(tap) for tap in _TAPS)
+
+
+class Patch(NamedTuple):
+    """The events of a patch, in pixels of an image with a margin for every flow."""
+
+    column: NDArray[np.float64]  # (N,) of each event in the image
+    row: NDArray[np.float64]
+    t: NDArray[np.float64]  # (N,) its time from mid-window
+    exposure_t: NDArray[np.float64]  # times from mid-window at which the patch is sampled
+    width: int  # of the patch, px
+    height: int
+    far_x: int  # width of the margin, px
+    far_y: int
+    by_gradient: bool  # whether the objective is "gradient"
+
+
+class Images(NamedTuple):
+    """Memory of a search: images of (height, width) with margins, empty where none is written."""
+
+    votes: NDArray[np.float64]
+    across: NDArray[np.float64]  # the votes blurred along x
+    blurred: NDArray[np.float64]
+
+
+class Contrast:
+    """Contrast of the image of warped events: its variance around the image without texture.
+
+    A static patch sees a point near its edge only for a part of the window. So the image of warped
+    events fades out at its edges, and the plain variance rewards any flow that moves this edge
+    together. Therefore the image of events that are spread evenly over patch and window is
+    subtracted before the squares are added up. The sum then gains nothing from patch edges, at
+    small or large flows, and the scatter of single events adds the same to it at every flow.
+
+    Parameters
+    ----------
+    sample
+        Events of one patch.
+    reach_px
+        Largest distance of any flow from the initial flow, per component: all flows then get
+        images of the same size.
+    objective
+        "variance" or "gradient".
+    """
+
+    def __init__(self, sample: FlowSample, reach_px: float, objective: str = "variance") -> None:
+        farthest = 0.5 * (np.abs(sample.initial) + reach_px)
+        far = np.ceil(farthest + _REACH_PX).astype(np.int64) + 1
+        far_x, far_y = far.tolist()
+        width, height = (sample.patch[1] - sample.patch[0]).tolist()
+        column, row = far - sample.patch[0]
+        exposures = max(_EXPOSURES, math.ceil(2 * farthest.max()))  # at most a pixel apart
+        self.patch = Patch(
+            sample.x_px - 0.5 + column,
+            sample.y_px - 0.5 + row,
+            sample.t - REFERENCE_TIME,
+            (np.arange(exposures) + 0.5) / exposures - REFERENCE_TIME,
+            width,
+            height,
+            far_x,
+            far_y,
+            {"variance": False, "gradient": True}[objective],
+        )
+        self.images = Images(*np.zeros((3, height + 2 * far_y, width + 2 * far_x)))
+
+    def __call__(self, flow: NDArray[np.float64]) -> float:
+        """Return the contrast at a flow, (2,) px per window, relative to the mean squared."""
+        return contrast_at(self.patch, self.images, flow[0], flow[1])
+
+
+@jit_contract
+def contrast_at(patch, images, vx, vy):
+    """Compute the contrast at the flow (vx, vy), px per window.
+
+    Parameters
+    ----------
+    patch
+        A `Patch`.
+    images
+        Its `Images`, overwritten.
+    vx, vy
+        The flow.
+
+    Returns
+    -------
+    The contrast, relative to the mean squared number of events per pixel.
+    """
+    image = images.votes
+    rows, columns = image.shape
+    image[:] = 0.0
+    _vote(patch, vx, vy, image)
+    _subtract_even_events(patch, vx, vy, image)
+    _blur(images)
+    image = images.blurred
+    total = 0.0
+    if patch.by_gradient:
+        for y in range(1, rows - 1):
+            for x in range(1, columns - 1):
+                dx = 0.5 * (image[y, x + 1] - image[y, x - 1])
+                dy = 0.5 * (image[y + 1, x] - image[y - 1, x])
+                total += dx * dx + dy * dy
+    else:
+        for y in range(rows):
+            for x in range(columns):
+                total += image[y, x] * image[y, x]
+    area = patch.width * patch.height
+    mean = patch.t.size / area
+    return total / (area * mean * mean)
+
+
+@jit_contract
+def _vote(patch, vx, vy, image):
+    """Add the bilinear votes of the warped events; places first, which are computed in vectors."""
+    columns = image.shape[1]
+    pixels = image.ravel()
+    right, below = np.uint64(1), np.uint64(columns)
+    first = np.empty(_TOGETHER, np.uint64)  # the pixel at the top left of each event
+    fx, fy = np.empty(_TOGETHER), np.empty(_TOGETHER)
+    for start in range(0, patch.t.size, _TOGETHER):
+        group = slice(start, min(start + _TOGETHER, patch.t.size))
+        column, row, t = patch.column[group], patch.row[group], patch.t[group]
+        for k in range(t.size):
+            x, y = column[k] - vx * t[k], row[k] - vy * t[k]
+            x0, y0 = np.floor(x), np.floor(y)
+            fx[k], fy[k] = x - x0, y - y0
+            first[k] = np.int64(y0 * columns + x0)
+        for k in range(t.size):
+            at = first[k]
+            pixels[at] += (1.0 - fx[k]) * (1.0 - fy[k])
+            pixels[at + right] += fx[k] * (1.0 - fy[k])
+            pixels[at + below] += (1.0 - fx[k]) * fy[k]
+            pixels[at + below + right] += fx[k] * fy[k]
+
+
+@jit_contract
+def _subtract_even_events(patch, vx, vy, image):
+    """Subtract the votes of as many events, spread evenly over the patch and the window.
+
+    A moving patch with its votes is the product of a moving interval in x and one in y: at the
+    interval's first pixel 1 - f, then 1, and f after its last.
+    """
+    rows = image.shape[0]
+    width, height = patch.width, patch.height
+    exposures = patch.exposure_t.size
+    x0, y0 = np.empty(exposures, np.int64), np.empty(exposures, np.int64)
+    fx, fy = np.empty(exposures), np.empty(exposures)
+    for k in range(exposures):
+        left = patch.far_x - vx * patch.exposure_t[k]
+        top = patch.far_y - vy * patch.exposure_t[k]
+        x0[k], y0[k] = int(left), int(top)
+        fx[k], fy[k] = left - x0[k], top - y0[k]
+    share = patch.t.size / (width * height) / exposures
+    for y in range(rows):
+        for k in range(exposures):
+            below = y - y0[k]
+            if below < 0 or below > height:
+                continue
+            expected = share
+            if below == 0:
+                expected = share * (1.0 - fy[k])
+            elif below == height:
+                expected = share * fy[k]
+            line = image[y, x0[k] : x0[k] + width + 1]
+            line[0] -= expected * (1.0 - fx[k])
+            for x in range(1, width):
+                line[x] -= expected
+            line[width] -= expected * fx[k]
+
+
+@jit_contract
+def _blur(images):
+    """Blur by a Gaussian of 1 px; the votes are 0 within its reach of the edge."""
+    across, blurred = images.across, images.blurred
+    rows, columns = across.shape
+    for y in range(rows):
+        line, found = images.votes[y], across[y, 4:]
+        for x in range(columns - 8):
+            found[x] = (
+                _G0 * line[x + 4]
+                + _G1 * (line[x + 3] + line[x + 5])
+                + _G2 * (line[x + 2] + line[x + 6])
+                + _G3 * (line[x + 1] + line[x + 7])
+                + _G4 * (line[x] + line[x + 8])
+            )
+    for y in range(rows - 8):
+        lines, found = across[y : y + 9], blurred[y + 4]
+        for x in range(columns):
+            found[x] = (
+                _G0 * lines[4, x]
+                + _G1 * (lines[3, x] + lines[5, x])
+                + _G2 * (lines[2, x] + lines[6, x])
+                + _G3 * (lines[1, x] + lines[7, x])
+                + _G4 * (lines[0, x] + lines[8, x])
+            )

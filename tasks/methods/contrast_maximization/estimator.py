@@ -1,0 +1,42 @@
+"""Estimate the flow of a sample."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tasks.flow import FlowEstimate, FlowSample
+from tasks.methods.contrast_maximization.contrast import Contrast
+from tasks.methods.contrast_maximization.search import sharpest_flow
+
+MIN_EVENTS = 10
+_BOUND_SIGMAS = 4.0
+
+
+def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
+    """Estimate the flow with the greatest contrast of the image of warped events.
+
+    Polarity is not used; votes are bilinear, and the image is smoothed by a Gaussian of 1 px. It is
+    large enough for any flow within the bound, so that no vote is lost. The search (Nelder-Mead)
+    stays within 4 sigma of the initial flow; an answer at this bound is a failure, since contrast
+    can run away on dense texture.
+
+    Parameters
+    ----------
+    sample
+        Events of one patch.
+    objective
+        "variance", or "gradient" for the mean squared gradient magnitude.
+
+    Returns
+    -------
+    The flow; the initial flow where the search fails.
+    """
+    if len(sample.t) < MIN_EVENTS:
+        return FlowEstimate(sample.initial, f"{len(sample.t)} events")
+    reach = _BOUND_SIGMAS * sample.initial_sigma_px
+    contrast = Contrast(sample, reach, objective)
+    size = max(0.5 * sample.initial_sigma_px, 1e-3)
+    offset, _ = sharpest_flow(contrast.patch, contrast.images, sample.initial, size, reach)
+    if np.abs(offset).max() > 0.98 * reach:
+        return FlowEstimate(sample.initial, "search ended at its bound")
+    return FlowEstimate(sample.initial + offset)
