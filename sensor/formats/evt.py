@@ -158,7 +158,7 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
                 wrong = t[0] if t[0] < 0 else t[-1]
                 raise EventFormatError(
                     f"{codec.name}: found time {wrong} us, expected 0 to {MAX_TIME_US - 1} us; "
-                    "subtract an offset first"
+                    "subtract an offset first (--from-start, --shift-us)"
                 )
             done = 0
             while len(part) and written < len(triggers) and triggers.t_us[written] <= t[-1]:

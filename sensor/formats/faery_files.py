@@ -10,6 +10,7 @@ import json
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,14 +41,18 @@ def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
         )
     # -P: the files beside the script are no modules for it.
     command = [sys.executable, "-P", faery_process.__file__, kind, str(path.absolute()), *options]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    # Its errors go to a file: a full pipe would stop it while its events are read.
+    with (
+        tempfile.TemporaryFile() as errors,
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors) as process,
+    ):
         assert process.stdout is not None
-        assert process.stderr is not None
         try:
             yield process.stdout
         except _Ended:
-            said = process.stderr.read().decode("utf-8", "replace").strip().splitlines()
             code = process.wait()
+            errors.seek(0)
+            said = errors.read().decode("utf-8", "replace").strip().splitlines()
             reason = said[-1] if code > 0 and said else "its decoder ended; the file is damaged"
             raise EventFormatError(f"faery cannot read it: {reason}") from None
         finally:

@@ -83,7 +83,7 @@ def open_subject(
     Raises
     ------
     TaskError
-        A file has no events or a clip no frames in the part that is shown, speeds differ beside a
+        A file has no events or a clip no frames in the time that is shown, speeds differ beside a
         clip, or options of files are given without a file.
     """
     files = [path for path in paths if not path.is_dir()]
@@ -164,16 +164,21 @@ def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Su
             ends.append(span.end_us)
         elif not files:
             first_us, last_us = source.frames.span_us()
-            too_late = start_us is not None and start_us > last_us
-            if too_late or (end_us is not None and end_us < first_us):
-                raise TaskError(
-                    f"{source.frames.sequence.folder}: found no frames between start and end"
-                )
             starts.append(first_us)
             ends.append(last_us)
-    return Subject(
-        sources,
-        min(starts) if start_us is None else start_us,
-        max(ends) if end_us is None else end_us,
-        tuple(counts),
-    )
+    start_us = min(starts) if start_us is None else start_us
+    end_us = max(ends) if end_us is None else end_us
+    for frames in {source.frames for source in sources if source.frames is not None}:
+        _check_overlap(frames, start_us, end_us)
+    return Subject(sources, start_us, end_us, tuple(counts))
+
+
+def _check_overlap(frames: ClipFrames, start_us: int, end_us: int) -> None:
+    """Refuse frames of another time than what is shown."""
+    first_us, last_us = frames.span_us()
+    if last_us < start_us or first_us > end_us:
+        raise TaskError(
+            f"{frames.sequence.folder}: found frames from {1e-6 * first_us:.6f} to "
+            f"{1e-6 * last_us:.6f} s, expected some from {1e-6 * start_us:.6f} to "
+            f"{1e-6 * end_us:.6f} s, the time that is shown"
+        )

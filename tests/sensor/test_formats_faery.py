@@ -128,3 +128,19 @@ def test_packets_out_of_order(tmp_path):
             load_events(path)
         found = load_events(path, sort=True)
     assert_same(found, make_events([5, 7], [1, 3], [2, 2], [0, 1], 9, 9))
+
+
+TALKATIVE = """import sys
+sys.stderr.write(1_000_000 * "a line of a log " + "\\n")
+""" + BACKWARDS.replace("(7, 5)", "(5, 7)")
+
+
+def test_a_decoder_that_says_much_is_not_stopped(tmp_path):
+    """Promise: however much the decoder writes to its log, its events arrive."""
+    path = write(tmp_path, "aedat4", random_events(9))
+    decoder = tmp_path / "decoder.py"
+    decoder.write_text(TALKATIVE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(faery_process, "__file__", str(decoder))
+        found = load_events(path)
+    assert_same(found, make_events([5, 7], [1, 3], [2, 2], [0, 1], 9, 9))

@@ -338,6 +338,15 @@ def test_files_of_one_name_have_their_own_places_in_a_recording(eres, tmp_path):
         assert f"/events/my events!.h5/{k}/points" in said
 
 
+def test_events_of_another_time_are_not_beside_a_clip(eres, tmp_path, clip):
+    """Promise: a clip that has no frame in the time of the events is refused, not shown still."""
+    file, out = tmp_path / "later.h5", tmp_path / "out.png"
+    write_events(file, random_events(99, 48, 36, start_us=3_000_000))
+    for sources in ((file, clip), (file, "--over", clip)):
+        code, _, err = eres("view", *sources, "--out", out)
+        assert (code, "s, expected some from 3.0000" in err, out.exists()) == (1, True, False)
+
+
 def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, clip):
     """Promise: the origin of a file may have any words; a speed is checked where it counts."""
     file, out = tmp_path / "own.npz", tmp_path / "out.png"
@@ -375,8 +384,11 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
         (["{events}", "--out", "{tmp}/o.png", "--at", "inf"], "at: found inf, expected"),
         (["{events}", "--out", "{tmp}/o.mp4", "--at", "0.1"], "at: found 0.1, expected none with"),
         (["{events}", "--out", "{tmp}/o.html", "--count", "9"], "count: found 9, expected none"),
-        (["{clip}", "--out", "{tmp}/o.mp4", "--start", "9"], "found no frames between"),
-        (["{clip}", "--out", "{tmp}/o.mp4", "--end", "-1"], "found no frames between"),
+        (["{clip}", "--out", "{tmp}/o.mp4", "--start", "9"], "expected some from 9.000000 to"),
+        (
+            ["{clip}", "--out", "{tmp}/o.mp4", "--end", "-1"],
+            "to -1.000000 s, the time that is shown",
+        ),
         (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip"),
         (["--out", "{tmp}/o.mp4"], "found no sources"),
     ],
