@@ -43,6 +43,9 @@ class MethodTimings:
 class JobTimings:
     """Work and time of one job. Times are wall-clock times with all cores at work.
 
+    Frames render while sensors simulate and scorers collect the ones before. Half of such time
+    counts for rendering, half for the others, so all stages add up to the time of the job.
+
     Parameters
     ----------
     scene, sample
@@ -52,8 +55,7 @@ class JobTimings:
     frames, resolution, spp
         Number of frames that were read, their side in px, and samples per pixel.
     reading_s
-        Time spent waiting for frames, without their rendering: they are read, or rounded and
-        written.
+        Time spent waiting for frames that are not rendering: they are read, or written.
     sensors
         Number of sensors.
     pixel_frames, events
