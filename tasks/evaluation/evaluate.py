@@ -19,7 +19,7 @@ from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import TaskSettings
 from tasks.evaluation.stopwatch import Stopwatch
-from tasks.evaluation.timings import JobTimings, MethodTimings
+from tasks.evaluation.timings import JobTimings, MethodTimings, split_shared_time
 from tasks.registry import TASKS, load
 from tasks.row import Row
 
@@ -204,10 +204,13 @@ def _timings(
     seconds: Mapping[str, float],
 ) -> JobTimings:
     manifest, models = sequence.manifest, [sensor.setting.model for sensor in sensors]
-    waiting_s, collecting_s = seconds["waiting"], seconds["collecting"]
-    simulating_s = seconds["sensing"] - waiting_s - collecting_s
-    shared_s = max(0.0, seconds["rendering"] - waiting_s)  # two stages at once: half for each
-    own = 1 - 0.5 * shared_s / (simulating_s + collecting_s)
+    stages = split_shared_time(
+        rendering_s=seconds["rendering"],
+        waiting_s=seconds["waiting"],
+        simulating_s=seconds["sensing"] - seconds["waiting"] - seconds["collecting"],
+        collecting_s=seconds["collecting"],
+    )
+    stages["rendering_s"] += sequence.rendered.seconds - seconds["rendering"]  # before the sensors
     return JobTimings(
         scene=manifest.scene,
         sample=manifest.clip,
@@ -215,12 +218,9 @@ def _timings(
         frames=len(sequence),
         resolution=manifest.width,
         spp=manifest.spp,
-        reading_s=max(0.0, waiting_s - seconds["rendering"]),
         sensors=len(sensors),
         pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
         events=sum(sensor.fired for sensor in sensors),
-        simulating_s=own * simulating_s,
-        collecting_s=own * collecting_s,
         scoring_s=seconds["scoring"],
         methods=_method_timings(
             (model.width, task, score)
@@ -228,7 +228,7 @@ def _timings(
             for task, score in found
         ),
         rendered_frames=sequence.rendered.frames,
-        rendering_s=sequence.rendered.seconds - 0.5 * shared_s,
+        **stages,
     )
 
 
