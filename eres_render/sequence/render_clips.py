@@ -55,7 +55,9 @@ class _ClipInProgress(RadianceSequence):
     def __iter__(self) -> Iterator[NDArray[np.float32]]:
         self.wait()
         for i, found in enumerate(read_ahead(self.writer.read, len(self))):
-            yield self._whole(i, found)
+            with self.one_at_a_time:
+                frame = self._whole(i, found)
+            yield frame
 
     def frame(self, i: int) -> NDArray[np.float32]:
         """Return frame i as `RadianceSequence.frame` does; render it if it is missing."""

@@ -13,12 +13,13 @@ from eres_render import GroundTruth, RadianceSequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
 from sensor import Events, stream_bank
+from tasks.evaluation.frames_ahead import frames_ahead
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.base import Score, Scorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import TaskSettings
 from tasks.evaluation.stopwatch import Stopwatch
-from tasks.evaluation.timings import JobTimings, MethodTimings
+from tasks.evaluation.timings import JobTimings, MethodTimings, split_shared_time
 from tasks.registry import TASKS, load
 from tasks.row import Row
 
@@ -133,23 +134,23 @@ def _collect(
 ) -> None:
     """Simulate all sensors, and push the events to them."""
 
-    def frames() -> Iterator[NDArray[np.float32]]:
-        decoded = iter(sequence)
+    def frames(ahead: Iterator[NDArray[np.float32]]) -> Iterator[NDArray[np.float32]]:
         for k in range(len(sequence)):
-            with stopwatch("reading"):
-                frame = next(decoded)
+            with stopwatch("waiting"):
+                frame = next(ahead)
             yield frame
             on_progress("simulating", k + 1, len(sequence))
 
-    events_of_all = stream_bank(
-        frames(),
-        sequence.t_s,
-        [sensor.setting.model for sensor in sensors],
-        speeds=[sensor.setting.speed for sensor in sensors],
-    )
-    for batch in _batches(events_of_all):
-        with stopwatch("collecting"):
-            list(workers.map(lambda i, events: sensors[i].push(events), batch, batch.values()))
+    with frames_ahead(sequence, len(sequence)) as ahead:
+        events_of_all = stream_bank(
+            frames(ahead),
+            sequence.t_s,
+            [sensor.setting.model for sensor in sensors],
+            speeds=[sensor.setting.speed for sensor in sensors],
+        )
+        for batch in _batches(events_of_all):
+            with stopwatch("collecting"):
+                list(workers.map(lambda i, events: sensors[i].push(events), batch, batch.values()))
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:
@@ -203,6 +204,13 @@ def _timings(
     seconds: Mapping[str, float],
 ) -> JobTimings:
     manifest, models = sequence.manifest, [sensor.setting.model for sensor in sensors]
+    stages = split_shared_time(
+        rendering_s=seconds["rendering"],
+        waiting_s=seconds["waiting"],
+        simulating_s=seconds["sensing"] - seconds["waiting"] - seconds["collecting"],
+        collecting_s=seconds["collecting"],
+    )
+    stages["rendering_s"] += sequence.rendered.seconds - seconds["rendering"]  # before the sensors
     return JobTimings(
         scene=manifest.scene,
         sample=manifest.clip,
@@ -210,12 +218,9 @@ def _timings(
         frames=len(sequence),
         resolution=manifest.width,
         spp=manifest.spp,
-        reading_s=seconds["reading"] - seconds["rendering"],
         sensors=len(sensors),
         pixel_frames=len(sequence) * sum(model.width * model.height for model in models),
         events=sum(sensor.fired for sensor in sensors),
-        simulating_s=seconds["sensing"] - seconds["reading"] - seconds["collecting"],
-        collecting_s=seconds["collecting"],
         scoring_s=seconds["scoring"],
         methods=_method_timings(
             (model.width, task, score)
@@ -223,7 +228,7 @@ def _timings(
             for task, score in found
         ),
         rendered_frames=sequence.rendered.frames,
-        rendering_s=sequence.rendered.seconds,
+        **stages,
     )
 
 

@@ -43,6 +43,9 @@ class MethodTimings:
 class JobTimings:
     """Work and time of one job. Times are wall-clock times with all cores at work.
 
+    Frames render while sensors simulate and scorers collect the ones before. Half of such time
+    counts for rendering, half for the others, so all stages add up to the time of the job.
+
     Parameters
     ----------
     scene, sample
@@ -52,8 +55,7 @@ class JobTimings:
     frames, resolution, spp
         Number of frames that were read, their side in px, and samples per pixel.
     reading_s
-        Time spent waiting for frames, without their rendering: they are read, or rounded and
-        written.
+        Time spent waiting for frames that are not rendering: they are read, or written.
     sensors
         Number of sensors.
     pixel_frames, events
@@ -86,6 +88,37 @@ class JobTimings:
     methods: tuple[MethodTimings, ...]
     rendered_frames: int = 0
     rendering_s: float = 0.0
+
+
+def split_shared_time(
+    rendering_s: float, waiting_s: float, simulating_s: float, collecting_s: float
+) -> dict[str, float]:
+    """Split the time in which frames render while sensors and scorers work on the ones before.
+
+    Half of it counts for rendering, half for the others, so that the results add up to the time
+    that passed.
+
+    Parameters
+    ----------
+    rendering_s
+        Time in which frames rendered.
+    waiting_s, simulating_s, collecting_s
+        Time in which the sensors waited for frames, and in which they and the scorers worked; one
+        after the other.
+
+    Returns
+    -------
+    The fields `rendering_s`, `reading_s`, `simulating_s` and `collecting_s` of `JobTimings`.
+    """
+    working_s = simulating_s + collecting_s
+    shared_s = min(max(0.0, rendering_s - waiting_s), working_s)
+    left = 1.0 - 0.5 * shared_s / working_s
+    return {
+        "rendering_s": rendering_s - 0.5 * shared_s,
+        "reading_s": max(0.0, waiting_s - rendering_s),
+        "simulating_s": left * simulating_s,
+        "collecting_s": left * collecting_s,
+    }
 
 
 def timings_file(timings: JobTimings) -> bytes:

@@ -14,6 +14,7 @@ from tasks.errors import ResultError
 from tasks.evaluation.timings import (
     JobTimings,
     read_timings,
+    split_shared_time,
     timings_file,
 )
 
@@ -36,6 +37,21 @@ def test_damaged_costs_are_named(tmp_path: Path) -> None:
     file.write_bytes(timings_file(JOB).replace(b'"estimates"', b'"fits"'))
     with pytest.raises(ResultError, match=r"job\.json: methods\[0\]\.fits: unknown"):
         read_timings(tmp_path)
+
+
+def test_times_of_stages_that_share_the_cores_add_up() -> None:
+    """Promise: half of the shared time counts for each side, and no time is lost or counted twice:
+    frames that come from the cache, render all of the time, or render between other work."""
+    for rendering_s, waiting_s, expected in (
+        (0.0, 2.0, (0.0, 2.0, 6.0, 3.0)),
+        (1.5, 2.0, (1.5, 0.5, 6.0, 3.0)),
+        (5.0, 2.0, (3.5, 0.0, 5.0, 2.5)),
+        (11.0, 2.0, (6.5, 0.0, 3.0, 1.5)),
+    ):
+        found = split_shared_time(rendering_s, waiting_s, simulating_s=6.0, collecting_s=3.0)
+        names = ("rendering_s", "reading_s", "simulating_s", "collecting_s")
+        assert tuple(found[name] for name in names) == pytest.approx(expected)
+        assert sum(found.values()) == pytest.approx(waiting_s + 9.0)
 
 
 def costs_html(parts: list[JobTimings]) -> str:

@@ -90,7 +90,11 @@ def _loss(patch, images, initial, offset, reach):
 
 @jit
 def _across(simplex, factor):
-    """Return the point beyond the middle of the two best ones, as seen from the worst one."""
+    """Return the middle of the two best points, moved away from the worst one.
+
+    It moves by `factor` times the distance between the two; a negative factor moves it towards the
+    worst point.
+    """
     middle = (simplex[0] + simplex[1]) / 2.0
     return (1.0 + factor) * middle - factor * simplex[2]
 
