@@ -39,7 +39,7 @@ class EventFormatError(EventError):
     >>> _ = Path("bare.txt").write_text("0.000334 17 201 1")
     >>> load_events("bare.txt")
     Traceback (most recent call last):
-    sensor.errors.EventFormatError: bare.txt: the file does not store the sensor's size; give it ...
+    sensor.errors.EventFormatError: bare.txt: the file does not store the sensor's size; ...
     >>> load_events("bare.txt", size=(346, 260))
     Events(1 of 346x260 px, 334..334 us)
     """

@@ -9,7 +9,8 @@ import io
 import logging
 import re
 import shlex
-from contextlib import redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 
 import pytest
@@ -28,12 +29,8 @@ ANYTHING_OR_NUMBER = re.compile(r"(\.\.\.|\d+(?:\.\d+)?)")
 def follow(page: str, folder: Path) -> str:
     """Do all steps of a page in a folder; return the output of its commands and its Python."""
     said = io.StringIO()
-    listener = logging.StreamHandler(said)
-    for package in PACKAGES:
-        logging.getLogger(package).addHandler(listener)
-        logging.getLogger(package).setLevel(logging.INFO)
     before = 0
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said):
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), logged(said):
         patch.chdir(folder)
         patch.setattr(terminal, "out", terminal.Console(file=said, width=200))
         patch.setattr(terminal, "err", terminal.Console(file=said, width=200))
@@ -48,10 +45,22 @@ def follow(page: str, folder: Path) -> str:
             else:
                 before = said.tell()
                 run(language, text, said, patch)
-    for package in PACKAGES:
-        logging.getLogger(package).removeHandler(listener)
-        logging.getLogger(package).setLevel(logging.NOTSET)
     return said.getvalue()
+
+
+@contextmanager
+def logged(said: io.StringIO) -> Iterator[None]:
+    """Write to a text what the command line writes to stderr."""
+    listener = logging.StreamHandler(said)
+    for package in PACKAGES:
+        logging.getLogger(package).addHandler(listener)
+        logging.getLogger(package).setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        for package in PACKAGES:
+            logging.getLogger(package).removeHandler(listener)
+            logging.getLogger(package).setLevel(logging.NOTSET)
 
 
 def run(language: str, text: str, said: io.StringIO, patch: pytest.MonkeyPatch) -> None:
