@@ -82,10 +82,10 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
             if emitters and node.props.id() in emitters:
                 node.props["glow"] = emitters[node.props.id()]
         for node in state.nodes:
-            if node.props.plugin_name() == "bitmap" and "format" not in node.props:
-                file = str(node.props.get("filename", ""))
-                if not file.lower().endswith(".exr"):  # or it would keep the codes of 8 bits
-                    node.props["format"] = "variant"
+            if node.props.plugin_name() == "bitmap":
+                exr = str(node.props.get("filename", "")).lower().endswith(".exr")
+                if not exr and node.props.get("format", "auto") == "auto":
+                    node.props["format"] = "variant"  # light as floats, not codes of 8 bits
         mi.parser.transform_all(config, state)
         with _warnings_of(scene):
             mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))

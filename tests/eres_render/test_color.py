@@ -73,7 +73,8 @@ def test_baked_images_reflect_the_luminance_of_their_light(tmp_path, suffix):
     """
     codes = np.array([188, 128, 64])
     light = ((codes / 255 + 0.055) / 1.055) ** 2.4
-    folder = edit_scene(tmp_path / "floor", ("spp = 16384", "spp = 256"))
+    coarse = ("cell_m = 0.078125", "cell_m = 2.0"), ("spp = 16384", "spp = 4096")
+    folder = edit_scene(tmp_path / "floor", *coarse)
     drop_textures(folder)
     if suffix == ".png":
         cv2.imwrite(str(folder / "tile.png"), np.full((4, 4, 3), codes[::-1], np.uint8))
