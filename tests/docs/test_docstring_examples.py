@@ -22,9 +22,10 @@ FILES = [
     for path in sorted((ROOT / package).rglob("*.py"))
     if ">>> " in path.read_text()
 ]
-LEARNED = {  # of eres_render: where one starts
-    *("Camera", "Plane", "plane_homography", "Trajectory", "path_through", "random_path"),
-    *("waypoint_loop", "list_scenes", "load_scene", "Clip", "clips", "GroundTruth"),
+RENDERED = {  # names that need rendered frames, which the pages make
+    *("BackendError", "Noise", "RadianceSequence", "Renderer", "clip_in_progress", "ground_truth"),
+    *("measure_noise", "open_sequence", "render_clip", "render_scene", "window_times"),
+    "write_truth",
 }
 
 
@@ -64,7 +65,7 @@ def defined_in(module):
         (sensor.representations, sensor.representations.__all__),
         (sensor.optics, defined_in(sensor.optics)),
         (tasks.datasets, tasks.datasets.__all__),
-        (eres_render, sorted(LEARNED)),
+        (eres_render, sorted(set(eres_render.__all__) - RENDERED)),
     ],
     ids=lambda given: getattr(given, "__name__", ""),
 )
