@@ -5,19 +5,51 @@ from collections.abc import Collection
 
 
 class RenderError(ValueError):
-    """Base class: a request to the renderer cannot be carried out."""
+    """Base class: a request to the renderer cannot be carried out.
+
+    Examples
+    --------
+    >>> from eres_render import Camera
+    >>> Camera(1280, 720)
+    Traceback (most recent call last):
+    eres_render.errors.RenderError: Camera: found neither fov_rad nor fx, expected one of them
+    """
 
 
 class SceneError(RenderError):
-    """A scene is unknown, incomplete, or holds a value that is not possible."""
+    """A scene is unknown, incomplete, or holds a value that is not possible.
+
+    Examples
+    --------
+    >>> from eres_render import load_scene
+    >>> load_scene("carpets")
+    Traceback (most recent call last):
+    eres_render.errors.SceneError: ... 'carpets': did you mean 'carpet'?
+    """
 
 
 class TrajectoryError(RenderError):
-    """A camera path is malformed, leaves its scene, or does not cover a requested time."""
+    """A camera path is malformed, leaves its scene, or does not cover a requested time.
+
+    Examples
+    --------
+    >>> from eres_render import load_scene
+    >>> load_scene("carpet").trajectory().pose(60.0)
+    Traceback (most recent call last):
+    eres_render.errors.TrajectoryError: the path lasts from 0 to 10 s; ...
+    """
 
 
 class SequenceError(RenderError):
-    """A radiance sequence on disk is missing, damaged, unfinished or of another version."""
+    """A radiance sequence on disk is missing, damaged, unfinished or of another version.
+
+    Examples
+    --------
+    >>> from eres_render import open_sequence
+    >>> open_sequence("frames/clip_000")
+    Traceback (most recent call last):
+    eres_render.errors.SequenceError: frames/clip_000/manifest.json: ...
+    """
 
 
 class BackendError(RenderError):

@@ -1,7 +1,13 @@
 """Event-camera simulation: linear radiance frames in, events out.
 
->>> model = SensorModel(width=346, height=346, contrast_threshold=0.2, cutoff_hz=200.0)
->>> events = simulate(frames, t_s, model)  # frames (T, H, W) float32 linear radiance
+>>> import numpy as np
+>>> from sensor import SensorModel, simulate
+>>> t_s = np.arange(100) * 1e-3
+>>> wave = np.sin(0.2 * np.arange(64) - 60 * t_s[:, None, None])  # moves to the right
+>>> frames = (1.1 + wave) * np.ones((48, 1))  # (T, H, W) linear radiance
+>>> model = SensorModel(width=64, height=48, contrast_threshold=0.2, cutoff_hz=200.0)
+>>> simulate(frames, t_s, model)
+Events(79008 of 64x48 px, 3044..98999 us)
 """
 
 from __future__ import annotations

@@ -39,6 +39,16 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
     ------
     SensorError
         The encoding is unknown, or the frames have another type or range.
+
+    Examples
+    --------
+    The middle of the numbers is far from the middle of the light:
+
+    >>> import numpy as np
+    >>> from sensor import to_linear
+    >>> image = np.array([0, 128, 188, 255], np.uint8)
+    >>> to_linear(image, "srgb").round(2)
+    array([0.  , 0.22, 0.5 , 1.  ], dtype=float32)
     """
     decode = _decoder(encoding)
     values = np.asarray(frames)

@@ -2,12 +2,44 @@
 
 
 class SensorError(ValueError):
-    """Frames, times or a sensor model cannot be simulated; the text says why."""
+    """Frames, times or a sensor model cannot be simulated; the text says why.
+
+    Examples
+    --------
+    >>> from sensor import SensorModel
+    >>> SensorModel(width=0, height=260)
+    Traceback (most recent call last):
+    sensor.errors.SensorError: SensorModel.width: found 0, expected an integer in 1..65536
+    """
 
 
 class EventError(ValueError):
-    """Arrays are not a valid event stream; the text names the field."""
+    """Arrays are not a valid event stream; the text names the field.
+
+    Examples
+    --------
+    Files often have 0 for darker; `Events` have -1:
+
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> t_us, pixel = np.array([10, 20]), np.array([3, 4], np.uint16)
+    >>> Events(t_us, pixel, pixel, np.array([0, 1], np.int8), width=346, height=260)
+    Traceback (most recent call last):
+    sensor.errors.EventError: Events.p: found values other than +1 and -1
+    """
 
 
 class EventFormatError(EventError):
-    """An event file is damaged or cannot store the events; the text names file and place."""
+    """An event file is damaged or cannot store the events; the text names file and place.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from sensor.formats import load_events
+    >>> _ = Path("bare.txt").write_text("0.000334 17 201 1")
+    >>> load_events("bare.txt")
+    Traceback (most recent call last):
+    sensor.errors.EventFormatError: bare.txt: the file does not store the sensor's size; ...
+    >>> load_events("bare.txt", size=(346, 260))
+    Events(1 of 346x260 px, 334..334 us)
+    """

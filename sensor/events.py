@@ -56,6 +56,26 @@ class Events:
     ------
     EventError
         A field has the wrong dtype, shape, range or order; the text names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> t_us = np.array([10, 25, 25, 40])
+    >>> x, y = np.array([[3, 1, 2, 3], [0, 1, 1, 0]], np.uint16)
+    >>> p = np.array([1, -1, 1, 1], np.int8)
+    >>> events = Events(t_us, x, y, p, width=4, height=2)
+    >>> events
+    Events(4 of 4x2 px, 10..40 us)
+    >>> events.between(20, 40)  # a window of time without its end
+    Events(2 of 4x2 px, 25..25 us)
+    >>> events[-2:].x  # the last two
+    array([2, 3], dtype=uint16)
+    >>> events.where(events.p > 0).x  # any mask
+    array([3, 2, 3], dtype=uint16)
+    >>> events.polarity_sum()  # change of log intensity, in contrast thresholds
+    array([[ 0,  0,  0,  2],
+           [ 0, -1,  1,  0]])
     """
 
     t_us: NDArray[np.int64]

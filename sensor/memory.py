@@ -90,5 +90,13 @@ MEMORY = Memory()
 
 
 def release_memory() -> None:
-    """Give the memory that simulations keep for later ones, at most 512 MiB, back to the system."""
+    """Give the memory that simulations keep for later ones, at most 512 MiB, back to the system.
+
+    Examples
+    --------
+    Between a large simulation and work that needs the memory for itself:
+
+    >>> from sensor import release_memory
+    >>> release_memory()
+    """
     MEMORY.release()

@@ -27,6 +27,14 @@ def cutoff_in_light(illuminance_lux: float) -> float:
     ------
     SensorError
         The illuminance is not a positive number.
+
+    Examples
+    --------
+    >>> from sensor import SensorModel, cutoff_in_light
+    >>> cutoff_in_light(17)  # a dim room
+    51.0
+    >>> SensorModel(width=346, height=260, cutoff_hz=cutoff_in_light(17)).cutoff_hz
+    51.0
     """
     lux = real("illuminance_lux", illuminance_lux, "a positive number")
     if not 0 < lux < math.inf:
@@ -87,6 +95,17 @@ class SensorModel:
     ------
     SensorError
         A parameter is outside its range, or not a number; the text names it.
+
+    Examples
+    --------
+    A DAVIS346 by day, and the same camera by night with the noise of its pixels:
+
+    >>> from dataclasses import replace
+    >>> from sensor import SensorModel
+    >>> day = SensorModel(width=346, height=260, contrast_threshold=0.2, cutoff_hz=200.0)
+    >>> night = replace(day, cutoff_hz=50.0, threshold_mismatch=0.03, leak_hz=0.1)
+    >>> night.contrast_threshold, night.cutoff_hz, night.threshold_mismatch
+    (0.2, 50.0, 0.03)
     """
 
     width: int

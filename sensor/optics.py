@@ -24,6 +24,18 @@ def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
     -------
     Overlap
         Exact to rounding, also for fractional ratios (1280 / 346).
+
+    Examples
+    --------
+    Two pixels over three samples: each sees one and a half.
+
+    >>> from sensor.optics import area_weights
+    >>> first, samples, weight = area_weights(3, 2)
+    >>> first, samples
+    (array([0, 1]), array([2, 2]))
+    >>> weight.round(3)
+    array([[0.667, 0.333],
+           [0.333, 0.667]])
     """
     # In units of 1 / n_out of a sample all edges are integers, so overlaps have no rounding error.
     i = np.arange(n_out, dtype=np.int64)
@@ -62,6 +74,16 @@ def integrate(
     -------
     (height, width) float64 in the unit of the frame, or None if any radiance is negative or not
     finite.
+
+    Examples
+    --------
+    Four pixels over six columns; the mean stays 1:
+
+    >>> import numpy as np
+    >>> from sensor.optics import integrate
+    >>> frame = np.array([[0.0, 0.0, 3.0, 3.0, 0.0, 0.0]])
+    >>> integrate(frame, height=1, width=4)
+    array([[0., 2., 2., 0.]])
     """
     out = np.empty((height, width))
     aperture = math.sqrt(fill_factor)
@@ -89,8 +111,15 @@ def crop_to_aspect(
 
     Examples
     --------
-    >>> crop_to_aspect(1280, 1280, 720, 1280)
+    The rows and columns of a square frame that a sensor of 1280x720 px sees:
+
+    >>> import numpy as np
+    >>> from sensor.optics import crop_to_aspect
+    >>> rows, columns = crop_to_aspect(1280, 1280, 720, 1280)
+    >>> rows, columns
     (slice(280, 1000, None), slice(0, 1280, None))
+    >>> np.ones((1280, 1280), np.float32)[rows, columns].shape
+    (720, 1280)
     """
     seen_height = min(height, round(width * sensor_height / sensor_width))
     seen_width = min(width, round(height * sensor_width / sensor_height))

@@ -26,6 +26,12 @@ class SensorPreset:
     model
         Its resolution. The table has no pixel parameters, so pixels are ideal with the paper's
         threshold of 0.2; change them with `dataclasses.replace`.
+
+    Examples
+    --------
+    >>> from sensor.presets import SENSORS
+    >>> [name for name, one in SENSORS.items() if one.model.width >= 1280]
+    ['gen4-cd', 'dvs-gen4', 'celex-v']
     """
 
     supplier: str
@@ -79,6 +85,19 @@ def find_sensor(name: str) -> SensorPreset:
     ------
     SensorError
         The name is unknown; the text suggests a similar name or lists all.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from sensor.presets import find_sensor
+    >>> preset = find_sensor("davis346")
+    >>> preset.model.width, preset.model.height, preset.max_bandwidth_mev_s
+    (346, 260, 12)
+    >>> replace(preset.model, cutoff_hz=200.0).cutoff_hz  # a real camera has no ideal pixels
+    200.0
+    >>> find_sensor("davis364")
+    Traceback (most recent call last):
+    sensor.errors.SensorError: sensor: found 'davis364'; did you mean 'davis346'?
     """
     if name in SENSORS:
         return SENSORS[name]

@@ -52,6 +52,16 @@ class Readout:
     ------
     SensorError
         A parameter is outside its range, or not a number; the text names it.
+
+    Examples
+    --------
+    The bus of a DAVIS346, from Table 1 of the paper:
+
+    >>> from sensor import Readout
+    >>> from sensor.presets import find_sensor
+    >>> rate_mev_s = find_sensor("davis346").max_bandwidth_mev_s
+    >>> Readout(max_rate_hz=1e6 * rate_mev_s, fifo_depth=4096)
+    Readout(max_rate_hz=12000000.0, fifo_depth=4096, row_overhead_s=0.0)
     """
 
     max_rate_hz: float
@@ -86,6 +96,17 @@ class ReadoutReport:
         Events sent in a later microsecond than they fired.
     mean_delay_s, max_delay_s
         Delay of the sent events, before rounding to microseconds; 0 if none was sent.
+
+    Examples
+    --------
+    >>> from sensor import ReadoutReport
+    >>> report = ReadoutReport(
+    ...     fired=2000, dropped=500, delayed=900, mean_delay_s=2e-6, max_delay_s=9e-6
+    ... )
+    >>> report.dropped_share
+    0.25
+    >>> print(report)
+    2000 events fired, 500 dropped (25 %), 900 delayed, by 2 us on average and 9 us at most
     """
 
     fired: int
@@ -196,6 +217,20 @@ def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
     ReadOut
         Iterate over it for the sent events with the times at which they left. Memory depends on
         the size of the parts and of the FIFO only. `report` is complete after the iteration.
+
+    Examples
+    --------
+    A hundred pixels of a row fire at once, and the FIFO has room for 60 events:
+
+    >>> import numpy as np
+    >>> from sensor import Events, Readout, read_out
+    >>> x = np.arange(100, dtype=np.uint16)
+    >>> burst = Events(np.full(100, 5), x, 0 * x, np.ones(100, np.int8), width=100, height=1)
+    >>> sent = read_out(burst, Readout(max_rate_hz=1e6, fifo_depth=60))
+    >>> sum(len(events) for events in sent)
+    60
+    >>> print(sent.report)
+    100 events fired, 40 dropped (40 %), 60 delayed, by 30.5 us on average and 60 us at most
     """
     return ReadOut([events] if isinstance(events, Events) else events, readout)
 

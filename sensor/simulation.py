@@ -56,6 +56,21 @@ def simulate(
     SensorError
         Frames or times are invalid or do not fit the sensor, or the sensor needs too much memory;
         the text names the frame and the value.
+
+    Examples
+    --------
+    The light of all pixels rises by 1 in log intensity within a second, so that each fires whenever
+    it has risen by another 0.3:
+
+    >>> import numpy as np
+    >>> from sensor import SensorModel, simulate
+    >>> frames = np.exp([0.0, 1.0])[:, None, None] * np.ones((4, 6))
+    >>> model = SensorModel(width=6, height=4, contrast_threshold=0.3, dark_level=0)
+    >>> events = simulate(frames, [0.0, 1.0], model)
+    >>> events
+    Events(72 of 6x4 px, 300000..900000 us)
+    >>> np.unique(events.t_us)
+    array([300000, 600000, 900000])
     """
     return collect(Bank(frames, t_s, [model], None, seed, threads))[0]
 
@@ -84,6 +99,20 @@ def stream(
     ------
     SensorError
         As in `simulate`.
+
+    Examples
+    --------
+    Frames from a generator, and events as they come; neither is in memory all at once:
+
+    >>> import numpy as np
+    >>> from sensor import SensorModel, stream
+    >>> t_s = np.arange(200) * 1e-3
+    >>> frames = (np.full((4, 6), np.exp(np.sin(50 * t))) for t in t_s)
+    >>> count = 0
+    >>> for events in stream(frames, t_s, SensorModel(width=6, height=4)):
+    ...     count += len(events)
+    >>> count
+    624
     """
     for _, events in Bank(frames, t_s, [model], None, seed, threads).run():
         yield events
@@ -120,6 +149,20 @@ def simulate_bank(
     ------
     SensorError
         As in `simulate`.
+
+    Examples
+    --------
+    A light that flickers at 100 Hz, seen by an ideal pixel, by day and by night:
+
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from sensor import SensorModel, simulate_bank
+    >>> t_s = np.arange(200) * 1e-3
+    >>> frames = np.exp(np.sin(200 * np.pi * t_s))[:, None, None] * np.ones((1, 1))
+    >>> ideal = SensorModel(width=1, height=1, dark_level=0)
+    >>> models = [replace(ideal, cutoff_hz=hz) for hz in (np.inf, 200, 50)]
+    >>> [len(events) for events in simulate_bank(frames, t_s, models)]
+    [317, 237, 4]
     """
     return collect(Bank(frames, t_s, models, speeds, seed, threads))
 
@@ -149,5 +192,17 @@ def stream_bank(
     ------
     SensorError
         As in `simulate`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import SensorModel, stream_bank
+    >>> frames = np.exp(np.arange(5.0))[:, None, None] * np.ones((4, 4))
+    >>> models = [SensorModel(width=side, height=side) for side in (2, 4)]
+    >>> counts = [0, 0]
+    >>> for k, events in stream_bank(frames, np.arange(5) * 0.1, models):
+    ...     counts[k] += len(events)
+    >>> counts  # 4 and 16 pixels
+    [76, 304]
     """
     yield from Bank(frames, t_s, models, speeds, seed, threads).run()

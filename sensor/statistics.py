@@ -68,6 +68,18 @@ class IntervalHistogram:
         Intervals in each bin.
     shorter, longer : int
         Number of intervals below the first edge, and at or above the last.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.statistics import IntervalHistogram
+    >>> t_us, x = np.array([0, 100, 300, 1200]), np.zeros(4, np.uint16)
+    >>> events = Events(t_us, x, x, np.ones(4, np.int8), width=1, height=1)
+    >>> histogram = IntervalHistogram(1, 1, edges_us=[50, 150, 450], window_us=(0, 2000))
+    >>> histogram.add(events)
+    >>> histogram.counts, histogram.longer
+    (array([1, 1]), 1)
     """
 
     def __init__(
@@ -125,6 +137,18 @@ def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np
     Returns
     -------
     (height, width) float64, 1/s
+
+    Examples
+    --------
+    A pixel that fires a hundred times as often as its neighbors is hot:
+
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.statistics import event_rates_hz
+    >>> t_us, x = np.arange(0, 10_000, 100), np.zeros(100, np.uint16)
+    >>> events = Events(t_us, x, x, np.ones(100, np.int8), width=3, height=1)
+    >>> event_rates_hz(events, 0, 10_000)
+    array([[10000.,     0.,     0.]])
     """
     window = events.between(t_start_us, t_end_us)
     pixel = window.y.astype(np.int64) * events.width + window.x
@@ -147,6 +171,12 @@ def log_bin_edges_us(
     Returns
     -------
     (B + 1,) int64
+
+    Examples
+    --------
+    >>> from sensor.statistics import log_bin_edges_us
+    >>> log_bin_edges_us(10, 1000, per_decade=3)
+    array([  10,   22,   46,  100,  215,  464, 1000])
     """
     decades = np.log10(longest_us / shortest_us)
     steps = np.arange(round(decades * per_decade) + 1) / per_decade
@@ -170,6 +200,12 @@ def mode_us(
     -------
     float or None
         Geometric center of the highest bin, us; None without counts.
+
+    Examples
+    --------
+    >>> from sensor.statistics import mode_us
+    >>> mode_us([10, 100, 1000], [3, 8])
+    316.22776601683796
     """
     edges = np.asarray(edges_us, dtype=np.float64)
     if not np.any(counts):
@@ -198,6 +234,13 @@ def log_slope(
     Returns
     -------
     (H, W) float64, 1/s
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor.statistics import log_slope
+    >>> log_slope(np.array([[1.0, 2.0]]), np.array([[np.e, 2.0]]), dt_s=0.01, dark_level=0.0)
+    array([[100.,   0.]])
     """
     after, before = (f.astype(np.float64) + dark_level for f in (radiance_1, radiance_0))
     return np.log(after / before) / dt_s
@@ -260,6 +303,20 @@ def slopes_by_pixel_size(
     ------
     ValueError
         A size is even, or the frames are too small for the largest size.
+
+    Examples
+    --------
+    Stripes that move: coarse pixels see them as gray.
+
+    >>> import numpy as np
+    >>> from sensor.statistics import slopes_by_pixel_size
+    >>> x = np.arange(64)
+    >>> before, after = (np.tile(2 + np.sin(x + shift), (64, 1)) for shift in (0.0, 0.1))
+    >>> slopes = slopes_by_pixel_size(
+    ...     before, after, 0.01, 0.0, sizes_px=(1, 3, 7), blocks_a_side=2
+    ... )
+    >>> slopes.everywhere.mean(axis=0).round(1)
+    array([3.5, 2.3, 0.3])
     """
     if any(size % 2 == 0 for size in sizes_px):
         raise ValueError(f"sizes_px: found {tuple(sizes_px)}, expected odd numbers")
@@ -331,6 +388,15 @@ def fit_power_law(
     ------
     ValueError
         Fewer than two sizes or blocks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor.statistics import fit_power_law
+    >>> sizes = np.array([1, 3, 9])
+    >>> law = fit_power_law(sizes, np.array([8.0, 12.0])[:, None] * sizes**-0.5)
+    >>> round(law.exponent, 3), round(law.factor, 3)
+    (0.5, 10.0)
     """
     if len(sizes) < 2 or len(blocks) < 2:
         raise ValueError(

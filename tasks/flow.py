@@ -102,6 +102,12 @@ def patch_px(width: int, native: bool = False) -> int:
     Returns
     -------
     The side, px.
+
+    Examples
+    --------
+    >>> from tasks.flow import patch_px
+    >>> [patch_px(width) for width in (128, 346, 1280)]
+    [7, 17, 61]
     """
     side = PATCH_PX if native else round(PATCH_PX * width / REFERENCE_WIDTH_PX)
     return max(MIN_PATCH_PX, side + 1 - side % 2)
@@ -120,6 +126,15 @@ def rnepe_px(estimate: NDArray[np.float64], truth: NDArray[np.float64], width: i
     Returns
     -------
     The error, px at 1280 px.
+
+    Examples
+    --------
+    Half a pixel at 320 px is as far in the view as two pixels at 1280 px:
+
+    >>> import numpy as np
+    >>> from tasks.flow import rnepe_px
+    >>> rnepe_px(np.array([3.5, 0.0]), np.array([3.0, 0.0]), width=320)
+    2.0
     """
     return float(REFERENCE_WIDTH_PX / width * np.linalg.norm(estimate - truth))
 

@@ -21,6 +21,22 @@ class Row:
 
     A do-nothing baseline has rows too, with its own `method` name, so that tables can compare every
     score with that of not using the events.
+
+    Examples
+    --------
+    >>> from tasks.row import Row
+    >>> condition = dict(width=346, cutoff_hz=200.0, contrast_threshold=0.2, speed=1.0, sample=0)
+    >>> row = Row(
+    ...     scene="carpet",
+    ...     task="reconstruction",
+    ...     method="event_integration",
+    ...     **condition,
+    ...     metric="psnr_db",
+    ...     value=17.7,
+    ...     event_rate_hz=3.1e6,
+    ... )
+    >>> row.value, row.variant
+    (17.7, '')
     """
 
     scene: str
@@ -97,6 +113,17 @@ def read_rows(path: Path) -> list[Row]:
     ResultError
         The file is missing, truncated or damaged, or a column is missing, unknown, not of its type
         or incomplete; the text names the file and the field.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tasks.row import Row, read_rows, write_rows
+    >>> condition = dict(width=346, cutoff_hz=200.0, contrast_threshold=0.2, speed=1.0, sample=0)
+    >>> score = dict(metric="psnr_db", value=17.7, event_rate_hz=3.1e6)
+    >>> row = Row("carpet", "reconstruction", "event_integration", **condition, **score)
+    >>> write_rows(Path("rows.parquet"), [row])
+    >>> read_rows(Path("rows.parquet")) == [row]
+    True
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

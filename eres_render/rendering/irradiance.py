@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from eres_render.errors import BackendError, RenderError, SceneError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
-from eres_render.rendering.load import load_mi_scene
+from eres_render.rendering.load import LUMINANCE, load_mi_scene
 from eres_render.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -405,7 +405,9 @@ def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:
     parameters = mi.traverse(bsdf)
     for key in parameters.keys():  # noqa: SIM118 - not a mapping
         if key.endswith("reflectance.data"):
-            return np.asarray(parameters[key], dtype=np.float32).mean(axis=2)
+            texels = np.asarray(parameters[key], dtype=np.float32)
+            colored = texels.shape[2] == 3
+            return texels @ LUMINANCE.astype(np.float32) if colored else texels[:, :, 0]
         if key.endswith("reflectance.value"):
             value = np.mean(np.asarray(parameters[key], dtype=np.float32))
             return np.full((1, 1), value, dtype=np.float32)

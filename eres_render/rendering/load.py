@@ -27,7 +27,7 @@ _WARNING = re.compile(r"^\d{4}-\d\d-\d\d [\d:]+ WARN +", re.MULTILINE)
 _ATTRIBUTE = re.compile(r'^\[ply\.h:\d+\] .*attribute "(\w+)"')
 
 # Of linear sRGB primaries (Rec. 709), as in Mitsuba's monochrome variants.
-_LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
 def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
@@ -81,6 +81,11 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
                 node.props.set_id(f"{node.props.plugin_name()}_{number}")
             if emitters and node.props.id() in emitters:
                 node.props["glow"] = emitters[node.props.id()]
+        for node in state.nodes:
+            if node.props.plugin_name() == "bitmap":
+                exr = str(node.props.get("filename", "")).lower().endswith(".exr")
+                if not exr and node.props.get("format", "auto") == "auto":
+                    node.props["format"] = "variant"  # light as floats, not codes of 8 bits
         mi.parser.transform_all(config, state)
         with _warnings_of(scene):
             mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))
@@ -136,8 +141,8 @@ def _drop_color(mi_scene: mi.Scene) -> None:
     for key in parameters.keys():  # noqa: SIM118 - not a mapping
         value = parameters[key]
         if isinstance(value, mi.Color3f):
-            parameters[key] = mi.Color3f(float(np.asarray(value) @ _LUMINANCE))
+            parameters[key] = mi.Color3f(float(np.asarray(value) @ LUMINANCE))
         elif key.endswith(".data") and np.ndim(value) == 3 and np.shape(value)[2] == 3:
-            gray = np.asarray(value, np.float32) @ _LUMINANCE.astype(np.float32)
+            gray = np.asarray(value, np.float32) @ LUMINANCE.astype(np.float32)
             parameters[key] = mi.TensorXf(np.repeat(gray[:, :, None], 3, axis=2))
     parameters.update()

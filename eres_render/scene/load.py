@@ -35,7 +35,14 @@ def scene_root() -> Path:
 
 
 def list_scenes() -> list[str]:
-    """Return the names of the packaged scenes."""
+    """Return the names of the packaged scenes.
+
+    Examples
+    --------
+    >>> from eres_render import list_scenes
+    >>> list_scenes()
+    ['carpet', 'rocks', 'room']
+    """
     return sorted(path.parent.name for path in scene_root().glob("*/scene.toml"))
 
 
@@ -62,6 +69,18 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
     SceneError
         If the scene does not exist, a file that it names is missing, or a field is missing, of the
         wrong type or out of range.
+
+    Examples
+    --------
+    >>> from eres_render import load_scene
+    >>> scene = load_scene("carpet")
+    >>> scene.settings.path.mean_speed_mps, scene.duration_s
+    (0.9, 10.0)
+    >>> round(scene.camera(346).fx, 2)
+    299.64
+    >>> load_scene("carpets")
+    Traceback (most recent call last):
+    eres_render.errors.SceneError: no scene, folder or .xml file named 'carpets': ...
     """
     path = Path(name_or_path)
     if str(name_or_path) in list_scenes():

@@ -40,6 +40,15 @@ class Scene:
         absolute path.
     files
         All files that scene.xml names: meshes, images, included scene files.
+
+    Examples
+    --------
+    >>> from eres_render import load_scene
+    >>> scene = load_scene("carpet")
+    >>> scene.name, scene.xml_file.name, scene.plane.normal
+    ('carpet', 'scene.xml', (0.0, 0.0, 1.0))
+    >>> scene.trajectory().pose(0.5).shape
+    (4, 4)
     """
 
     name: str

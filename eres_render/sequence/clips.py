@@ -19,6 +19,13 @@ class Clip:
         Number of the sample along the path.
     t_start_s, t_window_start_s, t_window_end_s
         Times on the path, in this order; the window must not be empty.
+
+    Examples
+    --------
+    >>> from eres_render import Clip
+    >>> clip = Clip(0, t_start_s=0.0, t_window_start_s=0.25, t_window_end_s=0.3)
+    >>> clip.marks_s
+    (0.0, 0.25, 0.3)
     """
 
     index: int
@@ -75,6 +82,15 @@ def clips(
     ------
     RenderError
         If `duration_s` is longer than the path, or a clip would not fit.
+
+    Examples
+    --------
+    >>> from eres_render import clips, load_scene
+    >>> found = clips(load_scene("carpet"))
+    >>> len(found)
+    20
+    >>> found[1].t_window_start_s, found[1].t_window_end_s
+    (0.75, 0.8)
     """
     duration_s = _checked_duration_s(scene, duration_s)
     if not every_s > 0 or not 0 < window_s <= 0.5 * every_s or not 0 <= warmup_s <= 0.5 * every_s:
@@ -116,6 +132,12 @@ def continuous_stretch(scene: Scene, duration_s: float | None = None) -> Clip:
     ------
     RenderError
         If `duration_s` is longer than the path.
+
+    Examples
+    --------
+    >>> from eres_render import continuous_stretch, load_scene
+    >>> continuous_stretch(load_scene("carpet"), duration_s=2.0).marks_s
+    (0.0, 2.0)
     """
     return Clip(0, 0.0, 0.0, _checked_duration_s(scene, duration_s))
 

@@ -116,6 +116,22 @@ def random_path(
     ------
     TrajectoryError
         If `sway` leaves the camera where it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eres_render import random_path
+    >>> path = random_path(
+    ...     np.eye(4),
+    ...     duration_s=2.0,
+    ...     mean_speed_mps=0.8,
+    ...     knot_interval_s=0.5,
+    ...     sway=(1.0, 1.0, 0.2),
+    ...     turn_rad=(0.1, 0.1, 0.1),
+    ...     seed=0,
+    ... )
+    >>> round(path.mean_speed_mps(2.0), 6)
+    0.8
     """
     rng = np.random.default_rng(seed)
     n = int(np.ceil(duration_s / knot_interval_s - 1e-9)) + 3
@@ -174,6 +190,25 @@ def waypoint_loop(
     ------
     TrajectoryError
         If consecutive poses coincide.
+
+    Examples
+    --------
+    Between two places a meter apart:
+
+    >>> import numpy as np
+    >>> from eres_render import waypoint_loop
+    >>> places = np.tile(np.eye(4), (2, 1, 1))
+    >>> places[1, 0, 3] = 1.0
+    >>> path = waypoint_loop(
+    ...     places,
+    ...     duration_s=5.0,
+    ...     mean_speed_mps=0.5,
+    ...     sway_m=(0.0, 0.0, 0.0),
+    ...     turn_rad=(0.0, 0.0, 0.0),
+    ...     seed=0,
+    ... )
+    >>> round(path.mean_speed_mps(5.0), 6)
+    0.5
     """
     rng = np.random.default_rng(seed)
     length_m = duration_s * mean_speed_mps

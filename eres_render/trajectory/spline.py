@@ -36,6 +36,22 @@ class Trajectory:
     t_offset_us
         Time 0 of the path on the clock of its poses, microseconds. It is separate because seconds
         since 1970 in float64 are 0.2 us apart.
+
+    Examples
+    --------
+    Four control poses a tenth of a second apart; the path starts at the second:
+
+    >>> import numpy as np
+    >>> from eres_render import Trajectory
+    >>> controls = np.tile(np.eye(4), (5, 1, 1))
+    >>> controls[:, 0, 3] = [-0.1, 0.0, 0.1, 0.2, 0.3]  # 1 m/s to the right
+    >>> path = Trajectory(0.1 * np.arange(-1.0, 4.0), controls)
+    >>> round(path.duration_s, 6), round(path.mean_speed_mps(0.2), 6)
+    (0.2, 1.0)
+    >>> path.pose(0.05)[:3, 3].round(6)
+    array([0.05, 0.  , 0.  ])
+    >>> path.velocity(0.05).round(6)
+    array([1., 0., 0.])
     """
 
     knots_s: Float64
@@ -166,6 +182,18 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     TrajectoryError
         If there are fewer than two poses, times do not increase, or the camera turns so far between
         two poses that no spline is found.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from eres_render import path_through
+    >>> poses = np.tile(np.eye(4), (3, 1, 1))
+    >>> poses[:, 0, 3] = [0.1, 0.3, 0.3]
+    >>> path = path_through([0.0, 0.5, 1.0], poses)
+    >>> path.pose([0.0, 0.5, 1.0])[:, 0, 3].round(6)
+    array([0.1, 0.3, 0.3])
+    >>> round(float(path.velocity(0.5)[0]), 3)  # m/s
+    0.2
     """
     t = np.asarray(t_s, dtype=np.float64)
     if t.shape != (len(T_world_cam),) or len(t) < 2 or not np.all(np.diff(t) > 0):

@@ -1,8 +1,14 @@
 """Event files, streamed in bounded memory: DSEC HDF5, Prophesee EVT2 and EVT3, npz and text; to
 read, also CSV, AEDAT4, DAT and Event Stream.
 
->>> write_events("carpet.h5", stream(frames, t_s, model, seed=3), origin={"seed": 3})
->>> for events in read_events("carpet.h5"): ...
+>>> import numpy as np
+>>> from sensor import SensorModel, stream
+>>> from sensor.formats import read_events, write_events
+>>> frames, t_s = (np.full((48, 64), light) for light in (1.0, 2.0, 4.0)), [0.0, 0.1, 0.2]
+>>> write_events("brighter.h5", stream(frames, t_s, SensorModel(width=64, height=48)))
+18432
+>>> sum(len(events) for events in read_events("brighter.h5"))  # parts of at most 2^20
+18432
 """
 
 from sensor.formats.header import Header

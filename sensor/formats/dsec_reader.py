@@ -43,6 +43,23 @@ class DsecReader:
         The file is damaged, has no index of milliseconds, or its size is neither stored nor given.
     OSError
         The file cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.formats import write_events
+    >>> from sensor.formats.dsec_reader import DsecReader
+    >>> t_us, pixel = np.arange(0, 100_000, 10), np.zeros(10_000, np.uint16)
+    >>> p = np.ones(10_000, np.int8)
+    >>> write_events("long.h5", Events(t_us, pixel, pixel, p, width=346, height=260))
+    10000
+    >>> reader = DsecReader(Path("long.h5"))
+    >>> reader.between(70_000, 70_100)
+    Events(10 of 346x260 px, 70000..70090 us)
+    >>> reader.part(0, 3)
+    Events(3 of 346x260 px, 0..20 us)
     """
 
     def __init__(self, path: Path, size: tuple[int, int] | None = None) -> None:

@@ -43,6 +43,15 @@ class Header:
     ------
     EventFormatError
         The size or an entry of `origin` is invalid; the text names it.
+
+    Examples
+    --------
+    >>> from sensor.formats import Header
+    >>> header = Header(width=None, height=None)  # of a file that does not store the size
+    >>> header.with_size((640, 480)).width
+    640
+    >>> Header(346, 260, origin={"seed": 3, "lens": "8 mm"}).origin["lens"]
+    '8 mm'
     """
 
     width: int | None

@@ -46,6 +46,14 @@ class Format:
         `read_triggers(path)` returns the `Triggers` of a file; None if the format has none.
     options
         Names of the options that `read` takes: time_unit, sort.
+
+    Examples
+    --------
+    >>> from sensor.formats import FORMATS
+    >>> [name for name, one in FORMATS.items() if one.write]  # the others are to read
+    ['dsec', 'evt3', 'evt2', 'npz', 'text']
+    >>> FORMATS["text"].suffixes, FORMATS["text"].keeps_origin
+    (('.txt',), False)
     """
 
     name: str
@@ -162,6 +170,14 @@ def find_format(path: str | Path, name: str | None = None, *, new: bool = False)
     ------
     EventFormatError
         The name or the extension is unknown, or the format can only be read and `new` is set.
+
+    Examples
+    --------
+    >>> from sensor.formats import find_format
+    >>> find_format("recording.hdf5").title
+    'DSEC HDF5'
+    >>> find_format("recording.raw", new=True).title, find_format("recording.raw", "evt2").title
+    ('Prophesee EVT3', 'Prophesee EVT2')
     """
     path = Path(path)
     found = _named(name) if name is not None else _by_suffix(path, new)
@@ -260,6 +276,20 @@ def write_events(
         The format cannot store these events, or the parts are not one stream.
     OSError
         The file cannot be written; the error names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.formats import load_events, read_header, write_events
+    >>> pixel, p = np.array([3, 4], np.uint16), np.array([1, -1], np.int8)
+    >>> events = Events(np.array([10, 25]), pixel, pixel, p, width=346, height=260)
+    >>> write_events("written.h5", events, origin={"lens": "8 mm"})
+    2
+    >>> load_events("written.h5")
+    Events(2 of 346x260 px, 10..25 us)
+    >>> read_header("written.h5").origin
+    {'lens': '8 mm'}
     """
     path = Path(path)
     chosen = find_format(path, format, new=True)
@@ -333,6 +363,18 @@ def read_header(path: str | Path, *, format: str | None = None) -> Header:
         The file is damaged or has another format; the text says where.
     OSError
         The file cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import SensorModel, simulate
+    >>> from sensor.formats import read_header, write_events
+    >>> frames = np.exp(np.arange(3.0))[:, None, None] * np.ones((4, 6))
+    >>> model = SensorModel(width=6, height=4, contrast_threshold=0.25)
+    >>> count = write_events("simulated.npz", simulate(frames, [0.0, 0.1, 0.2], model))
+    >>> header = read_header("simulated.npz")
+    >>> header.width, header.height, header.model.contrast_threshold
+    (6, 4, 0.25)
     """
     path = Path(path)
     path.open("rb").close()  # raises the error of the system if it is missing or not allowed
@@ -365,6 +407,19 @@ def read_triggers(path: str | Path, *, format: str | None = None) -> Triggers:
         The file is damaged.
     OSError
         The file cannot be read.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.formats import Triggers, read_triggers, write_events
+    >>> pixel, p = np.array([3, 4], np.uint16), np.array([1, -1], np.int8)
+    >>> events = Events(np.array([10, 25]), pixel, pixel, p, width=346, height=260)
+    >>> edges = Triggers(np.array([12, 20]), np.zeros(2, np.uint8), np.array([1, -1], np.int8))
+    >>> write_events("triggered.raw", events, triggers=edges)
+    2
+    >>> read_triggers("triggered.raw").t_us
+    array([12, 20])
     """
     path = Path(path)
     chosen = find_format(path, format)
@@ -413,6 +468,17 @@ def read_events(
         after the header is raised when the iteration reaches it, never skipped.
     OSError
         The file cannot be read.
+
+    Examples
+    --------
+    A text file with times in microseconds, of which the size of the sensor is known from elsewhere:
+
+    >>> import numpy as np
+    >>> from sensor.formats import read_events
+    >>> np.savetxt("recording.txt", [(1500, 12, 40, 1), (2000, 13, 40, 0)], fmt="%d")
+    >>> parts = read_events("recording.txt", size=(346, 260), time_unit="us")
+    >>> sum(len(events) for events in parts)
+    2
     """
     path = Path(path)
     header = read_header(path, format=format)
@@ -466,6 +532,14 @@ def load_events(
     ------
     EventFormatError, OSError
         As in `read_events`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor.formats import load_events
+    >>> np.savetxt("seconds.txt", [(0.0015, 12, 40, 1), (0.002, 13, 40, 0)], fmt="%g")
+    >>> load_events("seconds.txt", size=(346, 260))
+    Events(2 of 346x260 px, 1500..2000 us)
     """
     parts = read_events(path, format=format, size=size, time_unit=time_unit, sort=sort)
     return concatenate(list(parts))

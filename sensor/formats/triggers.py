@@ -29,6 +29,18 @@ class Triggers:
     ------
     EventFormatError
         A field has the wrong dtype, shape, values or order; the text names it.
+
+    Examples
+    --------
+    An input that goes up at 12 us and down at 20 us; `later` moves it with its events:
+
+    >>> import numpy as np
+    >>> from sensor.formats import Triggers
+    >>> edges = Triggers(np.array([12, 20]), np.zeros(2, np.uint8), np.array([1, -1], np.int8))
+    >>> edges.t_us[edges.p > 0]
+    array([12])
+    >>> edges.later(1_000_000).t_us
+    array([1000012, 1000020])
     """
 
     t_us: NDArray[np.int64]

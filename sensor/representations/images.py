@@ -18,6 +18,18 @@ def event_counts(events: Events) -> NDArray[np.int32]:
     counts
         (2, height, width) int32: OFF events, ON events. For their signed sum, see
         `Events.polarity_sum`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.representations import event_counts
+    >>> x, y = np.array([[0, 1, 1], [0, 0, 0]], np.uint16)
+    >>> p = np.array([1, -1, 1], np.int8)
+    >>> events = Events(np.array([0, 250, 1000]), x, y, p, width=2, height=1)
+    >>> off, on = event_counts(events)
+    >>> off, on
+    (array([[0, 1]], dtype=int32), array([[1, 1]], dtype=int32))
     """
     counts = np.zeros((2, events.height, events.width), np.int32)
     _count(events.columns, counts)
@@ -52,6 +64,18 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     ------
     EventError
         An event is later than `t_us`, or `tau_us` is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.representations import time_surface
+    >>> x, y = np.array([[0, 1, 1], [0, 0, 0]], np.uint16)
+    >>> p = np.array([1, -1, 1], np.int8)
+    >>> events = Events(np.array([0, 250, 1000]), x, y, p, width=2, height=1)
+    >>> off, on = time_surface(events, tau_us=1000.0)
+    >>> off.round(3), on.round(3)
+    (array([[0.   , 0.472]], dtype=float32), array([[0.368, 1.   ]], dtype=float32))
     """
     if not tau_us > 0:
         raise EventError(f"time_surface: found tau_us = {tau_us}, expected a positive number")

@@ -60,6 +60,21 @@ def voxel_grid(
     ------
     EventError
         There are fewer than 2 bins, or `positions` has another shape.
+
+    Examples
+    --------
+    An event after a quarter of the window votes with weights 3/4 and 1/4 for the two bins:
+
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.representations import voxel_grid
+    >>> x, y = np.array([[0, 1, 1], [0, 0, 0]], np.uint16)
+    >>> p = np.array([1, -1, 1], np.int8)
+    >>> events = Events(np.array([0, 250, 1000]), x, y, p, width=2, height=1)
+    >>> voxel_grid(events, 2, normalize=False)
+    array([[[ 1.  , -0.75]],
+    <BLANKLINE>
+           [[ 0.  ,  0.75]]], dtype=float32)
     """
     if bins < 2:
         raise EventError(f"voxel_grid: found {bins} bins, expected at least 2")

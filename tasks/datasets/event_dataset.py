@@ -67,6 +67,30 @@ class EventDataset:
     ------
     TaskError
         A recording is incomplete or lacks a target, or no window fits into any.
+
+    Examples
+    --------
+    A folder with one recording, in windows of 10 ms, as voxel grids:
+
+    >>> from functools import partial
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.formats import write_events
+    >>> from sensor.representations import voxel_grid
+    >>> from tasks.datasets import EventDataset
+    >>> t_us, pixel = np.arange(0, 100_000, 100), np.zeros(1000, np.uint16)
+    >>> recording = Events(t_us, pixel, pixel, np.ones(1000, np.int8), width=32, height=24)
+    >>> Path("recordings").mkdir()
+    >>> write_events("recordings/one.h5", recording)
+    1000
+    >>> as_grid = partial(voxel_grid, bins=5)
+    >>> dataset = EventDataset("recordings", window_us=10_000, transform=as_grid)
+    >>> len(dataset)
+    9
+    >>> item = dataset[3]
+    >>> item["events"].shape, item["window_us"]
+    ((5, 24, 32), array([30000, 40000]))
     """
 
     def __init__(

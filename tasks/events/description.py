@@ -70,6 +70,7 @@ def describe(
 def seconds(t_us: int) -> str:
     """Write microseconds as seconds with all digits.
 
+    >>> from tasks.events.description import seconds
     >>> seconds(1600000000123456)
     '1600000000.123456'
     """

@@ -46,6 +46,12 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
     ------
     TaskError
         The task has no method of that name, or the function cannot be imported.
+
+    Examples
+    --------
+    >>> from tasks.methods import load_method
+    >>> load_method("flow", "photometric_flow").__module__
+    'tasks.methods.photometric_flow'
     """
     listed = TASKS[task].methods
     if ":" not in name and name not in listed:

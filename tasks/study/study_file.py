@@ -27,6 +27,15 @@ def read_study(file: Path) -> Study:
     StudyError
         If the file is missing or not TOML, or a field is unknown, missing or wrong. The message
         names file and field.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tasks.study.study_file import read_study
+    >>> _ = Path("small.toml").write_text('scenes = ["carpet"]')
+    >>> study = read_study(Path("small.toml"))
+    >>> study.name, study.scenes
+    ('small', ('carpet',))
     """
     table = {"name": file.stem, **read_toml(dict[str, Any], file, StudyError)}
     sensors = table.get("simulate")

@@ -72,6 +72,22 @@ def view(
     TaskError
         The kind of file is unknown or does not have an option, the file exists, or there is nothing
         to show in it.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from sensor import Events
+    >>> from sensor.formats import write_events
+    >>> from tasks.view.look import Look
+    >>> from tasks.view.view import view
+    >>> t_us, x = np.arange(0, 50_000, 500), np.arange(100, dtype=np.uint16)
+    >>> events = Events(t_us, x, x, np.ones(100, np.int8), width=100, height=100)
+    >>> write_events("diagonal.h5", events)
+    100
+    >>> view([Path("diagonal.h5")], Path("diagonal.png"), Look(window=20.0, at=0.03))
+    >>> Path("diagonal.png").stat().st_size > 0
+    True
     """
     look.check()
     kind = ".rrd" if out is None else out.suffix.lower()

@@ -2,7 +2,9 @@
 
 import json
 
+import cv2
 import numpy as np
+import OpenEXR
 import pytest
 
 from another_process import run_python
@@ -17,8 +19,6 @@ BLUISH = np.array([1.0, 2.0, 4.0])
 @pytest.fixture
 def red_floor(tmp_path):
     """Write a red floor under a bluish sky, half of it an image file, half of it a plain color."""
-    import OpenEXR
-
     folder = edit_scene(tmp_path / "red")
     drop_textures(folder)
     image = np.full((4, 4, 3), RED, dtype=np.float32)
@@ -63,3 +63,32 @@ def test_every_variant_sees_the_product_of_luminances(red_floor):
     here = Renderer(scene, 8, 4096, integrator="path").frame(scene.trajectory().pose(1.0))
     np.testing.assert_allclose(scalar, expected, rtol=1e-3)
     np.testing.assert_allclose(here, expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_baked_images_reflect_the_luminance_of_their_light(tmp_path, suffix):
+    """Expected under an even sky: the luminance of the image's linear light, by either integrator.
+
+    sRGB codes of 188, 128 and 64 are 0.503, 0.216 and 0.051 of white.
+    """
+    codes = np.array([188, 128, 64])
+    light = ((codes / 255 + 0.055) / 1.055) ** 2.4
+    coarse = ("cell_m = 0.078125", "cell_m = 2.0"), ("spp = 16384", "spp = 4096")
+    folder = edit_scene(tmp_path / "floor", *coarse)
+    drop_textures(folder)
+    if suffix == ".png":
+        cv2.imwrite(str(folder / "tile.png"), np.full((4, 4, 3), codes[::-1], np.uint8))
+    else:
+        image = np.full((4, 4, 3), light, dtype=np.float32)
+        OpenEXR.File({}, {"RGB": image}).write(str(folder / "tile.exr"))
+    (folder / "scene.xml").write_text(
+        f"""<scene version="3.0.0"><emitter type="constant"/>
+        <shape type="rectangle" id="floor">
+          <transform name="to_world"><scale value="10"/></transform>
+          <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+            <string name="filename" value="tile{suffix}"/></texture></bsdf></shape></scene>"""
+    )
+    scene = load_scene(folder)
+    for integrator in ("baked", "path"):
+        frame = Renderer(scene, 8, 256, integrator=integrator).frame(scene.trajectory().pose(1.0))
+        np.testing.assert_allclose(frame, LUMINANCE @ light, rtol=0.01, err_msg=integrator)
