@@ -78,11 +78,12 @@ class Trajectory:
         T = np.zeros((*i.shape, 4, 4))
         T[..., 3, 3] = 1.0
         p, R = self.controls[i, :3, 3], self.controls[i, :3, :3]
+        rotvecs = weights[..., None] * turn_steps[i[..., None] + np.arange(3)]
+        turns = Rotation.from_rotvec(rotvecs.reshape(-1, 3)).as_matrix()
+        turns = turns.reshape(*i.shape, 3, 3, 3)
         for j in range(3):
-            w = weights[..., j, None]
-            p = p + w * position_steps[i + j]
-            rotvec = (w * turn_steps[i + j]).reshape(-1, 3)
-            R = R @ Rotation.from_rotvec(rotvec).as_matrix().reshape(*i.shape, 3, 3)
+            p = p + weights[..., j, None] * position_steps[i + j]
+            R = R @ turns[..., j, :, :]
         T[..., :3, :3], T[..., :3, 3] = R, p
         return T
 
