@@ -294,7 +294,7 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
         If the scene is missing, or its surfaces have changed since the sequence was rendered.
     """
     manifest = sequence.manifest
-    scene = load_scene(manifest.scene_source)
+    scene = load_scene(sequence.scene_source)
     if scene.light_digest != manifest.light_digest:
         raise SceneError(
             f"{scene.xml_file}: has changed since {sequence.folder} was rendered; render it again"

@@ -154,20 +154,11 @@ def simulate_sequence(
         if find_format(out, format, new=True).name != "dsec":
             raise TaskError(f"{out}: only DSEC's format (.h5) can store truth")
         add = truth_to_add(sequence, model, speed, truth_step_s)
-    manifest = sequence.manifest
-    window_us = [sequence.t_offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
-    origin: dict[str, Value] = {
-        "scene": manifest.scene,
-        "clip": manifest.clip,
-        "samples_per_pixel": manifest.spp,
-        "window_start_us": window_us[0],
-        "window_end_us": window_us[1],
-    }
     return simulate_frames(
         sequence,
         model,
         out,
-        origin=origin,
+        origin=origin_of(sequence, speed),
         speed=speed,
         seed=seed,
         readout=readout,
@@ -176,6 +167,31 @@ def simulate_sequence(
         add=add,
         on_progress=on_progress,
     )
+
+
+def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value]:
+    """Return where the frames of a sequence come from, and its window on the events' clock.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    speed
+        Factor by which the scene moves faster than it was rendered.
+
+    Returns
+    -------
+    The facts, for `simulate_frames`.
+    """
+    manifest = sequence.manifest
+    window_us = [sequence.t_offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
+    return {
+        "scene": manifest.scene,
+        "clip": manifest.clip,
+        "samples_per_pixel": manifest.spp,
+        "window_start_us": window_us[0],
+        "window_end_us": window_us[1],
+    }
 
 
 def simulate_frames(
