@@ -299,7 +299,7 @@ class Renderer:
             (N,) 1/m; 0 where nothing is seen.
         """
         rays = self.camera.rays(points_px) @ T_world_cam[:3, :3].T
-        return 1 / self._still_and_bodies[0].cast(T_world_cam[:3, 3], rays).distance
+        return 1 / self._still_and_bodies[0].distance(T_world_cam[:3, 3], rays)
 
     @cached_property
     def _still_and_bodies(self) -> tuple[RayCaster, tuple[Body, ...]]:
