@@ -92,7 +92,7 @@ WINGS = {
     "tasks.footage": set(),
     "tasks.events": {"tasks.evaluation", "tasks.footage"},
     "tasks.datasets": set(),
-    "tasks.generation": {"tasks.events"},
+    "tasks.generation": {"tasks.events", "tasks.study.run"},
     "tasks.view": {"tasks.events"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},

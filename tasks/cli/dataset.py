@@ -26,6 +26,7 @@ def dataset(
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
+    scheduler: str | None = None,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
 ) -> None:
     """Make a dataset of random scenes for training: frames, events, flow, depth, objects, poses.
@@ -59,6 +60,9 @@ def dataset(
         Largest motion in the image between two frames, px.
     truth
         Time between the true images, seconds.
+    scheduler
+        Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
+        OUT under the same path.
     """
     from sensor.presets import find_sensor
     from tasks.cli.progress_bar import progress_bar
@@ -86,5 +90,5 @@ def dataset(
         truth_step_s=truth,
     )
     with progress_bar(terminal.err) as on_progress:
-        folders = make_dataset(settings, out, count, on_progress)
+        folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
     terminal.out.print(f"{out}: {len(folders)} sequences", soft_wrap=True)

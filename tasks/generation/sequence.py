@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import gc
+import os
 from pathlib import Path
 
 from eres_render import Clip, Renderer, load_scene, open_sequence, render_clip
@@ -18,6 +19,43 @@ from tasks.generation.settings import DatasetSettings
 
 # Where each stage begins in the time of a sequence, and its share; only the progress bar uses this.
 _STAGES = {"rendering": (0.1, 0.6), "simulating": (0.7, 0.3)}
+
+
+UNFINISHED = ".unfinished"
+"""Folder, in that of the dataset, of the sequences that are being made."""
+
+
+def sequence_folder(out: Path, number: int) -> Path:
+    """Return the folder of a complete sequence.
+
+    Parameters
+    ----------
+    out, number
+        Folder of the dataset, number of the sequence.
+
+    Returns
+    -------
+    folder
+        The folder, which may not exist.
+    """
+    return out / f"{number:06d}"
+
+
+def complete_sequence(
+    settings: DatasetSettings, number: int, out: Path, on_progress: Progress = silent
+) -> None:
+    """Make a sequence, or finish one, and give the folder its name.
+
+    Parameters
+    ----------
+    settings, number, on_progress
+        As for `make_sequence`.
+    out
+        Folder of the dataset.
+    """
+    folder = sequence_folder(out, number)
+    make_sequence(settings, number, out / UNFINISHED / folder.name, on_progress)
+    os.replace(out / UNFINISHED / folder.name, folder)
 
 
 def make_sequence(

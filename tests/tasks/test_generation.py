@@ -1,33 +1,38 @@
 """`eres dataset`: sequences of random scenes, from their seeds alone, and resumed after a stop."""
 
+import logging
 import shutil
+from importlib.metadata import version
 
 import h5py
 import numpy as np
 import pytest
+from distributed import LocalCluster
 
 from eres_render import ground_truth, open_sequence
 from eres_render.storage.locks import locked
 from sensor.formats import load_events, read_header
+from tasks import DISTRIBUTION
 from tasks.datasets import EventDataset
 from tasks.errors import TaskError
 from tasks.events.sensor_options import PixelOptions
 from tasks.generation import sequence
+from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
 from tasks.generation.settings import DatasetSettings
 
 OPTIONS = ["--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01]
+SETTINGS = DatasetSettings(
+    seed=4, seconds=0.03, width=32, height=32, cutoffs_hz=(np.inf, 200), truth_step_s=0.01
+)
 FILES = ("events_inf.h5", "events_200.h5")
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A dataset of two sequences, moved to another place after it was made."""
-    settings = DatasetSettings(
-        seed=4, seconds=0.03, width=32, height=32, cutoffs_hz=(np.inf, 200), truth_step_s=0.01
-    )
     folder = tmp_path_factory.mktemp("made")
-    make_dataset(settings, folder / "first", 2)
+    make_dataset(SETTINGS, folder / "first", 2)
     shutil.move(folder / "first", folder / "data")
     return folder / "data"
 
@@ -176,3 +181,27 @@ def test_thresholds_stay_near_their_mean():
         DatasetSettings(
             seed=0, seconds=1, width=4, height=4, pixel=PixelOptions(cutoff_follows_light=True)
         ).models(0, 1.0)
+
+
+@pytest.mark.filterwarnings("default:Creating scratch directories")
+def test_workers_make_the_same_sequences(made, tmp_path, eres):
+    """Promise: what a worker makes is the same to the byte; one without the folder says so."""
+    out = tmp_path / "data"
+    shutil.copytree(made, out, ignore=shutil.ignore_patterns("000001"))
+    here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": ":0"}
+    one = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "memory_limit": 0}
+    with LocalCluster(**here, **one, silence_logs=logging.CRITICAL) as cluster:
+        address = ["--scheduler", cluster.scheduler_address]
+        command = ["dataset", out, "--count", 2, "--seed", 4, *OPTIONS, *address]
+        code, _, error = eres(*command)
+    assert code == 0, error
+    assert contents(out) == contents(made)
+    with pytest.raises(TaskError, match=r"missing, expected a folder that all workers share"):
+        _complete(SETTINGS, 0, str(tmp_path / "elsewhere"), version(DISTRIBUTION))
+    with pytest.raises(TaskError, match=r"found eres .*, expected 9\.9"):
+        _complete(SETTINGS, 0, str(out), "9.9")
+    code, _, error = eres(
+        "dataset", out, "--count", 3, "--seed", 4, *OPTIONS, "--scheduler", "here"
+    )
+    assert code == 1
+    assert "expected tcp://HOST:PORT" in error
