@@ -10,6 +10,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.errors import TaskError
+from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 
 
@@ -28,6 +29,7 @@ def dataset(
     truth: float = 0.05,
     scheduler: str | None = None,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
+    imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
 ) -> None:
     """Make a dataset of random scenes for training: frames, events, flow, depth, objects, poses.
 
@@ -85,6 +87,7 @@ def dataset(
         threshold=threshold,
         threshold_deviation=threshold_deviation,
         pixel=pixel,
+        imu=imu,
         spp=spp,
         max_displacement_px=max_displacement,
         truth_step_s=truth,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -20,9 +21,11 @@ from sensor.optics import crop_to_aspect
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
+from tasks.events.imu import imu_to_add
+from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.overwriting import check_new
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
-from tasks.events.truth import truth_to_add
+from tasks.events.truth import AddTo, truth_to_add
 
 
 class Frames(Protocol):
@@ -100,6 +103,7 @@ def simulate_sequence(
     seed: int = 0,
     readout: Readout | None = None,
     truth_step_s: float | None = None,
+    imu: ImuOptions = NO_IMU,
     format: str | None = None,
     overwrite: bool = False,
     on_progress: Progress = silent,
@@ -130,6 +134,8 @@ def simulate_sequence(
         The bus on which the events leave; None if all leave when they fire.
     truth_step_s
         Step of the ground truth that is added to the file, see `truth_to_add`; None for none.
+    imu
+        An IMU that is added to the file, if it has a rate; see `imu_to_add`.
     format
         As for `write_events`.
     overwrite
@@ -144,16 +150,20 @@ def simulate_sequence(
     Raises
     ------
     TaskError
-        The speed is not positive, the file exists, or its format cannot hold ground truth.
+        The speed is not positive, the file exists, or its format cannot hold ground truth or an
+        IMU.
     """
     _check(out, overwrite, speed)
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)
-    add = None
+    additions = []
+    for name, wanted in (("truth", truth_step_s), ("imu", imu.imu)):
+        if wanted is not None and find_format(out, format, new=True).name != "dsec":
+            raise TaskError(f"{out}: only DSEC's format (.h5) can store {name}")
     if truth_step_s is not None:
-        if find_format(out, format, new=True).name != "dsec":
-            raise TaskError(f"{out}: only DSEC's format (.h5) can store truth")
-        add = truth_to_add(sequence, model, speed, truth_step_s)
+        additions.append(truth_to_add(sequence, model, speed, truth_step_s))
+    if imu.imu is not None:
+        additions.append(imu_to_add(sequence, imu, speed, seed))
     return simulate_frames(
         sequence,
         model,
@@ -164,9 +174,14 @@ def simulate_sequence(
         readout=readout,
         format=format,
         overwrite=overwrite,
-        add=add,
+        add=partial(_add_all, additions),
         on_progress=on_progress,
     )
+
+
+def _add_all(additions: Sequence[AddTo], path: Path) -> None:
+    for add in additions:
+        add(path)
 
 
 def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value]:

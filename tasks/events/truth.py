@@ -90,15 +90,21 @@ def _store(group: h5py.Group, name: str, images: Sequence[np.ndarray]) -> None:
     group.create_dataset(name, data=data, chunks=(1, *data.shape[1:]), **how)
 
 
-def truth_to_copy(source: Path, shift_us: int) -> AddTo:
-    """Return a function that adds all ground truth of one DSEC file to another.
+COPIED = ("truth", "imu")
+"""Groups of a DSEC file that can be copied to another; each has times `t_us`."""
+
+
+def groups_to_copy(source: Path, names: Sequence[str], shift_us: int = 0) -> AddTo:
+    """Return a function that adds groups of one DSEC file to another.
 
     Parameters
     ----------
     source
-        The file with the truth.
+        The file that has them.
+    names
+        Some of `COPIED`.
     shift_us
-        Added to its times.
+        Added to their times.
 
     Returns
     -------
@@ -107,13 +113,14 @@ def truth_to_copy(source: Path, shift_us: int) -> AddTo:
 
     def add(path: Path) -> None:
         with h5py.File(source) as old, writable(path, new=False) as (file, storage):
-            try:
-                _copy(old["truth"], file, "truth", storage)
-                if shift_us:
-                    file["truth/t_us"][...] += shift_us
-            except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-                storage.check()
-                raise EventFormatError(f"{source}: truth: cannot be read: {error}") from error
+            for name in names:
+                try:
+                    _copy(old[name], file, name, storage)
+                    if shift_us:
+                        file[f"{name}/t_us"][...] += shift_us
+                except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+                    storage.check()
+                    raise EventFormatError(f"{source}: {name}: cannot be read: {error}") from error
 
     return add
 

@@ -6,6 +6,7 @@ import dataclasses
 import gc
 import os
 from pathlib import Path
+from typing import Any
 
 from eres_render import Clip, Renderer, load_scene, open_sequence, render_clip
 from eres_render.progress import Progress, silent
@@ -13,8 +14,8 @@ from eres_render.random_scenes.random_scene import write_random_scene
 from eres_render.rendering.backend import release_memory
 from eres_render.sequence.manifest import write_manifest
 from eres_render.trajectory.frame_times import paced_times
-from tasks.events.simulation import origin_of, simulate_frames
-from tasks.events.truth import truth_to_add, truth_to_copy
+from tasks.events.simulation import origin_of, simulate_frames, simulate_sequence
+from tasks.events.truth import groups_to_copy
 from tasks.generation.settings import DatasetSettings
 
 # Where each stage begins in the time of a sequence, and its share; only the progress bar uses this.
@@ -102,21 +103,18 @@ def make_sequence(
             on_stage(stage, k + done / total, len(models))
 
         file = folder / f"events_{name}.h5"
+        how: Any = {
+            "seed": settings.sensor_seed(number),
+            "overwrite": True,
+            "on_progress": on_cutoff,
+        }
         if first is None:
-            add = truth_to_add(sequence, model, 1.0, settings.truth_step_s)
+            first, how["imu"] = file, settings.imu
+            simulate_sequence(sequence, model, file, truth_step_s=settings.truth_step_s, **how)
         else:
-            add = truth_to_copy(first, 0)
-        simulate_frames(
-            sequence,
-            model,
-            file,
-            origin=origin_of(sequence),
-            seed=settings.sensor_seed(number),
-            add=add,
-            overwrite=True,
-            on_progress=on_cutoff,
-        )
-        first = first or file
+            copied = ["truth"] if settings.imu.imu is None else ["truth", "imu"]
+            how |= {"add": groups_to_copy(first, copied), "origin": origin_of(sequence)}
+            simulate_frames(sequence, model, file, **how)
     del renderer
     gc.collect()  # scenes in Mitsuba are parts of cycles
     release_memory()

@@ -16,6 +16,7 @@ from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json
 from sensor.model import SensorModel
 from tasks.errors import TaskError
+from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 
 FILE_NAME = "dataset.json"
@@ -44,6 +45,8 @@ class DatasetSettings:
         at most two deviations away from the mean.
     pixel
         Other properties of the pixels.
+    imu
+        An IMU at the place of the camera, if it has a rate.
     spp
         Samples per pixel.
     max_displacement_px
@@ -67,6 +70,7 @@ class DatasetSettings:
     threshold: float = 0.2
     threshold_deviation: float = 0.03
     pixel: PixelOptions = IDEAL_PIXEL
+    imu: ImuOptions = NO_IMU
     spp: int = 4
     max_displacement_px: float = 0.5
     truth_step_s: float = 0.05
@@ -86,6 +90,7 @@ class DatasetSettings:
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
         check("threshold", lowest > 0, "more than two deviations above 0")
+        self.imu.check()
         if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
             raise TaskError("found --cutoff or --illuminance, expected --cutoffs for a dataset")
 

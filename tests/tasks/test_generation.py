@@ -15,15 +15,25 @@ from sensor.formats import load_events, read_header
 from tasks import DISTRIBUTION
 from tasks.datasets import EventDataset
 from tasks.errors import TaskError
+from tasks.events.imu_options import ImuOptions
 from tasks.events.sensor_options import PixelOptions
 from tasks.generation import sequence
 from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
 from tasks.generation.settings import DatasetSettings
 
-OPTIONS = ["--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01]
+OPTIONS = [
+    *("--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01),
+    *("--imu", 500),
+]
 SETTINGS = DatasetSettings(
-    seed=4, seconds=0.03, width=32, height=32, cutoffs_hz=(np.inf, 200), truth_step_s=0.01
+    seed=4,
+    seconds=0.03,
+    width=32,
+    height=32,
+    cutoffs_hz=(np.inf, 200),
+    truth_step_s=0.01,
+    imu=ImuOptions(imu=500.0),
 )
 FILES = ("events_inf.h5", "events_200.h5")
 
@@ -78,8 +88,10 @@ def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):
         with h5py.File(folder / FILES[0]) as one, h5py.File(folder / FILES[1]) as other:
             assert set(one["truth"]) == set(other["truth"])
             assert {"instances", "flow_occluded", "T_world_object"} <= set(one["truth"])
-            for name in one["truth"]:
-                np.testing.assert_array_equal(one["truth"][name], other["truth"][name])
+            assert len(one["imu/t_us"]) == 1 + int(500 * 34.775e-3)
+            for group in ("truth", "imu"):
+                for name in one[group]:
+                    np.testing.assert_array_equal(one[group][name], other[group][name])
             assert np.isfinite(one["truth/depth"][:]).all()  # the room fills the view
         assert len(load_events(folder / FILES[0])) > len(load_events(folder / FILES[1]))
     assert len(thresholds) == 2
@@ -93,7 +105,7 @@ def test_a_stopped_dataset_continues_to_the_same_bytes(made, tmp_path, eres, mon
     shutil.copytree(made, out, ignore=shutil.ignore_patterns("000001"))
     command = ["dataset", out, "--count", 2, "--seed", 4, *OPTIONS]
     with monkeypatch.context() as patch:
-        patch.setattr(sequence, "truth_to_copy", stopped)  # after all frames and the first events
+        patch.setattr(sequence, "groups_to_copy", stopped)  # after all frames and the first events
         code, _, error = eres(*command)
     assert code == 130
     assert "the same command continues" in error
