@@ -72,6 +72,10 @@ WINGS = {
     "eres_render.trajectory": set(),
     "eres_render.textures": set(),
     "eres_render.interior": {"eres_render.textures"},
+    "eres_render.random_scenes": {
+        *("eres_render.interior", "eres_render.textures"),
+        *("eres_render.storage", "eres_render.trajectory"),
+    },
     "eres_render.scene": {
         *("eres_render.interior", "eres_render.textures"),
         *("eres_render.storage", "eres_render.trajectory"),
@@ -89,6 +93,7 @@ WINGS = {
     "tasks.footage": set(),
     "tasks.events": {"tasks.evaluation", "tasks.footage"},
     "tasks.datasets": set(),
+    "tasks.generation": {"tasks.events", "tasks.study.run"},
     "tasks.view": {"tasks.events"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},

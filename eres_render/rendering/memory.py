@@ -10,8 +10,8 @@ from eres_render.errors import RenderError
 
 # Five float32 frames for the white level, their stack, and its sorted copy.
 _BYTES_A_PIXEL = 60
-# Radiance; and where the light is baked, the position in the image, kept from frame to frame.
-_BYTES_A_SAMPLE = {"path": 4, "baked": 8, "baked-full": 12}
+# Radiance; and without reflected light, the position in the image, kept from frame to frame.
+_BYTES_A_SAMPLE = {"path": 4, "baked": 8, "baked-full": 12, "emission": 12}
 _MOST_SAMPLES = (1 << 32) - 1  # Dr.Jit counts them in 32 bits
 
 
@@ -28,7 +28,7 @@ def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> Non
     spp
         Samples per pixel.
     integrator
-        "baked" or "path".
+        One of those of `Renderer`.
     variant
         The Mitsuba variant.
 

@@ -126,7 +126,7 @@ class Body:
         distance
             (N,) in units of the rays' lengths; inf where they meet nothing.
         """
-        return self.caster.cast(origins, rays).distance
+        return self.caster.distance(origins, rays)
 
 
 def still_and_bodies(

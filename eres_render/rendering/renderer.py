@@ -29,6 +29,7 @@ from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
 from eres_render.trajectory.frame_times import (
     ImageMotion,
+    RecentPoses,
     depth_image_motion,
     object_image_motion,
     plane_image_motion,
@@ -36,7 +37,7 @@ from eres_render.trajectory.frame_times import (
 from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
-Integrator = Literal["baked", "baked-full", "path"]
+Integrator = Literal["baked", "baked-full", "path", "emission"]
 
 _log = logging.getLogger(__name__)
 
@@ -52,7 +53,8 @@ class Renderer:
 
     Every frame uses the same random numbers, so radiance is a continuous function of the pose, and
     the remaining Monte Carlo error moves with the camera instead of flickering. If objects move,
-    each frame has a time and is path-traced, because shadows and reflected light move too.
+    each frame has a time, and by default it is path-traced, because shadows and reflected light
+    move too.
 
     Parameters
     ----------
@@ -69,9 +71,10 @@ class Renderer:
     integrator
         "baked" (light is computed once, for Lambertian surfaces), "baked-full" (the same light,
         with a ray for every sample, where "baked" looks most of them up: see
-        `eres_render.rendering.lookup`) or "path" (path tracing in every frame, which is noisy: see
-        `measure_noise`). By default baked if possible, else path. Scenes with moving objects need
-        "path".
+        `eres_render.rendering.lookup`), "path" (path tracing in every frame, which is noisy: see
+        `measure_noise`) or "emission" (only what surfaces emit themselves: no shadows, no reflected
+        light and no noise of it; one ray for each sample). By default baked if possible, else path.
+        Scenes with moving objects need "path" or "emission".
     on_progress
         Called while light is baked, if it must be.
     camera
@@ -114,7 +117,7 @@ class Renderer:
 
         self.integrator: Integrator = integrator or _best_integrator(scene, self.variant)
         check_memory(camera, spp, self.integrator, self.variant)
-        baked = self.integrator != "path"
+        baked = self.integrator in ("baked", "baked-full")
         if baked:
             refuse_objects(scene)
         if baked and scene.settings.path is not None and not has_lightmaps(scene):
@@ -134,8 +137,9 @@ class Renderer:
         if scene.settings.objects:
             self._objects = scene.objects(scene.trajectory().t_offset_us, scene.duration_s)
             self._placed = PlacedObjects(self._mi_scene, self._objects, scene.xml_file)
-        # In the baked scene every path ends at the first surface it meets.
-        self._tracer: Any = mi.load_dict({"type": "path", "max_depth": 1 if baked else -1})
+        # Without reflected light every path ends at the first surface it meets.
+        depth = -1 if self.integrator == "path" else 1
+        self._tracer: Any = mi.load_dict({"type": "path", "max_depth": depth})
 
     def at(self, *, spp: int) -> Renderer:
         """Return a renderer with another number of samples per pixel and the same loaded scene."""
@@ -266,12 +270,13 @@ class Renderer:
     def image_motion(self) -> ImageMotion:
         """Largest motion of the image between two times on the path, px."""
         trajectory, camera = self.trajectory, self.camera
+        path = RecentPoses(trajectory)
         if self.scene.plane is not None:
             of_still = plane_image_motion(trajectory, camera, self.scene.plane)
         else:
-            of_still = depth_image_motion(trajectory, camera, self.inverse_depth)
+            of_still = depth_image_motion(path, camera, self.inverse_depth)
         of_bodies = [
-            object_image_motion(trajectory, camera, body.pose, body.box_m, body.distance)
+            object_image_motion(path, camera, body.pose, body.box_m, body.distance)
             for body in self._still_and_bodies[1]
         ]
         if not of_bodies:
@@ -294,7 +299,7 @@ class Renderer:
             (N,) 1/m; 0 where nothing is seen.
         """
         rays = self.camera.rays(points_px) @ T_world_cam[:3, :3].T
-        return 1 / self._still_and_bodies[0].cast(T_world_cam[:3, 3], rays).distance
+        return 1 / self._still_and_bodies[0].distance(T_world_cam[:3, 3], rays)
 
     @cached_property
     def _still_and_bodies(self) -> tuple[RayCaster, tuple[Body, ...]]:
@@ -347,7 +352,7 @@ class Renderer:
         return _means(weight * radiance, spp)
 
     def _traced(self, position: Any, spp: int) -> NDArray[np.float32]:
-        """Trace baked light at positions in the image, `spp` a pixel."""
+        """Trace what surfaces emit, or baked light, at positions in the image, `spp` a pixel."""
         import mitsuba as mi
 
         ray, weight = self._rays(position)

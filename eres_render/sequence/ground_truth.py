@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,8 @@ Float64 = NDArray[np.float64]
 # Distance from a (3,) origin along (N, 3) rays to the first surface: (N,) in units of each ray's
 # length, inf where there is none.
 Distance = Callable[[Float64, Float64], Float64]
+# Along (N,) rays: the distance, and the number of the object.
+_Seen = tuple[Float64, NDArray[np.uint8]]
 
 _OCCLUDER_SHARE = 1e-3  # a surface nearer by less than this share of the distance hides nothing
 
@@ -116,6 +119,7 @@ class GroundTruth:
         self.objects = tuple(objects)
         self._camera = camera
         self._distance = distance
+        self._seen_at_centers = functools.lru_cache(maxsize=2)(self._all_seen)
 
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution.
@@ -175,7 +179,7 @@ class GroundTruth:
             seen.
         """
         camera = self.camera(width, height)
-        depth, _ = self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
+        depth, _ = self._seen_at_centers(camera, t_s)
         return depth.reshape(camera.height, camera.width).astype(np.float32)
 
     def instances(self, t_s: float, width: int, height: int | None = None) -> NDArray[np.uint8]:
@@ -195,8 +199,8 @@ class GroundTruth:
             and for nothing.
         """
         camera = self.camera(width, height)
-        _, number = self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
-        return number.reshape(camera.height, camera.width)
+        _, number = self._seen_at_centers(camera, t_s)
+        return number.reshape(camera.height, camera.width).copy()
 
     def flow(self, t_0_s: float, t_1_s: float, width: int, height: int | None = None) -> Flow:
         """Return the optical flow from one time to another.
@@ -214,7 +218,8 @@ class GroundTruth:
             At the centers of the pixels.
         """
         camera = self.camera(width, height)
-        flow, valid, occluded = self._flow(camera, camera.centers(), t_0_s, t_1_s)
+        seen = self._seen_at_centers(camera, t_0_s)
+        flow, valid, occluded = self._flow(camera, camera.centers(), seen, t_0_s, t_1_s)
         shape = camera.height, camera.width
         flow_px = flow.astype(np.float32).reshape(*shape, 2)
         return Flow(flow_px, valid.reshape(shape), occluded.reshape(shape))
@@ -245,16 +250,18 @@ class GroundTruth:
         valid
             (N,) whether the point is inside the image at the second time, and visible.
         """
-        flow_px, valid, _ = self._flow(self.camera(width, height), points_px, t_0_s, t_1_s)
+        camera = self.camera(width, height)
+        seen = self._seen(self.pose(t_0_s), t_0_s, camera.rays(points_px))
+        flow_px, valid, _ = self._flow(camera, points_px, seen, t_0_s, t_1_s)
         return flow_px, valid
 
     def _flow(
-        self, camera: Camera, points_px: Float64, t_0_s: float, t_1_s: float
+        self, camera: Camera, points_px: Float64, seen: _Seen, t_0_s: float, t_1_s: float
     ) -> tuple[Float64, NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the (N, 2) flow of points, and which are then visible and which hidden."""
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         rays = camera.rays(points_px)
-        depth, number = self._seen(T_0, t_0_s, rays)
+        depth, number = seen
         # Points over their depth, so that points at infinity only turn.
         T = np.linalg.inv(T_1) @ T_0
         points = rays @ T[:3, :3].T + T[:3, 3] / depth[:, None]
@@ -303,7 +310,10 @@ class GroundTruth:
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         return plane_homography(self.camera(width, height).K, T_0, T_1, self.plane)
 
-    def _seen(self, T: Float64, t_s: float, rays_cam: Float64) -> tuple[Float64, NDArray[np.uint8]]:
+    def _all_seen(self, camera: Camera, t_s: float) -> _Seen:
+        return self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
+
+    def _seen(self, T: Float64, t_s: float, rays_cam: Float64) -> _Seen:
         """Return the distance along rays of the camera at a pose, and the number of the object."""
         distance = self._distance(T[:3, 3], rays_cam @ T[:3, :3].T)
         number = np.zeros(len(rays_cam), np.uint8)
@@ -327,7 +337,7 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
         If the scene is missing, or its surfaces have changed since the sequence was rendered.
     """
     manifest = sequence.manifest
-    scene = load_scene(manifest.scene_source)
+    scene = load_scene(sequence.scene_source)
     if scene.light_digest != manifest.light_digest:
         raise SceneError(
             f"{scene.xml_file}: has changed since {sequence.folder} was rendered; render it again"
@@ -363,4 +373,4 @@ def surfaces(
     still, bodies = still_and_bodies(load_mi_scene(scene), objects)
     if plane is not None:
         return plane.distance, bodies
-    return lambda origin, rays: still.cast(origin, rays).distance, bodies
+    return still.distance, bodies

@@ -22,7 +22,8 @@ FORMAT_VERSION = 2
 class Manifest:
     """The contents of manifest.json: everything that decides the frames, and the white level.
 
-    `scene_source` is the argument of `load_scene`: the name of a packaged scene, else a path.
+    `scene_source` is the argument of `load_scene`: the name of a packaged scene, else a path; that
+    of a scene inside the sequence's folder is relative to it.
     `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
     time 0 on the clock of the given poses; it is not written if it is 0. `intrinsics` are fx, fy,
     cx and cy in pixels; they are not written if pixels are square and the principal point is the

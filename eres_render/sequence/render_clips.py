@@ -32,7 +32,7 @@ from eres_render.sequence.sequence import (
 )
 from eres_render.storage.exr import Compression, to_half
 from eres_render.storage.locks import locked
-from eres_render.trajectory.frame_times import adaptive_times, warn_if_far_apart
+from eres_render.trajectory.frame_times import FrameTimes, adaptive_times, warn_if_far_apart
 
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
@@ -93,6 +93,7 @@ def clip_in_progress(
     max_displacement_px: float,
     compression: Compression = "none",
     on_progress: Progress = silent,
+    frame_times: FrameTimes = adaptive_times,
 ) -> Iterator[RadianceSequence]:
     """Open a clip as a sequence whose missing frames are rendered when they are first read.
 
@@ -115,6 +116,8 @@ def clip_in_progress(
         Compression of the files; none by default, which costs the least time.
     on_progress
         Called after each rendered frame, with the number of frames up to this one.
+    frame_times
+        `adaptive_times`, or `paced_times` for cameras and objects that move fast.
 
     Yields
     ------
@@ -126,7 +129,7 @@ def clip_in_progress(
         If the folder holds a sequence with other settings, or cannot be written; finished frames
         stay.
     """
-    t_s = adaptive_times(renderer.image_motion, clip.marks_s, max_displacement_px)
+    t_s = frame_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     manifest = _manifest(renderer, clip, t_s, max_displacement_px)
     with locked(out_dir / ".lock"), ThreadPoolExecutor(1, thread_name_prefix="exr") as writing:
         writer = SequenceWriter(out_dir, manifest, renderer.trajectory, compression)
@@ -189,12 +192,13 @@ def render_clip(
     out_dir: Path,
     max_displacement_px: float,
     on_progress: Progress = silent,
+    frame_times: FrameTimes = adaptive_times,
 ) -> RadianceSequence:
     """Render one clip into a folder, or finish it where a killed render stopped.
 
     Parameters
     ----------
-    renderer, clip, out_dir, max_displacement_px, on_progress
+    renderer, clip, out_dir, max_displacement_px, on_progress, frame_times
         As for `clip_in_progress`.
 
     Returns
@@ -208,7 +212,7 @@ def render_clip(
         As `clip_in_progress`.
     """
     where = out_dir, max_displacement_px
-    with clip_in_progress(renderer, clip, *where, "zip", on_progress) as sequence:
+    with clip_in_progress(renderer, clip, *where, "zip", on_progress, frame_times) as sequence:
         for _ in sequence:
             pass
     return open_sequence(out_dir)

@@ -93,6 +93,12 @@ class RadianceSequence:
         return self.manifest.white_level
 
     @property
+    def scene_source(self) -> str:
+        """The argument with which `load_scene` finds the scene, also one inside the folder."""
+        inside = self.folder / self.manifest.scene_source
+        return str(inside) if inside.exists() else self.manifest.scene_source
+
+    @property
     def width(self) -> int:
         """Width of the frames, px."""
         return self.manifest.width

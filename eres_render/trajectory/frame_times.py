@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import functools
 import logging
+import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,12 +21,41 @@ Float64 = NDArray[np.float64]
 
 # Largest motion in the image, px at render resolution, between two times in s.
 ImageMotion = Callable[[float, float], float]
+# Frame times for an image motion, marks in s that are among them, and the largest motion, px.
+FrameTimes = Callable[[ImageMotion, Sequence[float], float], Float64]
 
 _log = logging.getLogger(__name__)
 
 _FAR_APART_PX = 1.0
 _TIME_RESOLUTION_S = 1e-9
 _LONGEST_STRIDE_S = 1e-3  # a camera does not go and return within it
+_PACE_S = 4e-3  # time between measurements of speed
+_INSTANT_S = 1e-5  # in which it is measured
+_RECENT = 8  # times whose poses and motions are asked for again
+
+
+class Path(Protocol):
+    """What is known of a camera's path here."""
+
+    def pose(self, t_s: ArrayLike, /) -> Float64: ...
+
+
+class RecentPoses:
+    """A path that keeps its poses at the last few single times, for several `ImageMotion` at once.
+
+    Parameters
+    ----------
+    path
+        The path.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._recent = functools.lru_cache(maxsize=_RECENT)(path.pose)
+
+    def pose(self, t_s: ArrayLike) -> Float64:
+        """Return the pose (4, 4) at a time, or those at several; do not change them."""
+        return self._recent(t_s) if isinstance(t_s, float) else self._path.pose(t_s)
 
 
 def plane_image_motion(
@@ -62,7 +94,7 @@ InverseDepth = Callable[[Float64, Float64], Float64]
 
 
 def depth_image_motion(
-    trajectory: Trajectory, camera: Camera, inverse_depth: InverseDepth, grid_points: int = 33
+    trajectory: Path, camera: Camera, inverse_depth: InverseDepth, grid_points: int = 33
 ) -> ImageMotion:
     """Return how far the image of a scene with depth moves, measured on a grid of image points.
 
@@ -112,7 +144,7 @@ Distance = Callable[[Float64, Float64], Float64]
 
 
 def object_image_motion(
-    trajectory: Trajectory,
+    trajectory: Path,
     camera: Camera,
     pose: Pose,
     box_m: Float64,
@@ -148,6 +180,7 @@ def object_image_motion(
     corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)
     size: Float64 = np.array([camera.width, camera.height], np.float64)
 
+    @functools.lru_cache(maxsize=_RECENT)
     def T_cam_object(t_s: float) -> Float64:
         return np.linalg.inv(trajectory.pose(t_s)) @ pose(t_s)
 
@@ -219,13 +252,8 @@ def adaptive_times(
     RenderError
         If `max_displacement_px` is not positive, or the marks do not increase.
     """
-    if not max_displacement_px > 0:
-        raise RenderError(
-            f"max_displacement_px: found {max_displacement_px}, expected a positive number"
-        )
-    if len(marks_s) < 2 or not np.all(np.diff(marks_s) > _TIME_RESOLUTION_S):
-        raise RenderError(f"marks_s: found {list(marks_s)}, expected two or more increasing times")
-
+    _check(marks_s, max_displacement_px)
+    motion = functools.lru_cache(maxsize=_RECENT)(motion)  # the search asks twice
     times = [float(marks_s[0])]
     step_s = 1e-4
     for mark_s in map(float, marks_s[1:]):
@@ -241,6 +269,55 @@ def adaptive_times(
                 step_s = high
             times.append(mark_s if mark_s - (t + high) < _TIME_RESOLUTION_S else t + high)
     return np.array(times)
+
+
+def paced_times(
+    motion: ImageMotion, marks_s: Sequence[float], max_displacement_px: float
+) -> NDArray[np.float64]:
+    """Return frame times between which the image moves at most `max_displacement_px`, at less cost.
+
+    The largest speed in the image is measured every 4 ms, and the greater of two such speeds counts
+    for the time between them. Frames are equally far apart in the integral of that speed, which no
+    point of the image exceeds. So there are some more frames than with `adaptive_times`, and the
+    cost does not depend on their number.
+
+    Parameters
+    ----------
+    motion, marks_s, max_displacement_px
+        As for `adaptive_times`.
+
+    Returns
+    -------
+    t_s
+        (T,) float64, strictly increasing, in seconds.
+
+    Raises
+    ------
+    RenderError
+        As `adaptive_times`.
+    """
+    _check(marks_s, max_displacement_px)
+    parts = [np.array(marks_s[:1], np.float64)]
+    for start_s, end_s in pairwise(map(float, marks_s)):
+        t_s = np.linspace(start_s, end_s, math.ceil((end_s - start_s) / _PACE_S) + 1)
+        dt = min(_INSTANT_S, 0.5 * float(t_s[1] - t_s[0]))
+        starts = [*t_s[:-1].tolist(), end_s - dt]
+        speed = np.array([motion(t, t + dt) for t in starts]) / dt
+        steps = np.maximum(speed[:-1], speed[1:]) * np.diff(t_s)
+        moved_px = np.concatenate([[0.0], np.cumsum(steps)])
+        count = max(1, math.ceil(moved_px[-1] / max_displacement_px))
+        inner = np.arange(1, count) * (moved_px[-1] / count)
+        parts += [np.interp(inner, moved_px, t_s), np.array([end_s])]
+    return np.concatenate(parts)
+
+
+def _check(marks_s: Sequence[float], max_displacement_px: float) -> None:
+    if not max_displacement_px > 0:
+        raise RenderError(
+            f"max_displacement_px: found {max_displacement_px}, expected a positive number"
+        )
+    if len(marks_s) < 2 or not np.all(np.diff(marks_s) > _TIME_RESOLUTION_S):
+        raise RenderError(f"marks_s: found {list(marks_s)}, expected two or more increasing times")
 
 
 def warn_if_far_apart(what: str, max_displacement_px: float) -> None:

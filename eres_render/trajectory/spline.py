@@ -89,24 +89,46 @@ class Trajectory:
         TrajectoryError
             If a time lies outside [0, duration_s].
         """
-        i, weights, _ = self._weights(t_s)
+        i, weights, _, _ = self._weights(t_s)
         position_steps, turn_steps = self._steps
         T = np.zeros((*i.shape, 4, 4))
         T[..., 3, 3] = 1.0
         p, R = self.controls[i, :3, 3], self.controls[i, :3, :3]
+        rotvecs = weights[..., None] * turn_steps[i[..., None] + np.arange(3)]
+        turns = Rotation.from_rotvec(rotvecs.reshape(-1, 3)).as_matrix()
+        turns = turns.reshape(*i.shape, 3, 3, 3)
         for j in range(3):
-            w = weights[..., j, None]
-            p = p + w * position_steps[i + j]
-            rotvec = (w * turn_steps[i + j]).reshape(-1, 3)
-            R = R @ Rotation.from_rotvec(rotvec).as_matrix().reshape(*i.shape, 3, 3)
+            p = p + weights[..., j, None] * position_steps[i + j]
+            R = R @ turns[..., j, :, :]
         T[..., :3, :3], T[..., :3, 3] = R, p
         return T
 
     def velocity(self, t_s: ArrayLike) -> Float64:
         """Return the velocity of the camera center in the world, (..., 3) m/s."""
-        i, _, rates = self._weights(t_s)
+        i, _, rates, _ = self._weights(t_s)
         steps, _ = self._steps
         return sum((rates[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3)))
+
+    def acceleration(self, t_s: ArrayLike) -> Float64:
+        """Return the acceleration of the camera center in the world, (..., 3) m/s^2."""
+        i, _, _, bends = self._weights(t_s)
+        steps, _ = self._steps
+        return sum((bends[..., j, None] * steps[i + j] for j in range(3)), np.zeros((*i.shape, 3)))
+
+    def angular_velocity(self, t_s: ArrayLike) -> Float64:
+        """Return the angular velocity of the camera along its own axes, (..., 3) rad/s.
+
+        Step by step through the product of rotations, as in Sommer et al. 2020, "Efficient
+        derivative computation for cumulative B-splines on Lie groups".
+        """
+        i, weights, rates, _ = self._weights(t_s)
+        _, steps = self._steps
+        omega = np.zeros((*i.shape, 3))
+        for j in range(3):
+            rotvec = (weights[..., j, None] * steps[i + j]).reshape(-1, 3)
+            back = Rotation.from_rotvec(-rotvec).as_matrix().reshape(*i.shape, 3, 3)
+            omega = (back @ omega[..., None])[..., 0] + rates[..., j, None] * steps[i + j]
+        return omega
 
     def length_m(self, t_s: ArrayLike) -> Float64:
         """Return the length of the path from 0 to each of the times (...), by quadrature."""
@@ -133,7 +155,7 @@ class Trajectory:
         turn = Rotation.from_matrix(self.controls[:, :3, :3])
         return np.diff(self.controls[:, :3, 3], axis=0), (turn[:-1].inv() * turn[1:]).as_rotvec()
 
-    def _weights(self, t_s: ArrayLike) -> tuple[NDArray[np.intp], Float64, Float64]:
+    def _weights(self, t_s: ArrayLike) -> tuple[NDArray[np.intp], Float64, Float64, Float64]:
         """Return the first of each time's four controls, and the weights of the steps from it.
 
         Returns
@@ -144,6 +166,8 @@ class Trajectory:
             (..., 3), cumulative basis: finished share of the step from control i + j to the next.
         rates
             (..., 3), their time derivatives, 1/s.
+        bends
+            (..., 3), the second derivatives, 1/s^2.
         """
         t = np.asarray(t_s, dtype=np.float64)
         tolerance_s = 1e-9
@@ -268,8 +292,8 @@ def _evenly_extended(knots_s: Float64) -> Float64:
 
 def _cumulative_basis(
     extended_s: Float64, i: NDArray[np.intp], t: Float64
-) -> tuple[Float64, Float64]:
-    """Return the cumulative cubic basis and its time derivative at t in the i-th segment.
+) -> tuple[Float64, Float64, Float64]:
+    """Return the cumulative cubic basis and two time derivatives at t in the i-th segment.
 
     De Boor's recursion, written out for the one segment [k2, k3] and the knots about it.
 
@@ -287,5 +311,8 @@ def _cumulative_basis(
     third = (t - k1) / (k4 - k1) * q2 + (k5 - t) / (k5 - k2) * q3
     fourth = (t - k2) / (k5 - k2) * q3
     weights = np.stack([1 - first, third + fourth, fourth], axis=-1)
-    rates = 3 * np.stack([q1 / (k3 - k0), q2 / (k4 - k1), q3 / (k5 - k2)], axis=-1)
-    return weights, rates
+    spans = np.stack([k3 - k0, k4 - k1, k5 - k2], axis=-1)
+    rates = 3 * np.stack([q1, q2, q3], axis=-1) / spans
+    falls, rises = linear[0] / (k3 - k1), linear[1] / (k4 - k2)
+    bends = 6 * np.stack([-falls, falls - rises, rises], axis=-1) / spans
+    return weights, rates, bends

@@ -12,6 +12,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from tasks.cli import terminal
 from tasks.errors import TaskError
 from tasks.events.footage_options import NO_FOOTAGE, FootageOptions, open_frames
+from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.reading import AS_STORED, Reading
 from tasks.events.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 
@@ -36,6 +37,7 @@ def simulate(
     footage: OmitArgPrefixes[FootageOptions] = NO_FOOTAGE,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
     bus: OmitArgPrefixes[BusOptions] = NO_BUS,
+    imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
 ) -> None:
     """Simulate a sensor on frames, and write its events to a file.
 
@@ -76,11 +78,13 @@ def simulate(
     if isinstance(frames, Footage):
         if truth is not None:
             raise TaskError(f"{path}: found footage, whose truth is unknown; leave out --truth")
+        if imu.imu is not None:
+            raise TaskError(f"{path}: found footage, whose path is unknown; leave out --imu")
         if sensor is None and resolution is None:
             resolution = frames.width
         simulate_frames = partial(simulate_footage, frames, interpolate=footage.interpolate)
     else:
-        simulate_frames = partial(simulate_sequence, frames, truth_step_s=truth)
+        simulate_frames = partial(simulate_sequence, frames, truth_step_s=truth, imu=imu)
     model = sensor_for(
         frames,
         sensor=sensor,

@@ -52,7 +52,7 @@ def info(
     moving = {"moving objects": ", ".join(manifest.objects)} if manifest.objects else {}
     pairs = {
         "scene": f"{manifest.scene}, {part}",
-        "found at": manifest.scene_source,
+        "found at": sequence.scene_source,
         "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
         "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
         **clock,

@@ -46,7 +46,7 @@ def render(
     samples: int | None = None,
     continuous: bool = False,
     trajectory: Path | None = None,
-    integrator: Literal["baked", "baked-full", "path"] | None = None,
+    integrator: Literal["baked", "baked-full", "path", "emission"] | None = None,
     seed: int = 0,
 ) -> None:
     """Render HDR frames along a camera path, with times, poses and the path itself.
@@ -83,7 +83,8 @@ def render(
     integrator
         How to compute light. With baked it is computed once, for Lambertian scenes; baked-full is
         the same with a ray for every sample, and many times slower; with path every frame is
-        path-traced, with noise. By default baked if possible.
+        path-traced, with noise; with emission surfaces have only the light that they emit. By
+        default baked if possible.
     seed
         Seed of the pixel sampler, the same for every frame.
     """

@@ -66,7 +66,8 @@ class EventDataset:
     Raises
     ------
     TaskError
-        A recording is incomplete or lacks a target, or no window fits into any.
+        A recording is incomplete or lacks a target, two are of sensors of different size, or no
+        window fits into any.
 
     Examples
     --------
@@ -108,6 +109,7 @@ class EventDataset:
             if value is not None and (not isinstance(value, int) or value < 1):
                 raise TaskError(f"{name}: found {value!r}, expected a whole number of at least 1")
         self.recordings = find_recordings(Path(folder))
+        _check_sizes(self.recordings)
         self.targets = _checked_targets(self.recordings, targets)
         self.window_us = window_us
         self.window_events = window_events
@@ -163,6 +165,17 @@ class EventDataset:
         else:
             window_us = recording.truth_us[k], recording.truth_us[k + 1]
         return reader.between(*window_us), window_us
+
+
+def _check_sizes(recordings: Sequence[Recording]) -> None:
+    first = recordings[0]
+    for one in recordings:
+        if one.size_px != first.size_px:
+            found, expected = ("{}x{} px".format(*size) for size in (one.size_px, first.size_px))
+            raise TaskError(
+                f"{one.path}: found a sensor of {found}, expected {expected} as {first.path}; put "
+                "each size into a folder of its own"
+            )
 
 
 def _checked_targets(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,8 @@ class Recording:
         Folder of the frames; None without.
     targets
         Names of the targets that there are.
+    size_px
+        Width and height of the sensor.
     """
 
     path: Path
@@ -48,10 +51,11 @@ class Recording:
     truth_us: tuple[int, ...]
     clip: Path | None
     targets: tuple[str, ...]
+    size_px: tuple[int, int]
 
 
 def find_recordings(folder: Path) -> list[Recording]:
-    """Find the recordings in a folder and in those below it, by path.
+    """Find the recordings in a folder and in those below it, by path; hidden folders are left out.
 
     Parameters
     ----------
@@ -73,7 +77,7 @@ def find_recordings(folder: Path) -> list[Recording]:
     folder = Path(folder)
     clips = _find_clips(folder)
     found, used = [], set()
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+    for path in sorted(path for path in _below(folder, "*") if path.is_file()):
         if path.suffix == ".unfinished":
             raise TaskError(f"{path}: found an unfinished file; delete it, or make its file again")
         if path.suffix.lower() in _DSEC:
@@ -96,6 +100,13 @@ def find_recordings(folder: Path) -> list[Recording]:
     return found
 
 
+def _below(folder: Path, pattern: str) -> Iterator[Path]:
+    """Yield the files and folders of a name, except for those in hidden folders."""
+    for path in folder.rglob(pattern):
+        if not any(part.startswith(".") for part in path.relative_to(folder).parent.parts):
+            yield path
+
+
 def _is_of_another_format(path: Path, clips: dict[tuple[Any, ...], Path]) -> bool:
     suffixes = {suffix for format in FORMATS.values() for suffix in format.suffixes}
     return path.suffix.lower() in suffixes and not any(
@@ -106,7 +117,7 @@ def _is_of_another_format(path: Path, clips: dict[tuple[Any, ...], Path]) -> boo
 def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
     """Return the folders of rendered clips by scene, number and size, as in an origin."""
     clips: dict[tuple[Any, ...], Path] = {}
-    for file in sorted(folder.rglob("manifest.json")):
+    for file in sorted(_below(folder, "manifest.json")):
         clip = open_sequence(file.parent)  # raises what is missing
         key = (clip.manifest.scene, clip.manifest.clip, clip.width, clip.height)
         if key in clips:
@@ -135,7 +146,8 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
         targets.insert(0, "frame")
     first, stop = (reader.index_at(t_us) for t_us in window_us)
     reader.file.close()
-    return Recording(path, window_us, (first, stop), times, clip, tuple(targets))
+    size_px = int(reader.header.width or 0), int(reader.header.height or 0)
+    return Recording(path, window_us, (first, stop), times, clip, tuple(targets), size_px)
 
 
 def nearest(times_us: np.ndarray, t_us: int) -> int:

@@ -68,7 +68,7 @@ def evaluate_sequence(
         raise TaskError(
             f"resolution: found {width} px, finer than the frames of {sequence.manifest.width} px"
         )
-    scene = load_scene(sequence.manifest.scene_source)
+    scene = load_scene(sequence.scene_source)
     if spec.planar_only and scene.plane is None:
         raise TaskError(
             f"{scene.name}: {spec.title} needs a planar scene, one whose scene.toml has a [plane]"

@@ -13,7 +13,7 @@ from sensor.formats.registry import warn_of_loss
 from tasks.errors import TaskError
 from tasks.events.overwriting import check_new
 from tasks.events.reading import AS_STORED, Reading
-from tasks.events.truth import truth_to_copy
+from tasks.events.truth import COPIED, groups_to_copy
 
 _MAX_SHIFT_US = 1 << 62  # int64 holds the sum of two such times
 _WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the clock of the events
@@ -78,9 +78,10 @@ def convert(
             else itertools.chain([first], parts)
         )
     left_out, add = list(header.others), None
-    if "truth" in left_out and to.name == find_format(source, input_format).name == "dsec":
-        left_out.remove("truth")
-        add = truth_to_copy(source, shift_us)
+    kept = [name for name in COPIED if name in left_out]
+    if kept and to.name == find_format(source, input_format).name == "dsec":
+        left_out = [name for name in left_out if name not in kept]
+        add = groups_to_copy(source, kept, shift_us)
     count = write_events(
         out,
         _later(parts, shift_us) if shift_us else parts,

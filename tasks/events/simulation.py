@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -20,9 +21,11 @@ from sensor.optics import crop_to_aspect
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
+from tasks.events.imu import imu_to_add
+from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.overwriting import check_new
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
-from tasks.events.truth import truth_to_add
+from tasks.events.truth import AddTo, truth_to_add
 
 
 class Frames(Protocol):
@@ -135,6 +138,7 @@ def simulate_sequence(
     options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
     truth_step_s: float | None = None,
+    imu: ImuOptions = NO_IMU,
     on_progress: Progress = silent,
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires on a sequence.
@@ -159,6 +163,8 @@ def simulate_sequence(
         Speed, seed, bus, and how to write the file.
     truth_step_s
         Step of the ground truth that is added to the file, see `truth_to_add`; None for none.
+    imu
+        An IMU that is added to the file, if it has a rate; see `imu_to_add`.
     on_progress
         Called after each frame.
 
@@ -169,35 +175,59 @@ def simulate_sequence(
     Raises
     ------
     TaskError
-        The file exists, or its format cannot hold ground truth.
+        The file exists, or its format cannot hold ground truth or an IMU.
     """
     check_new(out, options.overwrite)
     speed = options.speed
     warn_if_short(sequence, model.cutoff_hz, speed)
     warn_if_coarse(sequence)
-    add = None
+    additions = []
+    for name, wanted in (("truth", truth_step_s), ("imu", imu.imu)):
+        if wanted is not None and find_format(out, options.format, new=True).name != "dsec":
+            raise TaskError(f"{out}: only DSEC's format (.h5) can store {name}")
     if truth_step_s is not None:
-        if find_format(out, options.format, new=True).name != "dsec":
-            raise TaskError(f"{out}: only DSEC's format (.h5) can store truth")
-        add = truth_to_add(sequence, model, speed, truth_step_s)
+        additions.append(truth_to_add(sequence, model, speed, truth_step_s))
+    if imu.imu is not None:
+        additions.append(imu_to_add(sequence, imu, speed, options.seed))
+    return simulate_frames(
+        sequence,
+        model,
+        out,
+        options,
+        origin=origin_of(sequence, speed),
+        add=partial(_add_all, additions),
+        on_progress=on_progress,
+    )
+
+
+def _add_all(additions: Sequence[AddTo], path: Path) -> None:
+    for add in additions:
+        add(path)
+
+
+def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value]:
+    """Return where the frames of a sequence come from, and its window on the events' clock.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    speed
+        Factor by which the scene moves faster than it was rendered.
+
+    Returns
+    -------
+    The facts, for `simulate_frames`.
+    """
     manifest = sequence.manifest
     window_us = [sequence.t_offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
-    origin: dict[str, Value] = {
+    return {
         "scene": manifest.scene,
         "clip": manifest.clip,
         "samples_per_pixel": manifest.spp,
         "window_start_us": window_us[0],
         "window_end_us": window_us[1],
     }
-    return simulate_frames(
-        sequence,
-        model,
-        out,
-        options,
-        origin=origin,
-        add=add,
-        on_progress=on_progress,
-    )
 
 
 def simulate_frames(

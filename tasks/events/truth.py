@@ -11,7 +11,7 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from eres_render import RadianceSequence, ground_truth, window_times
+from eres_render import GroundTruth, RadianceSequence, ground_truth, window_times
 from sensor import EventFormatError, SensorModel
 from sensor.formats.hdf5_file import Storage, writable
 
@@ -57,18 +57,30 @@ def truth_to_add(
             group["t_us"] = sequence.t_offset_us + t_us
             group["T_world_cam"] = truth.trajectory.pose(times_s)
             group["K"] = truth.camera(*size).K
-            _store(group, "depth", [truth.depth(t_s, *size) for t_s in times_s])
-            storage.check()
-            flows = [truth.flow(*times, *size) for times in pairwise(times_s)]
-            _store(group, "flow", [f.flow_px for f in flows])
-            _store(group, "flow_valid", [f.valid for f in flows])
-            _store(group, "flow_occluded", [f.occluded for f in flows])
+            seen = [_images(truth, *times, size) for times in pairwise([*times_s, None])]
+            for name in ("depth", "flow", "flow_valid", "flow_occluded"):
+                _store(group, name, [images[name] for images in seen if name in images])
+                storage.check()
             if truth.objects:
-                _store(group, "instances", [truth.instances(t_s, *size) for t_s in times_s])
+                _store(group, "instances", [images["instances"] for images in seen])
                 group["T_world_object"] = np.stack([one.pose(times_s) for one in truth.objects])
                 group["T_world_object"].attrs["names"] = [one.name for one in truth.objects]
 
     return add
+
+
+def _images(
+    truth: GroundTruth, t_s: float, next_s: float | None, size: tuple[int, int]
+) -> dict[str, np.ndarray]:
+    """Return the images at a time by name, with the flow to the next one if there is one."""
+    images: dict[str, np.ndarray] = {"depth": truth.depth(t_s, *size)}
+    if truth.objects:
+        images["instances"] = truth.instances(t_s, *size)
+    if next_s is not None:
+        flow = truth.flow(t_s, next_s, *size)
+        flows = {"flow": flow.flow_px, "flow_valid": flow.valid, "flow_occluded": flow.occluded}
+        images |= flows
+    return images
 
 
 def _store(group: h5py.Group, name: str, images: Sequence[np.ndarray]) -> None:
@@ -78,15 +90,21 @@ def _store(group: h5py.Group, name: str, images: Sequence[np.ndarray]) -> None:
     group.create_dataset(name, data=data, chunks=(1, *data.shape[1:]), **how)
 
 
-def truth_to_copy(source: Path, shift_us: int) -> AddTo:
-    """Return a function that adds all ground truth of one DSEC file to another.
+COPIED = ("truth", "imu")
+"""Groups of a DSEC file that can be copied to another; each has times `t_us`."""
+
+
+def groups_to_copy(source: Path, names: Sequence[str], shift_us: int = 0) -> AddTo:
+    """Return a function that adds groups of one DSEC file to another.
 
     Parameters
     ----------
     source
-        The file with the truth.
+        The file that has them.
+    names
+        Some of `COPIED`.
     shift_us
-        Added to its times.
+        Added to their times.
 
     Returns
     -------
@@ -95,13 +113,14 @@ def truth_to_copy(source: Path, shift_us: int) -> AddTo:
 
     def add(path: Path) -> None:
         with h5py.File(source) as old, writable(path, new=False) as (file, storage):
-            try:
-                _copy(old["truth"], file, "truth", storage)
-                if shift_us:
-                    file["truth/t_us"][...] += shift_us
-            except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-                storage.check()
-                raise EventFormatError(f"{source}: truth: cannot be read: {error}") from error
+            for name in names:
+                try:
+                    _copy(old[name], file, name, storage)
+                    if shift_us:
+                        file[f"{name}/t_us"][...] += shift_us
+                except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+                    storage.check()
+                    raise EventFormatError(f"{source}: {name}: cannot be read: {error}") from error
 
     return add
 

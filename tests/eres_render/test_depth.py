@@ -16,6 +16,8 @@ from eres_render import (
     waypoint_loop,
 )
 from eres_render.rendering import lightmaps as bake
+from eres_render.rendering.load import load_mi_scene
+from eres_render.rendering.raycast import RayCaster
 from eres_render.trajectory.frame_times import depth_image_motion, plane_image_motion
 from eres_render.trajectory.generators import look_at
 from light_scenes import edit_scene, light_evenly, room_folder, small_carpet_folder
@@ -174,3 +176,14 @@ def test_a_path_into_things_is_refused_before_anything_is_baked(tmp_path, monkey
     monkeypatch.setattr(bake, "bake_scene", None)  # baking would fail
     with pytest.raises(TrajectoryError, match=r"inside a solid .* shape 'ball'"):
         Renderer(load_scene(folder), 16, 1)
+
+
+def test_distances_alone_are_those_of_whole_hits(room):
+    """Equal to the bit, for rays that hit triangles and for those that miss everything."""
+    caster = RayCaster(load_mi_scene(room))
+    rng = np.random.default_rng(0)
+    for origin in (np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 90.0])):
+        rays = rng.normal(size=(2000, 3))
+        distance = caster.distance(origin, rays)
+        np.testing.assert_array_equal(distance, caster.cast(origin, rays).distance)
+    assert np.isinf(distance).any()

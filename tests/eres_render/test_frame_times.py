@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eres_render import RenderError, load_scene
-from eres_render.trajectory.frame_times import adaptive_times, plane_image_motion
+from eres_render.trajectory.frame_times import adaptive_times, paced_times, plane_image_motion
 
 MARKS_S = (0.2118, 0.25, 0.3)
 
@@ -54,3 +54,30 @@ def test_senseless_requests_are_refused(motion):
         adaptive_times(motion, MARKS_S, 0.0)
     with pytest.raises(RenderError, match="increasing"):
         adaptive_times(motion, (0.3, 0.2), 0.5)
+
+
+def test_paced_times_keep_the_limit_too(motion):
+    """A few more frames than `adaptive_times` makes, none farther apart."""
+    t_s = paced_times(motion, MARKS_S, 0.5)
+    assert set(MARKS_S) <= set(t_s.tolist())
+    assert np.all(np.diff(t_s) > 0)
+    steps = np.array([motion(a, b) for a, b in pairwise(t_s)])
+    assert steps.max() <= 0.5 * (1 + 1e-4)
+    assert 1 <= len(t_s) / len(adaptive_times(motion, MARKS_S, 0.5)) < 1.1
+
+
+def test_paced_times_of_motion_that_turns_back():
+    """A point that swings 5 times a second by 20 px: its way is 400 px a second."""
+
+    def motion(a, b):
+        return 20 * abs(np.sin(10 * np.pi * b) - np.sin(10 * np.pi * a))
+
+    t_s = paced_times(motion, (0.0, 1.0), 0.5)
+    assert 800 <= len(t_s) < 850
+    assert max(motion(a, b) for a, b in pairwise(t_s)) <= 0.5
+
+
+def test_paced_times_without_motion_or_sense():
+    np.testing.assert_array_equal(paced_times(lambda a, b: 0.0, MARKS_S, 0.5), MARKS_S)
+    with pytest.raises(RenderError, match="max_displacement_px: found 0"):
+        paced_times(lambda a, b: 0.0, MARKS_S, 0)

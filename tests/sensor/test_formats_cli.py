@@ -280,7 +280,7 @@ def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
     write_events(dsec, events, origin={"seed": 3})
     with h5py.File(dsec, "r+") as file:
         file["truth/depth"] = [1.0]
-        file["imu"], file["events/z"] = [1.0], [2.0]
+        file["lidar"], file["events/z"] = [1.0], [2.0]
         file.attrs["camera"] = "mine"
 
     def convert(source, out):
@@ -288,11 +288,13 @@ def test_what_a_file_cannot_hold_is_named(eres, tmp_path, caplog):
         assert eres("convert", source, out)[0] == 0
         return caplog.messages
 
-    assert "also holds    camera, imu, truth, events/z" in eres("info", dsec)[1]
+    assert "also holds    camera, lidar, truth, events/z" in eres("info", dsec)[1]
     assert convert(dsec, tmp_path / "b.h5") == [
-        f"{tmp_path / 'b.h5'}: DSEC HDF5 cannot store camera, imu, events/z"
+        f"{tmp_path / 'b.h5'}: DSEC HDF5 cannot store camera, lidar, events/z"
     ]
-    assert convert(dsec, npz) == [f"{npz}: numpy arrays cannot store camera, imu, truth, events/z"]
+    assert convert(dsec, npz) == [
+        f"{npz}: numpy arrays cannot store camera, lidar, truth, events/z"
+    ]
     assert convert(npz, raw) == []
     assert convert(raw, text) == [f"{text}: text, t x y p cannot store sensor model, origin"]
     assert convert(text, tmp_path / "c.raw") == []

@@ -240,6 +240,14 @@ def test_half_a_recording_is_named(folder, tmp_path, damage, said):
         EventDataset(copy)
 
 
+def test_sensors_of_different_size_are_refused(folder, tmp_path):
+    """Promise: all windows have one size, so that they can be stacked."""
+    copy = copied(folder, tmp_path)
+    write_events(copy / "2.h5", random_events(9, 8, 16))
+    with pytest.raises(TaskError, match=r"2.h5: found a sensor of 8x16 px, expected 16x16 px as"):
+        EventDataset(copy, targets=(), window_us=1000)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

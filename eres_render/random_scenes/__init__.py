@@ -1,0 +1,1 @@
+"""Random scenes of glowing textured things, each from its seed alone."""

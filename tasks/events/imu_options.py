@@ -1,0 +1,52 @@
+"""Options of an inertial measurement unit on the camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+from tasks.errors import TaskError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImuOptions:
+    """An IMU; none by default. The noise is that of an ADIS16448, as in the EuRoC data set.
+
+    Noise densities and random walks have the units of Kalibr.
+
+    Parameters
+    ----------
+    imu
+        Rate of an inertial measurement unit that is added to the file, Hz.
+    gyroscope_noise
+        White noise of the angular velocity, rad/s/sqrt(Hz).
+    gyroscope_walk
+        Random walk of its bias, rad/s^2/sqrt(Hz).
+    accelerometer_noise
+        White noise of the specific force, m/s^2/sqrt(Hz).
+    accelerometer_walk
+        Random walk of its bias, m/s^3/sqrt(Hz).
+    """
+
+    imu: float | None = None
+    gyroscope_noise: float = 1.6968e-4
+    gyroscope_walk: float = 1.9393e-5
+    accelerometer_noise: float = 2.0e-3
+    accelerometer_walk: float = 3.0e-3
+
+    def check(self) -> None:
+        """Refuse impossible values.
+
+        Raises
+        ------
+        TaskError
+            The text names the option.
+        """
+        if self.imu is not None and not 0 < self.imu <= 1e6:
+            raise TaskError(f"imu: found {self.imu:g} Hz, expected above 0 and at most 1e6")
+        for name, value in asdict(self).items():
+            if name != "imu" and not 0 <= value < math.inf:
+                raise TaskError(f"{name}: found {value}, expected a number of at least 0")
+
+
+NO_IMU = ImuOptions()

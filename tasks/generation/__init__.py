@@ -1,0 +1,1 @@
+"""Datasets of random scenes: light, events and ground truth, for training networks."""

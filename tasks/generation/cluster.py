@@ -1,0 +1,74 @@
+"""The workers of a Dask cluster make the sequences of a dataset, in a folder that all share."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from tasks import DISTRIBUTION
+from tasks.errors import TaskError
+from tasks.generation.sequence import complete_sequence
+from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder
+from tasks.study.run.cluster import connected
+
+
+def make_on_workers(
+    address: str, settings: DatasetSettings, numbers: Sequence[int], out: Path
+) -> Iterator[int]:
+    """Make sequences on the workers of a Dask scheduler.
+
+    Parameters
+    ----------
+    address
+        Address of the scheduler.
+    settings
+        Settings of the dataset.
+    numbers
+        Numbers of the sequences.
+    out
+        Folder of the dataset, on a disk that all workers share.
+
+    Yields
+    ------
+    The number of each sequence, as soon as it is complete.
+
+    Raises
+    ------
+    TaskError
+        The cluster cannot be reached, its workers die, have another version or another disk.
+    RenderError, SensorError, OSError
+        As the workers raise them.
+    """
+    with connected(address) as client:
+        from distributed import KilledWorker, as_completed
+
+        place, code = str(out.resolve()), version(DISTRIBUTION)
+        number_of = {
+            client.submit(_complete, settings, number, place, code, pure=False): number
+            for number in numbers
+        }
+        for future in as_completed(number_of, loop=client.loop):
+            try:
+                future.result()
+            except KilledWorker as error:
+                raise TaskError(
+                    f"sequence {number_of[future]}: one worker after another died while making it, "
+                    f"perhaps out of memory; the last was {error.last_worker.address}"
+                ) from None
+            yield number_of[future]
+
+
+def _complete(settings: DatasetSettings, number: int, place: str, code: str) -> None:
+    """Make a sequence on a worker, if it has the same code and sees the same folder."""
+    out, here = Path(place), version(DISTRIBUTION)
+    if here != code:
+        raise TaskError(f"worker on {socket.gethostname()}: found eres {here}, expected {code}")
+    if not (out / FILE_NAME).is_file():
+        raise TaskError(
+            f"worker on {socket.gethostname()}: {out}: missing, expected a folder that all workers "
+            "share"
+        )
+    claim_folder(settings, out)
+    complete_sequence(settings, number, out)

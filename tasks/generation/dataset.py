@@ -1,0 +1,98 @@
+"""All sequences of a dataset, each in a folder that has its name only when it is complete."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from eres_render.progress import Progress, silent
+from eres_render.storage.locks import locked
+from tasks.errors import TaskError
+from tasks.generation.cluster import make_on_workers
+from tasks.generation.estimate import estimate
+from tasks.generation.sequence import UNFINISHED, complete_sequence, sequence_folder
+from tasks.generation.settings import DatasetSettings, claim_folder
+
+_log = logging.getLogger(__name__)
+
+
+def make_dataset(
+    settings: DatasetSettings,
+    out: Path,
+    count: int,
+    scheduler: str | None = None,
+    on_progress: Progress = silent,
+) -> list[Path]:
+    """Make sequences of random scenes, except for those that there are.
+
+    Sequence k is the folder `out/00000k`; see `make_sequence`. It is under that name only when it
+    is complete. What is unfinished lies in `out/.unfinished`, and is continued.
+
+    Parameters
+    ----------
+    settings
+        What decides the sequences; `out/dataset.json` holds it.
+    out
+        Folder of the dataset.
+    count
+        Number of sequences. More can be added later.
+    scheduler
+        Address of a Dask scheduler whose workers make the sequences; they must see the folder under
+        the same path. None for this process.
+    on_progress
+        Called as the sequences proceed; those that there were count as done.
+
+    Returns
+    -------
+    folders
+        All `count` sequences.
+
+    Raises
+    ------
+    TaskError
+        The folder holds a dataset with other settings or other files, another process writes
+        into it, or the cluster cannot be used.
+    RenderError, SensorError, OSError
+        As rendering and simulation raise them. Finished sequences stay.
+    """
+    if count < 1:
+        raise TaskError(f"count: found {count}, expected at least 1")
+    claim_folder(settings, out)
+    folders = [sequence_folder(out, number) for number in range(count)]
+    try:
+        with locked(out / ".lock", wait=False):
+            missing = [number for number, folder in enumerate(folders) if not folder.is_dir()]
+            found = count - len(missing)
+
+            def counted(stage: str, done: float, of: float, /) -> None:
+                on_progress(
+                    f"{found + int(done)} of {count} sequences, {stage}", found + done, count
+                )
+
+            if missing:
+                _log.info("%s", estimate(settings, len(missing)))
+                if scheduler is None:
+                    making = _make_here(settings, missing, out, counted)
+                else:
+                    making = make_on_workers(scheduler, settings, missing, out)
+                for done, _ in enumerate(making, start=1):
+                    counted("next", done, len(missing))
+            shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+    except BlockingIOError:
+        raise TaskError(f"{out}: another process makes this dataset; wait for it") from None
+    return folders
+
+
+def _make_here(
+    settings: DatasetSettings, numbers: Sequence[int], out: Path, on_progress: Progress
+) -> Iterator[int]:
+    """Make sequences one after another, each on all cores."""
+    for k, number in enumerate(numbers):
+
+        def on_sequence(stage: str, share: float, of: float, /, k: int = k) -> None:
+            on_progress(stage, k + share / of, len(numbers))
+
+        complete_sequence(settings, number, out, on_sequence)
+        yield number

@@ -1,0 +1,174 @@
+"""`DatasetSettings`: everything that decides the sequences of a dataset, and its file."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
+from eres_render.storage.atomic import write_text
+from eres_render.storage.settings_reader import read_json
+from sensor.model import SensorModel
+from tasks.errors import TaskError
+from tasks.events.imu_options import NO_IMU, ImuOptions
+from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
+
+FILE_NAME = "dataset.json"
+
+_WARM_UP = 6.0  # time constants of the slowest filter
+_MOST_DEVIATIONS = 2.0  # of a threshold from the mean
+_DARK_LEVEL = 1e-3  # a thousandth of the radiance of white in the brightest scene, W m^-2 sr^-1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DatasetSettings:
+    """What decides the sequences of a dataset; how many there are does not change them.
+
+    Parameters
+    ----------
+    seed
+        Seed of the dataset; sequence k depends on it and on k alone.
+    seconds
+        Length of each sequence, after its warm-up, s.
+    width, height
+        Size of the frames and of the sensor, px.
+    cutoffs_hz
+        Corner frequencies of the photoreceptor's poles; one file of events for each.
+    threshold, threshold_deviation
+        Mean and standard deviation of the contrast threshold over the sequences, log units; it is
+        at most two deviations away from the mean.
+    pixel
+        Other properties of the pixels.
+    imu
+        An IMU at the place of the camera, if it has a rate.
+    spp
+        Samples per pixel.
+    max_displacement_px
+        Largest motion in the image between two frames, px.
+    truth_step_s
+        Time between the ground truth's images, s.
+    scene_version
+        Version of the scenes' generator.
+
+    Raises
+    ------
+    TaskError
+        A value is out of range.
+    """
+
+    seed: int
+    seconds: float
+    width: int
+    height: int
+    cutoffs_hz: tuple[float, ...] = (math.inf,)
+    threshold: float = 0.2
+    threshold_deviation: float = 0.03
+    pixel: PixelOptions = IDEAL_PIXEL
+    imu: ImuOptions = NO_IMU
+    spp: int = 4
+    max_displacement_px: float = 0.5
+    truth_step_s: float = 0.05
+    scene_version: int = SCENE_VERSION
+
+    def __post_init__(self) -> None:
+        def check(name: str, holds: bool, expected: str) -> None:
+            if not holds:
+                raise TaskError(f"{name}: found {getattr(self, name)}, expected {expected}")
+
+        check("seed", self.seed >= 0, "a whole number of at least 0")
+        for name in ("seconds", "max_displacement_px", "truth_step_s"):
+            check(name, 0 < getattr(self, name) < math.inf, "a positive number")
+        cutoffs = self.cutoffs_hz
+        different = bool(cutoffs) and len({*cutoffs}) == len(cutoffs)
+        check("cutoffs_hz", different and min(cutoffs) > 0, "different positive numbers of Hz")
+        check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
+        lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
+        check("threshold", lowest > 0, "more than two deviations above 0")
+        self.imu.check()
+        if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
+            raise TaskError("found --cutoff or --illuminance, expected --cutoffs for a dataset")
+
+    @property
+    def warm_up_s(self) -> float:
+        """How long the sensor sees the scene before a sequence starts, s; whole microseconds."""
+        return math.ceil(1e6 * _WARM_UP / (2 * math.pi * min(self.cutoffs_hz))) / 1e6
+
+    def models(self, number: int, white_level: float) -> dict[str, SensorModel]:
+        """Return the sensors of a sequence.
+
+        Parameters
+        ----------
+        number
+            Number of the sequence.
+        white_level
+            Radiance of white in its frames.
+
+        Returns
+        -------
+        models
+            By the name of their cutoff, "inf" or Hz; all with the same contrast threshold.
+        """
+        away = self._rng(number).normal(0.0, 1.0)
+        away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
+        base = SensorModel(
+            width=self.width,
+            height=self.height,
+            contrast_threshold=self.threshold + away * self.threshold_deviation,
+            dark_level=_DARK_LEVEL,
+        )
+        return {
+            f"{hz:g}": dataclasses.replace(self.pixel, cutoff=hz).applied_to(base, white_level)
+            for hz in self.cutoffs_hz
+        }
+
+    def sensor_seed(self, number: int) -> int:
+        """Return the seed of everything random in the sensors of a sequence."""
+        return int(self._rng(number).integers(1 << 63))
+
+    def _rng(self, number: int) -> np.random.Generator:
+        return np.random.default_rng([self.seed, number, 1])
+
+
+def claim_folder(settings: DatasetSettings, out: Path) -> None:
+    """Write the settings of a dataset into its folder, or check that they are those in it.
+
+    Parameters
+    ----------
+    settings
+        The settings.
+    out
+        Folder of the dataset; made if it does not exist.
+
+    Raises
+    ------
+    TaskError
+        It holds a dataset with other settings, other files, or is a file.
+    """
+    if out.exists() and not out.is_dir():
+        raise TaskError(f"{out}: found a file, expected a folder for the dataset")
+    file, table = out / FILE_NAME, _table(settings)
+    if file.exists():
+        old = read_json(dict[str, Any], file, TaskError)
+        for name in {**table, **old}:
+            if old.get(name) != table.get(name):
+                raise TaskError(
+                    f"{file}: {name}: found {old.get(name)!r}, not {table.get(name)!r}; continue "
+                    "with the same options, or write elsewhere"
+                )
+        return
+    if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
+        raise TaskError(f"{out}: found other files, expected a new folder or that of a dataset")
+    write_text(file, json.dumps(table, indent=1) + "\n")
+
+
+def _table(settings: DatasetSettings) -> dict[str, Any]:
+    """Return the settings as JSON has them: lists, and infinity as a text."""
+    table = dataclasses.asdict(settings)
+    table["cutoffs_hz"] = [hz if hz < math.inf else "inf" for hz in settings.cutoffs_hz]
+    return json.loads(json.dumps(table))

@@ -1,0 +1,219 @@
+"""`eres dataset`: sequences of random scenes, from their seeds alone, and resumed after a stop."""
+
+import logging
+import shutil
+from importlib.metadata import version
+
+import h5py
+import numpy as np
+import pytest
+from distributed import LocalCluster
+
+from eres_render import ground_truth, open_sequence
+from eres_render.storage.locks import locked
+from sensor.formats import load_events, read_header
+from tasks import DISTRIBUTION
+from tasks.datasets import EventDataset
+from tasks.errors import TaskError
+from tasks.events.imu_options import ImuOptions
+from tasks.events.sensor_options import PixelOptions
+from tasks.generation import sequence
+from tasks.generation.cluster import _complete
+from tasks.generation.dataset import make_dataset
+from tasks.generation.settings import DatasetSettings
+
+OPTIONS = [
+    *("--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01),
+    *("--imu", 500),
+]
+SETTINGS = DatasetSettings(
+    seed=4,
+    seconds=0.03,
+    width=32,
+    height=32,
+    cutoffs_hz=(np.inf, 200),
+    truth_step_s=0.01,
+    imu=ImuOptions(imu=500.0),
+)
+FILES = ("events_inf.h5", "events_200.h5")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A dataset of two sequences, moved to another place after it was made."""
+    folder = tmp_path_factory.mktemp("made")
+    make_dataset(SETTINGS, folder / "first", 2)
+    shutil.move(folder / "first", folder / "data")
+    return folder / "data"
+
+
+def contents(folder):
+    return {
+        file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()
+    }
+
+
+def test_a_dataset_is_read_as_it_is(made):
+    """Promise: windows of both sequences and both cutoffs, with all that there is."""
+    dataset = EventDataset(made)
+    assert dataset.targets == ("frame", "flow", "depth", "pose")
+    assert [(one.path.parent.name, one.path.name) for one in dataset.recordings] == [
+        (f"{k:06d}", name) for k in range(2) for name in sorted(FILES)
+    ]
+    assert len(dataset) == 4 * 3
+    assert sum(len(item["t_us"]) for item in map(dataset.__getitem__, range(len(dataset)))) > 100
+    for k in (0, 11):
+        item = dataset[k]
+        frames = open_sequence(dataset.recordings[int(item["recording"])].clip)
+        truth, (start_s, end_s) = ground_truth(frames), item["window_us"] * 1e-6
+        np.testing.assert_allclose(item["depth"], truth.depth(end_s, 32, 32), rtol=1e-4)
+        flow = truth.flow(start_s, end_s, 32, 32)
+        np.testing.assert_allclose(item["flow"], flow.flow_px, atol=1e-3)
+        np.testing.assert_allclose(item["pose"], frames.trajectory.pose(end_s), atol=1e-6)
+        assert item["frame"].shape == (32, 32)
+
+
+def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):
+    thresholds = set()
+    for k in range(2):
+        folder = made / f"{k:06d}"
+        ideal, slow = (read_header(folder / name) for name in FILES)
+        assert (ideal.model.cutoff_hz, slow.model.cutoff_hz) == (np.inf, 200.0)
+        assert ideal.model.contrast_threshold == slow.model.contrast_threshold
+        thresholds.add(ideal.model.contrast_threshold)
+        assert ideal.origin == slow.origin
+        start_us, end_us = (ideal.origin[f"window_{name}_us"] for name in ("start", "end"))
+        assert start_us == np.ceil(6e6 / (2 * np.pi * 200))  # six time constants
+        assert end_us - start_us == 30_000
+        with h5py.File(folder / FILES[0]) as one, h5py.File(folder / FILES[1]) as other:
+            assert set(one["truth"]) == set(other["truth"])
+            assert {"instances", "flow_occluded", "T_world_object"} <= set(one["truth"])
+            assert len(one["imu/t_us"]) == 1 + int(500 * 34.775e-3)
+            for group in ("truth", "imu"):
+                for name in one[group]:
+                    np.testing.assert_array_equal(one[group][name], other[group][name])
+            assert np.isfinite(one["truth/depth"][:]).all()  # the room fills the view
+        assert len(load_events(folder / FILES[0])) > len(load_events(folder / FILES[1]))
+    assert len(thresholds) == 2
+    assert all(0.14 <= C <= 0.26 for C in thresholds)
+
+
+def test_a_stopped_dataset_continues_to_the_same_bytes(made, tmp_path, eres, monkeypatch):
+    """Promise: the same command goes on where it was stopped; a sequence has its name only when it
+    is complete; and it is the same whatever was made before it."""
+    out = tmp_path / "data"
+    shutil.copytree(made, out, ignore=shutil.ignore_patterns("000001"))
+    command = ["dataset", out, "--count", 2, "--seed", 4, *OPTIONS]
+    with monkeypatch.context() as patch:
+        patch.setattr(sequence, "groups_to_copy", stopped)  # after all frames and the first events
+        code, _, error = eres(*command)
+    assert code == 130
+    assert "the same command continues" in error
+    assert not (out / "000001").exists()
+    half = out / ".unfinished" / "000001"
+    written = {file: file.stat().st_mtime_ns for file in (half / "frames").iterdir()}
+    assert len(EventDataset(out)) == 2 * 3
+    assert eres(*command)[0] == 0
+    assert not (out / ".unfinished").exists()
+    assert contents(out) == contents(made)
+    kept = {
+        half / "frames" / f.name: f.stat().st_mtime_ns for f in (out / "000001/frames").iterdir()
+    }
+    assert kept == written
+
+
+def stopped(*_, **__):
+    raise KeyboardInterrupt
+
+
+def test_another_dataset_in_the_folder_is_refused(made, tmp_path, eres):
+    before = contents(made)
+    for options, found in (
+        (["--seed", 5], "seed: found 4, not 5"),
+        (["--seed", 4, "--spp", 9], "spp: found 4, not 9"),
+        (["--seed", 4, "--leak", 0.1], "'leak': 0.0"),
+    ):
+        code, _, error = eres("dataset", made, *OPTIONS, *options)
+        assert code == 1
+        assert found in error
+        assert "continue with the same options, or write elsewhere" in error
+    assert contents(made) == before
+    (tmp_path / "mine.txt").touch()
+    code, _, error = eres("dataset", tmp_path, *OPTIONS)
+    assert code == 1
+    assert "found other files, expected a new folder" in error
+    code, _, error = eres("dataset", tmp_path / "mine.txt", *OPTIONS)
+    assert "found a file, expected a folder" in error
+
+
+def test_two_processes_do_not_make_the_same_dataset(made, eres):
+    with locked(made / ".lock"):
+        code, _, error = eres("dataset", made, "--seed", 4, "--count", 3, *OPTIONS)
+    assert code == 1
+    assert "another process makes this dataset" in error
+
+
+@pytest.mark.parametrize(
+    ("options", "found"),
+    [
+        (["--sensor", "davis346", "--resolution", 8], "found both, expected at most one"),
+        (["--sensor", "davis3460"], "did you mean 'davis346'?"),
+        (["--count", 0], "count: found 0, expected at least 1"),
+        (["--seconds", 0], "seconds: found 0.0, expected a positive number"),
+        (["--cutoffs", 50, 50], "cutoffs_hz: found (50.0, 50.0), expected different"),
+        (["--threshold", 0.05], "threshold: found 0.05, expected more than two deviations"),
+        (["--cutoff", 50], "expected --cutoffs"),
+    ],
+)
+def test_senseless_options_are_refused(tmp_path, eres, options, found):
+    code, _, error = eres("dataset", tmp_path / "out", *options)
+    assert code == 1
+    assert found in error
+    assert not (tmp_path / "out").exists()
+
+
+def test_thresholds_stay_near_their_mean():
+    settings = DatasetSettings(seed=0, seconds=1.0, width=4, height=4)
+    C = [settings.models(k, 1.0)["inf"].contrast_threshold for k in range(400)]
+    assert np.mean(C) == pytest.approx(0.2, abs=0.005)
+    assert np.std(C) == pytest.approx(0.0264, abs=0.003)  # of a normal that is cut at two sigma
+    assert 0.14 <= min(C) <= 0.145
+    assert 0.255 <= max(C) <= 0.26
+    noisy = DatasetSettings(
+        seed=0,
+        seconds=1.0,
+        width=4,
+        height=4,
+        pixel=PixelOptions(leak=0.1, threshold_mismatch=0.03),
+    )
+    model = noisy.models(0, 1.0)["inf"]
+    assert (model.leak_hz, model.threshold_mismatch, model.dark_level) == (0.1, 0.03, 1e-3)
+    assert model.contrast_threshold == C[0]
+    with pytest.raises(TaskError, match="no cutoff"):
+        DatasetSettings(
+            seed=0, seconds=1, width=4, height=4, pixel=PixelOptions(cutoff_follows_light=True)
+        ).models(0, 1.0)
+
+
+@pytest.mark.filterwarnings("default:Creating scratch directories")
+def test_workers_make_the_same_sequences(made, tmp_path, eres):
+    """Promise: what a worker makes is the same to the byte; one without the folder says so."""
+    out = tmp_path / "data"
+    shutil.copytree(made, out, ignore=shutil.ignore_patterns("000001"))
+    here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": ":0"}
+    one = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "memory_limit": 0}
+    with LocalCluster(**here, **one, silence_logs=logging.CRITICAL) as cluster:
+        address = ["--scheduler", cluster.scheduler_address]
+        command = ["dataset", out, "--count", 2, "--seed", 4, *OPTIONS, *address]
+        code, _, error = eres(*command)
+    assert code == 0, error
+    assert contents(out) == contents(made)
+    with pytest.raises(TaskError, match=r"missing, expected a folder that all workers share"):
+        _complete(SETTINGS, 0, str(tmp_path / "elsewhere"), version(DISTRIBUTION))
+    with pytest.raises(TaskError, match=r"found eres .*, expected 9\.9"):
+        _complete(SETTINGS, 0, str(out), "9.9")
+    code, _, error = eres(
+        "dataset", out, "--count", 3, "--seed", 4, *OPTIONS, "--scheduler", "here"
+    )
+    assert code == 1
+    assert "expected tcp://HOST:PORT" in error
