@@ -41,6 +41,7 @@ _ATTRIBUTES = ("width", "height", "sensor_model", "origin")
 _PLACES = ("events", "t_offset", "ms_to_idx", "triggers")
 _TRIGGERS = ("t_us", "channel", "p")
 _MAX_SPAN_US = 1 << 32
+_MAX_INDEXED_US = 1 << 38  # 3 days
 # Largest first time relative to t_offset. Later times would soon overflow uint32, so t_offset is
 # set to a time just before them.
 _MAX_START_US = 1 << 31
@@ -66,8 +67,8 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     Raises
     ------
     EventFormatError
-        The events start before 2^31 us and end after 2^32 us (71 minutes), or h5py or hdf5plugin is
-        not installed.
+        The events start before 2^31 us and end after 2^32 us (71 minutes), they last 2^38 us (3
+        days), or h5py or hdf5plugin is not installed.
     OSError
         A write failed, for example on a full disk; HDF5 closes the file in any case.
     """
@@ -108,8 +109,16 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
                     f"DSEC has 32 bits for times: found {t[-1]} us, expected less than "
                     f"{_MAX_SPAN_US} us; split the recording"
                 )
-            whole_ms = np.arange(len(ms_to_idx), t[-1] // 1000 + 1)
-            _append(ms_to_idx, count + np.searchsorted(t, 1000 * whole_ms))
+            if t[-1] >= _MAX_INDEXED_US:
+                raise EventFormatError(
+                    f"DSEC has an index of every millisecond: found {t[-1]} us after t_offset, "
+                    f"expected less than {_MAX_INDEXED_US} us; split the recording"
+                )
+            last_ms = int(t[-1]) // 1000
+            for start_ms in range(len(ms_to_idx), last_ms + 1, batching.PART_EVENTS):
+                stop_ms = min(start_ms + batching.PART_EVENTS, last_ms + 1)
+                whole_ms = np.arange(start_ms, stop_ms)
+                _append(ms_to_idx, count + np.searchsorted(t, 1000 * whole_ms))
             _append(columns["t"], t)
             _append(columns["x"], part.x)
             _append(columns["y"], part.y)

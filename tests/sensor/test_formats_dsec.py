@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+import tracemalloc
 
 import h5py
 import hdf5plugin  # noqa: F401  (its filters)
@@ -65,6 +66,20 @@ def test_ms_to_idx_of_dsecs_example(batch, tmp_path, monkeypatch):
     write_events(tmp_path / "a.h5", make_events(t_us, zeros, zeros, zeros))
     with h5py.File(tmp_path / "a.h5") as file:
         assert file["ms_to_idx"][:].tolist() == [0, 2, 2, 3, 3, 3, 5, 5, 8, 9]
+
+
+def test_a_long_pause_needs_no_memory(tmp_path):
+    """Promise: the index of the milliseconds of a pause of three hours is written in parts."""
+    events = make_events([1 << 50, (1 << 50) + 10**10], [0, 1], [0, 0], [1, 0])
+    tracemalloc.start()
+    write_events(tmp_path / "a.h5", events)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 60e6  # the index has 80 MB
+    assert_same(load_events(tmp_path / "a.h5"), events)
+    with h5py.File(tmp_path / "a.h5") as file:
+        index = file["ms_to_idx"]
+        assert (len(index), index[0], index[1], index[-1]) == (10**7 + 1, 0, 1, 1)
 
 
 def test_ms_to_idx_by_its_definition(tmp_path):

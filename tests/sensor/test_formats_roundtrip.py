@@ -168,6 +168,11 @@ CANNOT = {
     "evt2 early": ("evt2", [EARLY], "found time -1 us"),
     "evt3 early": ("evt3", [EARLY], "found time -1 us"),
     "dsec span": ("dsec", [make_events([5, 1 << 32], [0, 0], [0, 0], [1, 1])], "4294967296 us"),
+    "dsec index": (
+        "dsec",
+        [make_events([1 << 50, (1 << 50) + (1 << 38)], [0, 0], [0, 0], [1, 1])],
+        "expected less than 274877906944 us",
+    ),
     "text": ("text", [make_events([(1 << 63) - 1], [0], [0], [1])], "9000000000000 s"),
     "none": ("npz", [], "found none, expected at least one"),
     "order": ("npz", [LATE, EARLY], "part 1: starts at -1 us, expected no earlier"),
