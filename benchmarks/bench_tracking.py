@@ -15,6 +15,7 @@ import argparse
 import math
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from bench_sensor import moving_texture
@@ -87,7 +88,8 @@ def main() -> None:
                 lambda p=problem, v=view, s=sample: accumulate(p, v, s.initial),
                 args.runs,
             )
-            fit = seconds(lambda s=sample: eppt.estimate(s), args.runs)
+            # A copy each time: the method keeps the coarse search of its latest sample.
+            fit = seconds(lambda s=sample: eppt.estimate(replace(s)), args.runs)
             error_mm = position_error_mm(answer.path, pose, 0.0, DURATION_S)
             found = answer.failure or f"{error_mm:.3f}"
             used = len(sample.t_us)

@@ -15,17 +15,27 @@ events: the latter matters more at busy pixels.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events
+from sensor.events import Columns
 from tasks.errors import TaskError
-from tasks.numerics.compiling import jit
+from tasks.numerics.compiling import jit_in_place
 
 CUTOFF_HZ = 0.06
 PER_EVENT_DECAY = 0.06
 _AHEAD = 256  # events per group of pixels that are read ahead
+
+
+class _Rates(NamedTuple):
+    """What an event adds, and what fades."""
+
+    C: float
+    per_us: float  # decay with time
+    per_event: float
 
 
 class HighPassFilter:
@@ -61,10 +71,9 @@ class HighPassFilter:
         for name, value in (("cutoff_hz", cutoff_hz), ("per_event_decay", per_event_decay)):
             if not 0 <= value < math.inf:
                 raise TaskError(f"high-pass filter: {name}: found {value}, expected 0 or more")
-        self._C = contrast_threshold
-        self._per_us = 2e-6 * math.pi * cutoff_hz
-        self._per_event = per_event_decay
+        self._rates = _Rates(contrast_threshold, 2e-6 * math.pi * cutoff_hz, per_event_decay)
         self._state = np.zeros((height, width, 2))  # L after the latest event, its time in us
+        self._places = np.empty(_AHEAD, np.uint64)
         self._t_us: int | None = None  # of the latest event
 
     def push(self, events: Events) -> None:
@@ -85,10 +94,7 @@ class HighPassFilter:
             return
         self._check_order(int(events.t_us[0]))
         self._t_us = int(events.t_us[-1])
-        _filter(
-            self._state, events.t_us, events.x, events.y, events.p,
-            self._C, self._per_us, self._per_event,
-        )  # fmt: skip
+        _filter(self._state.ravel(), width, events.columns, self._rates, self._places)
 
     def image(self, t_us: int) -> NDArray[np.float64]:
         """Return log intensity, (height, width), 0 at pixels without recent events.
@@ -101,7 +107,7 @@ class HighPassFilter:
         self._check_order(t_us)
         value, last_us = self._state[..., 0], self._state[..., 1]
         seen = value != 0
-        return value * np.exp(-self._per_us * np.where(seen, t_us - last_us, 0.0))
+        return value * np.exp(-self._rates.per_us * np.where(seen, t_us - last_us, 0.0))
 
     def _check_order(self, t_us: int) -> None:
         if self._t_us is not None and t_us < self._t_us:
@@ -128,33 +134,31 @@ def without_event_decay(width: int, height: int, contrast_threshold: float) -> H
     return HighPassFilter(width, height, contrast_threshold, per_event_decay=0.0)
 
 
-@jit
+@jit_in_place
 def _filter(
-    state: NDArray[np.float64],  # (height, width, 2)
-    t_us: NDArray[np.int64],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    p: NDArray[np.int8],
-    C: float,
-    per_us: float,
-    per_event: float,
+    state: NDArray[np.float64],  # (2 * pixels,) L and time of each pixel, row by row
+    width: int,
+    events: Columns,
+    rates: _Rates,
+    places: NDArray[np.uint64],  # (_AHEAD,) overwritten: place of each event's L in the state
 ) -> float:
     # Pixels are read ahead in groups, with few instructions from one to the next: loads that do not
     # depend on each other overlap.
-    values, width = state.ravel(), np.uint64(state.shape[1])
-    place = np.empty(_AHEAD, np.uint64)  # of each event's L; the time is next to it
+    t_us, x, y, p = events
+    next_row, next_one = np.uint64(width), np.uint64(1)
     touched = 0.0
-    for start in range(0, t_us.size, _AHEAD):
-        count = min(_AHEAD, t_us.size - start)
+    for start in range(0, t_us.size, places.size):
+        count = min(places.size, t_us.size - start)
         for k in range(count):
-            place[k] = np.uint64(2) * (y[start + k] * width + x[start + k])
+            places[k] = np.uint64(2) * (y[start + k] * next_row + x[start + k])
         for k in range(count):
-            touched += values[place[k]]
+            touched += state[places[k]]
         for k in range(count):
-            here = place[k]
-            L, last_us = values[here], values[here + np.uint64(1)]
+            here = places[k]
+            L, last_us = state[here], state[here + next_one]
             if L != 0.0:
-                L *= math.exp(-(per_us * (t_us[start + k] - last_us) + per_event))
-            values[here] = L + p[start + k] * C
-            values[here + np.uint64(1)] = t_us[start + k]
+                decay = rates.per_us * (t_us[start + k] - last_us) + rates.per_event
+                L *= math.exp(-decay)
+            state[here] = L + p[start + k] * rates.C
+            state[here + next_one] = t_us[start + k]
     return touched  # used, so that the compiler keeps the reads

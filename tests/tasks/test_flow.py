@@ -356,9 +356,10 @@ def test_the_search_is_that_of_scipy(translating, objective):
                 "maxfev": search.MOST_IMAGES,
             },
         )
-        inputs = contrast.patch, contrast.images, sample.initial, size, reach
-        offset, made = search.sharpest_flow(*inputs)
-        np.testing.assert_array_equal(offset, best.x)
+        simplex = np.array([[0.0, 0.0, 0.0], [size, 0.0, 0.0], [0.0, size, 0.0]])
+        inputs = contrast.patch, contrast.work, sample.initial, reach
+        made = search.find_sharpest(*inputs, simplex)
+        np.testing.assert_array_equal(simplex[0], [*best.x, best.fun])
         assert made == best.nfev
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tasks.flow import FlowSample
-from tasks.numerics.compiling import jit_contract
+from tasks.numerics.compiling import inlined, jit_contract_in_place
 
 REFERENCE_TIME = 0.5  # mid-window, so that events move as little as possible
 _EXPOSURES = 16  # times, at least, at which the patch's own motion is sampled
@@ -35,12 +35,17 @@ class Patch(NamedTuple):
     by_gradient: bool  # whether the objective is "gradient"
 
 
-class Images(NamedTuple):
+class Work(NamedTuple):
     """Memory of a search: images of (height, width) with margins, empty where none is written."""
 
-    votes: NDArray[np.float64]
+    pixels: NDArray[np.float64]  # of the votes, row by row
+    votes: NDArray[np.float64]  # the same memory as an image
     across: NDArray[np.float64]  # the votes blurred along x
     blurred: NDArray[np.float64]
+    first: NDArray[np.uint64]  # (_TOGETHER,) pixel at the top left of each event
+    f: NDArray[np.float64]  # (2, _TOGETHER) x and y from its center to the event
+    corner: NDArray[np.int64]  # (2, E) x and y of the moving patch's first pixel
+    part: NDArray[np.float64]  # (2, E) x and y from its center to the patch's first one
 
 
 class Contrast:
@@ -81,23 +86,33 @@ class Contrast:
             far_y,
             {"variance": False, "gradient": True}[objective],
         )
-        self.images = Images(*np.zeros((3, height + 2 * far_y, width + 2 * far_x)))
+        votes, across, blurred = np.zeros((3, height + 2 * far_y, width + 2 * far_x))
+        self.work = Work(
+            votes.ravel(),
+            votes,
+            across,
+            blurred,
+            np.empty(_TOGETHER, np.uint64),
+            np.empty((2, _TOGETHER)),
+            np.empty((2, exposures), np.int64),
+            np.empty((2, exposures)),
+        )
 
     def __call__(self, flow: NDArray[np.float64]) -> float:
         """Return the contrast at a flow, (2,) px per window, relative to the mean squared."""
-        return contrast_at(self.patch, self.images, flow[0], flow[1])
+        return contrast_at(self.patch, self.work, flow[0], flow[1])
 
 
-@jit_contract
-def contrast_at(patch, images, vx, vy):
+@jit_contract_in_place
+def contrast_at(patch, work, vx, vy):
     """Compute the contrast at the flow (vx, vy), px per window.
 
     Parameters
     ----------
     patch
         A `Patch`.
-    images
-        Its `Images`, overwritten.
+    work
+        Its `Work`, overwritten.
     vx, vy
         The flow.
 
@@ -105,13 +120,12 @@ def contrast_at(patch, images, vx, vy):
     -------
     The contrast, relative to the mean squared number of events per pixel.
     """
-    image = images.votes
+    work.pixels[:] = 0.0
+    _vote(patch, vx, vy, work)
+    _subtract_even_events(patch, vx, vy, work)
+    _blur(work)
+    image = work.blurred
     rows, columns = image.shape
-    image[:] = 0.0
-    _vote(patch, vx, vy, image)
-    _subtract_even_events(patch, vx, vy, image)
-    _blur(images)
-    image = images.blurred
     total = 0.0
     if patch.by_gradient:
         for y in range(1, rows - 1):
@@ -128,14 +142,12 @@ def contrast_at(patch, images, vx, vy):
     return total / (area * mean * mean)
 
 
-@jit_contract
-def _vote(patch, vx, vy, image):
+@inlined
+def _vote(patch, vx, vy, work):
     """Add the bilinear votes of the warped events; places first, which are computed in vectors."""
-    columns = image.shape[1]
-    pixels = image.ravel()
+    pixels, first, fx, fy = work.pixels, work.first, work.f[0], work.f[1]
+    columns = work.votes.shape[1]
     right, below = np.uint64(1), np.uint64(columns)
-    first = np.empty(_TOGETHER, np.uint64)  # the pixel at the top left of each event
-    fx, fy = np.empty(_TOGETHER), np.empty(_TOGETHER)
     for start in range(0, patch.t.size, _TOGETHER):
         group = slice(start, min(start + _TOGETHER, patch.t.size))
         column, row, t = patch.column[group], patch.row[group], patch.t[group]
@@ -152,25 +164,22 @@ def _vote(patch, vx, vy, image):
             pixels[at + below + right] += fx[k] * fy[k]
 
 
-@jit_contract
-def _subtract_even_events(patch, vx, vy, image):
+@inlined
+def _subtract_even_events(patch, vx, vy, work):
     """Subtract the votes of as many events, spread evenly over the patch and the window.
 
     A moving patch with its votes is the product of a moving interval in x and one in y: at the
     interval's first pixel 1 - f, then 1, and f after its last.
     """
-    rows = image.shape[0]
-    width, height = patch.width, patch.height
-    exposures = patch.exposure_t.size
-    x0, y0 = np.empty(exposures, np.int64), np.empty(exposures, np.int64)
-    fx, fy = np.empty(exposures), np.empty(exposures)
+    width, height, exposures = patch.width, patch.height, patch.exposure_t.size
+    x0, y0, fx, fy = work.corner[0], work.corner[1], work.part[0], work.part[1]
     for k in range(exposures):
         left = patch.far_x - vx * patch.exposure_t[k]
         top = patch.far_y - vy * patch.exposure_t[k]
         x0[k], y0[k] = int(left), int(top)
         fx[k], fy[k] = left - x0[k], top - y0[k]
     share = patch.t.size / (width * height) / exposures
-    for y in range(rows):
+    for y in range(work.votes.shape[0]):
         for k in range(exposures):
             below = y - y0[k]
             if below < 0 or below > height:
@@ -180,20 +189,20 @@ def _subtract_even_events(patch, vx, vy, image):
                 expected = share * (1.0 - fy[k])
             elif below == height:
                 expected = share * fy[k]
-            line = image[y, x0[k] : x0[k] + width + 1]
+            line = work.votes[y, x0[k] : x0[k] + width + 1]
             line[0] -= expected * (1.0 - fx[k])
             for x in range(1, width):
                 line[x] -= expected
             line[width] -= expected * fx[k]
 
 
-@jit_contract
-def _blur(images):
+@inlined
+def _blur(work):
     """Blur by a Gaussian of 1 px; the votes are 0 within its reach of the edge."""
-    across, blurred = images.across, images.blurred
+    across, blurred = work.across, work.blurred
     rows, columns = across.shape
     for y in range(rows):
-        line, found = images.votes[y], across[y, 4:]
+        line, found = work.votes[y], across[y, 4:]
         for x in range(columns - 8):
             found[x] = (
                 _G0 * line[x + 4]

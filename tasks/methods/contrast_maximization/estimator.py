@@ -6,7 +6,7 @@ import numpy as np
 
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods.contrast_maximization.contrast import Contrast
-from tasks.methods.contrast_maximization.search import sharpest_flow
+from tasks.methods.contrast_maximization.search import find_sharpest
 
 MIN_EVENTS = 10
 _BOUND_SIGMAS = 4.0
@@ -35,8 +35,10 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
     reach = _BOUND_SIGMAS * sample.initial_sigma_px
     contrast = Contrast(sample, reach, objective)
-    size = max(0.5 * sample.initial_sigma_px, 1e-3)
-    offset, _ = sharpest_flow(contrast.patch, contrast.images, sample.initial, size, reach)
+    simplex = np.zeros((3, 3))
+    simplex[1, 0] = simplex[2, 1] = max(0.5 * sample.initial_sigma_px, 1e-3)
+    find_sharpest(contrast.patch, contrast.work, sample.initial, reach, simplex)
+    offset = simplex[0, :2]
     if np.abs(offset).max() > 0.98 * reach:
         return FlowEstimate(sample.initial, "search ended at its bound")
     return FlowEstimate(sample.initial + offset)

@@ -7,104 +7,111 @@ a small patch, and keeps other threads of Python waiting; here one call is the w
 
 from __future__ import annotations
 
-import numpy as np
-
 from tasks.methods.contrast_maximization.contrast import contrast_at
-from tasks.numerics.compiling import jit
+from tasks.numerics.compiling import inlined, jit_in_place
 
 CONVERGED_PX = 2e-3  # a simplex of this size ends the search
 MOST_IMAGES = 200  # so does this number of images
 
 
-@jit
-def sharpest_flow(patch, images, initial, size, reach):
+@jit_in_place
+def find_sharpest(patch, work, initial, reach, simplex):
     """Search for the flow of the greatest contrast near the initial one.
 
     Parameters
     ----------
-    patch, images
+    patch, work
         As in `contrast_at`.
     initial
         (2,) flow from which to start, px per window.
-    size
-        Side of the first simplex, px.
     reach
         Largest distance from the initial flow per component, px.
+    simplex
+        (3, 3): x and y of the first three points, from the initial flow, and room for their losses.
+        At the end they are the last three points, the best one first.
 
     Returns
     -------
-    offset
-        (2,) best flow, from the initial one.
-    made
-        Number of images of warped events.
+    Number of images of warped events.
     """
-    simplex = np.array([[0.0, 0.0], [size, 0.0], [0.0, size]])
-    losses = np.empty(3)
     for i in range(3):
-        losses[i] = _loss(patch, images, initial, simplex[i], reach)
+        simplex[i, 2] = _loss(patch, work, initial, reach, simplex[i, 0], simplex[i, 1])
     made = 3
-    _sort(simplex, losses)
-    while made < MOST_IMAGES and np.abs(simplex[1:] - simplex[0]).max() > CONVERGED_PX:
-        point = _across(simplex, 1.0)
-        loss = _loss(patch, images, initial, point, reach)
+    _sort(simplex)
+    while made < MOST_IMAGES and _extent(simplex) > CONVERGED_PX:
+        best, second, worst = simplex[0, 2], simplex[1, 2], simplex[2, 2]
+        x, y = _across(simplex, 1.0)
+        loss = _loss(patch, work, initial, reach, x, y)
         made += 1
         shrinks = False
-        if not losses[0] <= loss < losses[1]:
+        if not best <= loss < second:
             if made == MOST_IMAGES:
                 break
-            if loss < losses[0]:
+            if loss < best:
                 factor = 2.0  # go on in this direction
-            elif loss < losses[2]:
+            elif loss < worst:
                 factor = 0.5
             else:
                 factor = -0.5  # stay on this side
-            other = _across(simplex, factor)
-            other_loss = _loss(patch, images, initial, other, reach)
+            other_x, other_y = _across(simplex, factor)
+            other = _loss(patch, work, initial, reach, other_x, other_y)
             made += 1
             if factor == 2.0:
-                better = other_loss < loss
+                better = other < loss
             else:
-                better = other_loss <= loss if factor == 0.5 else other_loss < losses[2]
+                better = other <= loss if factor == 0.5 else other < worst
                 shrinks = not better
             if better:
-                point, loss = other, other_loss
+                x, y, loss = other_x, other_y, other
         if not shrinks:
-            simplex[2], losses[2] = point, loss
+            simplex[2, 0], simplex[2, 1], simplex[2, 2] = x, y, loss
         else:
             for i in range(1, 3):
                 if made == MOST_IMAGES:
                     break
-                simplex[i] = simplex[0] + 0.5 * (simplex[i] - simplex[0])
-                losses[i] = _loss(patch, images, initial, simplex[i], reach)
+                for k in range(2):
+                    simplex[i, k] = simplex[0, k] + 0.5 * (simplex[i, k] - simplex[0, k])
+                simplex[i, 2] = _loss(patch, work, initial, reach, simplex[i, 0], simplex[i, 1])
                 made += 1
-        _sort(simplex, losses)
-    return simplex[0], made
+        _sort(simplex)
+    return made
 
 
-@jit
-def _loss(patch, images, initial, offset, reach):
-    if max(abs(offset[0]), abs(offset[1])) > reach:
+@inlined
+def _loss(patch, work, initial, reach, x, y):
+    """Return the negative contrast at an offset from the initial flow."""
+    if max(abs(x), abs(y)) > reach:
         return 0.0  # worse than any image, as squares are positive
-    return -contrast_at(patch, images, initial[0] + offset[0], initial[1] + offset[1])
+    return -contrast_at(patch, work, initial[0] + x, initial[1] + y)
 
 
-@jit
+@jit_in_place
+def _extent(simplex):
+    """Return the largest distance of any point from the best one, per component."""
+    extent = 0.0
+    for i in range(1, 3):
+        for k in range(2):
+            extent = max(extent, abs(simplex[i, k] - simplex[0, k]))
+    return extent
+
+
+@jit_in_place
 def _across(simplex, factor):
     """Return the middle of the two best points, moved away from the worst one.
 
     It moves by `factor` times the distance between the two; a negative factor moves it towards the
     worst point.
     """
-    middle = (simplex[0] + simplex[1]) / 2.0
-    return (1.0 + factor) * middle - factor * simplex[2]
+    x = (1.0 + factor) * ((simplex[0, 0] + simplex[1, 0]) / 2.0) - factor * simplex[2, 0]
+    y = (1.0 + factor) * ((simplex[0, 1] + simplex[1, 1]) / 2.0) - factor * simplex[2, 1]
+    return x, y
 
 
-@jit
-def _sort(simplex, losses):
+@jit_in_place
+def _sort(simplex):
     """Sort the points by their losses, the lowest first."""
     for i in range(1, 3):
         for j in range(i, 0, -1):
-            if losses[j] < losses[j - 1]:
-                losses[j], losses[j - 1] = losses[j - 1], losses[j]
-                for k in range(2):
+            if simplex[j, 2] < simplex[j - 1, 2]:
+                for k in range(3):
                     simplex[j, k], simplex[j - 1, k] = simplex[j - 1, k], simplex[j, k]
