@@ -10,6 +10,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.errors import TaskError
+from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 
@@ -27,9 +28,11 @@ def dataset(
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
+    images: float | None = None,
     scheduler: str | None = None,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
+    camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
 ) -> None:
     """Make a dataset of random scenes for training: frames, events, flow, depth, objects, poses.
 
@@ -62,6 +65,8 @@ def dataset(
         Largest motion in the image between two frames, px.
     truth
         Time between the true images, seconds.
+    images
+        Take images with a frame camera too, so many a second.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
         OUT under the same path.
@@ -88,6 +93,8 @@ def dataset(
         threshold_deviation=threshold_deviation,
         pixel=pixel,
         imu=imu,
+        images_hz=images,
+        camera=camera,
         spp=spp,
         max_displacement_px=max_displacement,
         truth_step_s=truth,

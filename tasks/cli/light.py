@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
+from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 
 
 def bake(
@@ -178,6 +179,40 @@ def truth(
             overwrite=overwrite,
         )
     terminal.out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
+
+
+def images(
+    sequence: Annotated[
+        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
+    ],
+    out: Path,
+    rate: float = 30.0,
+    seed: int = 0,
+    camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
+) -> None:
+    """Take images with a frame camera along a sequence: exposure, noise, gray PNG of 8 bits.
+
+    An image is the mean of the rendered light over its exposure, in sRGB's encoding; white is the
+    sequence's white. images.json has the start and the end of each exposure on the events' clock.
+
+    Parameters
+    ----------
+    out
+        Folder for the images.
+    rate
+        Images a second.
+    seed
+        Seed of the noise.
+    """
+    from eres_render import open_sequence
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.events.frame_camera import write_images
+
+    with progress_bar(terminal.err) as on_progress:
+        count = write_images(
+            open_sequence(sequence), out, rate, camera, seed=seed, on_progress=on_progress
+        )
+    terminal.out.print(f"{out}: {count} images", soft_wrap=True)
 
 
 def convergence(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from eres_render.random_scenes.random_scene import write_random_scene
 from eres_render.rendering.backend import release_memory
 from eres_render.sequence.manifest import write_manifest
 from eres_render.trajectory.frame_times import paced_times
+from tasks.events.frame_camera import write_images
 from tasks.events.simulation import origin_of, simulate_frames, simulate_sequence
 from tasks.events.truth import groups_to_copy
 from tasks.generation.settings import DatasetSettings
@@ -65,7 +67,8 @@ def make_sequence(
     """Make a sequence, or finish one: frames that exist are kept.
 
     Writes a `RadianceSequence` with its scene in a folder inside, and `events_CUTOFF.h5` for each
-    cutoff: events in DSEC's format, with the ground truth.
+    cutoff: events in DSEC's format, with the ground truth; and the images of a frame camera into
+    `images`, if there is one.
 
     Parameters
     ----------
@@ -115,6 +118,11 @@ def make_sequence(
             copied = ["truth"] if settings.imu.imu is None else ["truth", "imu"]
             how |= {"add": groups_to_copy(first, copied), "origin": origin_of(sequence)}
             simulate_frames(sequence, model, file, **how)
+    if settings.images_hz is not None:
+        images = folder / "images"
+        shutil.rmtree(images, ignore_errors=True)  # of a start that was stopped here
+        seed = settings.sensor_seed(number)
+        write_images(sequence, images, settings.images_hz, settings.camera, seed=seed)
     del renderer
     gc.collect()  # scenes in Mitsuba are parts of cycles
     release_memory()

@@ -24,7 +24,7 @@ from tasks.generation.settings import DatasetSettings
 
 OPTIONS = [
     *("--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01),
-    *("--imu", 500),
+    *("--imu", 500, "--images", 100),
 ]
 SETTINGS = DatasetSettings(
     seed=4,
@@ -34,6 +34,7 @@ SETTINGS = DatasetSettings(
     cutoffs_hz=(np.inf, 200),
     truth_step_s=0.01,
     imu=ImuOptions(imu=500.0),
+    images_hz=100.0,
 )
 FILES = ("events_inf.h5", "events_200.h5")
 
@@ -93,6 +94,7 @@ def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):
                 for name in one[group]:
                     np.testing.assert_array_equal(one[group][name], other[group][name])
             assert np.isfinite(one["truth/depth"][:]).all()  # the room fills the view
+        assert len(list((folder / "images").glob("*.png"))) == 3
         assert len(load_events(folder / FILES[0])) > len(load_events(folder / FILES[1]))
     assert len(thresholds) == 2
     assert all(0.14 <= C <= 0.26 for C in thresholds)
