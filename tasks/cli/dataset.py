@@ -28,6 +28,7 @@ def dataset(
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
+    stereo: float | None = None,
     images: float | None = None,
     scheduler: str | None = None,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
@@ -65,6 +66,8 @@ def dataset(
         Largest motion in the image between two frames, px.
     truth
         Time between the true images, seconds.
+    stereo
+        Add a right camera this far from the first, meters, in the folder right of each sequence.
     images
         Take images with a frame camera too, so many a second.
     scheduler
@@ -93,6 +96,7 @@ def dataset(
         threshold_deviation=threshold_deviation,
         pixel=pixel,
         imu=imu,
+        baseline_m=stereo,
         images_hz=images,
         camera=camera,
         spp=spp,

@@ -129,6 +129,40 @@ def _size(resolution: int | None, width: int | None, height: int | None) -> tupl
     return width, height
 
 
+def stereo(
+    scene: Annotated[
+        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
+    ],
+    out: Path,
+    baseline: float,
+    trajectory: Path | None = None,
+) -> None:
+    """Write the path of a second camera on the same rig, to the right of the scene's.
+
+    Give it to `eres render --trajectory` to render what the second camera sees.
+
+    Parameters
+    ----------
+    out
+        File for the poses, in TUM's format.
+    baseline
+        Distance of the two cameras, meters; negative for a camera to the left.
+    trajectory
+        Poses in TUM's format in place of the scene's path.
+    """
+    from eres_render import load_scene
+    from eres_render.storage.atomic import write_text
+    from eres_render.trajectory.rig import second_camera, to_the_right
+    from eres_render.trajectory.tum import tum_text
+    from tasks.events.overwriting import check_new
+
+    check_new(out, False)
+    path = load_scene(scene, trajectory).trajectory()
+    t_s, poses = second_camera(path, to_the_right(baseline))
+    write_text(out, tum_text(t_s, poses, path.t_offset_us))
+    terminal.out.print(f"{out}: {len(t_s)} poses", soft_wrap=True)
+
+
 def truth(
     sequence: Annotated[
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")

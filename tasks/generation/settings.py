@@ -24,6 +24,7 @@ FILE_NAME = "dataset.json"
 
 _WARM_UP = 6.0  # time constants of the slowest filter
 _MOST_DEVIATIONS = 2.0  # of a threshold from the mean
+_WIDEST_M = 0.3  # of a pair of cameras
 _DARK_LEVEL = 1e-3  # a thousandth of the radiance of white in the brightest scene, W m^-2 sr^-1
 
 
@@ -52,6 +53,8 @@ class DatasetSettings:
         Rate of the images of a frame camera; None for no images.
     camera
         That camera.
+    baseline_m
+        Distance of a second, right camera on the same rig, m; None for one camera.
     spp
         Samples per pixel.
     max_displacement_px
@@ -78,6 +81,7 @@ class DatasetSettings:
     imu: ImuOptions = NO_IMU
     images_hz: float | None = None
     camera: FrameCameraOptions = USUAL_CAMERA
+    baseline_m: float | None = None
     spp: int = 4
     max_displacement_px: float = 0.5
     truth_step_s: float = 0.05
@@ -97,6 +101,9 @@ class DatasetSettings:
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
         check("threshold", lowest > 0, "more than two deviations above 0")
+        baseline_m = self.baseline_m
+        fits = baseline_m is None or 0 < baseline_m <= _WIDEST_M
+        check("baseline_m", fits, f"above 0 and at most {_WIDEST_M} m")
         self.imu.check()
         self.camera.check()
         rate_hz = self.images_hz

@@ -11,6 +11,7 @@ from distributed import LocalCluster
 
 from eres_render import ground_truth, open_sequence
 from eres_render.storage.locks import locked
+from eres_render.trajectory.rig import to_the_right
 from sensor.formats import load_events, read_header
 from tasks import DISTRIBUTION
 from tasks.datasets import EventDataset
@@ -165,6 +166,9 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--cutoffs", 50, 50], "cutoffs_hz: found (50.0, 50.0), expected different"),
         (["--threshold", 0.05], "threshold: found 0.05, expected more than two deviations"),
         (["--cutoff", 50], "expected --cutoffs"),
+        (["--stereo", 0.4], "baseline_m: found 0.4, expected above 0 and at most 0.3 m"),
+        (["--imu", 0], "imu: found 0 Hz"),
+        (["--images", 300], "images_hz: found 300.0, expected above 0, and exposures"),
     ],
 )
 def test_senseless_options_are_refused(tmp_path, eres, options, found):
@@ -219,3 +223,29 @@ def test_workers_make_the_same_sequences(made, tmp_path, eres):
     )
     assert code == 1
     assert "expected tcp://HOST:PORT" in error
+
+
+def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
+    """What the left camera sees at depth z, the right one sees f b / z farther left, as deep."""
+    settings = DatasetSettings(
+        seed=1, seconds=0.01, width=32, height=24, truth_step_s=0.01, baseline_m=0.1
+    )
+    (folder,) = make_dataset(settings, tmp_path / "data", 1)
+    with (
+        h5py.File(folder / "events_inf.h5") as left,
+        h5py.File(folder / "right" / "events_inf.h5") as right,
+    ):
+        poses = (one["truth/T_world_cam"][-1] for one in (left, right))
+        T_left_right = np.linalg.inv(next(poses)) @ next(poses)
+        np.testing.assert_allclose(T_left_right, to_the_right(0.1), atol=1e-6)
+        here, there = (one["truth/depth"][-1] for one in (left, right))
+        focal_px = left["truth/K"][0, 0]
+    row, column = np.indices(here.shape)
+    shifted = np.round(column - focal_px * 0.1 / here).astype(int)
+    seen = shifted >= 0
+    ratio = there[row[seen], shifted[seen]] / here[seen]
+    assert np.median(abs(ratio - 1)) < 0.01
+    white = {open_sequence(place).white_level for place in (folder, folder / "right")}
+    assert len(white) == 1
+    dataset = EventDataset(tmp_path / "data")
+    assert [one.clip for one in dataset.recordings] == [folder, folder / "right"]
