@@ -105,4 +105,5 @@ def dataset(
     )
     with progress_bar(terminal.err) as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
-    terminal.out.print(f"{out}: {len(folders)} sequences", soft_wrap=True)
+    made = f"{len(folders)} sequence{'s' * (len(folders) != 1)}"
+    terminal.out.print(f"{out}: {made}", soft_wrap=True)

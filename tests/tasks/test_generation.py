@@ -1,6 +1,8 @@
 """`eres dataset`: sequences of random scenes, from their seeds alone, and resumed after a stop."""
 
+import dataclasses
 import logging
+import re
 import shutil
 from importlib.metadata import version
 
@@ -21,6 +23,7 @@ from tasks.events.sensor_options import PixelOptions
 from tasks.generation import sequence
 from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
+from tasks.generation.estimate import estimate
 from tasks.generation.settings import DatasetSettings
 
 OPTIONS = [
@@ -249,3 +252,21 @@ def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
     assert len(white) == 1
     dataset = EventDataset(tmp_path / "data")
     assert [one.clip for one in dataset.recordings] == [folder, folder / "right"]
+
+
+def test_the_estimate_grows_with_the_work():
+    """Promise: time and disk are said before the start; both as measured for 346 x 260 px."""
+    settings = DatasetSettings(
+        seed=0, seconds=1.0, width=346, height=260, cutoffs_hz=(np.inf, 200, 50)
+    )
+    found = re.fullmatch(
+        r"100 sequences to make: about (\d+) frames, (\S+) GB on disk, (\d+) min",
+        estimate(settings, 100),
+    )
+    frames, gigabytes, minutes = map(float, found.groups())
+    assert 40_000 < frames < 70_000
+    assert 10 < gigabytes < 25
+    assert minutes < 100  # twice that on one core
+    pair = dataclasses.replace(settings, baseline_m=0.1)
+    assert estimate(pair, 50).split(":")[1] == estimate(settings, 100).split(":")[1]
+    assert estimate(settings, 1).startswith("1 sequence to make: about")
