@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -20,7 +21,10 @@ from eres_render.textures.wood import planks, wood
 _LOG_SCALE = np.log([0.25, 1.0])  # size of a texel in the pattern over its size on the surface
 _LOG_SHADE = (-0.7, 0.0)  # of a chart, as if each faced the light in its own way
 _CONTRAST = (0.5, 1.5)  # factor on log reflectance
-_LEAST_TEXELS = 64  # along both sides of a pattern, as letters need some; less is cut from it
+# Letters and margins need some room: a pattern has at least this along both sides, and less is cut
+# from it.
+_LEAST_TEXELS, _LEAST_M = 64, 0.2
+_COARSEST_M = 0.01  # texel of a pattern, whose details are some centimeters large
 
 
 def random_painter(rng: np.random.Generator) -> FacePainter:
@@ -57,8 +61,10 @@ def _painted(
     rng: np.random.Generator,
 ) -> Float32:
     """Paint a pattern with another contrast about its mean, and darker by a shade."""
-    rows, columns = (max(side, _LEAST_TEXELS) for side in shape)
-    whole = pattern((rows, columns), scale * texel_m, rng)
+    texel_m = min(scale * texel_m, _COARSEST_M)
+    least = max(_LEAST_TEXELS, math.ceil(_LEAST_M / texel_m))
+    rows, columns = (max(side, least) for side in shape)
+    whole = pattern((rows, columns), texel_m, rng)
     log_tone = np.log(np.maximum(whole[: shape[0], : shape[1]], 1e-3))
     mean = log_tone.mean()
     return np.exp(mean + contrast * (log_tone - mean) + log_shade, dtype=np.float32)

@@ -18,6 +18,7 @@ STEP_S = 0.025
 _SWAY = (1.0, 0.6, 0.6)  # of the camera: right, down, ahead; only the ratios matter
 _LOG_SPEED_MPS = np.log([0.1, 1.0])
 _LOG_TURN_RAD_S = np.log([0.1, 1.0])
+_FARTHEST_M = 1.0  # from the middle of its path
 _KNOT_S = (0.25, 0.6)
 _REACH_M = (0.05, 0.5)  # of an object along each axis
 _LOG_OBJECT_SPEED_MPS = np.log([0.1, 1.5])
@@ -51,6 +52,8 @@ def path_times(duration_s: float) -> Float64:
 def camera_path(duration_s: float, rng: np.random.Generator) -> Poses:
     """Return a random camera path about the origin; z is up, and it looks along y, about.
 
+    It stays within 1 m of the origin.
+
     Parameters
     ----------
     duration_s
@@ -77,7 +80,10 @@ def camera_path(duration_s: float, rng: np.random.Generator) -> Poses:
         seed=int(rng.integers(1 << 32)),
     )
     t_s = path_times(duration_s)
-    return Poses(t_s, path.pose(t_s))
+    T = path.pose(t_s)
+    place_m = T[:, :3, 3] - T[:, :3, 3].mean(axis=0)
+    T[:, :3, 3] = place_m * min(1.0, _FARTHEST_M / np.linalg.norm(place_m, axis=1).max())
+    return Poses(t_s, T)
 
 
 def object_path(center_m: Float64, duration_s: float, rng: np.random.Generator) -> Poses:

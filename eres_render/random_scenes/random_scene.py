@@ -73,7 +73,11 @@ trajectory = "{name}.txt"
 
 
 def write_random_scene(
-    folder: Path, seed: int | Sequence[int], duration_s: float, width_px: int
+    folder: Path,
+    seed: int | Sequence[int],
+    duration_s: float,
+    width_px: int,
+    baseline_m: float = 0.0,
 ) -> None:
     """Write a random scene into a folder, for `load_scene` and the integrator "emission".
 
@@ -92,12 +96,15 @@ def write_random_scene(
         How long the paths last, s.
     width_px
         Width of the frames that the textures are made for: about one texel for a pixel.
+    baseline_m
+        Distance at which another camera on the same rig has room, m.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     camera = Camera(width_px, width_px, np.deg2rad(_FOV_DEG))
     eye = camera_path(duration_s, rng)
     walls = np.array([-1.0, 1.0])[:, None] * rng.uniform((2.0, 2.0, 1.4), (4.0, 5.0, 2.0), (2, 3))
+    free_m = _FREE_M + baseline_m
     light = float(np.exp(rng.uniform(*_LOG_LIGHT)))
     xml, toml = [], [_toml_head(folder.name)]
 
@@ -107,13 +114,13 @@ def write_random_scene(
 
     add("room", room(walls, random_painter(rng)), _WALL_M)
     for k in range(1, rng.integers(*_STILL, endpoint=True) + 1):
-        found = _place(eye, walls, False, rng)
+        found = _place(eye, walls, free_m, False, rng)
         if found is not None:
             path, radius_m, distance_m = found
             solid = random_solid(radius_m, random_painter(rng), rng)
             add(f"thing_{k}", moved(solid, 0.0, path.T_world[0, :3, 3]), distance_m)
     for k in range(1, rng.integers(*_MOVING, endpoint=True) + 1):
-        found = _place(eye, walls, True, rng)
+        found = _place(eye, walls, free_m, True, rng)
         if found is not None:
             path, radius_m, distance_m = found
             name = f"object_{k}"
@@ -132,7 +139,7 @@ def _toml_head(title: str) -> str:
 
 
 def _place(
-    eye: Poses, walls: Float64, moves: bool, rng: np.random.Generator
+    eye: Poses, walls: Float64, free_m: float, moves: bool, rng: np.random.Generator
 ) -> tuple[Poses, float, float] | None:
     """Find room in the camera's view for a thing, or None.
 
@@ -157,7 +164,7 @@ def _place(
         at = path.T_world[:, :3, 3]
         apart_m = np.linalg.norm(at - eye.T_world[:, :3, 3], axis=1).min()
         inside = np.all((at > walls[0] + _FREE_M) & (at < walls[1] - _FREE_M))
-        if inside and apart_m > radius_m + _FREE_M:
+        if inside and apart_m > radius_m + free_m:
             return path, radius_m, distance_m
     return None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -119,7 +118,7 @@ class GroundTruth:
         self.objects = tuple(objects)
         self._camera = camera
         self._distance = distance
-        self._seen_at_centers = functools.lru_cache(maxsize=2)(self._all_seen)
+        self._recent: dict[tuple[Camera, float], _Seen] = {}
 
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution.
@@ -310,8 +309,14 @@ class GroundTruth:
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         return plane_homography(self.camera(width, height).K, T_0, T_1, self.plane)
 
-    def _all_seen(self, camera: Camera, t_s: float) -> _Seen:
-        return self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
+    def _seen_at_centers(self, camera: Camera, t_s: float) -> _Seen:
+        """Return what all pixels see; the last two views are kept, for flow, depth and masks."""
+        view = camera, float(t_s)
+        if view not in self._recent:
+            for old in list(self._recent)[:-1]:
+                del self._recent[old]
+            self._recent[view] = self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
+        return self._recent[view]
 
     def _seen(self, T: Float64, t_s: float, rays_cam: Float64) -> _Seen:
         """Return the distance along rays of the camera at a pose, and the number of the object."""

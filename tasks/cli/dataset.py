@@ -10,6 +10,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.errors import TaskError
+from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 
@@ -27,9 +28,12 @@ def dataset(
     spp: int = 4,
     max_displacement: float = 0.5,
     truth: float = 0.05,
+    stereo: float | None = None,
+    images: float | None = None,
     scheduler: str | None = None,
     pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
+    camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
 ) -> None:
     """Make a dataset of random scenes for training: frames, events, flow, depth, objects, poses.
 
@@ -62,6 +66,10 @@ def dataset(
         Largest motion in the image between two frames, px.
     truth
         Time between the true images, seconds.
+    stereo
+        Add a right camera this far from the first, meters, in the folder right of each sequence.
+    images
+        Take images with a frame camera too, so many a second.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
         OUT under the same path.
@@ -88,10 +96,14 @@ def dataset(
         threshold_deviation=threshold_deviation,
         pixel=pixel,
         imu=imu,
+        baseline_m=stereo,
+        images_hz=images,
+        camera=camera,
         spp=spp,
         max_displacement_px=max_displacement,
         truth_step_s=truth,
     )
     with progress_bar(terminal.err) as on_progress:
         folders = make_dataset(settings, out.resolve(), count, scheduler, on_progress)
-    terminal.out.print(f"{out}: {len(folders)} sequences", soft_wrap=True)
+    made = f"{len(folders)} sequence{'s' * (len(folders) != 1)}"
+    terminal.out.print(f"{out}: {made}", soft_wrap=True)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
+from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 
 
 def bake(
@@ -128,6 +129,40 @@ def _size(resolution: int | None, width: int | None, height: int | None) -> tupl
     return width, height
 
 
+def stereo(
+    scene: Annotated[
+        Positional[str], arg(metavar="SCENE", help="name or folder of a scene, or a Mitsuba .xml")
+    ],
+    out: Path,
+    baseline: float,
+    trajectory: Path | None = None,
+) -> None:
+    """Write the path of a second camera on the same rig, to the right of the scene's.
+
+    Give it to `eres render --trajectory` to render what the second camera sees.
+
+    Parameters
+    ----------
+    out
+        File for the poses, in TUM's format.
+    baseline
+        Distance of the two cameras, meters; negative for a camera to the left.
+    trajectory
+        Poses in TUM's format in place of the scene's path.
+    """
+    from eres_render import load_scene
+    from eres_render.storage.atomic import write_text
+    from eres_render.trajectory.rig import second_camera, to_the_right
+    from eres_render.trajectory.tum import tum_text
+    from tasks.events.overwriting import check_new
+
+    check_new(out, False)
+    path = load_scene(scene, trajectory).trajectory()
+    t_s, poses = second_camera(path, to_the_right(baseline))
+    write_text(out, tum_text(t_s, poses, path.t_offset_us))
+    terminal.out.print(f"{out}: {len(t_s)} poses", soft_wrap=True)
+
+
 def truth(
     sequence: Annotated[
         Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
@@ -178,6 +213,40 @@ def truth(
             overwrite=overwrite,
         )
     terminal.out.print(f"{out}: {len(files)} files, {len(times_s)} times", soft_wrap=True)
+
+
+def images(
+    sequence: Annotated[
+        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
+    ],
+    out: Path,
+    rate: float = 30.0,
+    seed: int = 0,
+    camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
+) -> None:
+    """Take images with a frame camera along a sequence: exposure, noise, gray PNG of 8 bits.
+
+    An image is the mean of the rendered light over its exposure, in sRGB's encoding; white is the
+    sequence's white. images.json has the start and the end of each exposure on the events' clock.
+
+    Parameters
+    ----------
+    out
+        Folder for the images.
+    rate
+        Images a second.
+    seed
+        Seed of the noise.
+    """
+    from eres_render import open_sequence
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.events.frame_camera import write_images
+
+    with progress_bar(terminal.err) as on_progress:
+        count = write_images(
+            open_sequence(sequence), out, rate, camera, seed=seed, on_progress=on_progress
+        )
+    terminal.out.print(f"{out}: {count} images", soft_wrap=True)
 
 
 def convergence(

@@ -19,7 +19,7 @@ from tasks.errors import TaskError
 
 _COMMANDS = (
     *(lists.doctor, lists.scenes, lists.sensors, lists.methods),
-    *(light.bake, light.render, light.truth, light.convergence),
+    *(light.bake, light.render, light.stereo, light.truth, light.images, light.convergence),
     *(events.simulate, events.convert),
     dataset.dataset,
     view.view,

@@ -5,14 +5,22 @@ from __future__ import annotations
 import dataclasses
 import gc
 import os
+import shutil
+from functools import partial
 from pathlib import Path
 
 from eres_render import Clip, Renderer, load_scene, open_sequence, render_clip
 from eres_render.progress import Progress, silent
 from eres_render.random_scenes.random_scene import write_random_scene
 from eres_render.rendering.backend import release_memory
+from eres_render.scene.scene import Scene
 from eres_render.sequence.manifest import write_manifest
+from eres_render.storage.atomic import write_text
 from eres_render.trajectory.frame_times import paced_times
+from eres_render.trajectory.rig import second_camera, to_the_right
+from eres_render.trajectory.tum import tum_text
+from tasks.events.frame_camera import write_images
+from tasks.events.imu_options import NO_IMU
 from tasks.events.simulation import (
     SimulationOptions,
     origin_of,
@@ -69,7 +77,8 @@ def make_sequence(
     """Make a sequence, or finish one: frames that exist are kept.
 
     Writes a `RadianceSequence` with its scene in a folder inside, and `events_CUTOFF.h5` for each
-    cutoff: events in DSEC's format, with the ground truth.
+    cutoff: events in DSEC's format, with the ground truth; and the images of a frame camera into
+    `images`, if there is one. The right camera of a pair has the same in the folder `right`.
 
     Parameters
     ----------
@@ -82,23 +91,61 @@ def make_sequence(
     on_progress
         Called with the stage and the share of the work that is done, of 1.
     """
+    name = f"random-{settings.seed}-{number:06d}"
+    end_s = settings.warm_up_s + settings.seconds
+    seed, baseline_m = [settings.seed, number], settings.baseline_m
+    write_random_scene(folder / name, seed, end_s, settings.width, baseline_m or 0.0)
+    left = load_scene(folder / name)
+    if baseline_m is None:
+        _make_view(settings, number, left, folder, name, on_progress)
+        return
+    path = folder / name / "right.txt"
+    write_text(path, tum_text(*second_camera(left.trajectory(), to_the_right(baseline_m))))
+    right = dataclasses.replace(load_scene(folder / name, path), name=f"{name}-right")
+
+    def on_half(stage: str, done: float, total: float, /, half: float = 0.0) -> None:
+        on_progress(stage, half + 0.5 * done / total, 1.0)
+
+    white = _make_view(settings, number, left, folder, name, on_half)
+    on_right = partial(on_half, half=0.5)
+    _make_view(settings, number, right, folder / "right", f"../{name}", on_right, white)
+
+
+def _make_view(
+    settings: DatasetSettings,
+    number: int,
+    scene: Scene,
+    folder: Path,
+    source: str,
+    on_progress: Progress,
+    white_level: float | None = None,
+) -> float:
+    """Make what one camera sees of a scene, and return the radiance of white.
+
+    Parameters
+    ----------
+    source
+        Where the scene is from the folder, so that both can be moved.
+    white_level
+        White of the first camera, for the second.
+    """
+    is_first = white_level is None
 
     def on_stage(stage: str, done: float, total: float, /) -> None:
         begin, share = _STAGES[stage]
         on_progress(stage, begin + share * done / total, 1.0)
 
-    scene_folder = folder / f"random-{settings.seed}-{number:06d}"
-    end_s = settings.warm_up_s + settings.seconds
-    write_random_scene(scene_folder, [settings.seed, number], end_s, settings.width)
-    scene = load_scene(scene_folder)
     camera = scene.camera(settings.width, settings.height)
     renderer = Renderer(scene, spp=settings.spp, integrator="emission", camera=camera)
-    clip = Clip(number, 0.0, settings.warm_up_s, end_s)
-    limit_px = settings.max_displacement_px
+    if white_level is not None:
+        renderer.white_level = white_level
+    warm_up_s, limit_px = settings.warm_up_s, settings.max_displacement_px
+    clip = Clip(number, 0.0, warm_up_s, warm_up_s + settings.seconds)
     sequence = render_clip(renderer, clip, folder, limit_px, on_stage, paced_times)
-    # Where the scene is from here, so that the folder can be moved.
-    write_manifest(folder, dataclasses.replace(sequence.manifest, scene_source=scene.name))
+    write_manifest(folder, dataclasses.replace(sequence.manifest, scene_source=source))
     sequence = open_sequence(folder)
+    sensor_seed = settings.sensor_seed(number) + (not is_first)
+    imu = settings.imu if is_first else NO_IMU
     models = settings.models(number, sequence.white_level)
     first: Path | None = None
     for k, (name, model) in enumerate(models.items()):
@@ -107,7 +154,7 @@ def make_sequence(
             on_stage(stage, k + done / total, len(models))
 
         file = folder / f"events_{name}.h5"
-        options = SimulationOptions(seed=settings.sensor_seed(number), overwrite=True)
+        options = SimulationOptions(seed=sensor_seed, overwrite=True)
         if first is None:
             first = file
             simulate_sequence(
@@ -116,11 +163,11 @@ def make_sequence(
                 file,
                 options,
                 truth_step_s=settings.truth_step_s,
-                imu=settings.imu,
+                imu=imu,
                 on_progress=on_cutoff,
             )
         else:
-            copied = ["truth"] if settings.imu.imu is None else ["truth", "imu"]
+            copied = ["truth"] if imu.imu is None else ["truth", "imu"]
             simulate_frames(
                 sequence,
                 model,
@@ -130,6 +177,11 @@ def make_sequence(
                 add=groups_to_copy(first, copied),
                 on_progress=on_cutoff,
             )
+    if settings.images_hz is not None:
+        images = folder / "images"
+        shutil.rmtree(images, ignore_errors=True)  # of a start that was stopped here
+        write_images(sequence, images, settings.images_hz, settings.camera, seed=sensor_seed)
     del renderer
     gc.collect()  # scenes in Mitsuba are parts of cycles
     release_memory()
+    return sequence.white_level

@@ -16,6 +16,7 @@ from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json
 from sensor.model import SensorModel
 from tasks.errors import TaskError
+from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 
@@ -23,6 +24,7 @@ FILE_NAME = "dataset.json"
 
 _WARM_UP = 6.0  # time constants of the slowest filter
 _MOST_DEVIATIONS = 2.0  # of a threshold from the mean
+_WIDEST_M = 0.3  # of a pair of cameras
 _DARK_LEVEL = 1e-3  # a thousandth of the radiance of white in the brightest scene, W m^-2 sr^-1
 
 
@@ -47,6 +49,12 @@ class DatasetSettings:
         Other properties of the pixels.
     imu
         An IMU at the place of the camera, if it has a rate.
+    images_hz
+        Rate of the images of a frame camera; None for no images.
+    camera
+        That camera.
+    baseline_m
+        Distance of a second, right camera on the same rig, m; None for one camera.
     spp
         Samples per pixel.
     max_displacement_px
@@ -71,6 +79,9 @@ class DatasetSettings:
     threshold_deviation: float = 0.03
     pixel: PixelOptions = IDEAL_PIXEL
     imu: ImuOptions = NO_IMU
+    images_hz: float | None = None
+    camera: FrameCameraOptions = USUAL_CAMERA
+    baseline_m: float | None = None
     spp: int = 4
     max_displacement_px: float = 0.5
     truth_step_s: float = 0.05
@@ -90,7 +101,14 @@ class DatasetSettings:
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
         check("threshold", lowest > 0, "more than two deviations above 0")
+        baseline_m = self.baseline_m
+        fits = baseline_m is None or 0 < baseline_m <= _WIDEST_M
+        check("baseline_m", fits, f"above 0 and at most {_WIDEST_M} m")
         self.imu.check()
+        self.camera.check()
+        rate_hz = self.images_hz
+        fits = rate_hz is None or 0 < rate_hz <= 1 / self.camera.exposure
+        check("images_hz", fits, "above 0, and exposures that do not overlap")
         if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
             raise TaskError("found --cutoff or --illuminance, expected --cutoffs for a dataset")
 
@@ -169,6 +187,13 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
 
 def _table(settings: DatasetSettings) -> dict[str, Any]:
     """Return the settings as JSON has them: lists, and infinity as a text."""
-    table = dataclasses.asdict(settings)
-    table["cutoffs_hz"] = [hz if hz < math.inf else "inf" for hz in settings.cutoffs_hz]
-    return json.loads(json.dumps(table))
+    table: dict[str, Any] = _plain(dataclasses.asdict(settings))
+    return table
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _plain(one) for name, one in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
+    return "inf" if value == math.inf else value

@@ -1,4 +1,4 @@
-"""docs/quick_start.md, docs/sensors.md, docs/learning.md: all commands and Python run.
+"""docs/quick_start.md, sensors.md, learning.md and dataset.md: all commands and Python run.
 
 They run from top to bottom."""
 
@@ -54,3 +54,11 @@ def test_a_slow_bus_drops_events(sensors):
 def test_the_page_for_networks_has_windows_with_flow(tmp_path):
     follow("learning.md", tmp_path)  # asserts shapes
     assert (tmp_path / "data" / "clip_001.h5").is_file()
+
+
+def test_the_page_of_random_scenes_makes_all_that_it_shows(tmp_path):
+    said = follow("dataset.md", tmp_path)
+    for found in ("data/000000/events_200.h5", "images/images.json", "again/continuous"):
+        assert (tmp_path / found).exists()
+    assert "data: 2 sequences" in said
+    assert "images: 3 images" in said

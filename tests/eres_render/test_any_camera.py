@@ -173,7 +173,9 @@ def test_a_sequence_keeps_its_camera(small_carpet, tmp_path):
         render_clip(Renderer(small_carpet, spp=1, camera=centered), CLIP, sequence.folder, 1.0)
     file = sequence.folder / "manifest.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"fov_rad": 1.0}))
-    with pytest.raises(SequenceError, match=r"manifest\.json: Camera.fx: found 130.0, expected 117.15"):
+    with pytest.raises(
+        SequenceError, match=r"manifest\.json: Camera.fx: found 130.0, expected 117.15"
+    ):
         open_sequence(sequence.folder)
 
 

@@ -104,5 +104,7 @@ def test_clips_that_do_not_fit_are_refused():
         clips(scene, 1.3, samples=4)
     with pytest.raises(RenderError, match="no clip fits"):
         clips(scene, 0.2)
-    with pytest.raises(RenderError, match=r"found 0\.05 and 0\.3 s, expected each to fit into half"):
+    with pytest.raises(
+        RenderError, match=r"found 0\.05 and 0\.3 s, expected each to fit into half"
+    ):
         clips(scene, warmup_s=0.3)

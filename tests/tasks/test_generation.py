@@ -1,6 +1,8 @@
 """`eres dataset`: sequences of random scenes, from their seeds alone, and resumed after a stop."""
 
+import dataclasses
 import logging
+import re
 import shutil
 from importlib.metadata import version
 
@@ -11,6 +13,7 @@ from distributed import LocalCluster
 
 from eres_render import ground_truth, open_sequence
 from eres_render.storage.locks import locked
+from eres_render.trajectory.rig import to_the_right
 from sensor.formats import load_events, read_header
 from tasks import DISTRIBUTION
 from tasks.datasets import EventDataset
@@ -20,11 +23,12 @@ from tasks.events.sensor_options import PixelOptions
 from tasks.generation import sequence
 from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
+from tasks.generation.estimate import estimate
 from tasks.generation.settings import DatasetSettings
 
 OPTIONS = [
     *("--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01),
-    *("--imu", 500),
+    *("--imu", 500, "--images", 100),
 ]
 SETTINGS = DatasetSettings(
     seed=4,
@@ -34,6 +38,7 @@ SETTINGS = DatasetSettings(
     cutoffs_hz=(np.inf, 200),
     truth_step_s=0.01,
     imu=ImuOptions(imu=500.0),
+    images_hz=100.0,
 )
 FILES = ("events_inf.h5", "events_200.h5")
 
@@ -93,6 +98,7 @@ def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):
                 for name in one[group]:
                     np.testing.assert_array_equal(one[group][name], other[group][name])
             assert np.isfinite(one["truth/depth"][:]).all()  # the room fills the view
+        assert len(list((folder / "images").glob("*.png"))) == 3
         assert len(load_events(folder / FILES[0])) > len(load_events(folder / FILES[1]))
     assert len(thresholds) == 2
     assert all(0.14 <= C <= 0.26 for C in thresholds)
@@ -163,6 +169,9 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--cutoffs", 50, 50], "cutoffs_hz: found (50.0, 50.0), expected different"),
         (["--threshold", 0.05], "threshold: found 0.05, expected more than two deviations"),
         (["--cutoff", 50], "expected --cutoffs"),
+        (["--stereo", 0.4], "baseline_m: found 0.4, expected above 0 and at most 0.3 m"),
+        (["--imu", 0], "imu: found 0 Hz"),
+        (["--images", 300], "images_hz: found 300.0, expected above 0, and exposures"),
     ],
 )
 def test_senseless_options_are_refused(tmp_path, eres, options, found):
@@ -217,3 +226,47 @@ def test_workers_make_the_same_sequences(made, tmp_path, eres):
     )
     assert code == 1
     assert "expected tcp://HOST:PORT" in error
+
+
+def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
+    """What the left camera sees at depth z, the right one sees f b / z farther left, as deep."""
+    settings = DatasetSettings(
+        seed=1, seconds=0.01, width=32, height=24, truth_step_s=0.01, baseline_m=0.1
+    )
+    (folder,) = make_dataset(settings, tmp_path / "data", 1)
+    with (
+        h5py.File(folder / "events_inf.h5") as left,
+        h5py.File(folder / "right" / "events_inf.h5") as right,
+    ):
+        poses = (one["truth/T_world_cam"][-1] for one in (left, right))
+        T_left_right = np.linalg.inv(next(poses)) @ next(poses)
+        np.testing.assert_allclose(T_left_right, to_the_right(0.1), atol=1e-6)
+        here, there = (one["truth/depth"][-1] for one in (left, right))
+        focal_px = left["truth/K"][0, 0]
+    row, column = np.indices(here.shape)
+    shifted = np.round(column - focal_px * 0.1 / here).astype(int)
+    seen = shifted >= 0
+    ratio = there[row[seen], shifted[seen]] / here[seen]
+    assert np.median(abs(ratio - 1)) < 0.01
+    white = {open_sequence(place).white_level for place in (folder, folder / "right")}
+    assert len(white) == 1
+    dataset = EventDataset(tmp_path / "data")
+    assert [one.clip for one in dataset.recordings] == [folder, folder / "right"]
+
+
+def test_the_estimate_grows_with_the_work():
+    """Promise: time and disk are said before the start; both as measured for 346 x 260 px."""
+    settings = DatasetSettings(
+        seed=0, seconds=1.0, width=346, height=260, cutoffs_hz=(np.inf, 200, 50)
+    )
+    found = re.fullmatch(
+        r"100 sequences to make: about (\d+) frames, (\S+) GB on disk, (\d+) min",
+        estimate(settings, 100),
+    )
+    frames, gigabytes, minutes = map(float, found.groups())
+    assert 40_000 < frames < 70_000
+    assert 10 < gigabytes < 25
+    assert minutes < 100  # twice that on one core
+    pair = dataclasses.replace(settings, baseline_m=0.1)
+    assert estimate(pair, 50).split(":")[1] == estimate(settings, 100).split(":")[1]
+    assert estimate(settings, 1).startswith("1 sequence to make: about")

@@ -1,0 +1,174 @@
+"""Images of a frame camera that looks along with an event camera: exposure, noise, encoding."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import RadianceSequence
+from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import write_bytes, write_text
+from tasks.errors import TaskError
+from tasks.events.frame_camera_options import FrameCameraOptions
+
+Float64 = NDArray[np.float64]
+
+FILE_NAME = "images.json"
+
+
+def write_images(
+    sequence: RadianceSequence,
+    out: Path,
+    rate_hz: float,
+    options: FrameCameraOptions,
+    *,
+    seed: int = 0,
+    on_progress: Progress = silent,
+) -> int:
+    """Write the images that a frame camera takes along a sequence.
+
+    Writes `000000.png`, ..., gray, 8 bits in sRGB's encoding, with white at the sequence's white
+    level; and at last `images.json`: the start and the end of each exposure, microseconds on the
+    clock of the events, and the options.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    out
+        Folder of the images; made if it does not exist.
+    rate_hz
+        Images a second. Exposures start with the sequence, and those that end in it are taken.
+    options
+        The camera.
+    seed
+        Seed of the noise.
+    on_progress
+        Called after each image.
+
+    Returns
+    -------
+    count
+        Number of images.
+
+    Raises
+    ------
+    TaskError
+        A value is out of range, the exposure does not fit, or the folder holds images.
+    """
+    options.check()
+    if not 0 < rate_hz * options.exposure <= 1:
+        raise TaskError(
+            f"rate, exposure: found {rate_hz:g} Hz and {options.exposure:g} s, expected a rate "
+            "above 0 and exposures that do not overlap"
+        )
+    if (out / FILE_NAME).exists():
+        raise TaskError(f"{out}: contains images already; write elsewhere")
+    t_s = sequence.t_s
+    room_s = float(t_s[-1] - t_s[0]) - options.exposure
+    if room_s < -1e-9:
+        raise TaskError(
+            f"exposure: found {options.exposure:g} s, expected less than the sequence's length, "
+            f"{t_s[-1] - t_s[0]:g} s"
+        )
+    starts_s = t_s[0] + np.arange(math.floor(room_s * rate_hz + 1e-9) + 1) / rate_hz
+    rng = np.random.default_rng(seed)
+    for k, start_s in enumerate(starts_s.tolist()):
+        light = exposed(sequence, start_s, start_s + options.exposure) / sequence.white_level
+        _, png = cv2.imencode(".png", developed(light, options, rng))
+        write_bytes(out / f"{k:06d}.png", png.tobytes())
+        on_progress("images", k + 1, len(starts_s))
+    edges_us = np.round(1e6 * np.stack([starts_s, starts_s + options.exposure], axis=1))
+    facts = {
+        "exposures_us": (sequence.t_offset_us + edges_us.astype(np.int64)).tolist(),
+        "rate_hz": rate_hz,
+        "white_level": sequence.white_level,
+        "seed": seed,
+        **{name: value if value < math.inf else "inf" for name, value in asdict(options).items()},
+    }
+    write_text(out / FILE_NAME, json.dumps(facts, indent=1) + "\n")
+    return len(starts_s)
+
+
+def exposed(sequence: RadianceSequence, start_s: float, end_s: float) -> Float64:
+    """Return the mean radiance of an exposure; between frames radiance is linear in time.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    start_s, end_s
+        Start and end of the exposure, on the time of the frames.
+
+    Returns
+    -------
+    radiance
+        (H, W).
+    """
+    first, weights = frame_weights(sequence.t_s, start_s, end_s)
+    parts = (w * sequence.frame(first + k).astype(np.float64) for k, w in enumerate(weights))
+    return np.sum(list(parts), axis=0)
+
+
+def frame_weights(t_s: Float64, start_s: float, end_s: float) -> tuple[int, Float64]:
+    """Return the weights of frames in the mean from one time to another.
+
+    Parameters
+    ----------
+    t_s
+        (T,) increasing times of the frames, s.
+    start_s, end_s
+        Start and end of the mean, within these times.
+
+    Returns
+    -------
+    first
+        Number of the first frame with a weight.
+    weights
+        (N,) weights of the frames from it; their sum is 1.
+    """
+    first = max(0, int(np.searchsorted(t_s, start_s, "right")) - 1)
+    stop = min(len(t_s), int(np.searchsorted(t_s, end_s, "left")) + 1)
+    t = t_s[first:stop]
+    weights = np.zeros(len(t))
+    for k in range(len(t) - 1):
+        low, high = max(t[k], start_s), min(t[k + 1], end_s)
+        if high > low:
+            share = (0.5 * (low + high) - t[k]) / (t[k + 1] - t[k])  # of the later frame
+            weights[k : k + 2] += (high - low) * np.array([1 - share, share])
+    return first, weights / weights.sum()
+
+
+def developed(
+    light: Float64, options: FrameCameraOptions, rng: np.random.Generator
+) -> NDArray[np.uint8]:
+    """Return what a camera makes of light: electrons with noise, then sRGB in 8 bits.
+
+    Parameters
+    ----------
+    light
+        (H, W) mean light of the exposure; 1 fills a pixel's well.
+    options
+        The camera.
+    rng
+        Source of the noise.
+
+    Returns
+    -------
+    image
+        (H, W) codes from 0 to 255.
+    """
+    if options.full_well < math.inf:
+        electrons = rng.poisson(options.full_well * light).astype(np.float64)
+        electrons += options.read_noise * rng.standard_normal(light.shape)
+        light = electrons / options.full_well
+    light = np.clip(light, 0.0, 1.0)
+    # IEC 61966-2-1:1999, section 5.2
+    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.round(255 * encoded).astype(np.uint8)

@@ -1,0 +1,46 @@
+"""Options of a frame camera at the place of the event camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tasks.errors import TaskError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameCameraOptions:
+    """A global-shutter camera for gray images of 8 bits.
+
+    Parameters
+    ----------
+    exposure
+        Exposure time, seconds.
+    full_well
+        Electrons of a pixel that is white; photon noise follows from it. inf is a camera without
+        noise.
+    read_noise
+        Standard deviation of the noise of the readout, electrons.
+    """
+
+    exposure: float = 0.005
+    full_well: float = 10_000.0
+    read_noise: float = 10.0
+
+    def check(self) -> None:
+        """Refuse impossible values.
+
+        Raises
+        ------
+        TaskError
+            The text names the option.
+        """
+        if not 0 < self.exposure < math.inf:
+            raise TaskError(f"exposure: found {self.exposure}, expected a positive number of s")
+        if not self.full_well > 0:
+            raise TaskError(f"full_well: found {self.full_well}, expected a positive number")
+        if not 0 <= self.read_noise < math.inf:
+            raise TaskError(f"read_noise: found {self.read_noise}, expected a number of at least 0")
+
+
+USUAL_CAMERA = FrameCameraOptions()

@@ -1,0 +1,43 @@
+"""A second camera on the rig of the first."""
+
+import numpy as np
+import pytest
+
+from eres_render import load_scene, path_through
+from eres_render.trajectory.generators import random_path
+from eres_render.trajectory.rig import second_camera, to_the_right
+
+
+def test_the_spline_of_the_second_camera_stays_on_the_rig():
+    """A hand-held pace, 1 m/s and 1 rad/s: micrometers and microradians, between the poses too."""
+    path = random_path(
+        np.eye(4),
+        duration_s=1.0,
+        mean_speed_mps=1.0,
+        knot_interval_s=0.3,
+        sway=(1, 1, 1),
+        turn_rad=(0.3, 0.3, 0.3),
+        seed=1,
+    )
+    T_rig = to_the_right(0.2)
+    t_s, poses = second_camera(path, T_rig)
+    assert np.diff(t_s).max() <= 2e-3 * (1 + 1e-9)
+    second = path_through(t_s, poses)
+    t = np.linspace(0, path.duration_s, 3333)
+    difference = np.linalg.inv(path.pose(t)) @ second.pose(t)
+    np.testing.assert_allclose(difference, np.tile(T_rig, (len(t), 1, 1)), atol=2e-6)
+
+
+def test_any_scene_has_a_second_camera(small_carpet, tmp_path, eres):
+    out = tmp_path / "right.txt"
+    code, said, _ = eres("stereo", small_carpet.source, "--baseline", 0.1, "--out", out)
+    assert code == 0
+    left, right = load_scene(small_carpet.source), load_scene(small_carpet.source, out)
+    assert f"{len(right.trajectory().controls) - 2} poses" in said
+    for t in (0.0, 0.1234):
+        T = np.linalg.inv(left.trajectory().pose(t)) @ right.trajectory().pose(t)
+        np.testing.assert_allclose(T, to_the_right(0.1), atol=1e-5)
+    assert right.duration_s == pytest.approx(left.trajectory().duration_s)
+    code, _, error = eres("stereo", small_carpet.source, "--baseline", 0.1, "--out", out)
+    assert code == 1
+    assert "exists already" in error

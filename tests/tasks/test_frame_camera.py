@@ -1,0 +1,84 @@
+"""The frame camera: means over the exposure, photon and read noise, sRGB."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from eres_render import render_scene
+from sensor import to_linear
+from tasks.events.frame_camera import developed, exposed, frame_weights
+from tasks.events.frame_camera_options import FrameCameraOptions
+
+QUIET = FrameCameraOptions(full_well=np.inf, read_noise=0.0)
+
+
+@pytest.mark.parametrize("span_s", [(0.1, 0.9), (0.12, 0.13), (0.0, 1.0), (0.3, 0.55), (0.99, 1.0)])
+def test_the_mean_of_light_that_changes_evenly_is_exact(span_s):
+    """A ramp's mean is its value in the middle; weights sum to 1, also within one interval."""
+    t_s = np.array([0.0, 0.1, 0.15, 0.3, 0.7, 1.0])
+    first, weights = frame_weights(t_s, *span_s)
+    assert weights.sum() == pytest.approx(1)
+    assert weights.min() >= 0
+    assert weights @ t_s[first : first + len(weights)] == pytest.approx(np.mean(span_s))
+
+
+def test_the_mean_of_a_kink_is_its_area():
+    """A triangle from 0 up to 1 and down, by hand: the mean over its middle half is 3/4."""
+    first, weights = frame_weights(np.array([0.0, 0.5, 1.0]), 0.25, 0.75)
+    assert first == 0
+    np.testing.assert_allclose(weights, [0.125, 0.75, 0.125])
+
+
+def test_codes_are_srgb():
+    """Promise: `sensor.to_linear` gives the light back; more than white is white."""
+    light = np.linspace(0, 1, 400)[None]
+    codes = developed(light, QUIET, np.random.default_rng(0))
+    steps = to_linear(np.arange(256, dtype=np.uint8)[None], "srgb")[0]
+    there = np.abs(steps[:, None] - light).argmin(axis=0)
+    assert abs(codes[0].astype(int) - there).max() <= 1
+    assert developed(np.array([[9.0]]), QUIET, np.random.default_rng(0)) == 255
+
+
+def test_noise_is_that_of_photons_and_of_the_readout():
+    """Variance in electrons: the mean's, plus the square of the read noise."""
+    options = FrameCameraOptions(full_well=400.0, read_noise=12.0)
+    for level in (0.3, 0.5):
+        light = np.full((300, 300), level)
+        codes = developed(light, options, np.random.default_rng(1))
+        electrons = 400 * to_linear(codes, "srgb").astype(np.float64)
+        assert electrons.mean() == pytest.approx(400 * level, rel=0.01)
+        assert electrons.var() == pytest.approx(400 * level + 144, rel=0.05)
+
+
+def test_any_sequence_has_images(small_carpet, tmp_path, eres):
+    options = {"resolution": 16, "spp": 1, "max_displacement_px": 2.0, "samples": 1}
+    (clip,) = render_scene(small_carpet, tmp_path / "clips", **options)
+    out = tmp_path / "images"
+    camera = ["--rate", 100, "--exposure", 0.004, "--full-well", "inf"]
+    code, said, _ = eres("images", clip.folder, "--out", out, *camera)
+    assert code == 0
+    facts = json.loads((out / "images.json").read_text())
+    spans_us = np.array(facts["exposures_us"])
+    assert f"{out}: {len(spans_us)} images" in said
+    assert (
+        len(list(out.glob("*.png"))) == len(spans_us) == 1 + int(100 * (np.ptp(clip.t_s) - 0.004))
+    )
+    assert set(np.diff(spans_us, axis=1).ravel()) == {4000}
+    light = exposed(clip, clip.t_s[0] + 0.01, clip.t_s[0] + 0.014) / clip.white_level
+    expected = developed(light, QUIET, np.random.default_rng(0))
+    np.testing.assert_array_equal(cv2.imread(str(out / "000001.png"), -1), expected)
+    for wrong, found in (
+        (camera, "contains images already"),
+        (["--rate", 300], "expected a rate above 0 and exposures that do not overlap"),
+        (["--rate", 1, "--exposure", 1], "expected less than the sequence's length"),
+        (["--full-well", 0], "full_well: found 0.0"),
+        (["--read-noise", -1], "read_noise: found -1.0"),
+        (["--exposure", 0], "exposure: found 0.0"),
+    ):
+        place = out if wrong is camera else tmp_path / "none"
+        code, _, error = eres("images", clip.folder, "--out", place, *wrong)
+        assert code == 1
+        assert found in error
+    assert not (tmp_path / "none").exists()
