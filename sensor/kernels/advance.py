@@ -25,14 +25,15 @@ from sensor.kernels.crossings import CROSSING_BATCH, CROSSING_SIZE
 from sensor.kernels.elementary import exp, inlined, jit
 from sensor.kernels.noise import NoiseSource, noise_events
 from sensor.kernels.packing import START, STOP, Interval, place
-from sensor.kernels.photoreceptor import Response, poles_to_end, poles_to_end_in_own_light
+from sensor.kernels.photoreceptor import Response, poles_to_end_in_own_light
 from sensor.kernels.radiance import BAD, log_intensity, log_of_flagged
 from sensor.kernels.silence import (
     SHORT_STEP,
     Comparators,
     LightBand,
-    flag_filtered,
     flag_ideal,
+    flag_in_own_light,
+    flag_long,
     flag_short,
     list_flagged,
     set_light_band,
@@ -153,6 +154,7 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
             MEMORY.array((CURVE_SIZE, size)),
             MEMORY.array((CROSSING_SIZE, CROSSING_BATCH)),
             MEMORY.array(CROSSING_BATCH, np.uint64),
+            MEMORY.array(CROSSING_BATCH, np.uint64),
             MEMORY.array(size, np.uint64),
             MEMORY.array(size, np.int64),
             MEMORY.array((SLOTS, size), np.uint64),
@@ -264,7 +266,9 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
     light_a = settings.light_a[s]
     if light_a > 0.0:
         poles_to_end_in_own_light(n, response, light_a, interval.dt_s, block.x, block.e)
-        flag_filtered(n, response, block.x, block.e, interval.drift, block.comparators, block.flag)
+        flag_in_own_light(
+            n, response, block.x, block.e, interval.drift, block.comparators, block.flag
+        )
         flagged = block.flagged[: list_flagged(block.flag, n, block.flagged)]
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = block.x[flagged[k]]
@@ -272,10 +276,7 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
         if step.x < SHORT_STEP:
             flag_short(n, response, step, interval.drift, block.comparators, block.flag)
         else:
-            poles_to_end(n, response, step)
-            flag_filtered(
-                n, response, step.x, step.e, interval.drift, block.comparators, block.flag
-            )
+            flag_long(n, response, step, interval.drift, block.comparators, block.flag)
         flagged = block.flagged[: list_flagged(block.flag, n, block.flagged)]
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = step.x

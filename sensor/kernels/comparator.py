@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -20,16 +19,18 @@ from sensor.kernels.crossings import (
     SHORT,
     SHORT_X,
     SLACK,
+    SLOPE_HIGH,
+    SLOPE_LOW,
     START_V,
     TRANSIENT,
     US,
     V_HIGH,
     V_LOW,
+    V_ROOT,
     Curve,
     solve_crossings,
     solve_turns,
     v2_and_slopes_at,
-    v2_at,
 )
 from sensor.kernels.elementary import allocating, inlined, jit
 from sensor.kernels.packing import FULL, POLARITY_SHIFT, START, STOP, pack
@@ -50,6 +51,7 @@ class Work(NamedTuple):
     position: NDArray[np.uint64]  # (block,) packed row and column
     curve: NDArray[np.float64]  # (CURVE_SIZE, block)
     todo: NDArray[np.float64]  # (CROSSING_SIZE, CROSSING_BATCH)
+    todo_of: NDArray[np.uint64]  # (CROSSING_BATCH,) column in `curve`
     todo_words: NDArray[np.uint64]  # (CROSSING_BATCH,) polarity and position
     words: NDArray[np.uint64]  # (block,) the same of the flagged ideal pixels
     fired: NDArray[np.int64]  # (block,) events of these pixels
@@ -261,40 +263,16 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
     return used
 
 
-@jit
-def fire(count, interval, work, used):
-    """Solve the listed crossings and append them to the pool as events.
-
-    Parameters
-    ----------
-    count
-        Number of listed crossings.
-    interval, work, used
-        Clock, crossings in `todo`, and used size of the pool.
-
-    Returns
-    -------
-    int
-        New used size of the pool, or FULL.
-    """
-    todo, todo_words, pool = work.todo, work.todo_words, work.pool
-    if used + count > pool.size:
-        return FULL
-    solve_crossings(todo, count)
-    start_us, length_us = interval.start_us, interval.length_us
-    for k in range(count):
-        since_us = todo[ROOT, k] * todo[US, k]
-        pool[used + k] = pack(since_us, start_us, length_us, todo_words[k])
-    return used + count
-
-
-# Rows of `Work.curve`, one column for each flagged filtered pixel. WHOLE = a dt; SHAPED is the end
-# of the transient, at most WHOLE; FLAT is the turning point of the slope of v2, at most SHAPED;
-# CUT_0 and CUT_1 are the turning points of v2, or 0 and SHAPED without.
-U_START, U_END, V1_START, V1_STOP, V2_START, V2_STOP, WHOLE, SHAPED, FLAT = range(9)
-CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT, TURNS_BEFORE, TURNS_AFTER = range(9, 16)
-CUT_0, CUT_1 = range(16, 18)
-CURVE_SIZE = 18
+# Rows of `Work.curve`, one column for each flagged filtered pixel. An interval has up to four
+# pieces, which end at the turning points of v2 (or 0 and SHAPED without), at the end of its
+# transient, and at WHOLE = a dt; four rows with v2 at these ends follow. FLAT is the turning point
+# of the slope of v2, at most SHAPED; BENT says that there is more than one piece.
+U_START, U_END, V1_START, V1_STOP, V2_START = range(5)
+CURVE_START_V, CURVE_RISE, CURVE_A, CURVE_B, CURVE_SHORT = range(5, 10)
+CUT_0, CUT_1, SHAPED, WHOLE, V_CUT_0, V_CUT_1, V_SHAPED, V2_STOP = range(10, 18)
+SLOPE_START, SLOPE_STOP, FLAT, TURNS_BEFORE, TURNS_AFTER, BENT = range(18, 24)
+CURVE_SIZE = 24
+PIECES = 4
 
 
 @jit
@@ -331,21 +309,33 @@ def describe_curves(curve, count, poles, drift):
         start = v2[k] if short > 0.0 else u0[k] - poles * S
         at_flat = v2_and_slopes_at(flat, Curve(start, rise, A, B, short))[1]
         slope_flat = at_flat if inside else slope_end
+        turns_before, turns_after = slope_start * slope_flat < 0.0, slope_flat * slope_end < 0.0
         curve[V2_STOP, k] += drift
         curve[CURVE_START_V, k] = start
         curve[CURVE_RISE, k] = rise
         curve[CURVE_A, k] = A
         curve[CURVE_B, k] = B
-        curve[CURVE_SHORT, k] = short
-        curve[SHAPED, k] = shaped
+        curve[SLOPE_START, k] = slope_start
+        curve[SLOPE_STOP, k] = slope_end
         curve[FLAT, k] = flat
-        curve[TURNS_BEFORE, k] = slope_start * slope_flat < 0.0
-        curve[TURNS_AFTER, k] = slope_flat * slope_end < 0.0
+        curve[TURNS_BEFORE, k] = 1.0 if turns_before else 0.0
+        curve[TURNS_AFTER, k] = 1.0 if turns_after else 0.0
+    start_v, rise_v, turns = curve[CURVE_START_V], curve[CURVE_RISE], curve[TURNS_BEFORE]
+    turns_late = curve[TURNS_AFTER]
+    for k in range(count):  # more rows in one loop would not be vectorized
+        shaped = min(whole[k], TRANSIENT)
+        straight = shaped == whole[k]
+        v_shaped = v2_end[k] if straight else start_v[k] + shaped * rise_v[k]
+        curve[CURVE_SHORT, k] = 1.0 if whole[k] < SHORT_X else 0.0
+        curve[CUT_0, k] = 0.0
+        curve[CUT_1, k] = curve[SHAPED, k] = shaped
+        curve[V_CUT_1, k] = curve[V_SHAPED, k] = v_shaped
+        curve[BENT, k] = turns[k] + turns_late[k] + (0.0 if straight else 1.0)
 
 
 @jit
 def find_turns(count, work):
-    """Compute the turning points of v2 of each flagged pixel.
+    """Compute the turning points of v2 of each flagged pixel, and v2 there.
 
     The slope of v2 has at most one turning point, FLAT; it is monotone on both sides.
 
@@ -356,29 +346,77 @@ def find_turns(count, work):
     work
         Memory with the rows of `describe_curves`.
     """
-    curve, todo, todo_words = work.curve, work.todo, work.todo_words
-    listed = np.int64(0)
-    for k in range(count):
-        curve[CUT_0, k], curve[CUT_1, k] = 0.0, curve[SHAPED, k]
-        for cut in range(CUT_0, CUT_1 + 1):
-            before = cut == CUT_0
-            if curve[TURNS_BEFORE if before else TURNS_AFTER, k] != 0.0:
-                todo[START_V, listed], todo[RISE, listed] = (
-                    curve[CURVE_START_V, k],
-                    curve[CURVE_RISE, k],
-                )
-                todo[POLE_A, listed], todo[POLE_B, listed] = curve[CURVE_A, k], curve[CURVE_B, k]
-                todo[SHORT, listed] = curve[CURVE_SHORT, k]
-                todo[LOW, listed] = 0.0 if before else curve[FLAT, k]
-                todo[HIGH, listed] = curve[FLAT if before else SHAPED, k]
-                todo_words[listed] = cut * np.int64(curve.shape[1]) + k
-                listed += 1
-        if listed >= CROSSING_BATCH - 1 or k == count - 1:
-            solve_turns(todo, listed)
+    curve, todo, todo_of = work.curve, work.todo, work.todo_of
+    before, after = curve[TURNS_BEFORE], curve[TURNS_AFTER]
+    listed = np.uint64(0)  # unsigned: Numba checks if signed indices are negative
+    for k in range(np.uint64(count)):
+        # Without a branch: the next pixel overwrites what this one does not need.
+        todo_of[listed] = k << np.uint64(1)
+        listed += np.uint64(before[k])
+        todo_of[listed] = k << np.uint64(1) | np.uint64(1)
+        listed += np.uint64(after[k])
+        if listed > np.uint64(CROSSING_BATCH - 3) or k == np.uint64(count - 1):
             for j in range(listed):
-                cut, of = divmod(np.int64(todo_words[j]), np.int64(curve.shape[1]))
-                curve[cut, of] = todo[ROOT, j]
-            listed = np.int64(0)
+                of, second = todo_of[j] >> np.uint64(1), todo_of[j] & np.uint64(1)
+                flat = curve[FLAT, of]
+                todo[LOW, j] = flat if second else 0.0
+                todo[HIGH, j] = curve[SHAPED, of] if second else flat
+                copy_curve(curve, of, todo, j)
+            solve_turns(todo, np.int64(listed))
+            for j in range(listed):
+                of, second = todo_of[j] >> np.uint64(1), todo_of[j] & np.uint64(1)
+                curve[np.uint64(CUT_0) + second, of] = todo[ROOT, j]
+                curve[np.uint64(V_CUT_0) + second, of] = todo[V_ROOT, j]
+            listed = np.uint64(0)
+
+
+@inlined
+def copy_curve(curve, of, todo, j):
+    """Copy the curve of a flagged pixel to a turning point or crossing to solve.
+
+    Parameters
+    ----------
+    curve, of, todo, j
+        Source and its column, target and its column.
+    """
+    todo[START_V, j], todo[RISE, j] = curve[CURVE_START_V, of], curve[CURVE_RISE, of]
+    todo[POLE_A, j], todo[POLE_B, j] = curve[CURVE_A, of], curve[CURVE_B, of]
+    todo[SHORT, j] = curve[CURVE_SHORT, of]
+
+
+@jit
+def fire(count, interval, work, used):
+    """Solve the listed crossings and append them to the pool as events.
+
+    Parameters
+    ----------
+    count
+        Number of listed crossings.
+    interval, work, used
+        Clock, crossings in `todo` without their curves, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
+    """
+    curve, todo, pool = work.curve, work.todo, work.pool
+    if used + count > pool.size:
+        return FULL
+    us, slack, root = todo[US], todo[SLACK], todo[ROOT]
+    for j in range(count):
+        of = work.todo_of[j]
+        copy_curve(curve, of, todo, j)
+        us[j] = curve[WHOLE, of]
+    dt_us = interval.dt_s * 1e6
+    for j in range(count):
+        us[j] = dt_us / us[j]
+        slack[j] = min(1.0, 1e6 / us[j]) * 1e-9  # of the time constant 1/a, and of a second
+    solve_crossings(todo, count)
+    start_us, length_us = interval.start_us, interval.length_us
+    for j in range(count):
+        pool[used + j] = pack(root[j] * us[j], start_us, length_us, work.todo_words[j])
+    return used + count
 
 
 @jit
@@ -406,7 +444,7 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
     memory, C_on, C_off = comparators
-    curve, todo, todo_words = work.curve, work.todo, work.todo_words
+    curve, todo = work.curve, work.todo
     for k in range(flagged.size):
         i = flagged[k]
         curve[U_START, k], curve[U_END, k] = u0[i], u1[i]
@@ -415,48 +453,35 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
     describe_curves(curve, flagged.size, poles, interval.drift)
     find_turns(flagged.size, work)
     count = np.uint64(0)  # unsigned: Numba checks if signed indices are negative
-    for k in range(flagged.size):
+    for k in range(np.uint64(flagged.size)):
         i = flagged[k]
-        start, rise = curve[CURVE_START_V, k], curve[CURVE_RISE, k]
-        A, B, short = curve[CURVE_A, k], curve[CURVE_B, k], curve[CURVE_SHORT, k]
-        shape = Curve(start, rise, A, B, short)
-        whole, shaped = curve[WHOLE, k], curve[SHAPED, k]
-        cut_0, cut_1 = curve[CUT_0, k], curve[CUT_1, k]
-        us = interval.dt_s * 1e6 / whole
-        slack = min(1.0, 1e6 / us) * 1e-9  # of the time constant 1/a, and of a second
-        level = memory[i]
-        low, v_low = 0.0, curve[V2_START, k]
-        for high in (cut_0, cut_1, shaped, whole):
+        level, on, off = memory[i], C_on[i], C_off[i]
+        low, v_low, slope_low = 0.0, curve[V2_START, k], curve[SLOPE_START, k]
+        pieces = PIECES if curve[BENT, k] > 0.0 else 1
+        for piece in range(np.uint64(PIECES - pieces), np.uint64(PIECES)):
+            high = curve[np.uint64(CUT_0) + piece, k]
             if high <= low:
                 continue
-            at_end = high == whole
-            v_high = curve[V2_STOP, k] if at_end else v2_at(high, shape)
-            sign = math.copysign(1.0, v_high - level)
-            on, off = C_on[i], C_off[i]  # read both to avoid a branch
-            C = on if sign > 0.0 else off
-            word = work.position[i] | (np.uint64(sign > 0.0) << POLARITY_SHIFT)
-            while (v_high - level) * sign >= C:
+            v_high = curve[np.uint64(V_CUT_0) + piece, k]
+            slope_high = 0.0 if high < curve[SHAPED, k] else curve[SLOPE_STOP, k]
+            up = v_high > level
+            C = on if up else off
+            move = C if up else -C
+            word = work.position[i] | (np.uint64(up) << POLARITY_SHIFT)
+            while abs(v_high - level) >= C:
                 if count == np.uint64(CROSSING_BATCH):
                     used = fire(np.int64(CROSSING_BATCH), interval, work, used)
                     count = np.uint64(0)
                     if used < 0:
                         return FULL
-                level += sign * C
-                todo[START_V, count] = start
-                todo[RISE, count] = rise
-                todo[POLE_A, count] = A
-                todo[POLE_B, count] = B
-                todo[SHORT, count] = short
+                level += move
                 todo[LEVEL, count] = level
-                todo[LOW, count] = low
-                todo[HIGH, count] = high
-                todo[V_LOW, count] = v_low
-                todo[V_HIGH, count] = v_high
-                todo[US, count] = us
-                todo[SLACK, count] = slack
-                todo_words[count] = word
+                todo[LOW, count], todo[HIGH, count] = low, high
+                todo[V_LOW, count], todo[V_HIGH, count] = v_low, v_high
+                todo[SLOPE_LOW, count], todo[SLOPE_HIGH, count] = slope_low, slope_high
+                work.todo_of[count], work.todo_words[count] = k, word
                 count += np.uint64(1)
-            low, v_low = high, v_high
+            low, v_low, slope_low = high, v_high, slope_high
         memory[i] = level
     return fire(np.int64(count), interval, work, used)
 

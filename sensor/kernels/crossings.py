@@ -35,13 +35,29 @@ class Curve(NamedTuple):
     short: float  # 1 in the short form, 0 in the long
 
 
-# Rows of `Work.todo`, one column for each crossing to solve: v2(y) = LEVEL for y in [LOW, HIGH],
-# where v2 is monotone. US is the length of y = 1 in microseconds, SLACK the allowed error of y.
-START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH, US, SLACK, ROOT = range(13)
-CROSSING_SIZE = 13
+class Piece(NamedTuple):
+    """A range of y in which v2 is monotone, with v2 and its slope at both ends.
+
+    Rough slopes only cost time.
+    """
+
+    low: float
+    high: float
+    v_low: float
+    v_high: float
+    slope_low: float
+    slope_high: float
+
+
+# Rows of `Work.todo`, one column for each crossing to solve: the `Curve`, the level, the `Piece`
+# with the crossing, the length of y = 1 in microseconds, and the allowed error of y. Output: ROOT,
+# and whether it is within the slack.
+START_V, RISE, POLE_A, POLE_B, SHORT, LEVEL, LOW, HIGH, V_LOW, V_HIGH = range(10)
+SLOPE_LOW, SLOPE_HIGH, US, SLACK, ROOT, SOLVED = range(10, 16)
+CROSSING_SIZE = 16
 # Rows of `Work.todo` in `solve_turns`: the slope falls across the bracket; length of the latest
-# step; length of a step that is the last.
-FALLING, MOVED, CLOSE = LEVEL, US, SLACK
+# step; length of a step that is the last; output: v2 at ROOT.
+FALLING, MOVED, CLOSE, V_ROOT = LEVEL, US, SLACK, V_HIGH
 CROSSING_BATCH = 520  # no power of two, so that the rows do not share lines of the cache
 
 
@@ -77,7 +93,7 @@ def v2_at(y, curve):
 
 @inlined
 def v2_and_slopes_at(y, curve):
-    """Return v2 and its first three derivatives with respect to y.
+    """Return v2 and its first four derivatives with respect to y.
 
     Parameters
     ----------
@@ -93,7 +109,7 @@ def v2_and_slopes_at(y, curve):
     v = start + y * (rise - square * y) + w * E
     slope = rise - 2.0 * square * y + A * E + w * E1
     curvature = -2.0 * square + 2.0 * A * E1 + w * E2
-    return v, slope, curvature, (3.0 * A - w) * E2
+    return v, slope, curvature, (3.0 * A - w) * E2, (w - 4.0 * A) * E2
 
 
 @inlined
@@ -116,7 +132,7 @@ def towards_turn(low, high, y, moved, close, falling, curve):
     low, high, y, moved
         The same as before the step if the step before was the last.
     """
-    _, slope, curvature, third = v2_and_slopes_at(y, curve)
+    _, slope, curvature, third, _ = v2_and_slopes_at(y, curve)
     before = (slope > 0.0) == falling
     next_low, next_high = y if before else low, high if before else y
     better = y - 2.0 * slope * curvature / (2.0 * curvature * curvature - slope * third)
@@ -145,8 +161,8 @@ def solve_turns(todo, count):
     Parameters
     ----------
     todo
-        (CROSSING_SIZE, n) with curves, LOW and HIGH; these two are overwritten; the row ROOT is the
-        output.
+        (CROSSING_SIZE, n) with curves, LOW and HIGH; these two are overwritten; the rows ROOT and
+        V_ROOT are the output.
     count
         Number of turning points.
     """
@@ -179,15 +195,18 @@ def solve_turns(todo, count):
                 if step < close[k]:
                     break
             root[k] = y
+    at_root = todo[V_ROOT]
+    for k in range(count):
+        at_root[k] = v2_at(root[k], Curve(start[k], rise[k], A[k], B[k], short[k]))
 
 
 @inlined
-def halley(y, curve, level, slack):
-    """Do one step of Halley's method towards v2(y) = level.
+def householder(y, curve, level, slack):
+    """Do one step of Householder's third-order method towards v2(y) = level.
 
-    With d = error / slope, the remaining distance, the error after the step is at most about
-    d^3 (bend^2 + |third|), with the second and the third derivative divided by the first. The
-    length of the step cannot tell this: it is short near any turning point of v2.
+    With h the step of Newton's method and bend, twist and fourth the higher derivatives divided by
+    the first, the error after the step is at most about h^4 (|bend|^3 + |bend twist| + |fourth|).
+    The length of the step cannot tell this: it is short near any turning point of v2.
 
     Parameters
     ----------
@@ -201,22 +220,53 @@ def halley(y, curve, level, slack):
     better, error, near
         Next y; v2(y) - level; whether the next y is within the slack.
     """
-    v, slope, curvature, third = v2_and_slopes_at(y, curve)
+    v, slope, curvature, third, fourth = v2_and_slopes_at(y, curve)
     error = v - level
     inverse = 1.0 / slope
-    distance = error * inverse
+    h = -error * inverse
     bend = curvature * inverse
-    better = y - distance / (1.0 - 0.5 * distance * bend)
-    left = abs(distance * distance * distance) * (bend * bend + abs(third * inverse))
-    return better, error, (abs(distance) < 0.01) & (left < slack)
+    twist = third * inverse
+    better = y + h * (1.0 + 0.5 * h * bend) / (1.0 + h * (bend + h * twist * (1.0 / 6.0)))
+    square = h * h
+    left = square * square * (abs(bend * bend * bend) + abs(bend * twist) + abs(fourth * inverse))
+    return better, error, (abs(h) < 0.05) & (left < slack)
+
+
+@inlined
+def first_guess(level, piece):
+    """Return the y at which v2 roughly crosses a level.
+
+    The curve is first the parabola through both ends with the mean curvature, then, by one step of
+    Halley's method, the cubic with the slopes of both ends.
+
+    Parameters
+    ----------
+    level, piece
+        The level, and a `Piece` that crosses it.
+    """
+    low, high, v_low, v_high, slope_low, slope_high = piece
+    length = high - low
+    rise, climb = v_high - v_low, level - v_low
+    first, last = slope_low * length, slope_high * length
+    bow = 0.5 * (last - first)
+    linear = rise - bow
+    root = math.copysign(math.sqrt(max(linear * linear + 4.0 * bow * climb, 0.0)), rise)
+    share = min(max(2.0 * climb / (linear + root), 0.0), 1.0)
+    square, cube = 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
+    error = share * (first + share * (square + share * cube)) - climb
+    slope = first + share * (2.0 * square + share * 3.0 * cube)
+    curvature = 2.0 * square + share * 6.0 * cube
+    share -= 2.0 * error * slope / (2.0 * slope * slope - error * curvature)
+    return low + length * min(max(share, 0.0), 1.0)
 
 
 @jit
 def crossing(curve, level, low, high, v_low, v_high, slack):
     """Return the y in [low, high] at which v2 crosses the level; always converges.
 
-    The method is that of `solve_turns`. It starts where the chord crosses the level or, if that
-    is earlier, where an exponential tail would: along a tail, Halley's steps are at most 2 long.
+    The method is Householder's, with the bracket and the bisection of `solve_turns`. It starts
+    where the chord crosses the level or, if that is earlier, where an exponential tail would: along
+    a tail, the steps are short.
 
     Parameters
     ----------
@@ -235,7 +285,7 @@ def crossing(curve, level, low, high, v_low, v_high, slack):
     y = low + min(moved * share, -math.log1p(-share) if share < 1.0 else moved)
     y = min(max(y, low), high)
     for _ in range(200):
-        better, error, near = halley(y, curve, level, slack)
+        better, error, near = householder(y, curve, level, slack)
         if (error < 0.0) == rising:
             low = y
         else:
@@ -250,11 +300,17 @@ def crossing(curve, level, low, high, v_low, v_high, slack):
     return y
 
 
+_STEPS = 3
+_FEW = 8  # a vectorized step pays if more than one in so many crossings needs it
+
+
 @jit
 def solve_crossings(todo, count):
-    """Solve the listed crossings: three steps of Halley's method in a vectorized loop.
+    """Solve the listed crossings by Householder's method in vectorized loops.
 
-    `crossing` solves those that have not converged, near a turning point of v2 or far down a tail.
+    Each gets up to _STEPS steps, until one is within the slack; the last few that need
+    another step get it alone. `crossing` solves those that no step brings there, near a turning
+    point of v2 or far down a tail. So a root does not depend on the other crossings of the list.
 
     Parameters
     ----------
@@ -265,18 +321,34 @@ def solve_crossings(todo, count):
     """
     start, rise, A, B, short = todo[START_V], todo[RISE], todo[POLE_A], todo[POLE_B], todo[SHORT]
     low, high, v_low, v_high = todo[LOW], todo[HIGH], todo[V_LOW], todo[V_HIGH]
-    level, slack, root = todo[LEVEL], todo[SLACK], todo[ROOT]
+    slope_low, slope_high = todo[SLOPE_LOW], todo[SLOPE_HIGH]
+    level, slack, root, solved = todo[LEVEL], todo[SLACK], todo[ROOT], todo[SOLVED]
     for k in range(count):
-        curve = Curve(start[k], rise[k], A[k], B[k], short[k])
-        y = low[k] + (high[k] - low[k]) * ((level[k] - v_low[k]) / (v_high[k] - v_low[k]))
-        better, _, _ = halley(y, curve, level[k], slack[k])
-        y = min(max(better, low[k]), high[k])
-        better, _, _ = halley(y, curve, level[k], slack[k])
-        y = min(max(better, low[k]), high[k])
-        better, _, near = halley(y, curve, level[k], slack[k])
-        # Roots are at least 0; -1 marks a crossing that has not converged.
-        root[k] = min(max(better, low[k]), high[k]) if near else -1.0
-    for k in range(count):
-        if not root[k] >= 0.0:
+        piece = Piece(low[k], high[k], v_low[k], v_high[k], slope_low[k], slope_high[k])
+        root[k] = first_guess(level[k], piece)
+        solved[k] = 0.0
+    done = 0
+    left = count
+    while left * _FEW > count and done < _STEPS:
+        left = 0
+        for k in range(count):
             curve = Curve(start[k], rise[k], A[k], B[k], short[k])
-            root[k] = crossing(curve, level[k], low[k], high[k], v_low[k], v_high[k], slack[k])
+            better, _, near = householder(root[k], curve, level[k], slack[k])
+            before = solved[k] > 0.0
+            root[k] = root[k] if before else min(max(better, low[k]), high[k])
+            solved[k] = 1.0 if before | near else 0.0
+            left += 0 if before | near else 1
+        done += 1
+    if left == 0:
+        return
+    for k in range(count):
+        if solved[k] == 0.0:
+            curve = Curve(start[k], rise[k], A[k], B[k], short[k])
+            near = False
+            for _ in range(done, _STEPS):
+                better, _, near = householder(root[k], curve, level[k], slack[k])
+                root[k] = min(max(better, low[k]), high[k])
+                if near:
+                    break
+            if not near:
+                root[k] = crossing(curve, level[k], low[k], high[k], v_low[k], v_high[k], slack[k])

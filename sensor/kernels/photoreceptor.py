@@ -82,28 +82,6 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
 
 
 @jit
-def poles_to_end(n, response, step):
-    """Advance the poles of n pixels over one interval.
-
-    Parameters
-    ----------
-    n
-        Number of pixels.
-    response
-        `Response`; its `v1_end` and `v2_end` are the output.
-    step
-        An entry of an array of `STEP`.
-    """
-    u0, u1, v1, v2 = response.u0, response.u1, response.v1, response.v2
-    v1_end, v2_end = response.v1_end, response.v2_end
-    e, v1_u0, v1_u1 = step.e, step.v1_u0, step.v1_u1
-    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
-    for i in range(n):
-        v1_end[i] = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
-        v2_end[i] = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
-
-
-@jit
 def poles_to_end_in_own_light(n, response, light_a, dt_s, x, e):
     """Advance the poles of n pixels with a cutoff proportional to the light.
 
@@ -112,8 +90,10 @@ def poles_to_end_in_own_light(n, response, light_a, dt_s, x, e):
 
     Parameters
     ----------
-    n, response
-        As in `poles_to_end`.
+    n
+        Number of pixels.
+    response
+        `Response`; its `v1_end` and `v2_end` are the output.
     light_a
         a for each unit of I + I_dark.
     dt_s

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba.core import types
-from numba.extending import overload
 from numpy.typing import NDArray
 
 from sensor.kernels.elementary import exp, inlined, jit
@@ -99,32 +97,26 @@ def flag_ideal(radiance, dark, fade, light_band, flag):
         flag[i] = not (silent & (radiance[i] >= 0.0))
 
 
-def each(value, i):
-    """Return the value of pixel i: an entry of an array, or the number that all pixels share.
+class Ends(NamedTuple):
+    """A filtered pixel at both ends of an interval, and its comparator."""
 
-    Parameters
-    ----------
-    value
-        (n,) array, or a number.
-    i
-        Index of the pixel.
-    """
-
-
-@overload(each)
-def _each(value, i):
-    if isinstance(value, types.Array):
-        return lambda value, i: value[i]
-    return lambda value, i: value
+    u0: float  # log intensity
+    u1: float
+    v1: float  # outputs of the poles at the start
+    v2: float
+    v2_end: float  # and at the end
+    memory: float
+    C_on: float
+    C_off: float
 
 
-@jit
-def flag_filtered(n, response, x, e, drift, comparators, flag):
-    """Flag the pixels where v2 may leave (memory - C_off, memory + C_on) during an interval.
+@inlined
+def may_fire(ends, x, e, drift, poles):
+    """Say whether v2 may leave (memory - C_off, memory + C_on) during an interval.
 
-    A pixel without a flag has no event. v2 can leave the band within the interval and return, so
-    its value at the end is not enough. It stays inside if one of three bounds holds. With y = a t,
-    the n-th derivative of v2, n > 1, is (-1)^n (B - n A + A y) e^{-y}, hence
+    v2 can leave the band within the interval and return, so its value at the end is not enough. It
+    stays inside if one of three bounds holds. With y = a t, the n-th derivative of v2, n > 1, is
+    (-1)^n (B - n A + A y) e^{-y}, hence
 
     1. v2 is monotone when neither its slope nor its curvature changes sign between the ends,
     2. it differs from its chord by at most x^2 / 8 times its largest curvature,
@@ -133,10 +125,56 @@ def flag_filtered(n, response, x, e, drift, comparators, flag):
 
     Parameters
     ----------
+    ends
+        The pixel.
+    x, e
+        a dt and exp(-a dt).
+    drift
+        Fall of the memory over the interval, log units.
+    poles
+        1 or 2.
+    """
+    u0, u1, v1, v2, v2_end, memory, C_on, C_off = ends
+    second = poles - 1.0
+    inverse_x = 1.0 / x
+    S = (u1 - u0) * inverse_x
+    A = second * (v1 - u0 + S)
+    B = v2 - u0 + poles * S
+    Ax = A * x
+    rise = S + drift * inverse_x
+    slope_start = rise + A - B
+    slope_end = rise + (A - B - Ax) * e
+    curvature_start = B - 2.0 * A
+    curvature_end = curvature_start + Ax  # times e^{-x}, which is at most 1
+    fourth = B - 4.0 * A
+    start = v2 - memory
+    end = v2_end + drift - memory
+    third = x * (1.0 / 3.0)
+    inner_0 = start + third * slope_start
+    inner_1 = end - third * slope_end
+    square = x * x
+    off_chord = square * (1.0 / 8.0) * max(abs(curvature_start), abs(curvature_end))
+    off_cubic = square * square * (1.0 / 384.0) * max(abs(fourth), abs(fourth + Ax))
+    top = max(start, end)
+    bottom = min(start, end)
+    over = (top + off_chord >= C_on) & (max(top, max(inner_0, inner_1)) + off_cubic >= C_on)
+    under = (off_chord - bottom >= C_off) & (
+        off_cubic - min(bottom, min(inner_0, inner_1)) >= C_off
+    )
+    turns = (curvature_start * curvature_end < 0.0) | (slope_start * slope_end < 0.0)
+    return (end >= C_on) | (-end >= C_off) | (turns & (over | under))
+
+
+@jit
+def flag_in_own_light(n, response, x, e, drift, comparators, flag):
+    """Flag the pixels that `may_fire`, each with its own cutoff.
+
+    Parameters
+    ----------
     n, response
         Number of pixels, and `Response` with `v2_end`.
     x, e
-        a dt and exp(-a dt): (n,), or one number for all pixels.
+        (n,) a dt and exp(-a dt).
     drift
         Fall of the memory over the interval, log units.
     comparators
@@ -146,54 +184,48 @@ def flag_filtered(n, response, x, e, drift, comparators, flag):
     """
     u0, u1, v1, v2, _, v2_end, poles = response
     memory, C_on, C_off = comparators
-    second = poles - 1.0
     for i in range(n):
-        xi, ei = each(x, i), each(e, i)
-        inverse_x = 1.0 / xi
-        S = (u1[i] - u0[i]) * inverse_x
-        A = second * (v1[i] - u0[i] + S)
-        B = v2[i] - u0[i] + poles * S
-        Ax = A * xi
-        rise = S + drift * inverse_x
-        slope_start = rise + A - B
-        slope_end = rise + (A - B - Ax) * ei
-        curvature_start = B - 2.0 * A
-        curvature_end = curvature_start + Ax  # times e^{-x}, which is at most 1
-        fourth = B - 4.0 * A
-        start = v2[i] - memory[i]
-        end = v2_end[i] + drift - memory[i]
-        third = xi * (1.0 / 3.0)
-        inner_0 = start + third * slope_start
-        inner_1 = end - third * slope_end
-        square = xi * xi
-        off_chord = square * (1.0 / 8.0) * max(abs(curvature_start), abs(curvature_end))
-        off_cubic = square * square * (1.0 / 384.0) * max(abs(fourth), abs(fourth + Ax))
-        top = max(start, end)
-        bottom = min(start, end)
-        over = (top + off_chord >= C_on[i]) & (
-            max(top, max(inner_0, inner_1)) + off_cubic >= C_on[i]
-        )
-        under = (off_chord - bottom >= C_off[i]) & (
-            off_cubic - min(bottom, min(inner_0, inner_1)) >= C_off[i]
-        )
-        turns = (curvature_start * curvature_end < 0.0) | (slope_start * slope_end < 0.0)
-        flag[i] = (end >= C_on[i]) | (-end >= C_off[i]) | (turns & (over | under))
+        ends = Ends(u0[i], u1[i], v1[i], v2[i], v2_end[i], memory[i], C_on[i], C_off[i])
+        flag[i] = may_fire(ends, x[i], e[i], drift, poles)
+
+
+@jit
+def flag_long(n, response, step, drift, comparators, flag):
+    """Advance the poles of n pixels, and flag those that `may_fire`.
+
+    Parameters
+    ----------
+    n, response
+        Number of pixels, and `Response`; its `v1_end` and `v2_end` are output.
+    step
+        An entry of an array of `STEP`.
+    drift, comparators, flag
+        As in `flag_in_own_light`.
+    """
+    u0, u1, v1, v2, v1_end, v2_end, poles = response
+    memory, C_on, C_off = comparators
+    x, e, v1_u0, v1_u1 = step.x, step.e, step.v1_u0, step.v1_u1
+    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
+    for i in range(n):
+        v1_end[i] = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_1 = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
+        v2_end[i] = v2_1
+        ends = Ends(u0[i], u1[i], v1[i], v2[i], v2_1, memory[i], C_on[i], C_off[i])
+        flag[i] = may_fire(ends, x, e, drift, poles)
 
 
 @jit
 def flag_short(n, response, step, drift, comparators, flag):
-    """Advance the poles of n pixels and flag as `flag_filtered` does, up to SHORT_STEP.
+    """Advance the poles of n pixels and flag as `flag_long` does, up to an a dt of SHORT_STEP.
 
-    A pixel is silent if v2 cannot reach a level by the second bound of `flag_filtered`, which is
-    narrow over a short interval. The curvature of v2 at an end follows from the state there: it is
+    A pixel is silent if v2 cannot reach a level by the second bound of `may_fire`, which is narrow
+    over a short interval. The curvature of v2 at an end follows from the state there: it is
     u - 2 v1 + v2 of two poles, and that of one pole is constant but for the factor e^{-y}.
 
     Parameters
     ----------
-    n, response, step
-        As in `poles_to_end`.
-    drift, comparators, flag
-        As in `flag_filtered`.
+    n, response, step, drift, comparators, flag
+        As in `flag_long`.
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
     memory, C_on, C_off = comparators
