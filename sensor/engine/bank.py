@@ -26,7 +26,7 @@ from sensor.engine.frames import (
     whole_microseconds,
 )
 from sensor.engine.group import SensorGroup
-from sensor.engine.sorting import room_for_events
+from sensor.engine.sorting import Room, room_for_events
 from sensor.engine.workers import Workers
 from sensor.errors import SensorError
 from sensor.events import Columns, Events
@@ -89,8 +89,12 @@ class Bank:
             )
         return DARK_FRACTION * white
 
-    def run(self) -> Iterator[tuple[int, Events]]:
-        """Yield `(index of the model, its next events)`; the parts of each model are in order."""
+    def run(self, rooms: Sequence[Room] | None = None) -> Iterator[tuple[int, Events]]:
+        """Yield `(index of the model, its next events)`; the parts of each model are in order.
+
+        Most parts lie in the columns that the model's room gave last.
+        """
+        rooms = rooms or [lambda size, _: room_for_events(size)] * len(self.models)
         groups = self._groups()
         work = max(group.state.memory.size for group in groups)
         chunk_frames = max(1, min(_CHUNK_FRAMES, _CHUNK_WORK // work))
@@ -99,7 +103,7 @@ class Bank:
             for chunk in self.reader.chunks(chunk_frames):
                 t_s = self.t_s[done - 1 : done + len(chunk)]
                 for group in groups:
-                    yield from group.advance(chunk, done, t_s, workers)
+                    yield from group.advance(chunk, done, t_s, rooms, workers)
                 done += len(chunk)
         for group in groups:
             yield from group.finish()
@@ -139,7 +143,7 @@ def collect(bank: Bank) -> list[Events]:
     """Run a bank and return the events of each model."""
     ends_us = [whole_microseconds(bank.t_s[[0, -1]] / speed)[0] for speed in bank.speeds]
     joined = [_Joined(*map(int, end_us)) for end_us in ends_us]
-    for i, events in bank.run():
+    for i, events in bank.run([each.room for each in joined]):
         joined[i].append(events)
     return [each.events for each in joined]
 
@@ -148,7 +152,7 @@ class _Joined:
     """Consecutive parts of a stream in one array for each column.
 
     The arrays grow to the size that the events so far predict for the whole stream, so that few
-    events are copied twice. New memory beyond the last event is never touched.
+    events are copied. New memory beyond the last event is never touched.
 
     Parameters
     ----------
@@ -159,22 +163,29 @@ class _Joined:
     def __init__(self, start_us: int, end_us: int) -> None:
         self._start_us = start_us
         self._span_us = end_us - start_us
-        self._room = Columns.room(0)
+        self._columns = Columns.room(0)
         self._used = 0
         self.events: Events
 
+    def room(self, size: int, end_us: int) -> Columns:
+        """Return the next columns, for `size` events before a time; they may replace the last."""
+        used, needed = self._used, self._used + size
+        if needed > len(self._columns.t_us):
+            passed_us = max(1, end_us - self._start_us)
+            expected = int(_RESERVE * needed * self._span_us / passed_us)
+            most = max(_MOST_GROWTH * needed, _FEW_EVENTS)  # the prediction can be far off
+            old = self._columns.part(slice(used))
+            self._columns = room_for_events(max(needed, min(expected, most)))
+            _copy(old, self._columns.part(slice(used)))
+        return self._columns.part(slice(used, needed))
+
     def append(self, part: Events) -> None:
-        """Copy the next part of the stream to the end."""
-        used, self._used = self._used, self._used + len(part)
-        if self._used > len(self._room.t_us):
-            passed_us = max(1, int(part.t_us[-1]) - self._start_us)
-            expected = int(_RESERVE * self._used * self._span_us / passed_us)
-            most = max(_MOST_GROWTH * self._used, _FEW_EVENTS)  # the prediction can be far off
-            size = max(self._used, min(expected, most))
-            old, self._room = self._room, room_for_events(size)
-            _copy(old.part(slice(used)), self._room.part(slice(used)))
-        _copy(part.columns, self._room.part(slice(used, self._used)))
-        self.events = Events.trusted(*self._room.part(slice(self._used)), like=part)
+        """Add the next part of the stream: the first events in the latest room, or others."""
+        if not np.may_share_memory(part.t_us, self._columns.t_us):
+            end_us = int(part.t_us[-1]) if len(part) else self._start_us
+            _copy(part.columns, self.room(len(part), end_us))
+        self._used += len(part)
+        self.events = Events.trusted(*self._columns.part(slice(self._used)), like=part)
 
 
 def _copy(source: Columns, out: Columns) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sensor.engine.frames import refuse_bad_radiance, whole_microseconds
 from sensor.engine.settings import Draw, generator, settings_of
-from sensor.engine.sorting import UnsortedEvents
+from sensor.engine.sorting import Room, UnsortedEvents
 from sensor.engine.workers import Workers
 from sensor.errors import SensorError
 from sensor.events import Events, no_events
@@ -112,6 +112,7 @@ class SensorGroup:
         chunk: NDArray[np.floating],
         index: int,
         t_s: NDArray[np.float64],
+        rooms: Sequence[Room],
         workers: Workers,
     ) -> Iterator[tuple[int, Events]]:
         """Simulate a chunk of frames.
@@ -122,6 +123,8 @@ class SensorGroup:
             (F, H, W) linear radiance, and index of its first frame.
         t_s
             (F + 1,) times of the frame before the chunk and of its frames.
+        rooms
+            One for each model of the bank.
         workers
             Threads.
 
@@ -178,7 +181,7 @@ class SensorGroup:
         for s, member in enumerate(self.members):
             unsorted = UnsortedEvents(pools, segments, counts[s], frame_us[s], s)
             for part in unsorted.parts(workers.threads):
-                events = unsorted.sort(part, self.held[s], workers)
+                events = unsorted.sort(part, self.held[s], rooms[member], workers)
                 last_us = int(frame_us[s, part.stop])
                 self.held[s] = events.between(last_us, last_us + 1).copy()
                 yield member, self._reported(s, events[: len(events) - len(self.held[s])])

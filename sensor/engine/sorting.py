@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,9 @@ from sensor.kernels.packing import (
     unpack,
 )
 from sensor.memory import MEMORY
+
+# Returns columns for so many events, which come before a time in microseconds.
+Room = Callable[[int, int], Columns]
 
 _PART_EVENTS = 1 << 20  # of a part, unless one interval has more
 
@@ -44,7 +47,7 @@ class UnsortedEvents:
         for first in range(0, F, step):
             yield range(first, min(first + step, F))
 
-    def sort(self, part: range, held: Events, workers: Workers) -> Events:
+    def sort(self, part: range, held: Events, room: Room, workers: Workers) -> Events:
         """Sort the events of some intervals by time, ties by (y, x).
 
         Parameters
@@ -53,6 +56,8 @@ class UnsortedEvents:
             The intervals.
         held
             Events before these intervals that may share a microsecond with them.
+        room
+            Gives the columns that receive the events.
         workers
             Threads.
 
@@ -63,7 +68,7 @@ class UnsortedEvents:
         """
         counts = self.counts[part.start : part.stop]
         stops = len(held) + np.cumsum(counts)
-        columns = room_for_events(int(stops[-1]))
+        columns = room(int(stops[-1]), int(self.frame_us[part.stop]))
         arrays: tuple[NDArray, ...] = columns
         for array, old in zip(arrays, held.columns, strict=True):
             array[: len(held)] = old
