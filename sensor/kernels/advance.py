@@ -28,13 +28,15 @@ from sensor.kernels.packing import START, STOP, Interval, place
 from sensor.kernels.photoreceptor import Response, poles_to_end_in_own_light
 from sensor.kernels.radiance import BAD, log_intensity, log_of_flagged
 from sensor.kernels.silence import (
-    SHORT_STEP,
+    CHORD_STEP,
+    CUBIC_STEP,
     Comparators,
     LightBand,
+    flag_by_all,
+    flag_by_chord,
+    flag_by_cubic,
     flag_ideal,
     flag_in_own_light,
-    flag_long,
-    flag_short,
     list_flagged,
     set_light_band,
 )
@@ -189,7 +191,8 @@ def load(s, pixels, state, settings, block):
     """
     memory, C_on, C_off = block.comparators
     n = pixels.stop - pixels.start
-    if settings.C_on.shape[1] > 1:
+    uniform = settings.C_on.shape[1] == 1
+    if not uniform:
         copy(settings.C_on[s, pixels], C_on[:n])
         copy(settings.C_off[s, pixels], C_off[:n])
     else:
@@ -200,7 +203,7 @@ def load(s, pixels, state, settings, block):
         copy(state.v1[s, pixels], block.v1[0, :n])
         copy(state.v2[s, pixels], block.v2[0, :n])
     else:
-        set_light_band(n, block.comparators, block.light_band)
+        set_light_band(n, uniform, block.comparators, block.light_band)
 
 
 @inlined
@@ -273,10 +276,12 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = block.x[flagged[k]]
     else:
-        if step.x < SHORT_STEP:
-            flag_short(n, response, step, interval.drift, block.comparators, block.flag)
+        if step.x < CHORD_STEP:
+            flag_by_chord(n, response, step, interval.drift, block.comparators, block.flag)
+        elif step.x < CUBIC_STEP:
+            flag_by_cubic(n, response, step, interval.drift, block.comparators, block.flag)
         else:
-            flag_long(n, response, step, interval.drift, block.comparators, block.flag)
+            flag_by_all(n, response, step, interval.drift, block.comparators, block.flag)
         flagged = block.flagged[: list_flagged(block.flag, n, block.flagged)]
         for k in range(flagged.size):
             block.work.curve[WHOLE, k] = step.x

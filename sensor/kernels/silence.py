@@ -14,8 +14,10 @@ BOUND_MARGIN = 1e-6
 LEAST_BOUND = 1e-30
 GREATEST_BOUND = 1e38
 
-# Greatest a dt of `flag_short`.
-SHORT_STEP = 0.5
+# Greatest a dt of `flag_by_chord` and of `flag_by_cubic`: beyond them, the pixels that their wide
+# bounds flag cost more than a narrower bound.
+CHORD_STEP = 0.5
+CUBIC_STEP = 4.0
 
 
 class Comparators(NamedTuple):
@@ -57,20 +59,25 @@ def light_bounds(level, leaked, fall, rise):
 
 
 @jit
-def set_light_band(n, comparators, light_band):
+def set_light_band(n, uniform, comparators, light_band):
     """Compute the light band of n ideal pixels from their memory.
 
     Parameters
     ----------
-    n
-        Number of pixels.
+    n, uniform
+        Number of pixels, and whether they share their thresholds.
     comparators, light_band
         Input and output.
     """
     memory, C_on, C_off = comparators
     darkest, brightest, fall, rise = light_band
-    for i in range(n):
-        fall[i], rise[i] = exp(-C_off[i]), exp(C_on[i])
+    if uniform:
+        down, up = exp(-C_off[0]), exp(C_on[0])
+        for i in range(n):
+            fall[i], rise[i] = down, up
+    else:
+        for i in range(n):
+            fall[i], rise[i] = exp(-C_off[i]), exp(C_on[i])
     for i in range(n):
         darkest[i], brightest[i] = light_bounds(memory[i], 0.0, fall[i], rise[i])
 
@@ -190,7 +197,7 @@ def flag_in_own_light(n, response, x, e, drift, comparators, flag):
 
 
 @jit
-def flag_long(n, response, step, drift, comparators, flag):
+def flag_by_all(n, response, step, drift, comparators, flag):
     """Advance the poles of n pixels, and flag those that `may_fire`.
 
     Parameters
@@ -215,8 +222,49 @@ def flag_long(n, response, step, drift, comparators, flag):
 
 
 @jit
-def flag_short(n, response, step, drift, comparators, flag):
-    """Advance the poles of n pixels and flag as `flag_long` does, up to an a dt of SHORT_STEP.
+def flag_by_cubic(n, response, step, drift, comparators, flag):
+    """Advance the poles of n pixels and flag as `flag_by_all` does, up to an a dt of CUBIC_STEP.
+
+    A pixel is silent if v2 cannot reach a level by the third bound of `may_fire`. Few pixels that
+    the other bounds exclude remain, and the slopes follow from the state: v1 - v2 of two poles,
+    u - v2 of one.
+
+    Parameters
+    ----------
+    n, response, step, drift, comparators, flag
+        As in `flag_by_all`.
+    """
+    u0, u1, v1, v2, v1_end, v2_end, poles = response
+    memory, C_on, C_off = comparators
+    x, e, v1_u0, v1_u1 = step.x, step.e, step.v1_u0, step.v1_u1
+    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
+    second = poles - 1.0
+    inverse_x, third = 1.0 / x, x * (1.0 / 3.0)
+    off_cubic = x * x * x * x * (1.0 / 384.0)
+    leak = drift * (1.0 / 3.0)
+    for i in range(n):
+        v1_1 = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_1 = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
+        v1_end[i], v2_end[i] = v1_1, v2_1
+        S = (u1[i] - u0[i]) * inverse_x
+        to_v1, to_v2 = v1[i] - u0[i], v2[i] - u0[i]
+        A = second * (to_v1 + S)
+        fourth = to_v2 + poles * S - 4.0 * A
+        slope_start = second * to_v1 - to_v2
+        slope_end = second * (v1_1 - u1[i]) - (v2_1 - u1[i])
+        start = v2[i] - memory[i]
+        end = v2_1 - memory[i] + drift
+        inner_0 = start + third * slope_start + leak
+        inner_1 = end - third * slope_end - leak
+        off = off_cubic * max(abs(fourth), abs(fourth + A * x))
+        top = max(max(start, end), max(inner_0, inner_1))
+        bottom = min(min(start, end), min(inner_0, inner_1))
+        flag[i] = (top + off >= C_on[i]) | (off - bottom >= C_off[i])
+
+
+@jit
+def flag_by_chord(n, response, step, drift, comparators, flag):
+    """Advance the poles of n pixels and flag as `flag_by_all` does, up to an a dt of CHORD_STEP.
 
     A pixel is silent if v2 cannot reach a level by the second bound of `may_fire`, which is narrow
     over a short interval. The curvature of v2 at an end follows from the state there: it is
@@ -225,7 +273,7 @@ def flag_short(n, response, step, drift, comparators, flag):
     Parameters
     ----------
     n, response, step, drift, comparators, flag
-        As in `flag_long`.
+        As in `flag_by_all`.
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
     memory, C_on, C_off = comparators
