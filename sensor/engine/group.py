@@ -156,8 +156,9 @@ class SensorGroup:
             segment = np.zeros((-(-(stop - start) // _BLOCK_PX), *dt_s.shape, 2), np.int64)
             outcome, resume = FULL, Resume(0, 0, 0)
             while outcome == FULL:
+                alike = self.settings.C_on.shape[1] == 1
                 block = room_for_block(
-                    len(chunk), _BLOCK_PX, light.radiance.dtype, workers.pools[k]
+                    len(chunk), _BLOCK_PX, light.radiance.dtype, alike, workers.pools[k]
                 )
                 outcome, resume = advance_pixels(
                     light,

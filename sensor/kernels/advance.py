@@ -115,7 +115,9 @@ class Block(NamedTuple):
     work: Work
 
 
-def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.uint64]) -> Block:
+def room_for_block(
+    intervals: int, size: int, dtype: np.dtype, alike: bool, pool: NDArray[np.uint64]
+) -> Block:
     """Allocate a block.
 
     Parameters
@@ -124,8 +126,8 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
         F, frame intervals of the chunk.
     size
         Pixels of the block.
-    dtype
-        Type of the radiance.
+    dtype, alike
+        Type of the radiance, and whether all pixels of a setting have the same thresholds.
     pool
         (capacity,) memory for packed events.
 
@@ -144,7 +146,7 @@ def room_for_block(intervals: int, size: int, dtype: np.dtype, pool: NDArray[np.
         MEMORY.array(size, dtype),
         MEMORY.array(words, np.bool_),
         MEMORY.array(words + 8, np.uint64),
-        Comparators(MEMORY.array(size), MEMORY.array(size), MEMORY.array(size)),
+        Comparators(MEMORY.array(size), MEMORY.array(size), MEMORY.array(size), alike),
         LightBand(
             MEMORY.array(size, np.float32),
             MEMORY.array(size, np.float32),
@@ -189,21 +191,20 @@ def load(s, pixels, state, settings, block):
     state, settings, block
         Input, input and output.
     """
-    memory, C_on, C_off = block.comparators
+    memory, C_on, C_off, alike = block.comparators
     n = pixels.stop - pixels.start
-    uniform = settings.C_on.shape[1] == 1
-    if not uniform:
-        copy(settings.C_on[s, pixels], C_on[:n])
-        copy(settings.C_off[s, pixels], C_off[:n])
-    else:
+    if alike:
         for i in range(n):
             C_on[i], C_off[i] = settings.C_on[s, 0], settings.C_off[s, 0]
+    else:
+        copy(settings.C_on[s, pixels], C_on[:n])
+        copy(settings.C_off[s, pixels], C_off[:n])
     copy(state.memory[s, pixels], memory[:n])
     if settings.filtered[s]:
         copy(state.v1[s, pixels], block.v1[0, :n])
         copy(state.v2[s, pixels], block.v2[0, :n])
     else:
-        set_light_band(n, uniform, block.comparators, block.light_band)
+        set_light_band(n, block.comparators, block.light_band)
 
 
 @inlined

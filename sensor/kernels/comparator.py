@@ -109,15 +109,20 @@ def count_lines(flagged, lines, comparators, work):
     int
         Number of events.
     """
-    memory, C_on, C_off = comparators
+    memory, C_on, C_off, alike = comparators
     level_0, level_end, move = work.curve[LEVEL_0], work.curve[LEVEL_END], work.curve[MOVE]
     on, off, whole = work.curve[ON], work.curve[OFF], work.curve[WHOLE_RISE]
     position, fired, words = work.position, work.fired, work.words
     u0, u1, drift = lines.u0, lines.u1, lines.drift
     for k in range(flagged.size):
         i = flagged[k]
-        level_0[k], on[k], off[k] = memory[i], C_on[i], C_off[i]
-        words[k] = position[i]
+        level_0[k], words[k] = memory[i], position[i]
+    if alike:
+        for k in range(flagged.size):
+            on[k], off[k] = C_on[0], C_off[0]
+    else:
+        for k in range(flagged.size):
+            on[k], off[k] = C_on[flagged[k]], C_off[flagged[k]]
     total = np.int64(0)
     most = np.int64(0)
     for k in range(u0.size):
@@ -253,13 +258,17 @@ def events_of_lines(flagged, lines, comparators, light_band, alike, work, used):
         used = write_lines(u0, dt_us, start_us, length_us, few, work, used)
         alike.segment[m, STOP] = used
     level, fall, rise = work.curve[LEVEL_END], work.curve[FALL], work.curve[RISE_TO]
-    for k in range(flagged.size):
-        i = flagged[k]
-        memory[i], fall[k], rise[k] = level[k], light_band.fall[i], light_band.rise[i]
+    if comparators.alike:
+        for k in range(flagged.size):
+            fall[k], rise[k] = light_band.fall[0], light_band.rise[0]
+    else:
+        for k in range(flagged.size):
+            fall[k], rise[k] = light_band.fall[flagged[k]], light_band.rise[flagged[k]]
     for k in range(u0.size):
         u0[k], u1[k] = light_bounds(level[k], leaked, fall[k], rise[k])
     for k in range(flagged.size):
-        darkest[flagged[k]], brightest[flagged[k]] = u0[k], u1[k]
+        i = flagged[k]
+        memory[i], darkest[i], brightest[i] = level[k], u0[k], u1[k]
     return used
 
 
@@ -443,7 +452,7 @@ def events_of_curves(flagged, response, interval, comparators, work, used):
         New used size of the pool, or FULL.
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
-    memory, C_on, C_off = comparators
+    memory, C_on, C_off, _ = comparators
     curve, todo = work.curve, work.todo
     for k in range(flagged.size):
         i = flagged[k]

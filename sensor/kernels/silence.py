@@ -26,6 +26,7 @@ class Comparators(NamedTuple):
     memory: NDArray[np.float64]
     C_on: NDArray[np.float64]
     C_off: NDArray[np.float64]
+    alike: bool  # all pixels have the same thresholds
 
 
 class LightBand(NamedTuple):
@@ -59,19 +60,19 @@ def light_bounds(level, leaked, fall, rise):
 
 
 @jit
-def set_light_band(n, uniform, comparators, light_band):
+def set_light_band(n, comparators, light_band):
     """Compute the light band of n ideal pixels from their memory.
 
     Parameters
     ----------
-    n, uniform
-        Number of pixels, and whether they share their thresholds.
+    n
+        Number of pixels.
     comparators, light_band
         Input and output.
     """
-    memory, C_on, C_off = comparators
+    memory, C_on, C_off, alike = comparators
     darkest, brightest, fall, rise = light_band
-    if uniform:
+    if alike:
         down, up = exp(-C_off[0]), exp(C_on[0])
         for i in range(n):
             fall[i], rise[i] = down, up
@@ -190,7 +191,7 @@ def flag_in_own_light(n, response, x, e, drift, comparators, flag):
         Output, padded with False to whole 8-byte words.
     """
     u0, u1, v1, v2, _, v2_end, poles = response
-    memory, C_on, C_off = comparators
+    memory, C_on, C_off, _ = comparators
     for i in range(n):
         ends = Ends(u0[i], u1[i], v1[i], v2[i], v2_end[i], memory[i], C_on[i], C_off[i])
         flag[i] = may_fire(ends, x[i], e[i], drift, poles)
@@ -210,7 +211,7 @@ def flag_by_all(n, response, step, drift, comparators, flag):
         As in `flag_in_own_light`.
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
-    memory, C_on, C_off = comparators
+    memory, C_on, C_off, _ = comparators
     x, e, v1_u0, v1_u1 = step.x, step.e, step.v1_u0, step.v1_u1
     v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
     for i in range(n):
@@ -235,7 +236,7 @@ def flag_by_cubic(n, response, step, drift, comparators, flag):
         As in `flag_by_all`.
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
-    memory, C_on, C_off = comparators
+    memory, C_on, C_off, _ = comparators
     x, e, v1_u0, v1_u1 = step.x, step.e, step.v1_u0, step.v1_u1
     v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
     second = poles - 1.0
@@ -276,7 +277,7 @@ def flag_by_chord(n, response, step, drift, comparators, flag):
         As in `flag_by_all`.
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
-    memory, C_on, C_off = comparators
+    memory, C_on, C_off, _ = comparators
     e, v1_u0, v1_u1 = step.e, step.v1_u0, step.v1_u1
     v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
     second = poles - 1.0
