@@ -261,41 +261,47 @@ def first_guess(level, piece):
 
 
 @jit
-def crossing(curve, level, low, high, v_low, v_high, slack):
-    """Return the y in [low, high] at which v2 crosses the level; always converges.
+def crossing(curve, level, piece, slack, y, plain):
+    """Return the y of the piece at which v2 crosses the level; always converges.
 
-    The method is Householder's, with the bracket and the bisection of `solve_turns`. It starts
-    where the chord crosses the level or, if that is earlier, where an exponential tail would: along
-    a tail, the steps are short.
+    The first steps are those of `solve_crossings`. If they do not reach the root, the search starts
+    again, with the bracket and the bisection of `solve_turns`, where the chord crosses the level
+    or, if that is earlier, where an exponential tail would: along a tail, the steps are short.
 
     Parameters
     ----------
-    curve, level
-        `Curve` of the pixel, and the level.
-    low, high, v_low, v_high
-        The bracket in y, in which v2 is monotone, and v2 at its ends.
+    curve, level, piece
+        `Curve` of the pixel, the level, and the `Piece`.
     slack
         Allowed error of y.
+    y, plain
+        Start of the first steps, and their number.
     """
-    share = (level - v_low) / (v_high - v_low)
-    if low >= TRANSIENT:  # a straight line
-        return low + (high - low) * min(max(share, 0.0), 1.0)
+    low, high, v_low, v_high, _, _ = piece
     rising = v_high > v_low
     moved = high - low
-    y = low + min(moved * share, -math.log1p(-share) if share < 1.0 else moved)
-    y = min(max(y, low), high)
-    for _ in range(200):
+    for step in range(plain + 200):
+        if step == plain:
+            share = (level - v_low) / (v_high - v_low)
+            if low >= TRANSIENT:  # a straight line
+                return low + (high - low) * min(max(share, 0.0), 1.0)
+            y = low + min(moved * share, -math.log1p(-share) if share < 1.0 else moved)
+            y = min(max(y, low), high)
         better, error, near = householder(y, curve, level, slack)
-        if (error < 0.0) == rising:
-            low = y
+        if step < plain:
+            y = min(max(better, low), high)
         else:
-            high = y
-        if not (low <= better <= high and abs(better - y) <= 0.5 * moved):
-            better = 0.5 * (low + high)
-            near = False
-        moved = abs(better - y)
-        y = better
-        if near or high - low < slack:
+            if (error < 0.0) == rising:
+                low = y
+            else:
+                high = y
+            if not (low <= better <= high and abs(better - y) <= 0.5 * moved):
+                better = 0.5 * (low + high)
+                near = False
+            moved = abs(better - y)
+            y = better
+            near |= high - low < slack
+        if near:
             break
     return y
 
@@ -339,16 +345,8 @@ def solve_crossings(todo, count):
             solved[k] = 1.0 if before | near else 0.0
             left += 0 if before | near else 1
         done += 1
-    if left == 0:
-        return
     for k in range(count):
         if solved[k] == 0.0:
             curve = Curve(start[k], rise[k], A[k], B[k], short[k])
-            near = False
-            for _ in range(done, _STEPS):
-                better, _, near = householder(root[k], curve, level[k], slack[k])
-                root[k] = min(max(better, low[k]), high[k])
-                if near:
-                    break
-            if not near:
-                root[k] = crossing(curve, level[k], low[k], high[k], v_low[k], v_high[k], slack[k])
+            piece = Piece(low[k], high[k], v_low[k], v_high[k], slope_low[k], slope_high[k])
+            root[k] = crossing(curve, level[k], piece, slack[k], root[k], _STEPS - done)
