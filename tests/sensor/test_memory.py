@@ -9,7 +9,7 @@ import pytest
 import sensor
 from moving_texture import texture_in_motion
 from sensor import SensorModel, memory, simulate, stream
-from sensor.engine import sorting
+from sensor.engine import bank, sorting
 from sensor.memory import Memory
 
 LARGE = 1 << 21
@@ -42,6 +42,21 @@ def test_parts_that_are_kept_stay_as_they_were(small_parts, cutoff_hz, threads):
             joined = np.concatenate([getattr(part, column) for part in parts])
             np.testing.assert_array_equal(joined, getattr(expected, column))
     np.testing.assert_array_equal(np.concatenate(times), expected.t_us)
+
+
+@pytest.mark.parametrize("refractory_s", [0.0, 2e-3])
+def test_columns_that_grow_with_each_part_hold_the_stream(monkeypatch, small_parts, refractory_s):
+    """Promise: `simulate` returns what `stream` yields, however wrong its prediction of the size,
+    and also where a part is not in the columns because events were removed from it."""
+    monkeypatch.setattr(bank, "_RESERVE", 0.0)
+    frames, t_s = texture_in_motion(3, 20, (96, 120), 2e-3, travel_px=20.0)
+    model = SensorModel(width=120, height=96, contrast_threshold=0.1, refractory_s=refractory_s)
+    parts = list(stream(frames, t_s, model))
+    events = simulate(frames, t_s, model)
+    assert len(parts) > 5
+    for column in COLUMNS:
+        joined = np.concatenate([getattr(part, column) for part in parts])
+        np.testing.assert_array_equal(getattr(events, column), joined)
 
 
 def test_memory_is_used_again_once_nobody_holds_it():
