@@ -104,7 +104,7 @@ print(peak_kib() - before_kib)
 """
 
 
-@pytest.mark.parametrize("spp", [4, 16])
+@pytest.mark.parametrize("spp", [pytest.param(4, marks=pytest.mark.slow), 16])
 def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monkeypatch):
     """Promise: peak memory, without that of a tiny image, is between one and two times the
     estimate. So eres never refuses a render that fits, and with half of the needed memory it

@@ -151,7 +151,7 @@ def test_measured_noise_is_the_deviation_from_many_samples(renderer):
     squares = []
     for clip in stretches:
         pose = renderer.trajectory.pose(clip.t_start_s)
-        frames = [renderer.frame(pose, seed=k).astype(np.float64) for k in range(10, 50)]
+        frames = [renderer.frame(pose, seed=k).astype(np.float64) for k in range(10, 30)]
         squares.append(
             (np.log(renderer.frame(pose) + dark) - np.log(np.mean(frames, 0) + dark)) ** 2
         )

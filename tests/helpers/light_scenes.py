@@ -195,3 +195,15 @@ spp = 16
     for shape_id in (*walls, "ball"):
         light_evenly(folder, shape_id, 3.0)
     return folder
+
+
+def assert_looked_up_as_traced(scene, most_rms):
+    """Compare frames of looked-up light with rays for every sample, at three poses of a path."""
+    renderer = Renderer(scene, 320, 16)
+    full = Renderer(scene, 320, 16, integrator="baked-full")
+    assert renderer.integrator == "baked"
+    for pose in scene.trajectory().pose(np.linspace(0.1, 0.9, 3) * scene.duration_s):
+        difference = log_difference(renderer, full, pose)
+        assert np.sqrt(np.mean(difference**2)) < most_rms
+        assert np.mean(np.abs(difference) > 1e-3) < 1e-4
+        assert np.any(difference != 0), "nothing was looked up"

@@ -4,9 +4,12 @@ import dataclasses
 import logging
 import re
 import shutil
+from functools import partial
 from importlib.metadata import version
+from pathlib import Path
 
 import h5py
+import hdf5plugin  # noqa: F401 - its filters
 import numpy as np
 import pytest
 from distributed import LocalCluster
@@ -53,9 +56,20 @@ def made(tmp_path_factory):
 
 
 def contents(folder):
-    return {
-        file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()
-    }
+    """Return the bytes of each file, and the data of HDF5: its unused bytes may be any."""
+    found = {}
+    for path in filter(Path.is_file, folder.rglob("*")):
+        found[path.relative_to(folder)] = path.read_bytes() if path.suffix != ".h5" else {}
+        if path.suffix == ".h5":
+            with h5py.File(path) as file:
+                file.visititems(partial(keep, found[path.relative_to(folder)]))
+                keep(found[path.relative_to(folder)], "/", file)
+    return found
+
+
+def keep(found, name, item):
+    data = item[()].tobytes() if isinstance(item, h5py.Dataset) else b""
+    found[name] = (data, {key: str(value) for key, value in item.attrs.items()})
 
 
 def test_a_dataset_is_read_as_it_is(made):
