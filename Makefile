@@ -49,7 +49,7 @@ clean:
 	  echo "eres: could not make .venv with $(PYTHON); it needs Python 3.11 or newer with venv" \
 	    "(Debian: apt-get install python3-venv)"; exit 1; }
 	@echo "eres: installing into .venv (about a minute the first time)"
-	@$(BIN)/pip install --quiet --disable-pip-version-check --editable .
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable .
 	@touch $@
 
 .venv/.dev: .venv/.ready
