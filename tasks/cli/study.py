@@ -114,7 +114,8 @@ def study(
         Folder of the run.
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
-        "paper": three scenes, 20 samples of each, the methods of the paper; takes hours.
+        "paper": three scenes, 20 samples of each, the methods of the paper; takes more
+        than an hour on 2 cores.
     scenes
         Names or folders of scenes.
     samples
