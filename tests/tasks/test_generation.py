@@ -4,7 +4,6 @@ import dataclasses
 import logging
 import re
 import shutil
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -56,20 +55,24 @@ def made(tmp_path_factory):
 
 
 def contents(folder):
-    """Return the bytes of each file, and the data of HDF5: its unused bytes may be any."""
+    files = filter(Path.is_file, folder.rglob("*"))
+    return {file.relative_to(folder): data_of(file) for file in files}
+
+
+def data_of(path):
+    """Return the bytes of a file, or the data of HDF5: its unused bytes may be any."""
+    if path.suffix != ".h5":
+        return path.read_bytes()
     found = {}
-    for path in filter(Path.is_file, folder.rglob("*")):
-        found[path.relative_to(folder)] = path.read_bytes() if path.suffix != ".h5" else {}
-        if path.suffix == ".h5":
-            with h5py.File(path) as file:
-                file.visititems(partial(keep, found[path.relative_to(folder)]))
-                keep(found[path.relative_to(folder)], "/", file)
+
+    def keep(name, item):
+        data = item[()].tobytes() if isinstance(item, h5py.Dataset) else b""
+        found[name] = (data, {key: str(value) for key, value in item.attrs.items()})
+
+    with h5py.File(path) as file:
+        keep("/", file)
+        file.visititems(keep)
     return found
-
-
-def keep(found, name, item):
-    data = item[()].tobytes() if isinstance(item, h5py.Dataset) else b""
-    found[name] = (data, {key: str(value) for key, value in item.attrs.items()})
 
 
 def test_a_dataset_is_read_as_it_is(made):
