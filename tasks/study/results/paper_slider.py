@@ -1,0 +1,105 @@
+"""Numbers that Gehrig and Scaramuzza published of a real camera on a motorized slider.
+
+`tab:all_tasks_real` of the paper, 162 numbers: a Prophesee Gen4 in front of three prints. Its
+"resolutions" are distances: the same part of a print covers fewer pixels from farther away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+SPEEDS_M_PER_S = (0.2, 0.4, 0.6)
+"""Speeds of the slider."""
+
+SIZES_PX: Mapping[str, tuple[tuple[int, int], ...]] = {
+    "forest": ((442, 249), (649, 365), (1190, 669)),
+    "pebbles": ((451, 254), (652, 367), (1215, 683)),
+    "split_rocks": ((442, 249), (640, 360), (1193, 671)),
+}
+"""Width and height of the common field of view by print, from the farthest distance on, px."""
+
+DISTANCES_M = (0.6, 0.4, 0.2)
+"""Distances from the wall, in the order of `SIZES_PX`.
+
+The sizes are in proportion to 1 / (d + c) with c = 3.7, 3.5 and 3.5 cm within 0.6 %, so that the
+optical center is about 63.6, 43.6 and 23.6 cm from the print.
+"""
+
+_METHODS = (
+    ("video", "e2vid", "psnr_db"),
+    ("video", "high_pass_filter", "psnr_db"),
+    ("flow", "photometric_flow", "rnepe_px"),
+    ("flow", "contrast_maximization", "rnepe_px"),
+    ("flow", "e_raft", "rnepe_px"),
+    ("tracking", "photometric_tracking", "position_error_mm"),
+)
+
+# A line per distance, a group of columns per method in `_METHODS`, a column per speed.
+_TABLE = {
+    "forest": """
+    12.79 12.72 12.54 | 12.24 12.21 12.03 | 2.44 2.84 3.10 | 1.96 2.24 2.42 | 0.64 0.64 0.75 | 17.47 24.44 64.97
+    13.56 13.50 13.25 | 12.91 12.85 12.55 | 1.36 1.81 2.27 | 1.05 1.41 1.60 | 0.33 0.36 0.45 | 4.08 19.96 61.53
+    14.09 13.33 12.67 | 13.37 12.64 11.89 | 1.17 1.77 2.32 | 0.39 0.53 0.79 | 0.31 0.34 0.37 | 2.72 14.58 75.55
+    """,  # noqa: E501
+    "pebbles": """
+    14.37 13.79 13.15 | 13.62 13.06 12.42 | 1.23 1.67 2.20 | 1.36 1.61 2.02 | 0.52 0.59 0.70 | 5.80 27.13 79.42
+    14.82 14.24 13.65 | 13.82 13.27 12.72 | 0.90 1.40 1.76 | 0.73 0.947 1.16 | 0.34 0.36 0.43 | 3.97 11.34 49.65
+    14.41 14.16 13.67 | 13.395 13.00 12.32 | 0.84 1.29 1.92 | 0.31 0.39 0.54 | 0.34 0.35 0.38 | 3.21 26.98 97.08
+    """,  # noqa: E501
+    "split_rocks": """
+    12.21 12.31 12.16 | 11.56 11.69 11.58 | 2.16 2.59 3.01 | 1.52 1.80 2.23 | 0.49 0.53 0.61 | 11.97 41.33 50.25
+    12.73 12.37 12.06 | 12.02 11.81 11.50 | 1.88 2.36 2.64 | 0.91 1.31 1.66 | 0.36 0.38 0.36 | 3.74 12.00 47.11
+    12.76 12.52 11.24 | 12.09 11.89 11.56 | 1.87 2.39 2.64 | 0.45 0.76 0.96 | 0.18 0.20 0.23 | 1.708 11.11 78.91
+    """,  # noqa: E501
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SliderScore:
+    """A score of `tab:all_tasks_real`.
+
+    Attributes
+    ----------
+    picture
+        Name of the print.
+    task, method, metric
+        As in `tasks.row.Row`; the paper's E-RAFT is `e_raft`.
+    width, height
+        Size of the field of view, px.
+    distance_m
+        Distance from the wall.
+    speed_m_per_s
+        Speed of the slider.
+    value
+        dB, px at full width (RNEPE) or mm.
+    """
+
+    picture: str
+    task: str
+    method: str
+    metric: str
+    width: int
+    height: int
+    distance_m: float
+    speed_m_per_s: float
+    value: float
+
+
+def slider_scores() -> list[SliderScore]:
+    """Return all numbers of the table.
+
+    Returns
+    -------
+    list of SliderScore
+        By print, distance, method and speed.
+    """
+    return [
+        SliderScore(picture, *method, *size, distance_m, speed, float(number))
+        for picture, block in _TABLE.items()
+        for line, size, distance_m in zip(
+            block.strip().splitlines(), SIZES_PX[picture], DISTANCES_M, strict=True
+        )
+        for method, group in zip(_METHODS, line.split("|"), strict=True)
+        for speed, number in zip(SPEEDS_M_PER_S, group.split(), strict=True)
+    ]
