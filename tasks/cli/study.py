@@ -201,12 +201,17 @@ def _show_claims(run: Path) -> None:
     marks = {
         Status.HOLDS: "[green]holds[/green]",
         Status.DOES_NOT_HOLD: "[red]does not hold[/red]",
+        Status.UNDECIDED: "[yellow]undecided[/yellow]",
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
     found = by_threshold(read_rows(run / "rows.parquet"))
     verdicts = judge_all(found[0], read_scaling(run / "scaling"))
     for verdict in verdicts:
-        terminal.out.print(f"\n{verdict.number:2} {marks[verdict.status]}: {escape(verdict.title)}")
+        likeness = f" ({verdict.likeness})" if verdict.likeness else ""
+        terminal.out.print(
+            f"\n{verdict.number:2} {marks[verdict.status]}: {escape(verdict.title)}{likeness}",
+            soft_wrap=True,
+        )
         table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
         table.add_row("   ours", escape(verdict.ours))
         table.add_row("   paper", escape(verdict.paper))

@@ -3,17 +3,21 @@
 import inspect
 import math
 from dataclasses import replace
+from zlib import crc32
 
+import numpy as np
 import pytest
 
 from study_rows import EI, Change, paper_rows, verdict
 from tasks.row import Row
 from tasks.study.claims.claim import SceneClaim
 from tasks.study.claims.judge import CLAIMS, judge_all
-from tasks.study.claims.numbers import Number
-from tasks.study.claims.statistics import DAY, event_rate, margin
-from tasks.study.claims.verdict import Status
+from tasks.study.claims.numbers import Number, SceneScores, estimated
+from tasks.study.claims.statistics import DAY, event_rate, lead, margin
+from tasks.study.claims.verdict import Status, status_of
+from tasks.study.results.bootstrap import DRAWS
 from tasks.study.results.intervals import Estimate, estimate
+from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scores import Condition, Scores
 
 NUMBERS = (3, 4, 5, 6, 7, 8, 9)
@@ -56,8 +60,8 @@ def test_a_claim_fails_when_the_rows_contradict_it(number: int) -> None:
 
 
 def test_event_rate_that_only_follows_the_pixels_fails_claim_8() -> None:
-    """With 4 times the events on 4 times the pixels, the rate of a pixel does not rise."""
-    found = verdict(8, paper_rows(rate=lambda width, cutoff_hz: float(width) ** 2))
+    """With less than 4 times the events on 4 times the pixels, the rate of a pixel falls."""
+    found = verdict(8, paper_rows(rate=lambda width, cutoff_hz: float(width) ** 1.9))
     assert found.status is Status.DOES_NOT_HOLD
     silent = verdict(8, paper_rows(rate=lambda width, cutoff_hz: 0.0))
     assert silent.status is Status.NOT_MEASURED
@@ -126,9 +130,10 @@ def test_one_scene_that_fails_settles_it_and_one_that_lacks_rows_does_not() -> N
 
 
 def test_few_samples_say_so_instead_of_an_interval() -> None:
-    """With 3 samples no interval is printed, and the note says why."""
+    """With 3 samples no interval is printed, nothing is decided, and the note says why."""
     found = verdict(3, paper_rows(samples=3, scenes=("carpet",)))
-    assert found.status is Status.HOLDS
+    assert found.status is Status.UNDECIDED
+    assert found.likeness == ""
     assert "[" not in found.ours
     assert "on carpet only; 3 samples, too few for an interval (6 needed)" in found.note
 
@@ -151,16 +156,82 @@ def test_the_bootstrap_is_paired_and_seeded() -> None:
     scores = Scores(paper_rows())
     fine, coarse = (Condition("carpet", width, math.inf, 1.0) for width in (1280, 640))
     cells = {where: scores.cell(EI, where) for where in (fine, coarse)}
-    paired = estimate(cells, lambda m: m[fine] - m[coarse])
+    paired = estimate(lambda m: m[fine] - m[coarse], cells)
     assert paired.low == pytest.approx(paired.high)
-    alone = estimate(cells, lambda m: m[fine])
+    alone = estimate(lambda m: m[fine], cells)
     assert alone.low is not None
     assert alone.high is not None
     assert alone.low < alone.value < alone.high
-    assert alone == estimate(cells, lambda m: m[fine])
+    assert alone == estimate(lambda m: m[fine], cells)
 
 
-def test_an_interval_on_both_sides_of_the_bound_is_called_unsettled() -> None:
+def test_a_difference_is_that_of_each_sample_before_its_median() -> None:
+    """Samples that spread by 8 dB, and a width that is better by 0.1 dB in all but the middle one.
+
+    The medians of both widths are the same, so their difference is 0; the median of the differences
+    is 0.1 dB, and its interval does not reach 0.
+    """
+    gain = np.array([0.1] * 4 + [0.0] + [0.1] * 4)
+    rows = [
+        replace(r, value=r.value + gain[r.sample]) if r.width == 1280 else r
+        for r in paper_rows(EI, lambda w, c, s, v: 20.0, scenes=("carpet",))
+    ]
+    (found,) = judge_all(
+        rows, {}, [replace(own_claim(), numbers={"margin": Number(margin(1280, 640, DAY), above=0)})]
+    )
+    assert found.status is Status.HOLDS
+    assert "+0.10 [+0.10, +0.10] dB" in found.ours
+    scores = Scores(rows)
+    fine, coarse = (Condition("carpet", width, DAY, 1.0) for width in (1280, 640))
+    cells = {where: scores.cell(EI, where) for where in (fine, coarse)}
+    assert estimate(lambda m: m[fine] - m[coarse], cells).value == 0.0
+    assert estimate(lambda m: m.difference(fine, coarse), cells).value == pytest.approx(0.1)
+
+
+def test_a_lead_is_the_median_difference_of_the_best_widths() -> None:
+    """Against a plain loop over the bootstrap's draws, with widths that change places in them."""
+    rng = np.random.default_rng(5)
+    table = {width: 20.0 + rng.normal(size=9) for width in WIDTHS}
+    rows = [
+        replace(r, value=table[r.width][r.sample])
+        for r in paper_rows(EI, scenes=("carpet",))
+        if (r.cutoff_hz, r.speed) == (DAY, 1.0)
+    ]
+    on = SceneScores(Scores(rows), EI, "carpet")
+    found = estimated(lead([240, 640], DAY), on)
+
+    def plain(drawn: np.ndarray) -> float:
+        at = {width: np.median(values[drawn]) for width, values in table.items()}
+        one = max((240, 640), key=at.__getitem__)
+        other = max((128, 346, 1280), key=at.__getitem__)
+        return float(np.median(table[one][drawn] - table[other][drawn]))
+
+    draws = np.random.default_rng([crc32(b"carpet"), 9]).integers(9, size=(DRAWS, 9))
+    low, high = np.percentile([plain(drawn) for drawn in draws], [2.5, 97.5])
+    assert found.value == pytest.approx(plain(np.arange(9)))
+    assert (found.low, found.high) == (pytest.approx(low), pytest.approx(high))
+
+
+def test_numbers_are_like_the_papers_if_it_is_within_our_intervals() -> None:
+    """The paper's own medians are; with a margin that is 1 dB larger on one scene they are not."""
+    assert verdict(3, paper_rows()).likeness == "numbers like the paper's on 3 of 3 scenes"
+    other = paper_rows(EI, lambda w, c, s, v: v + (w == 1280), scenes=("rocks",))
+    rows = [r for r in paper_rows() if r.scene != "rocks"] + other
+    assert verdict(3, rows).likeness == "numbers like the paper's on 2 of 3 scenes"
+    alone = paper_rows(EI, lambda w, c, s, v: v + (w == 1280), scenes=("carpet",))
+    assert verdict(3, alone).likeness == "numbers unlike the paper's"
+    elsewhere = [replace(r, contrast_threshold=0.3) for r in paper_rows()]
+    assert verdict(3, elsewhere).likeness == ""
+
+
+def test_a_margin_that_shrinks_below_zero_fails_claim_9() -> None:
+    """The paper's margins shrink and stay positive; ours must do both."""
+    found = verdict(9, paper_rows(EI, lambda w, c, s, v: v - 0.5 * (w == 1280 and c == 200)))
+    assert found.status is Status.DOES_NOT_HOLD
+    assert "smallest fall +0.45 [" in found.ours
+
+
+def test_an_interval_on_both_sides_of_the_bound_is_undecided() -> None:
     """The night's best width leads by less than the spread of the samples."""
     rows = [
         Row(*(r.scene, r.task, r.method, *_tail(r)[:6]), r.value + 0.3 * (-1) ** r.sample, 1.0)
@@ -168,7 +239,24 @@ def test_an_interval_on_both_sides_of_the_bound_is_called_unsettled() -> None:
         else r
         for r in paper_rows(scenes=("carpet",), samples=12)
     ]
-    assert "not settled by these samples" in verdict(6, rows).ours
+    found = verdict(6, rows)
+    assert found.status is Status.UNDECIDED
+    assert "not settled by these samples" in found.ours
+
+
+def test_the_least_certain_scene_decides() -> None:
+    """A claim fails with any scene, and holds only with all of them."""
+    fails, unknown, open_, holds = (
+        Status.DOES_NOT_HOLD,
+        Status.NOT_MEASURED,
+        Status.UNDECIDED,
+        Status.HOLDS,
+    )
+    assert status_of([holds, open_, unknown, fails]) is fails
+    assert status_of([holds, open_, unknown]) is unknown
+    assert status_of([holds, open_]) is open_
+    assert status_of([holds, holds]) is holds
+    assert status_of([]) is unknown
 
 
 def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:

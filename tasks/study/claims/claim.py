@@ -6,10 +6,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
-from tasks.study.claims.numbers import NotMeasured, Number, Quantity, SceneScores, estimated
+from tasks.study.claims.numbers import NotMeasured, Number, Quantity, Reading, SceneScores, estimated
 from tasks.study.claims.statistics import SceneCell
-from tasks.study.claims.verdict import Verdict, status_of
+from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.metrics import Series
 from tasks.study.results.scaling import Scaling
@@ -54,18 +55,25 @@ class Claim(ABC):
         """
 
     def verdict(
-        self, outcomes: Iterable[bool | None], ours: str, paper: str, scope: str = ""
+        self,
+        outcomes: Iterable[Status],
+        ours: str,
+        paper: str,
+        scope: str = "",
+        likeness: str = "",
     ) -> Verdict:
         """Return the verdict that follows from outcomes.
 
         Parameters
         ----------
         outcomes
-            Whether the claim holds, for each scene or cell; None if it is not measured there.
+            Whether the claim holds, for each scene or cell.
         ours, paper
             Our numbers and the paper's, a line for each scene; or what is missing.
         scope
             Scenes and samples that the verdict is based on, in words.
+        likeness
+            On how many scenes our numbers are like the paper's, in words.
 
         Returns
         -------
@@ -74,7 +82,7 @@ class Claim(ABC):
         """
         note = f"{self.note} {scope}".strip()
         status = status_of(outcomes)
-        return Verdict(self.number, self.title, self.statement, status, ours, paper, note)
+        return Verdict(self.number, self.title, self.statement, status, ours, paper, note, likeness)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,42 +132,42 @@ class SceneClaim(Claim):
         Verdict
             It follows from one outcome for each scene that the claim is about.
         """
-        holds, lines = self._read(paper_scores(), self.series, {})
-        measured = any(outcome is not None for outcome in holds.values())
-        paper = self.paper or ("\n".join(lines) if measured else "not reported")
+        published = self._read(paper_scores(), self.series, {})
+        measured = any(one.status is not Status.NOT_MEASURED for one in published.scenes.values())
+        paper = self.paper or ("\n".join(published.lines) if measured else "not reported")
         series, about = self.chosen(scores)
         if series is None:
             return self.verdict((), about, paper)
-        holds, lines = self._read(scores, series, scaling)
-        judged = [scene for scene, outcome in holds.items() if outcome is not None]
+        found = self._read(scores, series, scaling)
+        outcomes = {scene: one.status for scene, one in found.scenes.items()}
+        judged = [scene for scene, one in outcomes.items() if one is not Status.NOT_MEASURED]
         scope = f"{about} {self._scope(scores, series, judged)}".strip()
         where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
-        ours = "\n".join(lines) or f"no rows of {series.name}{where}"
-        return self.verdict(holds.values(), ours, paper, scope)
+        ours = "\n".join(found.lines) or f"no rows of {series.name}{where}"
+        return self.verdict(outcomes.values(), ours, paper, scope, _likeness(found))
 
-    def _read(
-        self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]
-    ) -> tuple[dict[str, bool | None], list[str]]:
-        """Return whether the claim holds on each scene, and lines of text."""
-        holds: dict[str, bool | None] = {}
-        lines = []
+    def _read(self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]) -> _Found:
+        """Read the numbers of each scene."""
+        found = _Found({}, [])
         for scene in scores.scenes(series):
             if self.scenes and scene not in self.scenes:
                 continue
             on = SceneScores(scores, series, scene, scaling.get(scene))
             try:
-                holds[scene], text = self._readings(on)
+                found.scenes[scene] = reading = self._reading(on)
             except NotMeasured as reason:
-                holds[scene] = None
-                lines.append(f"{scene}: {reason}")
+                found.scenes[scene] = Reading(str(reason), Status.NOT_MEASURED)
+                found.lines.append(f"{scene}: {reason}")
                 continue
-            lines.append(f"{scene}: {text}{'' if holds[scene] else ' (does not hold)'}")
+            fails = reading.status is Status.DOES_NOT_HOLD
+            found.lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
             for method in self.beside:
                 other = series._replace(method=method)
                 with suppress(NotMeasured):
-                    text = self._readings(replace(on, series=other))[1]
-                    lines.append(f"{other.name}: {text}")
-        return holds, lines + self._mean(scores, series)
+                    text = self._reading(replace(on, series=other)).text
+                    found.lines.append(f"{other.name}: {text}")
+        found.lines.extend(self._mean(scores, series))
+        return found
 
     @property
     def _cells(self) -> list[SceneCell]:
@@ -168,12 +176,14 @@ class SceneClaim(Claim):
         cells = {cell for number in numbers for cell in number.statistic.cells}
         return sorted(cells, key=lambda c: (c.method, c.width, -c.cutoff_hz, c.speed))
 
-    def _readings(self, on: SceneScores) -> tuple[bool, str]:
-        """Return whether the claim holds on a scene, and its text."""
+    def _reading(self, on: SceneScores) -> Reading:
+        """Read the numbers of a scene, and judge it by them."""
         on.require(self._cells)
         readings = {name: read(on) for name, read in self.numbers.items()}
         text = self.text.format_map({name: one.text for name, one in readings.items()})
-        return all(one.holds for one in readings.values()), text
+        compared = [one.like_paper for one in readings.values() if one.like_paper is not None]
+        status = status_of(one.status for one in readings.values())
+        return Reading(text, status, all(compared) if compared else None)
 
     def _mean(self, scores: Scores, series: Series) -> list[str]:
         """Return a line with the mean over the scenes, if several have the number."""
@@ -197,6 +207,23 @@ class SceneClaim(Claim):
         if self._cells and few < MIN_SAMPLES_FOR_INTERVAL:
             parts.append(too_few_text(few))
         return f"{'; '.join(parts)}." if parts else ""
+
+
+class _Found(NamedTuple):
+    """What was read: each scene, and lines of text."""
+
+    scenes: dict[str, Reading]
+    lines: list[str]
+
+
+def _likeness(found: _Found) -> str:
+    """Say on how many scenes all numbers are like the paper's."""
+    compared = [one.like_paper for one in found.scenes.values() if one.like_paper is not None]
+    if not compared:
+        return ""
+    if len(compared) == 1:
+        return "numbers like the paper's" if compared[0] else "numbers unlike the paper's"
+    return f"numbers like the paper's on {sum(compared)} of {len(compared)} scenes"
 
 
 def too_few_text(samples: int) -> str:

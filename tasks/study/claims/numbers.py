@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -11,11 +11,12 @@ import numpy as np
 from tasks.metric import Metric
 from tasks.registry import TASKS
 from tasks.study.claims.statistics import SceneCell, Statistic
+from tasks.study.claims.verdict import Status, settled
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
-from tasks.study.results.scores import Cell, Condition, Scores
+from tasks.study.results.scores import Cell, Condition, Scores, paper_scores
 from tasks.study.results.words import cutoff_label
 
 
@@ -31,6 +32,11 @@ class SceneScores:
     series: Series
     scene: str
     scaling: Scaling | None = None
+
+    @property
+    def published(self) -> bool:
+        """Whether these are the paper's numbers, whose spread is unknown: the values decide."""
+        return self.scores is paper_scores()
 
     @property
     def metric(self) -> Metric:
@@ -124,27 +130,24 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
         divides or takes a logarithm.
     """
     rates = statistic.of_rates
-    cells = {(on.scene, at): on.cell(at) for on in scenes for at in statistic.cells}
-    values = np.concatenate([c.event_rates_hz if rates else c.values for c in cells.values()])
+    cells = [{at: on.cell(at) for at in statistic.cells} for on in scenes]
+    every = [cell for of_scene in cells for cell in of_scene.values()]
+    values = np.concatenate([cell.event_rates_hz if rates else cell.values for cell in every])
     if np.isnan(values).any():
         raise NotMeasured("not measured, there are no event rates")
     if statistic.positive and not np.all(values > 0):
         zero = "a sample has no events" if rates else "an error is 0"
         raise NotMeasured(f"not measured, {zero}")
     sign = 1.0 if rates else scenes[0].metric.sign
-
-    def of_all(medians: Mapping[tuple[str, SceneCell], np.ndarray]) -> np.ndarray:
-        each = [{at: sign * medians[on.scene, at] for at in statistic.cells} for on in scenes]
-        return np.mean([statistic.of(of_one) for of_one in each], axis=0)
-
-    return estimate(cells, of_all, of_rates=rates)
+    return estimate(statistic.of, *cells, sign=sign, of_rates=rates)
 
 
 class Reading(NamedTuple):
-    """A number in words, and whether it is as the claim says."""
+    """A number in words, whether it is as the claim says, and whether it is like the paper's."""
 
     text: str
-    holds: bool = True
+    status: Status = Status.HOLDS
+    like_paper: bool | None = None  # None if there is nothing to compare
 
 
 class Quantity(Protocol):
@@ -187,9 +190,25 @@ class Number:
         bound = self.below if self.above is None else self.above
         if bound is None:
             return Reading(text)
-        below = self.above is None or on.scene in self.below_on
+        above = self.above is not None and on.scene not in self.below_on
+        if on.published:
+            as_claimed = (found.value > bound) == above
+            return Reading(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
         doubt = ", not settled by these samples" if found.includes(bound) else ""
-        return Reading(text + doubt, found.value < bound if below else found.value > bound)
+        status = settled(found, above=above, bound=bound)
+        return Reading(text + doubt, status, self._like_paper(found, on))
+
+    def _like_paper(self, ours: Estimate, on: SceneScores) -> bool | None:
+        """Return whether the paper's number is within our interval."""
+        paper = replace(on, scores=paper_scores(), series=on.series._replace(variant=""))
+        at_its_threshold = on.scores.contrast_threshold == paper.scores.contrast_threshold
+        if ours.low is None or not at_its_threshold:
+            return None
+        try:
+            paper.require(self.statistic.cells)
+            return ours.includes(estimated(self.statistic, paper).value)
+        except NotMeasured:
+            return None
 
 
 class Score(SceneCell):

@@ -117,12 +117,13 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
         number=9,
         title="Daylight: the margin shrinks with speed",
-        statement="At 200 Hz, the margin of 1280 over 640 px falls from each speed to the next.",
+        statement="At 200 Hz, the margin of 1280 over 640 px falls from each speed to the next, "
+        "and is positive at all of them.",
         series=EVENT_INTEGRATION,
         numbers={
-            "slow": Number(_DAY_MARGINS[0], unit=""),
-            "middle": Number(_DAY_MARGINS[1], unit=""),
-            "fast": Number(_DAY_MARGINS[2]),
+            "slow": Number(_DAY_MARGINS[0], above=0, unit=""),
+            "middle": Number(_DAY_MARGINS[1], above=0, unit=""),
+            "fast": Number(_DAY_MARGINS[2], above=0),
             "fall": Number(smallest_fall(*_DAY_MARGINS), above=0),
         },
         text="{slow} → {middle} → {fast}, smallest fall {fall}",

@@ -8,6 +8,7 @@ from tasks.study.claims.claim import Claim, SceneClaim
 from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores, estimated
 from tasks.study.claims.reconstruction import EVENT_INTEGRATION
 from tasks.study.claims.statistics import IDEAL, log2, pixel_rate, slope, smallest_fall
+from tasks.study.claims.verdict import Status, settled
 from tasks.study.results.intervals import Estimate
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import FIT_PX, Scaling, Slopes
@@ -23,9 +24,9 @@ def _scaling(on: SceneScores) -> Scaling:
 
 
 def _exponent(slopes: Slopes) -> Reading:
-    """The exponent γ of |L_t| ~ 1/p^γ; all of its interval is positive."""
-    law = slopes.law
-    return Reading(Estimate(law.exponent, law.low, law.high).text(sign=""), law.low > 0)
+    """The exponent γ of |L_t| ~ 1/p^γ, which is positive."""
+    found = Estimate(slopes.law.exponent, slopes.law.low, slopes.law.high)
+    return Reading(found.text(sign=""), settled(found, above=True, bound=0.0))
 
 
 def _pixel_rates(on: SceneScores) -> Reading:
@@ -52,7 +53,7 @@ def _modes(on: SceneScores) -> Reading:
         holds &= shortens
         line = " → ".join(f"{mode * 1e-3:.2g}" for mode in known)
         lines.append(f"{name}: {line} ms{'' if shortens else ' (not monotone)'}")
-    return Reading("\n".join(lines), holds=holds)
+    return Reading("\n".join(lines), Status.HOLDS if holds else Status.DOES_NOT_HOLD)
 
 
 SCALING_CLAIMS: tuple[Claim, ...] = (

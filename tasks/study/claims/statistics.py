@@ -5,13 +5,15 @@ A statistic takes medians with a sign that makes more of them better: errors are
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tasks.study.results.intervals import Medians, Values
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 
 IDEAL, DAY, NIGHT = CUTOFFS_HZ
@@ -26,19 +28,26 @@ class SceneCell(NamedTuple):
     method: str = ""  # "" is the method that the claim is about
 
 
-Medians = Mapping[SceneCell, np.ndarray]  # each () from the samples, or (draws,) from resamples
+PerValue = Callable[[Values[SceneCell]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, slots=True)
 class Statistic:
     """A number made of medians.
 
+    Differences are paired: where both sides are medians of something per value, of one method, the
+    difference is the median of the differences at each sample and item. Everything else combines
+    medians.
+
     Attributes
     ----------
     cells
         The cells that the medians come from.
     of
-        Function from the medians, arrays of one shape, to an array of that shape.
+        Function from the medians to an array of their shape.
+    each
+        If the statistic is the median of something per value: a function from the values of the
+        cells to it, (N,).
     positive
         Whether no median may be 0, because of a division or a logarithm.
     of_rates
@@ -46,25 +55,37 @@ class Statistic:
     """
 
     cells: tuple[SceneCell, ...]
-    of: Callable[[Medians], np.ndarray]
+    of: Callable[[Medians[SceneCell]], NDArray[np.float64]]
+    each: PerValue | None = None
     positive: bool = False
     of_rates: bool = False
 
     def __sub__(self, other: Statistic) -> Statistic:
-        return _combined(np.subtract, self, other)
+        one, two = self.each, other.each
+        cells = tuple(dict.fromkeys((*self.cells, *other.cells)))
+        of_one_kind = len({cell.method for cell in cells}) == 1 and self.of_rates == other.of_rates
+        if one is None or two is None or not of_one_kind:
+            return _combined(np.subtract, self, other)
+        return _per_value(cells, lambda at: one(at) - two(at), self.of_rates)
 
     def __truediv__(self, other: Statistic) -> Statistic:
         return _combined(np.divide, self, other, positive=True)
 
 
+def _per_value(
+    cells: tuple[SceneCell, ...], each: PerValue, of_rates: bool = False
+) -> Statistic:
+    return Statistic(cells, lambda medians: medians.of(each, cells), each, of_rates=of_rates)
+
+
 def _combined(
-    function: Callable[..., np.ndarray], *parts: Statistic, positive: bool = False
+    function: Callable[..., NDArray[np.float64]], *parts: Statistic, positive: bool = False
 ) -> Statistic:
     return Statistic(
         tuple(dict.fromkeys(cell for part in parts for cell in part.cells)),
         lambda medians: function(*(part.of(medians) for part in parts)),
-        positive or any(part.positive for part in parts),
-        any(part.of_rates for part in parts),
+        positive=positive or any(part.positive for part in parts),
+        of_rates=any(part.of_rates for part in parts),
     )
 
 
@@ -88,7 +109,7 @@ def median(width: int, cutoff_hz: float, speed: float = 1.0, method: str = "") -
         In the metric's unit; errors are negative.
     """
     cell = SceneCell(width, cutoff_hz, speed, method)
-    return Statistic((cell,), lambda medians: medians[cell])
+    return Statistic((cell,), lambda medians: medians[cell], lambda at: at[cell])
 
 
 def event_rate(width: int, cutoff_hz: float) -> Statistic:
@@ -107,7 +128,7 @@ def event_rate(width: int, cutoff_hz: float) -> Statistic:
         Events per second.
     """
     cell = SceneCell(width, cutoff_hz)
-    return Statistic((cell,), lambda rates: rates[cell], of_rates=True)
+    return Statistic((cell,), lambda rates: rates[cell], lambda at: at[cell], of_rates=True)
 
 
 def pixel_rate(width: int, cutoff_hz: float) -> Statistic:
@@ -125,7 +146,8 @@ def pixel_rate(width: int, cutoff_hz: float) -> Statistic:
     Statistic
         Events per second and pixel.
     """
-    return _combined(lambda rate: rate / width**2, event_rate(width, cutoff_hz))
+    cell = SceneCell(width, cutoff_hz)
+    return _per_value((cell,), lambda rates: rates[cell] / width**2, of_rates=True)
 
 
 def margin(width: int, other: int, cutoff_hz: float, speed: float = 1.0) -> Statistic:
@@ -151,6 +173,9 @@ def margin(width: int, other: int, cutoff_hz: float, speed: float = 1.0) -> Stat
 def lead(widths: Sequence[int], cutoff_hz: float, speed: float = 1.0) -> Statistic:
     """Return how much better the best of some widths is than the best of all others.
 
+    Medians choose the two widths, in each bootstrap draw again; the lead is the median of the
+    differences between them.
+
     Parameters
     ----------
     widths
@@ -165,9 +190,21 @@ def lead(widths: Sequence[int], cutoff_hz: float, speed: float = 1.0) -> Statist
     Statistic
         In the metric's unit; positive if one of `widths` is the best.
     """
-    at = {width: median(width, cutoff_hz, speed) for width in WIDTHS}
-    others = [at[width] for width in WIDTHS if width not in widths]
-    return largest(*(at[width] for width in widths)) - largest(*others)
+    first = [SceneCell(width, cutoff_hz, speed) for width in widths]
+    rest = [SceneCell(width, cutoff_hz, speed) for width in WIDTHS if width not in widths]
+
+    def of(medians: Medians[SceneCell]) -> NDArray[np.float64]:
+        best = np.argmax([medians[cell] for cell in first], axis=0)
+        other = np.argmax([medians[cell] for cell in rest], axis=0)
+        found = np.zeros(best.shape)
+        for i, one in enumerate(first):
+            for k, two in enumerate(rest):
+                here = (best == i) & (other == k)
+                if here.any():
+                    found = np.where(here, medians.difference(one, two), found)
+        return found
+
+    return Statistic((*first, *rest), of)
 
 
 def growth(width: int, method: str = "") -> Statistic:

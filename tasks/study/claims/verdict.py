@@ -1,4 +1,4 @@
-"""The verdict on a claim.
+"""The verdict on a claim: whether it holds, and whether our numbers are like the paper's.
 
 A claim holds if it holds on every scene of the run.
 """
@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from tasks.study.results.intervals import Estimate
 from tasks.study.results.paper import CONTRAST_THRESHOLD
 from tasks.study.results.scores import Scores
 
@@ -18,6 +19,7 @@ class Status(StrEnum):
 
     HOLDS = "holds"
     DOES_NOT_HOLD = "does not hold"
+    UNDECIDED = "undecided"
     NOT_MEASURED = "not measured"
 
 
@@ -33,6 +35,9 @@ class Verdict:
         The paper's numbers, a line for each scene.
     note
         How the claim was read and judged.
+    likeness
+        On how many scenes our numbers are like the paper's; "" if it has none or we have no
+        interval.
     """
 
     number: int
@@ -42,6 +47,7 @@ class Verdict:
     ours: str
     paper: str
     note: str
+    likeness: str = ""
 
 
 def threshold_note(found: Sequence[Scores]) -> str:
@@ -67,9 +73,41 @@ def threshold_note(found: Sequence[Scores]) -> str:
     return f"Judged at a contrast threshold of {judged:g}{whose}."
 
 
-def status_of(outcomes: Iterable[bool | None]) -> Status:
-    """Return HOLDS if all outcomes are True, DOES_NOT_HOLD if any is False."""
+def settled(estimate: Estimate, *, above: bool, bound: float) -> Status:
+    """Judge a number against a bound.
+
+    Parameters
+    ----------
+    estimate
+        The number with its interval.
+    above
+        Whether the claim is that it lies above the bound, not below.
+    bound
+        The bound.
+
+    Returns
+    -------
+    Status
+        UNDECIDED if the interval reaches the bound, or if the samples are too few for one.
+    """
+    if not estimate.settles(bound):
+        return Status.UNDECIDED
+    return Status.HOLDS if (estimate.value > bound) == above else Status.DOES_NOT_HOLD
+
+
+def status_of(outcomes: Iterable[Status]) -> Status:
+    """Judge all by the outcomes on scenes, in cells or of numbers.
+
+    Parameters
+    ----------
+    outcomes
+        The outcomes.
+
+    Returns
+    -------
+    Status
+        DOES_NOT_HOLD if it does not hold anywhere; else what is the least certain of the outcomes.
+    """
     found = set(outcomes)
-    if False in found:
-        return Status.DOES_NOT_HOLD
-    return Status.HOLDS if found == {True} else Status.NOT_MEASURED
+    by_weight = (Status.DOES_NOT_HOLD, Status.NOT_MEASURED, Status.UNDECIDED, Status.HOLDS)
+    return next((status for status in by_weight if status in found), Status.NOT_MEASURED)

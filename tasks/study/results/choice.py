@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from tasks.metric import Metric
 from tasks.registry import TASKS
 from tasks.study.results.bandwidth import capacities_hz
@@ -220,9 +218,9 @@ def _on_buses(
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:
-    """Return whether the interval of the paired difference of medians contains zero."""
+    """Return whether the interval of the paired difference contains zero."""
     cells = {"best": best, "other": other}
-    lead = estimate(cells, lambda m: np.asarray(sign * (m["best"] - m["other"])))
+    lead = estimate(lambda medians: medians.difference("best", "other"), cells, sign=sign)
     return lead.low is None or lead.low <= 0
 
 

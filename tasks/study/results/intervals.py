@@ -1,17 +1,20 @@
 """Compute intervals of statistics of medians by a percentile bootstrap over samples.
 
-The bootstrap is paired: all cells of a scene are resampled with the same sample indices.
+Everything is paired: a difference of two cells is that of each sample and item, before its median,
+and all cells of a scene are resampled with the same sample indices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tasks.metric import number_text
+from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.scores import Cell
 
 MIN_SAMPLES_FOR_INTERVAL = 6
@@ -36,6 +39,10 @@ class Estimate:
     def includes(self, bound: float) -> bool:
         """Whether the interval, if there is one, reaches to both sides of a bound."""
         return self.low is not None and self.high is not None and self.low <= bound <= self.high
+
+    def settles(self, bound: float) -> bool:
+        """Whether there is an interval, and all of it is on one side of a bound."""
+        return self.low is not None and not self.includes(bound)
 
     def text(self, decimals: int = 2, sign: str = "+", unit: str = "") -> str:
         """Format as ``+3.18 [+2.90, +3.40] dB``.
@@ -64,44 +71,103 @@ class Estimate:
         return f"{number(self.value)} [{number(self.low)}, {number(self.high)}]{unit}"
 
 
+Values = Mapping[Key, NDArray[np.float64]]
+"""Values of cells, each (N,), in the order of their samples and items."""
+
+
+@dataclass(frozen=True, slots=True)
+class Medians(Generic[Key]):
+    """Medians of cells, and of what is computed from their values one by one.
+
+    Attributes
+    ----------
+    cells
+        Complete cells of a scene, with the same samples and items.
+    sign
+        Factor on all values.
+    of_rates
+        Whether the values are event rates in place of scores.
+    drawn
+        Whether a median is that of each bootstrap draw, (draws,), in place of ().
+    """
+
+    cells: Mapping[Key, Cell]
+    sign: float = 1.0
+    of_rates: bool = False
+    drawn: bool = False
+
+    def __getitem__(self, key: Key) -> NDArray[np.float64]:
+        if not self.drawn:
+            return np.asarray(np.median(self._values(key)))
+        cell = self.cells[key]
+        return self.sign * (cell.resampled_rates_hz if self.of_rates else cell.resampled)
+
+    def of(
+        self, each: Callable[[Values[Key]], NDArray[np.float64]], keys: Sequence[Key]
+    ) -> NDArray[np.float64]:
+        """Return the median of what a function makes of the values of cells.
+
+        Parameters
+        ----------
+        each
+            Function of the values, (N,) each, to (N,).
+        keys
+            The cells that it needs.
+
+        Returns
+        -------
+        median
+            () or (draws,).
+        """
+        values = each({key: self._values(key) for key in keys})
+        if not self.drawn:
+            return np.asarray(np.median(values))
+        cell = self.cells[keys[0]]
+        return resampled_medians(values, cell.sample, cell.scene)
+
+    def difference(self, one: Key, other: Key) -> NDArray[np.float64]:
+        """Return the median of the differences between the values of two cells, () or (draws,)."""
+        return self.of(lambda values: values[one] - values[other], (one, other))
+
+    def _values(self, key: Key) -> NDArray[np.float64]:
+        cell = self.cells[key]
+        return self.sign * (cell.event_rates_hz if self.of_rates else cell.values)
+
+
 def estimate(
-    cells: Mapping[Key, Cell],
-    statistic: Callable[[Mapping[Key, np.ndarray]], np.ndarray],
-    *,
+    statistic: Callable[[Medians[Key]], NDArray[np.float64]],
+    *scenes: Mapping[Key, Cell],
+    sign: float = 1.0,
     of_rates: bool = False,
 ) -> Estimate:
     """Evaluate a statistic of medians, with a percentile bootstrap interval over samples.
 
     Parameters
     ----------
-    cells
-        Complete cells by any key; cells of one scene have the same samples.
     statistic
-        Function of the medians by key, each an array of any shape; returns the same shape.
+        Function of the medians of a scene; returns an array of their shape.
+    scenes
+        Complete cells of one scene by any key, or of several for the mean over them; those of a
+        scene have the same samples and items.
+    sign
+        Factor on all values.
     of_rates
-        Whether to use medians of event rates in place of scores.
+        Whether to use event rates in place of scores.
 
     Returns
     -------
     Estimate
-        The scene's name seeds the draws, so order has no effect. There is no interval if a cell has
+        The scenes' names seed the draws, so order has no effect. There is no interval if a cell has
         fewer than `MIN_SAMPLES_FOR_INTERVAL` samples.
     """
-    value = float(
-        statistic(
-            {
-                where: np.array(cell.event_rate_hz if of_rates else cell.median)
-                for where, cell in cells.items()
-            }
-        )
-    )
-    if min(cell.samples for cell in cells.values()) < MIN_SAMPLES_FOR_INTERVAL:
+
+    def mean(drawn: bool) -> NDArray[np.float64]:
+        each = [statistic(Medians(cells, sign, of_rates, drawn)) for cells in scenes]
+        return np.mean(each, axis=0)
+
+    value = float(mean(drawn=False))
+    fewest = min(cell.samples for cells in scenes for cell in cells.values())
+    if fewest < MIN_SAMPLES_FOR_INTERVAL:
         return Estimate(value, None, None)
-    draws = statistic(
-        {
-            where: cell.resampled_rates_hz if of_rates else cell.resampled
-            for where, cell in cells.items()
-        }
-    )
-    low, high = np.percentile(draws, [2.5, 97.5])
+    low, high = np.percentile(mean(drawn=True), [2.5, 97.5])
     return Estimate(value, float(low), float(high))

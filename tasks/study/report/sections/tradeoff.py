@@ -98,7 +98,7 @@ def score_point(scores: Scores, series: Series, where: Condition) -> Point | Non
     if cell.median is None or not cell.event_rate_hz:
         return None
     metric = TASKS[series.task].metric
-    interval = estimate({where: cell}, lambda medians: medians[where])
+    interval = estimate(lambda medians: medians[where], {where: cell})
     lines = [
         f"{where.width} px",
         f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed)}",
