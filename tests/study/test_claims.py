@@ -176,9 +176,8 @@ def test_a_difference_is_that_of_each_sample_before_its_median() -> None:
         replace(r, value=r.value + gain[r.sample]) if r.width == 1280 else r
         for r in paper_rows(EI, lambda w, c, s, v: 20.0, scenes=("carpet",))
     ]
-    (found,) = judge_all(
-        rows, {}, [replace(own_claim(), numbers={"margin": Number(margin(1280, 640, DAY), above=0)})]
-    )
+    of_1280 = {"margin": Number(margin(1280, 640, DAY), above=0)}
+    (found,) = judge_all(rows, {}, [replace(own_claim(), numbers=of_1280)])
     assert found.status is Status.HOLDS
     assert "+0.10 [+0.10, +0.10] dB" in found.ours
     scores = Scores(rows)

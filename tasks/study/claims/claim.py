@@ -8,7 +8,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from tasks.study.claims.numbers import NotMeasured, Number, Quantity, Reading, SceneScores, estimated
+from tasks.study.claims.numbers import (
+    NotMeasured,
+    Number,
+    Quantity,
+    Reading,
+    SceneScores,
+    estimated,
+)
 from tasks.study.claims.statistics import SceneCell
 from tasks.study.claims.verdict import Status, Verdict, status_of
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL

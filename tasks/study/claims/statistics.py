@@ -72,9 +72,7 @@ class Statistic:
         return _combined(np.divide, self, other, positive=True)
 
 
-def _per_value(
-    cells: tuple[SceneCell, ...], each: PerValue, of_rates: bool = False
-) -> Statistic:
+def _per_value(cells: tuple[SceneCell, ...], each: PerValue, of_rates: bool = False) -> Statistic:
     return Statistic(cells, lambda medians: medians.of(each, cells), each, of_rates=of_rates)
 
 
