@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -132,7 +132,7 @@ def _collect(
     stopwatch: Stopwatch,
     on_progress: Progress,
 ) -> None:
-    """Simulate all sensors, and push the events to them."""
+    """Simulate all sensors, and push the events to them while the next ones are simulated."""
 
     def frames(ahead: Iterator[NDArray[np.float32]]) -> Iterator[NDArray[np.float32]]:
         for k in range(len(sequence)):
@@ -148,9 +148,21 @@ def _collect(
             [sensor.setting.model for sensor in sensors],
             speeds=[sensor.setting.speed for sensor in sensors],
         )
+        pushes: list[Future[None]] = []
         for batch in _batches(events_of_all):
             with stopwatch("collecting"):
-                list(workers.map(lambda i, events: sensors[i].push(events), batch, batch.values()))
+                _finish(pushes)
+            # Those with the most events come first, so that no core ends with one alone.
+            order = sorted(batch, key=lambda i: -len(batch[i]))
+            pushes = [workers.submit(sensors[i].push, batch[i]) for i in order]
+        with stopwatch("collecting"):
+            _finish(pushes)
+
+
+def _finish(pushes: Iterable[Future[None]]) -> None:
+    """Wait until sensors have their events, or raise what one of them raised."""
+    for push in pushes:
+        push.result()
 
 
 def _batches(events_of_all: Iterable[tuple[int, Events]]) -> Iterator[dict[int, Events]]:

@@ -43,8 +43,9 @@ class MethodTimings:
 class JobTimings:
     """Work and time of one job. Times are wall-clock times with all cores at work.
 
-    Frames render while sensors simulate and scorers collect the ones before. Half of such time
-    counts for rendering, half for the others, so all stages add up to the time of the job.
+    Frames render while sensors simulate the ones before, and scorers take in the events of those
+    before these. Half of the time in which frames render counts for rendering, half for the others,
+    so all stages add up to the time of the job.
 
     Parameters
     ----------
@@ -63,7 +64,7 @@ class JobTimings:
     simulating_s
         Time of the sensors alone.
     collecting_s
-        Time in which scorers take in events; video methods run here.
+        Time spent waiting for scorers to take in events; video methods run there.
     scoring_s
         Time from samples to scores, methods included.
     methods

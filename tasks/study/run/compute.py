@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import dataclass
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, clip_in_progress, ground_truth
 from eres_render.progress import Progress
+from eres_render.rendering.backend import release_memory
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
 from tasks.evaluation.evaluate import evaluate
@@ -116,11 +118,17 @@ class _SceneLight:
 _loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one, as jobs come scene by scene
 
 
+def _unload() -> None:
+    _loaded.clear()
+    gc.collect()  # scenes in Mitsuba are parts of cycles
+    release_memory()
+
+
 def _light_of(job: Job, on_progress: Progress) -> _SceneLight:
     render = job.render
     key = job.scene.digest, render.resolution, render.spp, render.seed
     if key not in _loaded:
-        _loaded.clear()
+        _unload()
         _loaded[key] = _SceneLight(job, on_progress)
         warn_if_far_apart(job.scene.name, render.max_displacement_px)
         warn_of_noise(_loaded[key].renderer, [job.clip], render.max_displacement_px)
