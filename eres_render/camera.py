@@ -178,7 +178,7 @@ class Camera:
             )
         if self.distortion is not None:
             seen = self.distortion.distort(points_cam[..., :2] / points_cam[..., 2:])
-            return (self.fx, self.fy) * seen + (self.cx, self.cy)
+            return seen * (self.fx, self.fy) + (self.cx, self.cy)
         return (self.fx, self.fy) * points_cam[..., :2] / points_cam[..., 2:] + (self.cx, self.cy)
 
     def rays(self, points_px: Float64) -> Float64:
@@ -217,7 +217,7 @@ class Camera:
         if self.distortion is None:
             return pinhole_px
         xy = (pinhole_px - (self.cx, self.cy)) / (self.fx, self.fy)
-        return (self.fx, self.fy) * self.distortion.distort(xy) + (self.cx, self.cy)
+        return self.distortion.distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
 
     def undistort(self, points_px: Float64) -> Float64:
         """Return where a pinhole with the same `K` shows what this camera shows at some pixels.
@@ -235,7 +235,7 @@ class Camera:
         points_px = np.asarray(points_px, dtype=np.float64)
         if self.distortion is None:
             return points_px
-        return (self.fx, self.fy) * self.rays(points_px)[..., :2] + (self.cx, self.cy)
+        return self.rays(points_px)[..., :2] * (self.fx, self.fy) + (self.cx, self.cy)
 
     def undistorted_positions(self) -> Float64:
         """Return a table that undistorts events: `table[y, x]` is where the pinhole shows them.
