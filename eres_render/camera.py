@@ -253,7 +253,7 @@ class Camera:
         >>> camera = Camera(640, 480, fx=500.0, distortion=Distortion(k1=-0.2))
         >>> x, y = np.array([0, 319]), np.array([0, 239])  # of two events
         >>> camera.undistorted_positions()[y, x].round(3)
-        array([[-57.363, -42.907],
+        array([[-78.682, -58.856],
                [319.5  , 239.5  ]])
         """
         return _undistorted_positions(self)
