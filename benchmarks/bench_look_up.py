@@ -1,12 +1,13 @@
 """Baked light that is looked up, next to a ray for every sample: time, radiance and events.
 
-Run: python benchmarks/bench_look_up.py [--width PX] [--spp N] [--threads N] [SCENE ...]
+Run: python benchmarks/bench_look_up.py [--width PX] [--spp N] [--k1 K] [--threads N] [SCENE ...]
 
 Renders the same poses along the path in turn with the integrators `baked-full` and `baked`, and
 prints a Markdown table: the least CPU and wall time of a frame over the rounds, averaged over the
 poses; the share of pixels that were looked up; and the difference of log radiance, rms, largest,
 and in how many pixels of a million it is more than 1e-3. Then the events of an ideal sensor (C =
-0.2) on 21 frames of each, with 0.5 px of motion from frame to frame.
+0.2) on 21 frames of each, with 0.5 px of motion from frame to frame. With `--k1` all through a lens
+with that first radial term, whose corners look where those of the scene's camera do.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render import Renderer, list_scenes, load_scene
+from eres_render import Camera, Distortion, Renderer, Scene, list_scenes, load_scene
 from sensor import Events, SensorModel, simulate
 
 _POSES, _ROUNDS, _FRAMES, _STEP_PX = 5, 5, 21, 0.5
@@ -35,6 +36,7 @@ def main() -> None:
     parser.add_argument("scenes", nargs="*", default=list_scenes())
     parser.add_argument("--width", type=int, default=1280, help="side of the image, px")
     parser.add_argument("--spp", type=int, default=16, help="samples per pixel")
+    parser.add_argument("--k1", type=float, default=0.0, help="first radial term of a lens")
     parser.add_argument("--threads", type=int, default=2, help="threads of Dr.Jit, 2 or more")
     chosen = parser.parse_args()
     import drjit as dr
@@ -42,14 +44,15 @@ def main() -> None:
     dr.set_thread_count(chosen.threads)
     print("| " + " | ".join(_HEADS) + " |\n" + "|---" * len(_HEADS) + "|")
     for name in chosen.scenes:
-        print("| " + " | ".join(row(name, chosen.width, chosen.spp)) + " |", flush=True)
+        cells = row(load_scene(name), chosen.width, chosen.spp, chosen.k1)
+        print("| " + " | ".join(cells) + " |", flush=True)
 
 
-def row(name: str, width: int, spp: int) -> list[str]:
+def row(scene: Scene, width: int, spp: int, k1: float) -> list[str]:
     """Return the cells of one scene."""
-    scene = load_scene(name)
-    full = Renderer(scene, width, spp, integrator="baked-full")
-    looked_up = Renderer(scene, width, spp, integrator="baked")
+    camera = through_lens(scene.camera(width), k1)
+    full = Renderer(scene, spp=spp, integrator="baked-full", camera=camera)
+    looked_up = Renderer(scene, spp=spp, integrator="baked", camera=camera)
     cost = np.zeros((_POSES, 4))
     errors, shares = [], []
     times_s = np.linspace(0.05, 0.95, _POSES) * scene.duration_s
@@ -67,12 +70,20 @@ def row(name: str, width: int, spp: int) -> list[str]:
     counts = [len(events(one)) for one in (full, looked_up)]
     full_cpu, full_wall, cpu, wall = 1e3 * cost.mean(0)
     return [
-        *(name, f"{full_cpu:.0f}", f"{cpu:.0f}", f"{full_cpu / cpu:.2f}"),
+        *(scene.name, f"{full_cpu:.0f}", f"{cpu:.0f}", f"{full_cpu / cpu:.2f}"),
         *(f"{full_wall / wall:.2f}", f"{100 * np.mean(shares):.1f} %"),
         *(f"{np.sqrt(np.mean(error**2)):.1e}", f"{np.abs(error).max():.1e}"),
         f"{1e6 * np.mean(np.abs(error) > 1e-3):.2f}",
         *(f"{counts[0]:,}", f"{counts[1] / counts[0] - 1:+.1e}"),
     ]
+
+
+def through_lens(camera: Camera, k1: float) -> Camera:
+    """Return a camera whose lens has a radial term, and whose corners look where they did."""
+    lens = Distortion(k1=k1)
+    corner = camera.rays(np.zeros(2))[:2]
+    drawn_in = float(lens.distort(corner)[0] / corner[0])
+    return Camera(camera.width, camera.height, fx=camera.fx / drawn_in, distortion=lens)
 
 
 def timed(renderer: Renderer, pose: NDArray[np.float64]) -> tuple[float, float]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from eres_render.camera import Camera, Plane, plane_homography
+    from eres_render.distortion import Distortion
     from eres_render.errors import (
         BackendError,
         RenderError,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 # Numba.
 _NAMES = {
     "eres_render.camera": ("Camera", "Plane", "plane_homography"),
+    "eres_render.distortion": ("Distortion",),
     "eres_render.errors": (
         "BackendError",
         "RenderError",
@@ -58,6 +60,7 @@ __all__ = [
     "BackendError",
     "Camera",
     "Clip",
+    "Distortion",
     "Flow",
     "GroundTruth",
     "Noise",

@@ -1,4 +1,4 @@
-"""The pinhole camera and the homography that a plane induces between two of its views.
+"""The camera, with or without a lens, and the homography between two pinhole views of a plane.
 
 Camera axes as in OpenCV: x right, y down, z forward. Pixel centers lie at integers + 0.5, so (0, 0)
 is the top-left corner of the image and (width, height) its bottom-right corner.
@@ -6,22 +6,27 @@ is the top-left corner of the image and (width, height) its bottom-right corner.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.distortion import Distortion
 from eres_render.errors import RenderError
 
 Float64 = NDArray[np.float64]
 
+_BORDER = 65  # pixels along each side of the image at which the lens is checked
+
 
 @dataclass(frozen=True, slots=True, init=False)
 class Camera:
-    """A pinhole camera: the size of its image, its focal lengths and its principal point.
+    """A camera: the size of its image, focal lengths, principal point and the lens's distortion.
 
-    By default pixels are square and the principal point is the center of the image.
+    By default it is a pinhole, pixels are square and the principal point is the center of the
+    image.
 
     Parameters
     ----------
@@ -29,17 +34,20 @@ class Camera:
         Size of the image in pixels.
     fov_rad
         Horizontal field of view of an image of this width that is centered on the principal point,
-        `2 atan(width / (2 fx))`. Give it or `fx`.
+        `2 atan(width / (2 fx))`, without the lens's distortion. Give it or `fx`.
     fx, fy
         Focal lengths in pixels.
     cx, cy
-        Principal point in pixels.
+        Principal point in pixels; OpenCV's is half a pixel less, as it counts from the center of
+        the first pixel.
+    distortion
+        Distortion of the lens. None, and one with all coefficients 0, stand for a pinhole.
 
     Raises
     ------
     RenderError
-        If the image has no pixels, a value is out of range, or `fov_rad` and `fx` contradict each
-        other.
+        If the image has no pixels, a value is out of range, `fov_rad` and `fx` contradict each
+        other, or the lens folds the image: two directions have the same pixel.
 
     Examples
     --------
@@ -54,6 +62,14 @@ class Camera:
     array([750.9, 360. ])
     >>> camera.rays([640.0, 360.0])
     array([0., 0., 1.])
+
+    The same with a lens:
+
+    >>> from eres_render import Distortion
+    >>> camera = Camera(1280, 720, math.radians(60), distortion=Distortion(k1=-0.3, k2=0.1))
+    >>> seen = camera.project([0.4, 0.0, 1.0])
+    >>> seen.round(1), camera.rays(seen).round(12)
+    (array([1063.3,  360. ]), array([0.4, 0. , 1. ]))
     """
 
     width: int
@@ -63,6 +79,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
+    distortion: Distortion | None
 
     def __init__(
         self,
@@ -74,6 +91,7 @@ class Camera:
         fy: float | None = None,
         cx: float | None = None,
         cy: float | None = None,
+        distortion: Distortion | None = None,
     ) -> None:
         if width < 1 or height < 1:
             raise RenderError(f"Camera: found {width}x{height} pixels, expected at least 1x1")
@@ -102,9 +120,28 @@ class Camera:
             "fy": fx if fy is None else fy,
             "cx": 0.5 * width if cx is None else cx,
             "cy": 0.5 * height if cy is None else cy,
+            "distortion": None if distortion == Distortion() else distortion,
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+        if self.distortion is not None:
+            self._check_lens(self.distortion)
+
+    def _check_lens(self, lens: Distortion) -> None:
+        """Refuse a lens that folds the image: one to one at the border is one to one within."""
+        grid = self.grid(_BORDER).reshape(_BORDER, _BORDER, 2)
+        border = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
+        xy = lens.undistort((border - (self.cx, self.cy)) / (self.fx, self.fy))
+        radius = np.hypot(*xy.T)
+        if radius.max() < lens.reach:
+            return
+        worst = radius.argmax()
+        fold = lens.distort(xy[worst] * (lens.reach / radius[worst])) * (self.fx, self.fy)
+        raise RenderError(
+            f"Camera.distortion: found {lens}, which folds the image {np.hypot(*fold):.1f} px from "
+            "the principal point, expected one direction for each pixel, out to "
+            f"{np.hypot(*(border[worst] - (self.cx, self.cy))):.1f} px"
+        )
 
     @property
     def focal_px(self) -> float:
@@ -113,11 +150,11 @@ class Camera:
 
     @property
     def K(self) -> Float64:
-        """The (3, 3) matrix from camera coordinates to homogeneous pixels."""
+        """The (3, 3) matrix from camera coordinates to homogeneous pixels, without distortion."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     def project(self, points_cam: Float64) -> Float64:
-        """Project points to the image.
+        """Project points to the image, with the lens's distortion.
 
         Parameters
         ----------
@@ -139,10 +176,13 @@ class Camera:
             raise RenderError(
                 "Camera.project: found a point with z <= 0, expected points in front of the camera"
             )
+        if self.distortion is not None:
+            seen = self.distortion.distort(points_cam[..., :2] / points_cam[..., 2:])
+            return seen * (self.fx, self.fy) + (self.cx, self.cy)
         return (self.fx, self.fy) * points_cam[..., :2] / points_cam[..., 2:] + (self.cx, self.cy)
 
     def rays(self, points_px: Float64) -> Float64:
-        """Return the directions in which pixels look.
+        """Return the directions in which pixels look, through the lens.
 
         Parameters
         ----------
@@ -156,7 +196,67 @@ class Camera:
         """
         points_px = np.asarray(points_px, dtype=np.float64)
         xy = (points_px - (self.cx, self.cy)) / (self.fx, self.fy)
+        if self.distortion is not None:
+            xy = self.distortion.undistort(xy)
         return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+
+    def distort(self, pinhole_px: Float64) -> Float64:
+        """Return where the lens shows what a pinhole with the same `K` shows at some pixels.
+
+        Parameters
+        ----------
+        pinhole_px
+            (..., 2) pixels of the pinhole.
+
+        Returns
+        -------
+        points_px
+            (..., 2) pixels of this camera.
+        """
+        pinhole_px = np.asarray(pinhole_px, dtype=np.float64)
+        if self.distortion is None:
+            return pinhole_px
+        xy = (pinhole_px - (self.cx, self.cy)) / (self.fx, self.fy)
+        return self.distortion.distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
+
+    def undistort(self, points_px: Float64) -> Float64:
+        """Return where a pinhole with the same `K` shows what this camera shows at some pixels.
+
+        Parameters
+        ----------
+        points_px
+            (..., 2) pixels of this camera.
+
+        Returns
+        -------
+        pinhole_px
+            (..., 2) pixels of the pinhole; they may lie outside the image.
+        """
+        points_px = np.asarray(points_px, dtype=np.float64)
+        if self.distortion is None:
+            return points_px
+        return self.rays(points_px)[..., :2] * (self.fx, self.fy) + (self.cx, self.cy)
+
+    def undistorted_positions(self) -> Float64:
+        """Return a table that undistorts events: `table[y, x]` is where the pinhole shows them.
+
+        Returns
+        -------
+        table
+            (height, width, 2) pixels of a pinhole with the same `K`, as `undistort` finds them for
+            the centers of all pixels; read-only, and kept for the next call.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from eres_render import Camera, Distortion
+        >>> camera = Camera(640, 480, fx=500.0, distortion=Distortion(k1=-0.2))
+        >>> x, y = np.array([0, 319]), np.array([0, 239])  # of two events
+        >>> camera.undistorted_positions()[y, x].round(3)
+        array([[-78.682, -58.856],
+               [319.5  , 239.5  ]])
+        """
+        return _undistorted_positions(self)
 
     def grid(self, n: int) -> Float64:
         """Return (n * n, 2) pixels that span the image evenly, its corners included."""
@@ -167,6 +267,13 @@ class Camera:
         """Return the (height * width, 2) centers of all pixels, row by row."""
         x, y = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height) + 0.5)
         return np.stack([x.ravel(), y.ravel()], axis=-1)
+
+
+@functools.lru_cache(maxsize=2)
+def _undistorted_positions(camera: Camera) -> Float64:
+    table = camera.undistort(camera.centers()).reshape(camera.height, camera.width, 2)
+    table.flags.writeable = False
+    return table
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,7 +44,7 @@ class TrackingSample:
     contrast_threshold
         C, known in simulation, log units.
     camera
-        Camera with the size of the sensor; its `K` is the camera matrix.
+        Pinhole camera with the size of the sensor; its `K` is the camera matrix.
     plane
         The plane that the camera sees, in world coordinates.
     T_0
@@ -212,11 +212,13 @@ def tracking_sample(
     Raises
     ------
     TaskError
-        The scene is not planar, the sizes of events, image and camera differ, or the path has no
-        duration.
+        The scene is not planar, the camera has a lens, the sizes of events, image and camera
+        differ, or the path has no duration.
     """
     if plane is None:
         raise TaskError("tracking: found a scene with depth, expected a plane")
+    if camera.distortion is not None:
+        raise TaskError(f"tracking: found a lens, {camera.distortion}, expected a pinhole")
     size = (events.height, events.width)
     for name, found in (
         ("log_image", log_image.shape),

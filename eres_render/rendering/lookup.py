@@ -4,13 +4,18 @@ If the four corners of a pixel show the same flat piece and no edge crosses the 
 it, the pixel shows nothing else. Its samples are then looked up in the piece's texture, where the
 homography of the piece has them. Mitsuba says what the corners show, and traces all other pixels.
 The same holds for a block of pixels, so most corners need no ray either.
+
+Through a lens edges are curved. Then this is done for the pixels of a pinhole with the same camera
+matrix, whose image has room for the bent pixels of the lens; and a bent pixel shows one piece if
+all the pinhole's pixels that its bounding box touches show it.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +31,42 @@ NEAR_M = 1e-3
 """Where the view begins, along the camera's axis; nothing nearer is seen."""
 
 _BLOCK_PX = 4
+_MOST_ROOM = 4  # pixels of the pinhole for one of the lens
 _UNKNOWN = -2  # in place of a piece
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
 # What looking up costs, in samples that it saves: see benchmarks/bench_small_images.py.
 _SAMPLES_A_FRAME = 100_000
 _SAMPLES_AN_EDGE = 10
 _SAMPLES_A_PIXEL = 3
+_SINGLE_PRECISION_PX = 0.01  # samples of bent pixels are not exactly where their corners are
 
 # Pairs of corners of a box, numbered by bits for x, y and z, that an edge of the box joins.
 _BOX_EDGES = np.array([(a, b) for a in range(8) for b in range(a + 1, 8) if a ^ b in (1, 2, 4)])
+
+
+class _ThroughLens(NamedTuple):
+    """The pixels of a camera in the image of a pinhole with the same camera matrix."""
+
+    left: int  # pixels of the pinhole left of the camera's column 0, and above its row 0
+    top: int
+    columns: int  # of the pinhole
+    rows: int
+    corners: Float64  # (H + 1, W + 1, 2) of the camera's pixels, px of the camera; none: not bent
+    margin: float  # how far their sides reach beyond their corners, px
+
+
+def _through_lens(camera: Camera) -> _ThroughLens:
+    """Return the pixels of a camera as a pinhole sees them."""
+    if camera.distortion is None:
+        return _ThroughLens(0, 0, camera.width, camera.height, np.empty((0, 0, 2)), 0.0)
+    columns, rows = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
+    corners = camera.undistort(np.stack([columns, rows], axis=-1))
+    # A curve's distance from its chord is an eighth of the second difference; twice that is safe.
+    curved = max(float(abs(np.diff(corners, 2, axis)).max(initial=0.0)) for axis in (0, 1))
+    margin = 0.25 * curved + _SINGLE_PRECISION_PX
+    low = [math.floor(side) - 1 for side in (corners - margin).min((0, 1))]
+    high = [math.ceil(side) + 1 for side in (corners + margin).max((0, 1))]
+    return _ThroughLens(-low[0], -low[1], high[0] - low[0], high[1] - low[1], corners, margin)
 
 
 class LookUp:
@@ -63,6 +95,7 @@ class LookUp:
         self._addresses = np.array([texture.ctypes.data for texture in textures], np.uint64)
         self._sizes = np.array([texture.shape for texture in textures], np.int64).reshape(-1, 2)
         self.traced = 0
+        self._last_lens: tuple[Camera, _ThroughLens] | None = None
 
     def pays(self, camera: Camera, spp: int) -> bool:
         """Return whether looking up costs less than tracing every sample.
@@ -70,7 +103,7 @@ class LookUp:
         Parameters
         ----------
         camera
-            Image size and pinhole.
+            Image size, focal lengths, principal point and lens.
         spp
             Samples per pixel.
 
@@ -78,7 +111,11 @@ class LookUp:
         -------
         Whether it does.
         """
-        saved = (spp - _SAMPLES_A_PIXEL) * camera.width * camera.height
+        pixels = camera.width * camera.height
+        lens = self._through_lens(camera)
+        if lens.columns * lens.rows > _MOST_ROOM * pixels:
+            return False
+        saved = (spp - _SAMPLES_A_PIXEL) * pixels
         return saved >= _SAMPLES_A_FRAME + _SAMPLES_AN_EDGE * len(self._surfaces.edges)
 
     def frame(
@@ -96,14 +133,15 @@ class LookUp:
         Parameters
         ----------
         camera
-            Image size and pinhole.
+            Image size, focal lengths, principal point and lens.
         T_world_cam
             (4, 4) pose.
         rays
-            Returns Mitsuba's rays through points of the image, from their columns and rows, px.
+            Returns Mitsuba's rays through points of the image, from their columns and rows, px,
+            without the lens.
         x, y
             (H * W * spp,) positions of the samples in the image, as `Renderer` has them for
-            Mitsuba: shares of its width and height.
+            Mitsuba, without the lens: shares of its width and height.
         trace
             Returns the radiance of some pixels, (N,) `row * W + column`.
         threads
@@ -114,7 +152,7 @@ class LookUp:
         radiance
             (H, W) float32, W m^-2 sr^-1.
         """
-        surfaces = self._surfaces
+        surfaces, lens = self._surfaces, self._through_lens(camera)
         eye = np.ascontiguousarray(T_world_cam[:3, 3])
         R = T_world_cam[:3, :3]
         from_image = np.ascontiguousarray(R @ np.linalg.inv(camera.K))
@@ -124,6 +162,9 @@ class LookUp:
         kernels.view_pieces(eye, from_image, surfaces.pieces, homographies, state)
         kernels.view_bent(eye, surfaces.bent, state)
         per_z = np.ascontiguousarray(homographies[:, 2])
+        if len(lens.corners):  # count pixels from the pinhole's first one
+            to_camera = np.array([[1.0, 0.0, -lens.left], [0.0, 1.0, -lens.top], [0.0, 0.0, 1.0]])
+            per_z, to_image = per_z @ to_camera, np.linalg.inv(to_camera) @ to_image
 
         def mark(piece_at: NDArray[np.int32], block: int) -> NDArray[np.uint8]:
             """Mark blocks of pixels in which something may be in front of their piece."""
@@ -136,20 +177,32 @@ class LookUp:
             )
             return marked
 
-        size = camera.height + 1, camera.width + 1
-        blocks = -(-camera.height // _BLOCK_PX) + 1, -(-camera.width // _BLOCK_PX) + 1
+        def pinhole_rays(column: Any, row: Any) -> Any:
+            return rays(column - lens.left, row - lens.top)
+
+        size = lens.rows + 1, lens.columns + 1
+        blocks = -(-lens.rows // _BLOCK_PX) + 1, -(-lens.columns // _BLOCK_PX) + 1
         every = np.arange(blocks[0] * blocks[1], dtype=np.uint32)
-        coarse = self._pieces_at(rays, every, blocks[1], _BLOCK_PX).reshape(blocks)
+        coarse = self._pieces_at(pinhole_rays, every, blocks[1], _BLOCK_PX).reshape(blocks)
         piece_at = np.full(size, _UNKNOWN, np.int32)
         kernels.spread(coarse, mark(coarse, _BLOCK_PX), _BLOCK_PX, piece_at)
         unknown = np.flatnonzero(piece_at == _UNKNOWN).astype(np.uint32)
         if len(unknown):
-            piece_at.ravel()[unknown] = self._pieces_at(rays, unknown, size[1], 1)
+            piece_at.ravel()[unknown] = self._pieces_at(pinhole_rays, unknown, size[1], 1)
         marked = mark(piece_at, 1)
+        if len(lens.corners):
+            shown = np.empty(marked.shape, np.int32)
+            kernels.shown_alone(piece_at, marked, shown)
+            piece_at = np.empty((camera.height + 1, camera.width + 1), np.int32)
+            marked = np.zeros((camera.height, camera.width), np.uint8)
+            kernels.through_lens(
+                shown, lens.left, lens.top, lens.corners, lens.margin, piece_at, marked
+            )
 
         image = np.empty(marked.shape, np.float32)
         seen = kernels.Seen(piece_at, homographies, state, surfaces.pieces)
-        samples = kernels.Samples(x, y, camera.fx / camera.fy, camera.cy)
+        stretch = camera.fx / camera.fy
+        samples = kernels.Samples(x, y, stretch, camera.cy, lens.corners, lens.margin)
         textures = kernels.Textures(self._addresses, self._sizes)
         rows = np.linspace(0, camera.height, threads * _BANDS_A_THREAD + 1).astype(int)
 
@@ -163,6 +216,12 @@ class LookUp:
         if len(missing):
             image.ravel()[missing] = trace(missing)
         return image
+
+    def _through_lens(self, camera: Camera) -> _ThroughLens:
+        """Return `_through_lens(camera)`; that of the last camera is kept."""
+        if self._last_lens is None or self._last_lens[0] != camera:
+            self._last_lens = camera, _through_lens(camera)
+        return self._last_lens[1]
 
     def _pieces_at(
         self,

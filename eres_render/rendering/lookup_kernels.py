@@ -269,6 +269,70 @@ def spread(coarse, marked, block, piece_at):
                 piece_at[rows : rows + block + 1, columns : columns + block + 1] = g
 
 
+@_jit
+def through_lens(shown, left, top, corners, margin, piece_at, marked):
+    """Find what pixels show through a lens from what a pinhole shows.
+
+    Parameters
+    ----------
+    shown
+        (h, w) piece that a pixel of the pinhole shows and nothing else, -1: none.
+    left, top
+        Pixels of the pinhole left of and above the origin of the corners.
+    corners
+        (H + 1, W + 1, 2) where the pinhole shows the corners of the lens's pixels, px.
+    margin
+        How far the bent sides of pixels reach beyond their corners, px.
+    piece_at
+        (H + 1, W + 1), filled in at the corners of the lens's pixels.
+    marked
+        (H, W) uint8; 1 is put into pixels that may show more than the piece at their corners.
+    """
+    for row in range(piece_at.shape[0]):
+        for column in range(piece_at.shape[1]):
+            x, y = corners[row, column]
+            piece_at[row, column] = shown[int(y + top), int(x + left)]
+    for row in range(marked.shape[0]):
+        for column in range(marked.shape[1]):
+            g = piece_at[row, column]
+            x_0, x_1, y_0, y_1 = _box(corners, row, column, column + 1, margin)
+            for i in range(int(y_0 + top), int(y_1 + top) + 1):
+                for j in range(int(x_0 + left), int(x_1 + left) + 1):
+                    if g < 0 or shown[i, j] != g:
+                        marked[row, column] = 1
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _box(corners, row, first, last, margin):
+    """Return left, right, top and bottom of pixels [first, last) of a row, bent by a lens."""
+    left = right = corners[row, first, 0]
+    top = bottom = corners[row, first, 1]
+    for i in range(row, row + 2):
+        for j in range(first, last + 1):
+            left, right = min(left, corners[i, j, 0]), max(right, corners[i, j, 0])
+            top, bottom = min(top, corners[i, j, 1]), max(bottom, corners[i, j, 1])
+    return left - margin, right + margin, top - margin, bottom + margin
+
+
+@_jit
+def shown_alone(piece_at, marked, shown):
+    """Find the piece that each of (H, W) pixels shows and nothing else; -1: none.
+
+    Parameters
+    ----------
+    piece_at
+        (H + 1, W + 1) piece at the corners of the pixels.
+    marked
+        (H, W) uint8, whether something may be in front of it.
+    shown
+        (H, W), filled in.
+    """
+    for row in range(marked.shape[0]):
+        for column in range(marked.shape[1]):
+            g = piece_at[row, column]
+            shown[row, column] = g if _shows(g, row, column, piece_at, marked) else -1
+
+
 class Seen(NamedTuple):
     """What the corners of pixels show."""
 
@@ -292,6 +356,8 @@ class Samples(NamedTuple):
     y: NDArray[np.float32]  # of its height, stretched by `stretch` about row `cy`
     stretch: float  # fx / fy
     cy: float  # px
+    corners: NDArray[np.float64]  # (H + 1, W + 1, 2) of bent pixels, px; none without a lens
+    margin: float  # px, as in `through_lens`
 
 
 @_jit
@@ -330,13 +396,21 @@ def look_up(first, last, seen, textures, samples, marked, image):
                 t = pieces.texture[g]
                 for begin in range(column, end, _BLOCK_PX):
                     stop = min(begin + _BLOCK_PX, end)
-                    _fill(row, begin, stop, seen.homographies[g], textures.address[t],
+                    # The middle of the block, and its half width and height.
+                    block = (0.5 * (begin + stop), row + 0.5, 0.5 * (stop - begin), 0.5)
+                    if len(samples.corners):
+                        left, right, top, bottom = _box(
+                            samples.corners, row, begin, stop, samples.margin
+                        )
+                        block = (0.5 * (left + right), 0.5 * (top + bottom),
+                                 0.5 * (right - left), 0.5 * (bottom - top))  # fmt: skip
+                    _fill(row, begin, stop, block, seen.homographies[g], textures.address[t],
                           textures.size[t], samples, marked, image)  # fmt: skip
             column = end
 
 
 @_jit_sums
-def _fill(row, first, last, h, address, size, samples, marked, image):
+def _fill(row, first, last, block, h, address, size, samples, marked, image):
     """Fill in pixels [first, last) of a row that show one texture, through its homography `h`.
 
     At (dx, dy) px from the center of the block the texel is
@@ -349,21 +423,20 @@ def _fill(row, first, last, h, address, size, samples, marked, image):
     height, width = image.shape
     x, y = samples.x, samples.y
     spp = np.uint64(len(x) // (height * width))
-    cx, cy = 0.5 * (first + last), row + 0.5
+    cx, cy, half_width, half_height = block
     w = 1.0 / (h[2, 0] * cx + h[2, 1] * cy + h[2, 2])
     u = (h[0, 0] * cx + h[0, 1] * cy + h[0, 2]) * w
     v = (h[1, 0] * cx + h[1, 1] * cy + h[1, 2]) * w
     ux, uy = (h[0, 0] - u * h[2, 0]) * w, (h[0, 1] - u * h[2, 1]) * w
     vx, vy = (h[1, 0] - v * h[2, 0]) * w, (h[1, 1] - v * h[2, 1]) * w
     wx, wy = h[2, 0] * w, h[2, 1] * w
-    half = 0.5 * (last - first)
-    least = 1.0 - abs(wx) * half - abs(wy) * 0.5  # of the denominator
+    least = 1.0 - abs(wx) * half_width - abs(wy) * half_height  # of the denominator
     if least < _LEAST_DENOMINATOR:  # seen at so flat an angle that its texels are far apart
         marked[row, first:last] = 1
         return
     # All samples lie right of and below the base, so that truncation rounds down.
-    u_reach = (abs(ux) * half + abs(uy) * 0.5) / least + 1.0
-    v_reach = (abs(vx) * half + abs(vy) * 0.5) / least + 1.0
+    u_reach = (abs(ux) * half_width + abs(uy) * half_height) / least + 1.0
+    v_reach = (abs(vx) * half_width + abs(vy) * half_height) / least + 1.0
     u_base, v_base = np.floor(u - u_reach), np.floor(v - v_reach)
     last_row, n_columns = np.int32(size[0] - 1), np.int32(size[1])
     last_column = np.int32(n_columns - 1)

@@ -1,4 +1,4 @@
-"""Render frames of a scene through a moving pinhole camera."""
+"""Render frames of a scene through a moving camera."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
 from eres_render.rendering.irradiance import refuse_objects
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
+from eres_render.rendering.lens import undistorted
 from eres_render.rendering.lightmaps import baked_scene, has_lightmaps
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.lookup import NEAR_M, LookUp
@@ -78,14 +79,15 @@ class Renderer:
     on_progress
         Called while light is baked, if it must be.
     camera
-        In place of the scene's square one: any image size, focal lengths and principal point.
+        In place of the scene's square one: any image size, focal lengths, principal point and lens.
+        Each sample of a pixel is bent by the lens.
 
     Raises
     ------
     RenderError
         If the sampler cannot lay out `spp` samples, the seed or the size of the image is out of
-        range, the image needs more memory than this machine has, or its pixels are not square and
-        the Mitsuba variant is scalar.
+        range, the image needs more memory than this machine has, or its pixels are not square or
+        the camera has a lens and the Mitsuba variant is scalar.
     BackendError
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
@@ -159,6 +161,11 @@ class Renderer:
             raise RenderError(
                 f"camera: found fx = {camera.fx} and fy = {camera.fy}, and {self.variant} renders "
                 "square pixels only; install LLVM (apt-get install libllvm19)"
+            )
+        if camera.distortion is not None and self.variant.startswith("scalar"):
+            raise RenderError(
+                f"camera: found a lens, {camera.distortion}, and {self.variant} renders pinholes "
+                "only; install LLVM (apt-get install libllvm19)"
             )
         self.camera, self.spp = camera, spp
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
@@ -377,7 +384,7 @@ class Renderer:
             return self._traced(dr.gather(mi.Point2f, position, at), spp)
 
         def rays(column: Any, row: Any) -> Any:
-            return self._rays(self._in_film(mi.Point2f(column, row)))[0]
+            return self._rays(self._pinhole_in_film(mi.Point2f(column, row)))[0]
 
         x, y = np.asarray(position.x), np.asarray(position.y)
         threads = dr.thread_count()
@@ -412,7 +419,17 @@ class Renderer:
         return sampler, self._in_film(corner + sampler.next_2d())
 
     def _in_film(self, position: Any) -> Any:
-        """Return where Mitsuba's camera, with square pixels, has the same rays, 0 to 1."""
+        """Return where Mitsuba's pinhole, with square pixels, has the same rays.
+
+        They are shares of the image's size: 0 to 1, but for a lens.
+        """
+        camera = self.camera
+        if camera.distortion is not None:
+            position = undistorted(camera, camera.distortion, position)
+        return self._pinhole_in_film(position)
+
+    def _pinhole_in_film(self, position: Any) -> Any:
+        """Do what `_in_film` does, without the lens."""
         import mitsuba as mi
 
         camera = self.camera

@@ -24,6 +24,8 @@ from eres_render.trajectory.tum import read_tum_from_start
 
 BAKE_VERSION = 3  # raise it with every change of the baking code that alters a lightmap
 
+_POINTS_A_SIDE = 17  # of an image seen through a lens
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -267,7 +269,9 @@ def _radians(degrees: Vector3) -> Vector3:
 def _reach_m(trajectory: Trajectory, camera: Camera, plane: Plane, center_m: Vector3) -> float:
     """Return the largest distance of any view corner from the center of a square, along a side."""
     poses = trajectory.pose(np.linspace(0.0, trajectory.duration_s, 2001))
-    corner_rays = camera.rays(camera.grid(2)) @ np.swapaxes(poses[:, :3, :3], 1, 2)
+    # Through a lens the image's sides are curved, and may reach farther than its corners.
+    across = camera.grid(2 if camera.distortion is None else _POINTS_A_SIDE)
+    corner_rays = camera.rays(across) @ np.swapaxes(poses[:, :3, :3], 1, 2)
     try:
         seen = plane.intersect(poses[:, None, :3, 3], corner_rays)
     except RenderError:

@@ -119,6 +119,7 @@ class GroundTruth:
         self._camera = camera
         self._distance = distance
         self._recent: dict[tuple[Camera, float], _Seen] = {}
+        self._last_rays: tuple[Camera, Float64] | None = None
 
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution.
@@ -135,7 +136,7 @@ class GroundTruth:
         Returns
         -------
         camera
-            Its `K` is the camera matrix.
+            Its `K` is the camera matrix; its lens is that of the frames.
         """
         whole = self._camera
         fov_rad, stretch = whole.fov_rad, 1.0
@@ -155,6 +156,7 @@ class GroundTruth:
             fy=fy,
             cx=0.5 * width + fx / whole.fx * (whole.cx - 0.5 * whole.width),
             cy=0.5 * height + fy / whole.fy * (whole.cy - 0.5 * whole.height),
+            distortion=whole.distortion,
         )
 
     def pose(self, t_s: float) -> Float64:
@@ -218,7 +220,8 @@ class GroundTruth:
         """
         camera = self.camera(width, height)
         seen = self._seen_at_centers(camera, t_0_s)
-        flow, valid, occluded = self._flow(camera, camera.centers(), seen, t_0_s, t_1_s)
+        rays = self._center_rays(camera)
+        flow, valid, occluded = self._flow(camera, camera.centers(), rays, seen, t_0_s, t_1_s)
         shape = camera.height, camera.width
         flow_px = flow.astype(np.float32).reshape(*shape, 2)
         return Flow(flow_px, valid.reshape(shape), occluded.reshape(shape))
@@ -250,16 +253,22 @@ class GroundTruth:
             (N,) whether the point is inside the image at the second time, and visible.
         """
         camera = self.camera(width, height)
-        seen = self._seen(self.pose(t_0_s), t_0_s, camera.rays(points_px))
-        flow_px, valid, _ = self._flow(camera, points_px, seen, t_0_s, t_1_s)
+        rays = camera.rays(points_px)
+        seen = self._seen(self.pose(t_0_s), t_0_s, rays)
+        flow_px, valid, _ = self._flow(camera, points_px, rays, seen, t_0_s, t_1_s)
         return flow_px, valid
 
     def _flow(
-        self, camera: Camera, points_px: Float64, seen: _Seen, t_0_s: float, t_1_s: float
+        self,
+        camera: Camera,
+        points_px: Float64,
+        rays: Float64,
+        seen: _Seen,
+        t_0_s: float,
+        t_1_s: float,
     ) -> tuple[Float64, NDArray[np.bool_], NDArray[np.bool_]]:
         """Return the (N, 2) flow of points, and which are then visible and which hidden."""
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
-        rays = camera.rays(points_px)
         depth, number = seen
         # Points over their depth, so that points at infinity only turn.
         T = np.linalg.inv(T_1) @ T_0
@@ -302,10 +311,15 @@ class GroundTruth:
         Raises
         ------
         SceneError
-            If the scene is not a plane.
+            If the scene is not a plane, or the camera has a lens: then no matrix does that.
         """
         if self.plane is None:
             raise SceneError("a homography needs a planar scene, one with a [plane]")
+        if self._camera.distortion is not None:
+            raise SceneError(
+                f"a homography needs a pinhole: found {self._camera.distortion}, expected none; "
+                "use point_flow, or plane_homography between undistorted positions"
+            )
         T_0, T_1 = self.trajectory.pose([t_0_s, t_1_s])
         return plane_homography(self.camera(width, height).K, T_0, T_1, self.plane)
 
@@ -315,8 +329,14 @@ class GroundTruth:
         if view not in self._recent:
             for old in list(self._recent)[:-1]:
                 del self._recent[old]
-            self._recent[view] = self._seen(self.pose(t_s), t_s, camera.rays(camera.centers()))
+            self._recent[view] = self._seen(self.pose(t_s), t_s, self._center_rays(camera))
         return self._recent[view]
+
+    def _center_rays(self, camera: Camera) -> Float64:
+        """Return the rays of all pixels; those of the last camera are kept."""
+        if self._last_rays is None or self._last_rays[0] != camera:
+            self._last_rays = camera, camera.rays(camera.centers())
+        return self._last_rays[1]
 
     def _seen(self, T: Float64, t_s: float, rays_cam: Float64) -> _Seen:
         """Return the distance along rays of the camera at a pose, and the number of the object."""

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import asdict
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -43,8 +44,9 @@ def write_truth(
 ) -> list[Path]:
     """Write the ground truth at some times, and the flow from each to the next.
 
-    Writes `camera.json` (camera matrix K, size), `poses.txt` (TUM, on the clock of the poses that
-    define the camera's path, if any), `depth/000000.exr`, ... (float channel Z, meters),
+    Writes `camera.json` (camera matrix K, size, distortion of a lens), `poses.txt` (TUM, on the
+    clock of the poses that define the camera's path, if any), `depth/000000.exr`, ... (float
+    channel Z, meters),
     `flow/000000.exr`, ... (float channels u and v in px, valid and occluded 0 or 1) and on request
     `flow/000000.png`, ... as in the DSEC dataset. If objects move, also `instances/000000.png`, ...
     (8 bits, the number of the object at each pixel, 0 for the still world) and the poses
@@ -93,6 +95,8 @@ def write_truth(
         for folder in folders:
             _make(folder)
         sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
+        if camera.distortion is not None:
+            sides["distortion"] = asdict(camera.distortion)
         write("camera.json", lambda file: write_text(file, json.dumps(sides, indent=1) + "\n"))
         path = truth.trajectory
         poses = tum_text(times, path.pose(times), path.t_offset_us)

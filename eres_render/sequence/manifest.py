@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from eres_render.camera import Camera
+from eres_render.distortion import Distortion
 from eres_render.errors import SequenceError
 from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json, read_typed
@@ -26,8 +27,9 @@ class Manifest:
     of a scene inside the sequence's folder is relative to it.
     `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
     time 0 on the clock of the given poses; it is not written if it is 0. `intrinsics` are fx, fy,
-    cx and cy in pixels; they are not written if pixels are square and the principal point is the
-    center of the image. `objects` are the names of those that move, not written if there are none.
+    cx and cy in pixels; they are not written if pixels are square, the principal point is the
+    center of the image and there is no lens. `distortion` is that of the lens, if there is
+    one. `objects` are the names of those that move, not written if there are none.
     """
 
     version: int
@@ -51,6 +53,7 @@ class Manifest:
     mitsuba: str
     t_offset_us: int = 0
     intrinsics: tuple[float, float, float, float] | None = None
+    distortion: Distortion | None = None
     objects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -74,9 +77,10 @@ class Manifest:
     def camera(self) -> Camera:
         """The camera that took the frames."""
         if self.intrinsics is None:
-            return Camera(self.width, self.height, self.fov_rad)
+            return Camera(self.width, self.height, self.fov_rad, distortion=self.distortion)
         fx, fy, cx, cy = self.intrinsics
-        return Camera(self.width, self.height, self.fov_rad, fx=fx, fy=fy, cx=cx, cy=cy)
+        pinhole = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
+        return Camera(self.width, self.height, self.fov_rad, **pinhole, distortion=self.distortion)
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -109,7 +113,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         What to write.
     """
     table = dataclasses.asdict(manifest)
-    for name in ("t_offset_us", "intrinsics", "objects"):
+    for name in ("t_offset_us", "intrinsics", "distortion", "objects"):
         if not table[name]:
             del table[name]
     write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

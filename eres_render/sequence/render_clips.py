@@ -182,6 +182,7 @@ def _manifest(
         mitsuba=version("mitsuba"),
         t_offset_us=renderer.trajectory.t_offset_us,
         intrinsics=None if centered else (camera.fx, camera.fy, camera.cx, camera.cy),
+        distortion=camera.distortion,
         objects=tuple(scene.settings.objects or ()),
     )
 

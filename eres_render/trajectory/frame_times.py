@@ -31,6 +31,7 @@ _TIME_RESOLUTION_S = 1e-9
 _LONGEST_STRIDE_S = 1e-3  # a camera does not go and return within it
 _PACE_S = 4e-3  # time between measurements of speed
 _INSTANT_S = 1e-5  # in which it is measured
+_POINTS_A_SIDE = 5  # of a box
 _RECENT = 8  # times whose poses and motions are asked for again
 
 
@@ -80,10 +81,12 @@ def plane_image_motion(
         Largest displacement over the grid between two times, px.
     """
     points_px = camera.grid(grid_points)
+    pinhole_px = camera.undistort(points_px)
 
     def motion(t_0_s: float, t_1_s: float) -> float:
         T_0, T_1 = trajectory.pose([t_0_s, t_1_s])
-        moved_px = map_pixels(plane_homography(camera.K, T_0, T_1, plane), points_px)
+        H = plane_homography(camera.K, T_0, T_1, plane)
+        moved_px = camera.distort(map_pixels(H, pinhole_px))
         return float(np.linalg.norm(moved_px - points_px, axis=-1).max())
 
     return motion
@@ -177,7 +180,10 @@ def object_image_motion(
     motion
         Largest displacement over the grid between two times, px.
     """
-    corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3)
+    # Through a lens the box has curved edges, which reach farther than its corners.
+    count = 2 if camera.distortion is None else _POINTS_A_SIDE
+    sides = [np.linspace(low, high, count) for low, high in box_m.T]
+    corners = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 3)
     size: Float64 = np.array([camera.width, camera.height], np.float64)
 
     @functools.lru_cache(maxsize=_RECENT)

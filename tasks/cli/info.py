@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
@@ -49,11 +50,20 @@ def info(
         clock["clock"] = (
             f"time 0 is {seconds(sequence.t_offset_us)} s on the clock of the given poses"
         )
+    lens = {}
+    if (distortion := sequence.camera.distortion) is not None:
+        camera = sequence.camera
+        lens["camera"] = (
+            f"fx {camera.fx:.6g}, fy {camera.fy:.6g}, cx {camera.cx:.6g}, cy {camera.cy:.6g} px"
+        )
+        terms = dataclasses.asdict(distortion).items()
+        lens["lens"] = ", ".join(f"{name} {value:.6g}" for name, value in terms)
     moving = {"moving objects": ", ".join(manifest.objects)} if manifest.objects else {}
     pairs = {
         "scene": f"{manifest.scene}, {part}",
         "found at": sequence.scene_source,
         "frames": f"{len(sequence)} of {manifest.width}x{manifest.height} px, half-float OpenEXR",
+        **lens,
         "time": f"{sequence.t_s[0]:.4f} to {sequence.t_s[-1]:.4f} s",
         **clock,
         "window": f"{start_s:.4f} to {end_s:.4f} s",

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
+
+if TYPE_CHECKING:
+    from eres_render import Camera, Scene
 
 
 def bake(
@@ -41,6 +44,8 @@ def render(
     resolution: int | None = None,
     width: int | None = None,
     height: int | None = None,
+    camera: Path | None = None,
+    camera_name: str | None = None,
     spp: int = 16,
     max_displacement: float = 0.5,
     duration: float | None = None,
@@ -68,6 +73,12 @@ def render(
         of the scene.
     height
         Height of frames of any shape, px; give the width too.
+    camera
+        Calibrated camera, in a YAML file of Kalibr (pinhole with radtan or none), OpenCV or ROS:
+        size of the frames, focal lengths, principal point and lens, in place of the scene's. A lens
+        needs LLVM or a GPU.
+    camera_name
+        Which camera of a Kalibr file with several: cam0, cam1, ...
     spp
         Samples per pixel: 1, 4, 9, 16, ...
     max_displacement
@@ -93,12 +104,12 @@ def render(
     from tasks.cli.progress_bar import progress_bar
 
     found = load_scene(scene, trajectory)
-    camera = found.camera(*_size(resolution, width, height))
+    sides = {"--resolution": resolution, "--width": width, "--height": height}
     with progress_bar(terminal.err) as on_progress:
         sequences = render_scene(
             found,
             out,
-            camera=camera,
+            camera=_camera(found, camera, camera_name, sides),
             spp=spp,
             seed=seed,
             integrator=integrator,
@@ -112,21 +123,33 @@ def render(
         terminal.out.print(f"{sequence.folder}: {len(sequence)} frames", soft_wrap=True)
 
 
-def _size(resolution: int | None, width: int | None, height: int | None) -> tuple[int, int]:
-    """Return the width and height of frames, px."""
+def _camera(
+    scene: Scene, file: Path | None, name: str | None, sides: dict[str, int | None]
+) -> Camera:
+    """Return the camera of a file, or that of the scene with the sides of its frames, px."""
     from eres_render import RenderError
 
+    given = [option for option, value in sides.items() if value is not None]
+    if file is not None:
+        if given:
+            raise RenderError(
+                f"size of the frames: found --camera and {' and '.join(given)}, expected one of "
+                "them; the file has the size"
+            )
+        from eres_render.calibration import read_camera
+
+        return read_camera(file, name)
+    if name is not None:
+        raise RenderError(f"--camera-name: found {name!r}, expected --camera with it")
+    resolution, width, height = sides.values()
     if width is None and height is None:
-        side = 1280 if resolution is None else resolution
-        return side, side
+        return scene.camera(1280 if resolution is None else resolution)
     if width is None or height is None or resolution is not None:
-        given = {"--resolution": resolution, "--width": width, "--height": height}
-        found = " and ".join(name for name, value in given.items() if value is not None)
         raise RenderError(
-            f"size of the frames: found {found}, expected --resolution for square frames, or "
-            "--width and --height"
+            f"size of the frames: found {' and '.join(given)}, expected --resolution for square "
+            "frames, or --width and --height"
         )
-    return width, height
+    return scene.camera(width, height)
 
 
 def stereo(

@@ -245,4 +245,6 @@ def _truth(
             item |= {name: truth[TRUTH[name]][k], "truth_us": np.array(times_us[k])}
     if "pose" in wanted:
         item["K"] = truth["K"][:]
+        if "distortion" in truth:
+            item["distortion"] = truth["distortion"][:]
     return item

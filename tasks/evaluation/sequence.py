@@ -73,6 +73,8 @@ def evaluate_sequence(
         raise TaskError(
             f"{scene.name}: {spec.title} needs a planar scene, one whose scene.toml has a [plane]"
         )
+    if spec.planar_only and (lens := sequence.camera.distortion) is not None:
+        raise TaskError(f"{sequence.folder}: {spec.title} needs a pinhole: found a lens, {lens}")
     warn_if_short(sequence, cutoff_hz, speed)
     warn_if_coarse(sequence)
     truth = ground_truth(sequence)

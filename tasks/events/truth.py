@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import astuple
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,10 +26,11 @@ def truth_to_add(
 
     The file's group `truth` holds, at times `t_us` (T,) on the events' clock: `T_world_cam`
     (T, 4, 4), `depth` (T, H, W) in meters, `flow` (T - 1, H, W, 2) in px from each time to the next
-    with `flow_valid` and `flow_occluded` (T - 1, H, W), and the camera matrix `K` (3, 3). They are
-    for the view of the sensor, `sensor.optics.crop_to_aspect` of the frames, to within half a pixel
-    of the frames. If N objects move, also `instances` (T, H, W), k for object k and 0 for the still
-    world, and `T_world_object` (N, T, 4, 4) with the attribute `names`.
+    with `flow_valid` and `flow_occluded` (T - 1, H, W), the camera matrix `K` (3, 3) and, if
+    the camera has a lens, its `distortion` (5,): k1, k2, p1, p2, k3. They are for the view of the
+    sensor, `sensor.optics.crop_to_aspect` of the frames, to within half a pixel of the frames. If N
+    objects move, also `instances` (T, H, W), k for object k and 0 for the still world, and
+    `T_world_object` (N, T, 4, 4) with the attribute `names`.
 
     Parameters
     ----------
@@ -56,7 +58,10 @@ def truth_to_add(
             t_us = np.round(times_s / speed * 1e6).astype(np.int64)
             group["t_us"] = sequence.t_offset_us + t_us
             group["T_world_cam"] = truth.trajectory.pose(times_s)
-            group["K"] = truth.camera(*size).K
+            camera = truth.camera(*size)
+            group["K"] = camera.K
+            if camera.distortion is not None:
+                group["distortion"] = astuple(camera.distortion)
             seen = [_images(truth, *times, size) for times in pairwise([*times_s, None])]
             for name in ("depth", "flow", "flow_valid", "flow_occluded"):
                 _store(group, name, [images[name] for images in seen if name in images])

@@ -1,4 +1,4 @@
-"""docs/quick_start.md, sensors.md, learning.md and dataset.md: all commands and Python run.
+"""docs/quick_start.md, sensors.md, cameras.md, learning.md and dataset.md: all steps run.
 
 They run from top to bottom."""
 
@@ -7,6 +7,7 @@ import re
 import pytest
 
 from docs_page import follow
+from eres_render.rendering.backend import select_variant
 from sensor.formats import load_events
 
 
@@ -49,6 +50,12 @@ def test_a_slow_bus_drops_events(sensors):
     folder, said = sensors
     assert "events fired" in said
     assert 0 < len(load_events(folder / "slow_bus.h5")) < len(load_events(folder / "any.h5"))
+
+
+def test_the_page_of_cameras_prints_what_it_shows(tmp_path):
+    if select_variant().startswith("scalar"):
+        pytest.skip("scalar variants render pinholes only")
+    follow("cameras.md", tmp_path)
 
 
 def test_the_page_for_networks_has_windows_with_flow(tmp_path):

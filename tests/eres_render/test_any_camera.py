@@ -1,7 +1,9 @@
-"""Cameras of any shape, with other focal lengths along x and y and the principal point anywhere."""
+"""Cameras of any shape and lens, with any focal lengths along x and y and principal point."""
 
+import dataclasses
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from another_process import run_python
 from eres_render import (
     Camera,
     Clip,
+    Distortion,
     GroundTruth,
     Renderer,
     RenderError,
@@ -25,6 +28,8 @@ from eres_render.storage.exr import write_luminance
 from light_scenes import dots_folder, light_evenly, room_folder, tilted_pose
 
 WIDE = Camera(128, 72, fx=130.0, fy=104.0, cx=49.5, cy=41.25)
+LENS = Distortion(k1=-0.25, k2=0.08, p1=0.002, p2=-0.001, k3=0.01)
+BENT = Camera(128, 72, fx=130.0, fy=104.0, cx=49.5, cy=41.25, distortion=LENS)
 CLIP = Clip(0, 0.24, 0.25, 0.26)
 
 
@@ -34,6 +39,9 @@ def random_camera(seed):
     width, height = map(int, rng.integers(8, 60, 2))
     (fx, fy), (cx, cy) = rng.uniform(1, 3, 2) * (width, height), rng.uniform(0, (width, height))
     return Camera(width, height, fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+SOME = ["wide", "lens", *map("random {}".format, range(4))]
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +66,23 @@ def ramps(tmp_path_factory):
     return scenes
 
 
+def opencv(camera):
+    """Return OpenCV's matrix, for pixels that count from the first one's center, and terms."""
+    K = camera.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
+    return K, np.array(dataclasses.astuple(camera.distortion or Distortion()))
+
+
+def rays_of(camera, points_px):
+    """Return the rays through pixels, (N, 3), by OpenCV."""
+    until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-12)
+    pinhole_px = cv2.undistortImagePoints(points_px - 0.5, *opencv(camera), arg1=until)
+    pixels = np.hstack([pinhole_px.reshape(-1, 2) + 0.5, np.ones((len(points_px), 1))])
+    return pixels @ np.linalg.inv(camera.K).T
+
+
 def seen_m(camera, T, points_px):
-    """Return where the rays through pixels meet the plane z = 0, (N, 2) m, by the camera matrix."""
-    ones = np.ones((len(points_px), 1))
-    rays = np.hstack([points_px, ones]) @ np.linalg.inv(camera.K).T @ T[:3, :3].T
+    """Return where the rays through pixels meet the plane z = 0, (N, 2) m, by OpenCV."""
+    rays = rays_of(camera, points_px) @ T[:3, :3].T
     return (T[:3, 3] - T[2, 3] / rays[:, 2:] * rays)[:, :2]
 
 
@@ -73,10 +94,9 @@ def any_pixels():
 
 @pytest.mark.usefixtures("any_pixels")
 @pytest.mark.parametrize("integrator", ["baked", "path"])
-@pytest.mark.parametrize("seed", [None, *range(4)])
-def test_every_pixel_sees_the_point_that_the_camera_matrix_says(ramps, integrator, seed):
+@pytest.mark.parametrize("camera", [WIDE, BENT, *map(random_camera, range(4))], ids=SOME)
+def test_every_pixel_sees_the_point_that_the_camera_matrix_says(ramps, integrator, camera):
     """Expected: light that is linear in x or y shows where each pixel looks, to 0.01 px."""
-    camera = WIDE if seed is None else random_camera(seed)
     T = tilted_pose()
     found = [
         Renderer(scene, spp=64, integrator=integrator, camera=camera).frame(T).ravel() - 5
@@ -88,23 +108,25 @@ def test_every_pixel_sees_the_point_that_the_camera_matrix_says(ramps, integrato
 
 
 @pytest.mark.usefixtures("any_pixels")
-def test_repeated_pixels_are_those_of_the_frame(ramps):
-    renderer, T = Renderer(ramps[1], spp=64, integrator="path", camera=WIDE), tilted_pose()
+@pytest.mark.parametrize("camera", [WIDE, BENT], ids=SOME[:2])
+def test_repeated_pixels_are_those_of_the_frame(ramps, camera):
+    renderer, T = Renderer(ramps[1], spp=64, integrator="path", camera=camera), tilted_pose()
     pixels = np.array([0, 127, 4000, 128 * 72 - 1])
     repeats, frame = renderer.repeats(T, pixels, 4), renderer.frame(T).ravel()[pixels]
     np.testing.assert_allclose(repeats, np.tile(frame, (4, 1)), rtol=1e-4)
 
 
-def test_a_scalar_machine_moves_the_principal_point_and_refuses_pixels_that_are_not_square(ramps):
+def test_a_scalar_machine_moves_the_principal_point_and_refuses_lenses_and_oblong_pixels(ramps):
     code = (
         "import sys; from eres_render import *; scene = load_scene(sys.argv[1])\n"
         "renderer = Renderer(scene, spp=64, camera=Camera(16, 9, fx=20.0, cx=5.0, cy=6.0))\n"
         "print(*renderer.frame(scene.trajectory().pose(1.0)).ravel().tolist())\n"
-        "try: Renderer(scene, camera=Camera(16, 9, fx=20.0, fy=21.0))\n"
-        "except RenderError as error: print(error)"
+        "for other in ({'fy': 21.0}, {'distortion': Distortion(k1=-0.1)}):\n"
+        "  try: Renderer(scene, camera=Camera(16, 9, fx=20.0, **other))\n"
+        "  except RenderError as error: print(error)"
     )
     run = run_python(code, ramps[0].folder, ERES_VARIANT="scalar_rgb")
-    frame, refused = run.stdout.splitlines()
+    frame, refused, refused_lens = run.stdout.splitlines()
     camera, T = Camera(16, 9, fx=20.0, cx=5.0, cy=6.0), ramps[0].trajectory().pose(1.0)
     expected = seen_m(camera, T, camera.centers())[:, 0]
     found = np.array(frame.split(), float) - 5
@@ -112,6 +134,7 @@ def test_a_scalar_machine_moves_the_principal_point_and_refuses_pixels_that_are_
     assert refused.startswith(
         "camera: found fx = 20.0 and fy = 21.0, and scalar_rgb renders square"
     )
+    assert "found a lens, Distortion(k1=-0.1, " in refused_lens
 
 
 @pytest.mark.parametrize("depth", [False, True], ids=["plane", "room"])
@@ -119,18 +142,18 @@ def test_truth_follows_surface_points_through_any_camera(small_carpet, tmp_path,
     """Expected: a point at its depth lies on the surface, and its flow ends at its projection."""
     scene = load_scene(room_folder(tmp_path / "room")) if depth else small_carpet
     distance = surfaces(scene)[0]
-    for camera in (WIDE, random_camera(7)):
+    for camera in (WIDE, BENT, random_camera(7)):
         truth = GroundTruth(scene.trajectory(), camera, distance, scene.plane)
         width, height = camera.width, camera.height
         assert truth.camera(width) == truth.camera(width, height) == camera
         T_0, T_1 = truth.pose(1.0), truth.pose(1.02)
-        K, centers = camera.K, np.hstack([camera.centers(), np.ones((width * height, 1))])
         z = truth.depth(1.0, width).reshape(-1, 1).astype(float)
-        points = z * centers @ np.linalg.inv(K).T @ T_0[:3, :3].T + T_0[:3, 3]
+        points = z * rays_of(camera, camera.centers()) @ T_0[:3, :3].T + T_0[:3, 3]
         if not depth:
             np.testing.assert_allclose(points[:, 2], 0, atol=1e-6)
-        there = (points - T_1[:3, 3]) @ T_1[:3, :3] @ K.T
-        moved_px = (there[:, :2] / there[:, 2:] - centers[:, :2]).reshape(height, width, 2)
+        there = (points - T_1[:3, 3]) @ T_1[:3, :3]
+        seen, _ = cv2.projectPoints(there, np.zeros(3), np.zeros(3), *opencv(camera))
+        moved_px = (seen.reshape(-1, 2) + 0.5 - camera.centers()).reshape(height, width, 2)
         flow = truth.flow(1.0, 1.02, width)
         assert np.linalg.norm(moved_px, axis=2).max() > 1
         np.testing.assert_allclose(flow.flow_px, moved_px, atol=1e-3)
@@ -160,17 +183,23 @@ def test_sensors_see_through_the_same_lens(small_carpet, seed):
 @pytest.mark.usefixtures("any_pixels")
 def test_a_sequence_keeps_its_camera(small_carpet, tmp_path):
     """Promise: a sequence on disk keeps its camera; the manifest of square ones has not changed."""
-    renderer = Renderer(small_carpet, spp=1, integrator="path", camera=WIDE)
-    sequence = render_clip(renderer, CLIP, tmp_path / "wide", 1.0)
-    assert sequence.camera == WIDE
-    assert sequence.frame(0).shape == (72, 128)
-    assert ground_truth(sequence).camera(128) == WIDE
+    pinhole = Camera(128, 72, fx=160.0, fy=150.0, cx=60.0)
+    narrow = Camera(128, 72, fx=160.0, fy=150.0, cx=60.0, distortion=LENS)
+    for name, camera in {"lens": narrow, "wide": WIDE}.items():
+        renderer = Renderer(small_carpet, spp=1, integrator="path", camera=camera)
+        sequence = render_clip(renderer, CLIP, tmp_path / name, 1.0)
+        assert sequence.camera == camera
+        assert sequence.frame(0).shape == (72, 128)
+        assert ground_truth(sequence).camera(128) == camera
     square = render_clip(Renderer(small_carpet, 32, 1), CLIP, tmp_path / "square", 1.0)
-    assert "intrinsics" not in (square.folder / "manifest.json").read_text()
+    manifest = (square.folder / "manifest.json").read_text()
+    assert "intrinsics" not in manifest
+    assert "distortion" not in manifest
 
     centered = Camera(128, 72, WIDE.fov_rad)
-    with pytest.raises(RenderError, match=r"found a sequence with"):
-        render_clip(Renderer(small_carpet, spp=1, camera=centered), CLIP, sequence.folder, 1.0)
+    for name, camera in {"lens": pinhole, "wide": centered}.items():
+        with pytest.raises(RenderError, match=r"found a sequence with"):
+            render_clip(Renderer(small_carpet, spp=1, camera=camera), CLIP, tmp_path / name, 1.0)
     file = sequence.folder / "manifest.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"fov_rad": 1.0}))
     with pytest.raises(

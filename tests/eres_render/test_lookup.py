@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eres_render import Camera, Renderer
+from eres_render import Camera, Distortion, Renderer
 from eres_render.rendering import renderer as renderer_module
 from eres_render.rendering.backend import select_variant
 from light_scenes import log_difference
@@ -73,6 +73,23 @@ def wall(mi, rng):
 def test_no_thin_thing_is_missed(small_carpet, monkeypatch, width_px, length_px, parallel):
     """Rods and specks between the corners of pixels: no pixel is off by more than 1e-2."""
     select_variant()
+    pinhole = Camera(WIDTH, WIDTH, fx=float(WIDTH))
+    compare_things(small_carpet, monkeypatch, pinhole, width_px, length_px, parallel)
+
+
+@pytest.mark.parametrize("length_px", [None, 1.0])
+@pytest.mark.parametrize("width_px", [0.1, 1.0])
+def test_no_thin_thing_is_missed_through_a_lens(small_carpet, monkeypatch, width_px, length_px):
+    """The same where the lens bends the rods, and pixels with them."""
+    if select_variant().startswith("scalar"):
+        pytest.skip("scalar variants render pinholes only")
+    lens = Distortion(k1=-0.35, k2=0.15, p1=0.004, p2=-0.003)
+    camera = Camera(WIDTH, WIDTH, fx=float(WIDTH), fy=0.9 * WIDTH, distortion=lens)
+    compare_things(small_carpet, monkeypatch, camera, width_px, length_px, parallel=False)
+
+
+def compare_things(scene, monkeypatch, camera, width_px, length_px, parallel):
+    """Compare what is looked up with what is traced, of 300 things in front of a wall."""
     import mitsuba as mi
 
     rng = np.random.default_rng(int(10 * width_px) + parallel)
@@ -81,9 +98,8 @@ def test_no_thin_thing_is_missed(small_carpet, monkeypatch, width_px, length_px,
     corners = quads(rng, 300, length, width_px * pixel, 1.0, parallel)
     faces = np.arange(len(corners)).reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
     things = glowing(mi, corners, faces, 100.0)
-    camera = Camera(WIDTH, WIDTH, fx=float(WIDTH))
     shapes = {"wall": wall(mi, rng), "things": things}
-    looked_up, traced = renderers(monkeypatch, small_carpet, camera, shapes)
+    looked_up, traced = renderers(monkeypatch, scene, camera, shapes)
     monkeypatch.setattr("eres_render.rendering.lookup._SAMPLES_AN_EDGE", 0)
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     difference = log_difference(looked_up, traced, pose)

@@ -3,6 +3,7 @@
 import json
 import re
 
+import h5py
 import numpy as np
 import pytest
 
@@ -87,6 +88,61 @@ def test_frames_of_any_shape_from_render_to_scores(eres, tmp_path):
         rows = {line.split()[0]: line for line in said.splitlines()}
         mine, theirs = (float(re.search(r"\d+\.\d+", rows[m])[0]) for m in (method, nothing))
         assert mine > theirs + 2 if task == "reconstruction" else mine < 0.5 * theirs
+
+
+KALIBR = """cam0:
+  camera_model: pinhole
+  intrinsics: [90.0, 88.0, 46.5, 31.5]
+  distortion_model: radtan
+  distortion_coeffs: [-0.25, 0.06, 0.001, -0.002]
+  resolution: [96, 64]
+"""
+
+
+def test_a_calibrated_lens_from_its_file_to_events_and_truth(eres, tmp_path):
+    """Promise: size, focal lengths and lens come from the file; sequence, info, truth and events
+    have them, half a pixel from Kalibr's; and tracking, which needs a pinhole, says so."""
+    file = tmp_path / "camera.yaml"
+    file.write_text(KALIBR)
+    render = ["render", "carpet", "--out", tmp_path / "out", "--camera", file]
+    options = ["--spp", 4, "--samples", 1, "--max-displacement", 1]
+    assert eres(*render, *options)[0] == 0
+    clip = tmp_path / "out" / "clip_000"
+    said = " ".join(eres("info", clip)[1].split())
+    assert "of 96x64 px" in said
+    assert "camera fx 90, fy 88, cx 47, cy 32 px lens k1 -0.25, k2 0.06, p1 0.001, p2 -0.0" in said
+
+    assert eres("truth", clip, "--out", tmp_path / "truth", "--width", 48)[0] == 0
+    camera = json.loads((tmp_path / "truth" / "camera.json").read_text())
+    lens = {"k1": -0.25, "k2": 0.06, "p1": 0.001, "p2": -0.002, "k3": 0.0}
+    assert (camera["width"], camera["K"][0][2], camera["distortion"]) == (48, 23.5, lens)
+    events = tmp_path / "events.h5"
+    sensor = ["--resolution", 48]
+    assert eres("simulate", clip, "--out", events, *sensor, "--truth", 0.05)[0] == 0
+    with h5py.File(events) as stored:
+        assert stored["truth/distortion"][:].tolist() == list(lens.values())
+    for task, method in (("reconstruction", "event_integration"), ("flow", "initial_flow")):
+        assert eres("evaluate", clip, "--task", task, "--method", method, *sensor)[0] == 0
+    code, _, err = eres("evaluate", clip, "--task", "tracking", *sensor)
+    assert (code, "needs a pinhole: found a lens, Distortion(k1=-0.25" in err) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--width", 9, "--height", 8], "found --camera and --width and --height, expected one of"),
+        (["--resolution", 9], "found --camera and --resolution, expected one of them"),
+        (["--camera-name", "cam1"], "camera.yaml: found cam0, expected 'cam1'"),
+    ],
+)
+def test_a_calibrated_camera_has_its_own_size(eres, tmp_path, options, text):
+    (tmp_path / "camera.yaml").write_text(KALIBR)
+    camera = ["--camera", tmp_path / "camera.yaml", *options]
+    code, _, err = eres("render", "carpet", "--out", tmp_path / "out", *camera)
+    assert (code, len(err.splitlines()), text in err) == (1, 1, True), err
+    assert not (tmp_path / "out").exists()
+    code, _, err = eres("render", "carpet", "--out", tmp_path / "out", "--camera-name", "cam0")
+    assert (code, "found 'cam0', expected --camera with it" in err) == (1, True)
 
 
 def test_truth_replaces_truth_only_when_told(eres, tmp_path):

@@ -1,0 +1,240 @@
+"""Read and write calibrated cameras: Kalibr's camchain YAML and OpenCV's YAML.
+
+Both count pixels from the center of the first one, `Camera` from its corner: a principal point in a
+file is half a pixel less than `cx` and `cy`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+
+from eres_render.camera import Camera
+from eres_render.distortion import Distortion
+from eres_render.errors import RenderError
+from eres_render.storage.atomic import write_text
+
+_FIRST_CENTER_PX = 0.5
+_KALIBR_NAME = re.compile(r"cam\d+", re.ASCII)
+# Models of ROS that OpenCV's coefficients cover; those of its other lenses have other names.
+_ROS_MODELS = ("plumb_bob", "rational_polynomial")
+
+
+def read_camera(file: Path, name: str | None = None) -> Camera:
+    """Read a camera from a file of Kalibr or of OpenCV.
+
+    Of Kalibr's models `pinhole` with `radtan` or `none` is read. OpenCV's files have
+    `camera_matrix`, `distortion_coefficients` (k1, k2, p1, p2, k3; those beyond must be 0),
+    `image_width` and `image_height`; ROS's files have the same fields.
+
+    Parameters
+    ----------
+    file
+        The YAML file.
+    name
+        Which camera of Kalibr's chain, such as "cam1"; needed if there are several.
+
+    Returns
+    -------
+    The camera.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be read, a field is missing or wrong, or the lens has another model.
+    """
+    table = _table(file)
+    if "camera_matrix" in table:
+        if name is not None:
+            raise RenderError(f"{file}: found one camera without a name, expected {name!r}")
+        return _of_opencv(table, file)
+    chain = [key for key in table if _KALIBR_NAME.fullmatch(str(key))]
+    if not chain:
+        raise RenderError(
+            f"{file}: found neither camera_matrix nor cam0, expected YAML of OpenCV or Kalibr"
+        )
+    if name is None and len(chain) > 1:
+        raise RenderError(f"{file}: found {', '.join(chain)}, expected the name of one of them")
+    chosen = chain[0] if name is None else name
+    if chosen not in chain:
+        raise RenderError(f"{file}: found {', '.join(chain)}, expected {chosen!r}")
+    return _of_kalibr(table[chosen], f"{file}: {chosen}")
+
+
+def write_camera(file: Path, camera: Camera, kind: Literal["opencv", "kalibr"] = "opencv") -> None:
+    """Write a camera as OpenCV or Kalibr does.
+
+    Parameters
+    ----------
+    file
+        The YAML file.
+    camera
+        The camera.
+    kind
+        "opencv" for the fields of OpenCV's calibration with five coefficients, or "kalibr" for a
+        chain with `cam0`, which has no k3.
+
+    Raises
+    ------
+    RenderError
+        If Kalibr's model lacks a k3 that is not 0, or the file cannot be written.
+    """
+    lens = camera.distortion or Distortion()
+    center = camera.cx - _FIRST_CENTER_PX, camera.cy - _FIRST_CENTER_PX
+    if kind == "opencv":
+        K = (camera.fx, 0.0, center[0], 0.0, camera.fy, center[1], 0.0, 0.0, 1.0)
+        text = (
+            "%YAML:1.0\n---\n"
+            f"image_width: {camera.width}\n"
+            f"image_height: {camera.height}\n"
+            f"camera_matrix: {_matrix(3, 3, K)}"
+            f"distortion_coefficients: {_matrix(1, 5, astuple(lens))}"
+        )
+    else:
+        if lens.k3 != 0:
+            raise RenderError(
+                f"{file}: found k3 = {lens.k3}, expected 0 for Kalibr's radtan, which has k1, k2, "
+                "p1 and p2; write OpenCV's file"
+            )
+        text = (
+            "cam0:\n"
+            "  camera_model: pinhole\n"
+            f"  intrinsics: [{_listed((camera.fx, camera.fy, *center))}]\n"
+            "  distortion_model: radtan\n"
+            f"  distortion_coeffs: [{_listed(astuple(lens)[:4])}]\n"
+            f"  resolution: [{camera.width}, {camera.height}]\n"
+        )
+    write_text(file, text)
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads OpenCV's tag for matrices as a plain table."""
+
+
+_Loader.add_constructor(
+    "tag:yaml.org,2002:opencv-matrix",
+    lambda loader, node: loader.construct_mapping(node, deep=True),
+)
+
+
+def _table(file: Path) -> dict[str, Any]:
+    try:
+        text = Path(file).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise RenderError(f"{file}: no such file") from None
+    except OSError as error:
+        raise RenderError(f"{file}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise RenderError(f"{file}: not YAML: {error}") from None
+    text = re.sub(r"\A%YAML:1\.\d\s*\n", "", text)  # as OpenCV writes it, which is not YAML
+    try:
+        table = yaml.load(text, _Loader)
+    except yaml.YAMLError as error:
+        raise RenderError(f"{file}: not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(table, dict):
+        raise RenderError(f"{file}: found {type(table).__name__}, expected a table of fields")
+    return table
+
+
+def _of_opencv(table: dict[str, Any], file: Path) -> Camera:
+    model = table.get("distortion_model", _ROS_MODELS[0])
+    if model not in _ROS_MODELS:
+        raise RenderError(
+            f"{file}: distortion_model: found {model!r}, expected {' or '.join(_ROS_MODELS)}"
+        )
+    K = np.reshape(_matrix_of(table, "camera_matrix", (9,), file), (3, 3))
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    if not np.array_equal(K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]):
+        raise RenderError(
+            f"{file}: camera_matrix: found {K.tolist()}, expected [[fx, 0, cx], [0, fy, cy], "
+            "[0, 0, 1]]"
+        )
+    found = _matrix_of(table, "distortion_coefficients", (4, 5, 8, 12, 14), file)
+    if any(found[5:]):
+        raise RenderError(
+            f"{file}: distortion_coefficients: found {found}, expected zeros after k1, k2, p1, p2 "
+            "and k3: other models are not supported"
+        )
+    width, height = (_side(table.get(name), name, file) for name in ("image_width", "image_height"))
+    return _camera((width, height), [fx, fy, cx, cy], Distortion(*found[:5]), file)
+
+
+def _of_kalibr(table: Any, where: str) -> Camera:
+    if not isinstance(table, dict):
+        raise RenderError(f"{where}: found {table!r}, expected a table of fields")
+    for field, known in (("camera_model", ("pinhole",)), ("distortion_model", ("radtan", "none"))):
+        if table.get(field) not in known:
+            raise RenderError(
+                f"{where}.{field}: found {table.get(field)!r}, expected {' or '.join(known)}"
+            )
+    plain = table["distortion_model"] == "none"
+    lens = _numbers(
+        table.get("distortion_coeffs"), (0, 4) if plain else (4,), f"{where}.distortion_coeffs"
+    )
+    if plain and any(lens):
+        raise RenderError(f"{where}.distortion_coeffs: found {lens}, expected none")
+    sides = table.get("resolution")
+    if not isinstance(sides, list) or len(sides) != 2:
+        raise RenderError(f"{where}.resolution: found {sides!r}, expected width and height")
+    width, height = (_side(side, "resolution", where) for side in sides)
+    pinhole = _numbers(table.get("intrinsics"), (4,), f"{where}.intrinsics")
+    return _camera((width, height), pinhole, Distortion(*lens), where)
+
+
+def _camera(
+    size: tuple[int, int], pinhole: list[float], lens: Distortion, where: Path | str
+) -> Camera:
+    fx, fy, cx, cy = map(float, pinhole)
+    half = _FIRST_CENTER_PX
+    try:
+        return Camera(*size, fx=fx, fy=fy, cx=cx + half, cy=cy + half, distortion=lens)
+    except RenderError as error:
+        raise RenderError(f"{where}: {error}") from error
+
+
+def _matrix_of(
+    table: dict[str, Any], field: str, counts: tuple[int, ...], file: Path
+) -> list[float]:
+    matrix = table.get(field)
+    if not isinstance(matrix, dict):
+        raise RenderError(f"{file}: {field}: found {matrix!r}, expected a matrix with data")
+    return _numbers(matrix.get("data"), counts, f"{file}: {field}.data")
+
+
+def _numbers(found: Any, counts: tuple[int, ...], where: str) -> list[float]:
+    expected = f"{' or '.join(map(str, counts))} numbers"
+    if not isinstance(found, list) or len(found) not in counts:
+        raise RenderError(f"{where}: found {found!r}, expected {expected}")
+    try:
+        values = [float(one) for one in found]  # YAML takes 1e-5, without a point, for a text
+    except (TypeError, ValueError):
+        raise RenderError(f"{where}: found {found!r}, expected {expected}") from None
+    if not all(map(math.isfinite, values)):
+        raise RenderError(f"{where}: found {found!r}, expected {expected}")
+    return values
+
+
+def _side(found: Any, field: str, where: Path | str) -> int:
+    if type(found) is not int or found < 1:
+        raise RenderError(f"{where}: {field}: found {found!r}, expected a number of pixels")
+    return found
+
+
+def _matrix(rows: int, columns: int, values: Iterable[float]) -> str:
+    return (
+        f"!!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n"
+        f"   data: [ {_listed(values)} ]\n"
+    )
+
+
+def _listed(values: Iterable[float]) -> str:
+    """Return numbers with all digits and a point, without which YAML takes 1e-05 for a text."""
+    texts = (repr(float(value)) for value in values)
+    return ", ".join(text if "." in text else text.replace("e", ".0e") for text in texts)
