@@ -103,7 +103,7 @@ def dataset(
         cutoffs_hz=cutoffs,
         threshold=threshold,
         threshold_deviation=threshold_deviation,
-        pixel=pixel,
+        pixel=pixel.settled(),
         imu=imu,
         baseline_m=stereo,
         images_hz=images,

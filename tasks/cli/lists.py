@@ -48,7 +48,8 @@ def sensors(
     knows, with units, 95 % intervals and sources, and what is unknown.
     """
     if profile is not None:
-        return _show(profile)
+        _show(profile)
+        return
     from sensor.presets import SENSORS
 
     table = Table(

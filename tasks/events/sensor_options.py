@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from sensor.model import Photoreceptor, SensorModel
 from sensor.presets import SENSORS, hint
@@ -127,12 +127,12 @@ class PixelOptions:
             model = replace(model, cutoff_reference=white_level)
         return model
 
-    def settled(self) -> dict[str, Any]:
-        """Return all options, with the value that takes effect in place of None if there is one."""
-        model = replace(self, illuminance=None, cutoff_follows_light=False).applied_to(_PLAIN, 1.0)
-        options = {one.name: getattr(self, one.name) for one in fields(self)}
-        kept = ("cutoff", "threshold_off")
-        return options | {k: getattr(model, v) for k, v in _FIELDS.items() if k not in kept}
+    def settled(self) -> PixelOptions:
+        """Return the same pixels without a profile: all values are given, except for the cutoff."""
+        plain = SensorModel(width=1, height=1, dark_level=1.0)
+        model = replace(self, illuminance=None, cutoff_follows_light=False).applied_to(plain, 1.0)
+        values = {name: getattr(model, field) for name, field in _FIELDS.items()}
+        return replace(self, **{**values, "profile": None, "cutoff": self.cutoff})
 
 
 # Options and the fields of `SensorModel` that they set.
@@ -150,7 +150,6 @@ _FIELDS = {
     "refractory": "refractory_s",
     "latency": "latency_s",
 }
-_PLAIN = SensorModel(width=1, height=1, dark_level=1.0)
 
 IDEAL_PIXEL = PixelOptions()
 NO_PROFILE = Profile("none", "ideal pixels", {})

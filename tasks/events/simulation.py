@@ -129,8 +129,9 @@ def sensor_for(
     model = pixel.applied_to(replace(model, dark_level=DARK_FRACTION * white), white)
     if contrast_threshold is None:
         return model
-    both = {"contrast_threshold": contrast_threshold, "contrast_threshold_off": pixel.threshold_off}
-    return replace(model, **both)
+    return replace(
+        model, contrast_threshold=contrast_threshold, contrast_threshold_off=pixel.threshold_off
+    )
 
 
 def simulate_sequence(

@@ -135,7 +135,7 @@ class DatasetSettings:
         away = self._rng(number).normal(0.0, 1.0)
         away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
         base = SensorModel(width=self.width, height=self.height, dark_level=_DARK_LEVEL)
-        found = {}
+        found: dict[str, SensorModel] = {}
         for hz in self.cutoffs_hz:
             model = dataclasses.replace(self.pixel, cutoff=hz).applied_to(base, white_level)
             C = self.threshold + away * self.threshold_deviation
@@ -190,8 +190,9 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
 
 def _table(settings: DatasetSettings) -> dict[str, Any]:
     """Return the settings as JSON has them: lists, and infinity as a text."""
-    table: dict[str, Any] = dataclasses.asdict(settings)
-    return {name: _plain(one) for name, one in {**table, "pixel": settings.pixel.settled()}.items()}
+    settled = dataclasses.replace(settings, pixel=settings.pixel.settled())
+    table: dict[str, Any] = _plain(dataclasses.asdict(settled))
+    return table
 
 
 def _with_photoreceptor(table: dict[str, Any]) -> dict[str, Any]:
@@ -200,7 +201,7 @@ def _with_photoreceptor(table: dict[str, Any]) -> dict[str, Any]:
     if "poles" not in pixel:
         return table
     photoreceptor = "two_pole" if pixel.pop("poles") == 2 else "one_pole"
-    defaults = {name: _plain(value) for name, value in IDEAL_PIXEL.settled().items()}
+    defaults = _plain(dataclasses.asdict(IDEAL_PIXEL.settled()))
     return {**table, "pixel": {**defaults, **pixel, "photoreceptor": photoreceptor}}
 
 

@@ -118,9 +118,7 @@ def test_a_wrong_profile_is_refused(tmp_path, text, expected):
 def test_a_profile_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(SensorError, match="found 'davis241'; did you mean 'davis240'"):
         find_profile("davis241")
-    with pytest.raises(
-        SensorError, match=r"expected a file such as mine\.toml, or one of"
-    ):
+    with pytest.raises(SensorError, match=r"expected a file such as mine\.toml, or one of"):
         find_profile("zzz")
     with pytest.raises(SensorError, match=r"nowhere\.toml: no such profile"):
         find_profile(tmp_path / "nowhere.toml")

@@ -109,7 +109,7 @@ def test_a_dataset_of_an_older_version_continues(tmp_path):
     file.write_text(older.replace('"poles": 2', '"poles": 1'))
     with pytest.raises(TaskError, match="pixel: found"):
         claim_folder(settings(), out)
-    assert IDEAL_PIXEL.settled()["fill_factor"] == 1.0
+    assert IDEAL_PIXEL.settled().fill_factor == 1.0
 
 
 def test_a_study_names_a_photoreceptor(tmp_path):
