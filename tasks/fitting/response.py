@@ -20,6 +20,10 @@ _POINTS = 120  # of the curve
 _FROM = 1.0  # events of a pixel: its first one depends on its memory
 _DRAWS = 100
 _TAIL = 0.995
+# B of one pole: (1 + C_off / C_on) / 2 for a pixel that fell before, and its range for C_off / C_on
+# from 1/2 to 3/2. From two poles B follows.
+_ABSORBED = 1.0
+_ABSORBED_RANGE = (0.75, 1.25)
 
 
 class Response(NamedTuple):
@@ -51,9 +55,11 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     The mean number of ON events of a pixel until a time t after the step is A g(a (t - latency)) -
     B, where g is the step response of one pole, 1 - e^{-y}, or of two, 1 - (1 + y) e^{-y}; A is the
     step in thresholds, and B the part of it that the memories of the pixels absorb. A, B, a and the
-    latency are those of least squares, for times after the first event of the mean pixel. The
-    interval is that of a bootstrap over tiles of pixels, widened by the change of the estimate
-    where the fit begins half an event later.
+    latency are those of least squares, for times after the first event of the mean pixel. With one
+    pole a delay looks like another B, which is therefore 1 as for equal thresholds, 3/4 to 5/4 for
+    others; the two kinds are compared with that B. The interval is that of a bootstrap over tiles
+    of pixels, widened by the change of the estimate where the fit begins half an event later, and
+    by that from another B.
 
     Parameters
     ----------
@@ -105,22 +111,25 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
         return until / (weights @ pixels * len(rises_us))
 
     whole = mean_events(np.ones(tiles))
-    fits = {order: curve.fit(whole, order, _FROM) for order in (1, 2)}
+    fits = {order: curve.fit(whole, order, _FROM, _ABSORBED) for order in (1, 2)}
     order = min(fits, key=lambda one: fits[one].cost)
-    best, later = fits[order], curve.fit(whole, order, _FROM + 0.5)
+    absorbed = None if order == 2 else _ABSORBED
+    best = curve.fit(whole, order, _FROM, absorbed)
+    others = [curve.fit(whole, order, _FROM + 0.5, absorbed)]
+    if order == 1:
+        others += [curve.fit(whole, order, _FROM, B) for B in _ABSORBED_RANGE]
     rng = np.random.default_rng(0)
     drawn = np.array(
         [
-            curve.fit(mean_events(weights.astype(float)), order, _FROM, best)[:2]
+            curve.fit(mean_events(weights.astype(float)), order, _FROM, absorbed, best)[:2]
             for weights in rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS)
         ]
     )
     low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
+    wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]
     cutoff, latency = (
         Estimate(
-            best[k],
-            min(float(low[k]), best[k]) - abs(later[k] - best[k]),
-            max(float(high[k]), best[k]) + abs(later[k] - best[k]),
+            max(0.0, best[k]), max(0.0, float(low[k]) - wide[k]), max(0.0, float(high[k]) + wide[k])
         )
         for k in range(2)
     )
@@ -129,8 +138,8 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     early = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95))
     return Response(
         photoreceptor="two_pole" if order == 2 else "one_pole",
-        cutoff_hz=Estimate(cutoff.value, max(0.0, cutoff.low), cutoff.high),
-        latency_s=Estimate(*(max(0.0, one) for one in latency)),
+        cutoff_hz=cutoff,
+        latency_s=latency,
         first_event_s=(float(early[0]), float(early[1]), float(early[2])),
         steps=len(rises_us),
     )
@@ -139,8 +148,6 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
 class _Fit(NamedTuple):
     cutoff_hz: float
     latency_s: float
-    size: float  # A
-    absorbed: float  # B
     cost: float
 
 
@@ -151,34 +158,39 @@ class _Curve:
         self._t_s = t_s
 
     def fit(
-        self, events: NDArray[np.float64], order: int, least: float, start: _Fit | None = None
+        self,
+        events: NDArray[np.float64],
+        order: int,
+        least: float,
+        absorbed: float | None,
+        start: _Fit | None = None,
     ) -> _Fit:
         """Fit to the part of the curve from `least` events on.
 
-        A and B follow from the other two by linear regression.
+        A, and B if it is not given, follow from the other two by linear regression.
         """
         kept = np.flatnonzero(events >= least)
         kept = kept[np.unique(np.linspace(0, len(kept) - 1, _POINTS).astype(int))]
         t_s, n = self._t_s[kept], events[kept]
 
-        def linear(parameters: NDArray[np.float64]) -> tuple[float, float, NDArray[np.float64]]:
+        def left(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
             a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
             g = _step_response(a * (t_s - latency), order)
-            dg, dn = g - g.mean(), n - n.mean()
-            size = float(dg @ dn / max(dg @ dg, 1e-300))
-            absorbed = size * float(g.mean()) - float(n.mean())
-            return size, absorbed, size * g - absorbed - n
+            dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
+            rest: NDArray[np.float64] = dg * (dg @ dn / max(dg @ dg, 1e-300)) - dn
+            return rest
 
         half_s = float(np.interp(0.5 * (n[0] + n[-1]), n, t_s))
         first = math.log((1.68 if order == 2 else 0.69) / max(half_s, 1e-9))
         guess = [first, 0.0]
         if start is not None:
             a = 2 * math.pi * start.cutoff_hz
-            guess = [math.log(a), a * start.latency_s]
-        found = optimize.least_squares(lambda p: linear(p)[2], guess, x_scale=[0.1, 0.1])
-        size, absorbed, _ = linear(found.x)
+            guess = [math.log(a), max(0.0, a * start.latency_s)]
+        found = optimize.least_squares(
+            left, guess, x_scale=[0.1, 0.1], bounds=([-np.inf, 0.0], [np.inf, np.inf])
+        )
         a = math.exp(found.x[0])
-        return _Fit(a / (2 * math.pi), found.x[1] / a, size, absorbed, float(found.cost))
+        return _Fit(a / (2 * math.pi), float(found.x[1]) / a, float(found.cost))
 
 
 def _step_response(y: NDArray[np.float64], order: int) -> NDArray[np.float64]:
