@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from sensor.numbers import real, refusal, whole
 MAX_SIDE_PX = 1 << 16  # event coordinates are uint16
 MAX_RATE_HZ = 1e6  # event times are whole microseconds
 _CUTOFF_HZ_PER_LUX = 3.0
+
+Photoreceptor = Literal["two_pole", "one_pole", "v2e"]
+PHOTORECEPTORS: tuple[str, ...] = get_args(Photoreceptor)
 
 
 def cutoff_in_light(illuminance_lux: float) -> float:
@@ -54,10 +58,12 @@ class SensorModel:
         the sensor, to less than one pixel (346x259 and 346x260 both fit 1280x960).
     contrast_threshold
         C of Eq. (1), in units of log intensity. The paper uses 0.2.
+    contrast_threshold_off
+        C of OFF events; None is `contrast_threshold`, which then holds for both.
     cutoff_hz
-        f_cutoff, the corner frequency of each of the two poles of the photoreceptor. `math.inf` is
-        the ideal pixel; the paper uses 200 Hz for day and 50 Hz for night. The -3 dB point of both
-        poles together is 0.644 f_cutoff.
+        f_cutoff, the corner frequency of each pole of the photoreceptor. `math.inf` is the ideal
+        pixel; the paper uses 200 Hz for day and 50 Hz for night. The -3 dB point of two poles
+        together is 0.644 f_cutoff.
     dark_level
         I_dark of `u = log(I + I_dark)`, in the radiance unit of the frames. None is 1e-3 of the
         white level, the 99.9th percentile of the first frame; 0 is allowed if every pixel of every
@@ -66,12 +72,16 @@ class SensorModel:
         Start the memory of each pixel at a random, uniform offset in (-C, C) from the first frame,
         with the thresholds of that pixel, as if the sensor had been running before. If False, all
         memories start exactly at the first frame.
-    poles
-        Number of poles of the photoreceptor: 2, or 1 as in some simulators.
+    photoreceptor
+        "two_pole", two equal poles in series; "one_pole"; or "v2e", the filter of v2e since March
+        2021 (Hu, Liu and Delbruck 2021): one pole with the cutoff `cutoff_hz` (v + 20) / 275, where
+        v is the light on a scale with white at 255. Between two frames it is constant, that of the
+        mean of their log intensities.
     cutoff_reference
         Radiance at which the cutoff is `cutoff_hz`; the cutoff is proportional to I + I_dark, since
         bandwidth is proportional to photocurrent (Lichtsteiner et al. 2008). None: the cutoff does
-        not depend on the light.
+        not depend on the light. With "v2e" it is the radiance of white, and None is the 99.9th
+        percentile of the first frame.
     fill_factor
         Light-sensitive share of the area of a pixel, a square at its center.
     threshold_mismatch
@@ -90,6 +100,9 @@ class SensorModel:
     refractory_s
         Time after an event in which further events of the pixel are lost. Its memory changes by C
         all the same, as if the event had been reported.
+    latency_s
+        Delay from the crossing of a threshold to the time of the event, the same for all events;
+        the delay of the photoreceptor comes before it.
 
     Raises
     ------
@@ -111,10 +124,11 @@ class SensorModel:
     width: int
     height: int
     contrast_threshold: float = 0.2
+    contrast_threshold_off: float | None = None
     cutoff_hz: float = math.inf
     dark_level: float | None = None
     random_start: bool = False
-    poles: int = 2
+    photoreceptor: Photoreceptor = "two_pole"
     cutoff_reference: float | None = None
     fill_factor: float = 1.0
     threshold_mismatch: float = 0.0
@@ -124,6 +138,7 @@ class SensorModel:
     hot_pixel_fraction: float = 0.0
     hot_pixel_hz: float = 100.0
     refractory_s: float = 0.0
+    latency_s: float = 0.0
 
     def __post_init__(self) -> None:
         def check(name: str, holds: bool, expected: str) -> None:
@@ -143,12 +158,18 @@ class SensorModel:
         for name in ("width", "height"):
             expected = f"an integer in 1..{MAX_SIDE_PX}"
             check_number(name, expected, lambda side: 1 <= side <= MAX_SIDE_PX, whole)
-        check_number("poles", "1 or 2", lambda poles: poles in (1, 2), whole)
-        check_number(
-            "contrast_threshold",
-            "a positive number (log units; 0.2 is usual)",
-            lambda C: 0 < C < math.inf,
+        check(
+            "photoreceptor",
+            isinstance(self.photoreceptor, str) and self.photoreceptor in PHOTORECEPTORS,
+            " or ".join(map(repr, PHOTORECEPTORS)),
         )
+        for name in ("contrast_threshold", "contrast_threshold_off"):
+            if name == "contrast_threshold" or self.contrast_threshold_off is not None:
+                check_number(
+                    name,
+                    "a positive number (log units; 0.2 is usual)",
+                    lambda C: 0 < C < math.inf,
+                )
         check_number(
             "cutoff_hz", "a positive number of Hz, or inf for an ideal pixel", lambda hz: hz > 0
         )
@@ -168,6 +189,7 @@ class SensorModel:
         check_number("hot_pixel_fraction", "a share in [0, 1]", lambda share: 0 <= share <= 1)
         for name in ("threshold_mismatch", "shot_noise_exponent", "refractory_s"):
             check_number(name, "a number of at least 0", lambda number: 0 <= number < math.inf)
+        check_number("latency_s", "seconds from 0 to 1000", lambda delay: 0 <= delay <= 1000)
         for name in ("leak_hz", "shot_noise_hz", "hot_pixel_hz"):
             expected = f"Hz from 0 to {MAX_RATE_HZ:g}, one event a microsecond"
             check_number(name, expected, lambda hz: 0 <= hz <= MAX_RATE_HZ)
@@ -178,3 +200,14 @@ class SensorModel:
         )
         check("random_start", isinstance(self.random_start, bool | np.bool_), "True or False")
         object.__setattr__(self, "random_start", bool(self.random_start))
+
+    @property
+    def poles(self) -> int:
+        """Number of poles of the photoreceptor, 1 or 2."""
+        return 2 if self.photoreceptor == "two_pole" else 1
+
+    @property
+    def off_threshold(self) -> float:
+        """C of OFF events, log units."""
+        C_off = self.contrast_threshold_off
+        return self.contrast_threshold if C_off is None else C_off

@@ -24,8 +24,14 @@ class SensorPreset:
     max_bandwidth_mev_s
         Maximum event rate of its bus, millions per second, or None if the table has no entry.
     model
-        Its resolution. The table has no pixel parameters, so pixels are ideal with the paper's
-        threshold of 0.2; change them with `dataclasses.replace`.
+        Its resolution and fill factor. The electronics are ideal with the paper's threshold of 0.2;
+        a profile (`sensor.profiles`) or `dataclasses.replace` changes them.
+    pixel_pitch_um
+        Side of a pixel, um, or None if it is unknown.
+    fill_factor
+        Light-sensitive share of its area, or None if it is unknown. Like the pitch from table 1 of
+        Gallego et al., Event-based vision: a survey (IEEE TPAMI 2022); the DVS128's from
+        Lichtsteiner, Posch and Delbruck (2008).
 
     Examples
     --------
@@ -40,6 +46,8 @@ class SensorPreset:
     interface: str | None
     max_bandwidth_mev_s: float | None
     model: SensorModel
+    pixel_pitch_um: float | None = None
+    fill_factor: float | None = None
 
 
 def _preset(
@@ -49,6 +57,8 @@ def _preset(
     size: tuple[int, int],
     interface: str | None,
     max_bandwidth_mev_s: float | None,
+    pixel_pitch_um: float,
+    fill_factor: float | None,
 ) -> SensorPreset:
     return SensorPreset(
         supplier=supplier,
@@ -56,25 +66,27 @@ def _preset(
         year=year,
         interface=interface,
         max_bandwidth_mev_s=max_bandwidth_mev_s,
-        model=SensorModel(width=size[0], height=size[1]),
+        model=SensorModel(width=size[0], height=size[1], fill_factor=fill_factor or 1.0),
+        pixel_pitch_um=pixel_pitch_um,
+        fill_factor=fill_factor,
     )
 
 
 SENSORS: dict[str, SensorPreset] = {
-    "dvs128": _preset("iniVation", "DVS128", 2008, (128, 128), "USB 2", 1),
-    "davis240": _preset("iniVation", "DAVIS240", 2014, (240, 180), "USB 2", 12),
-    "davis346": _preset("iniVation", "DAVIS346", 2017, (346, 260), "USB 3", 12),
-    "dvxplorer": _preset("iniVation", "DVXPlorer", 2020, (640, 480), "USB 3", 165),
-    "atis": _preset("Prophesee", "ATIS", 2011, (304, 240), None, None),
-    "gen3-cd": _preset("Prophesee", "Gen3 CD", 2017, (640, 480), "USB 3", 66),
-    "gen3-atis": _preset("Prophesee", "Gen3 ATIS", 2017, (480, 360), "USB 3", 66),
-    "gen4-cd": _preset("Prophesee", "Gen4 CD", 2020, (1280, 720), "USB 3", 1066),
-    "dvs-gen2": _preset("Samsung", "DVS-Gen2", 2017, (640, 480), "USB 2", 300),
-    "dvs-gen3": _preset("Samsung", "DVS-Gen3", 2018, (640, 480), "USB 3", 600),
-    "dvs-gen4": _preset("Samsung", "DVS-Gen4", 2020, (1280, 960), "USB 3", 1200),
-    "celex-iv": _preset("CelePixel", "CeleX-IV", 2017, (768, 640), None, 200),
-    "celex-v": _preset("CelePixel", "CeleX-V", 2019, (1280, 800), None, 140),
-    "rhino-3": _preset("Insightness", "Rhino 3", 2018, (320, 262), "USB 2", 50),
+    "dvs128": _preset("iniVation", "DVS128", 2008, (128, 128), "USB 2", 1, 40, 0.094),
+    "davis240": _preset("iniVation", "DAVIS240", 2014, (240, 180), "USB 2", 12, 18.5, 0.22),
+    "davis346": _preset("iniVation", "DAVIS346", 2017, (346, 260), "USB 3", 12, 18.5, 0.22),
+    "dvxplorer": _preset("iniVation", "DVXPlorer", 2020, (640, 480), "USB 3", 165, 9, None),
+    "atis": _preset("Prophesee", "ATIS", 2011, (304, 240), None, None, 30, 0.2),
+    "gen3-cd": _preset("Prophesee", "Gen3 CD", 2017, (640, 480), "USB 3", 66, 15, 0.25),
+    "gen3-atis": _preset("Prophesee", "Gen3 ATIS", 2017, (480, 360), "USB 3", 66, 20, 0.2),
+    "gen4-cd": _preset("Prophesee", "Gen4 CD", 2020, (1280, 720), "USB 3", 1066, 4.86, 0.77),
+    "dvs-gen2": _preset("Samsung", "DVS-Gen2", 2017, (640, 480), "USB 2", 300, 9, 0.11),
+    "dvs-gen3": _preset("Samsung", "DVS-Gen3", 2018, (640, 480), "USB 3", 600, 9, 0.12),
+    "dvs-gen4": _preset("Samsung", "DVS-Gen4", 2020, (1280, 960), "USB 3", 1200, 4.95, 0.22),
+    "celex-iv": _preset("CelePixel", "CeleX-IV", 2017, (768, 640), None, 200, 18, 0.085),
+    "celex-v": _preset("CelePixel", "CeleX-V", 2019, (1280, 800), None, 140, 9.8, 0.08),
+    "rhino-3": _preset("Insightness", "Rhino 3", 2018, (320, 262), "USB 2", 50, 13, 0.22),
 }
 
 
@@ -93,6 +105,8 @@ def find_sensor(name: str) -> SensorPreset:
     >>> preset = find_sensor("davis346")
     >>> preset.model.width, preset.model.height, preset.max_bandwidth_mev_s
     (346, 260, 12)
+    >>> preset.pixel_pitch_um, preset.model.fill_factor
+    (18.5, 0.22)
     >>> replace(preset.model, cutoff_hz=200.0).cutoff_hz  # a real camera has no ideal pixels
     200.0
     >>> find_sensor("davis364")

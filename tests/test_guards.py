@@ -35,7 +35,7 @@ SIZE = {"width": 60, "height": 48, "dark_level": 0.01}
 MODELS = {
     "ideal": SensorModel(**SIZE),
     "200 Hz": SensorModel(**SIZE, cutoff_hz=200.0),
-    "one pole": SensorModel(**SIZE, cutoff_hz=200.0, poles=1),
+    "one pole": SensorModel(**SIZE, cutoff_hz=200.0, photoreceptor="one_pole"),
     "own light, all noise": SensorModel(
         **SIZE,
         cutoff_hz=300.0,

@@ -116,7 +116,7 @@ def read_typed(
         return typing.cast(T, found)
     result: Any
     prefix = f"{field}." if field else ""
-    if isinstance(kind, types.UnionType):
+    if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
         kind = _member(kind, found, refuse)
     if dataclasses.is_dataclass(kind) and isinstance(found, dict):
         values = _fields(kind, found, file, error, prefix)
@@ -165,7 +165,7 @@ def _fields(
     return values
 
 
-def _member(union: types.UnionType, found: Any, refuse: Callable[[str], ValueError]) -> Any:
+def _member(union: Any, found: Any, refuse: Callable[[str], ValueError]) -> Any:
     """Return the member of a union that a value belongs to."""
     members = [member for member in typing.get_args(union) if member is not types.NoneType]
     if len(members) == 1 or not isinstance(found, dict):

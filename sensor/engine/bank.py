@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -74,20 +75,23 @@ class Bank:
         warn_of_long_intervals(self.t_s)
         warn_of_whole_numbers(self.reader.first)
         if any(m.dark_level is None for m in models):
-            dark_level = self._default_dark_level()
+            dark_level = DARK_FRACTION * self._white("dark_level")
             models = [
                 m if m.dark_level is not None else replace(m, dark_level=dark_level) for m in models
             ]
+        if any(map(_needs_white, models)):
+            white = self._white("cutoff_reference")
+            models = [replace(m, cutoff_reference=white) if _needs_white(m) else m for m in models]
         self.models = models
 
-    def _default_dark_level(self) -> float:
+    def _white(self, name: str) -> float:
         white = white_level(self.reader.first)
         if white <= 0:
             raise SensorError(
-                "dark_level: found None and a black first frame, which gives no white level, "
-                "expected a value for SensorModel.dark_level"
+                f"{name}: found None and a black first frame, which gives no white level, "
+                f"expected a value for SensorModel.{name}"
             )
-        return DARK_FRACTION * white
+        return white
 
     def run(self, rooms: Sequence[Room] | None = None) -> Iterator[tuple[int, Events]]:
         """Yield `(index of the model, its next events)`; the parts of each model are in order.
@@ -123,6 +127,12 @@ class Bank:
             )
             for indices in members.values()
         ]
+
+
+def _needs_white(model: SensorModel) -> bool:
+    """Say whether v2e's filter lacks the radiance of white."""
+    limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
+    return limited and model.cutoff_reference is None
 
 
 def white_level(frame: NDArray[np.floating]) -> float:

@@ -193,12 +193,15 @@ class SensorGroup:
             yield member, self._reported(s, self.held[s])
 
     def _reported(self, s: int, events: Events) -> Events:
-        """Remove the events within the refractory periods of the s-th member."""
-        ready_us = self.ready_us[s]
-        if ready_us is None:
-            return events
-        refractory_us = min(round(self.models[s].refractory_s * 1e6), np.iinfo(np.int64).max)
-        return events.where(outside_refractory(events.columns, refractory_us, ready_us))
+        """Remove the events within the refractory periods of the s-th member; add its latency."""
+        model, ready_us = self.models[s], self.ready_us[s]
+        if ready_us is not None:
+            refractory_us = min(round(model.refractory_s * 1e6), np.iinfo(np.int64).max)
+            events = events.where(outside_refractory(events.columns, refractory_us, ready_us))
+        if model.latency_s > 0:
+            t_us, x, y, p = events.columns
+            events = Events.trusted(t_us + round(model.latency_s * 1e6), x, y, p, like=events)
+        return events
 
 
 def least_bytes(model: SensorModel) -> int:

@@ -55,12 +55,14 @@ def settings_of(models: list[SensorModel], seed: int) -> Settings:
         share = generator(seed, Draw.HOT).random(pixels)
         for row, model in zip(hot_hz, models, strict=True):
             row[share < model.hot_pixel_fraction] = model.hot_pixel_hz
+    light_a, light_0 = np.array([_light(m) for m in models]).T.copy()
     return Settings(
-        C_on=_thresholds(models, seed, Draw.C_ON),
-        C_off=_thresholds(models, seed, Draw.C_OFF),
+        C_on=_thresholds(models, [m.contrast_threshold for m in models], seed, Draw.C_ON),
+        C_off=_thresholds(models, [m.off_threshold for m in models], seed, Draw.C_OFF),
         hot_hz=hot_hz,
         poles=np.array([float(m.poles) for m in models]),
-        light_a=np.array([_light_a(m) for m in models]),
+        light_a=light_a,
+        light_0=light_0,
         leak_per_s=np.array([m.leak_hz * m.contrast_threshold for m in models]),
         noise_hz=np.array([m.shot_noise_hz for m in models]),
         noise_exponent=np.array([m.shot_noise_exponent for m in models]),
@@ -71,8 +73,10 @@ def settings_of(models: list[SensorModel], seed: int) -> Settings:
     )
 
 
-def _thresholds(models: list[SensorModel], seed: int, draw: int) -> NDArray[np.float64]:
-    C = np.array([[m.contrast_threshold] for m in models])
+def _thresholds(
+    models: list[SensorModel], nominal: list[float], seed: int, draw: int
+) -> NDArray[np.float64]:
+    C = np.array(nominal)[:, None]
     mismatch = np.array([[m.threshold_mismatch] for m in models])
     if not mismatch.any():
         return C
@@ -80,9 +84,15 @@ def _thresholds(models: list[SensorModel], seed: int, draw: int) -> NDArray[np.f
     return np.maximum(C + mismatch * pattern, 0.1 * C)
 
 
-def _light_a(model: SensorModel) -> float:
+def _light(model: SensorModel) -> tuple[float, float]:
+    """Return `light_a` and `light_0` of `Settings`."""
     reference = model.cutoff_reference
-    return 0.0 if reference is None else 2 * math.pi * model.cutoff_hz / reference
+    if reference is None or model.cutoff_hz == math.inf:
+        return 0.0, 0.0
+    if model.photoreceptor == "v2e":
+        per_unit = 2 * math.pi * model.cutoff_hz * 255 / (275 * reference)
+        return per_unit, reference * 20 / 255 - (model.dark_level or 0.0)
+    return 2 * math.pi * model.cutoff_hz / reference, 0.0
 
 
 def _leaders(models: list[SensorModel]) -> NDArray[np.int64]:
@@ -96,6 +106,6 @@ def _leaders(models: list[SensorModel]) -> NDArray[np.int64]:
     for i, m in enumerate(models):
         timeless = m.cutoff_hz == math.inf and m.leak_hz == m.shot_noise_hz == 0
         timeless &= m.hot_pixel_fraction == 0
-        comparator = m.contrast_threshold, m.threshold_mismatch, m.random_start
+        comparator = m.contrast_threshold, m.off_threshold, m.threshold_mismatch, m.random_start
         leaders.append(first.setdefault(comparator, i) if timeless else i)
     return np.array(leaders)

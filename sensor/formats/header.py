@@ -119,7 +119,9 @@ def model_from_json(text: str) -> SensorModel:
         The text is not JSON, or has an unknown parameter or an invalid value.
     """
     table = _table(text, "sensor_model")
-    kinds = typing.get_type_hints(SensorModel)
+    if table.get("poles") in (1, 2) and "photoreceptor" not in table:  # in older files
+        table["photoreceptor"] = "two_pole" if table.pop("poles") == 2 else "one_pole"
+    kinds = {**typing.get_type_hints(SensorModel), "photoreceptor": str}
     for name, value in table.items():
         if name not in kinds:
             raise EventFormatError(

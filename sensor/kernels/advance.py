@@ -70,7 +70,8 @@ class Settings(NamedTuple):
     C_off: NDArray[np.float64]
     hot_hz: NDArray[np.float64]  # (S, height * width) rate of hot pixels, or (S, 0) without
     poles: NDArray[np.float64]  # 1 or 2
-    light_a: NDArray[np.float64]  # a / (I + I_dark), or 0 if a does not depend on the light
+    light_a: NDArray[np.float64]  # a / (I + I_dark + light_0), or 0 if a does not depend on I
+    light_0: NDArray[np.float64]
     leak_per_s: NDArray[np.float64]  # fall of the memory, log units per second
     noise_hz: NDArray[np.float64]  # rate of shot noise in the dark
     noise_exponent: NDArray[np.float64]
@@ -269,7 +270,8 @@ def filtered_interval(s, f, n, settings, step, interval, block, used):
     response = Response(*ends, settings.poles[s])
     light_a = settings.light_a[s]
     if light_a > 0.0:
-        poles_to_end_in_own_light(n, response, light_a, interval.dt_s, block.x, block.e)
+        light_0 = settings.light_0[s]
+        poles_to_end_in_own_light(n, response, light_a, light_0, interval.dt_s, block.x, block.e)
         flag_in_own_light(
             n, response, block.x, block.e, interval.drift, block.comparators, block.flag
         )

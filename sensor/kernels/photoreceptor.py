@@ -82,10 +82,10 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
 
 
 @jit
-def poles_to_end_in_own_light(n, response, light_a, dt_s, x, e):
-    """Advance the poles of n pixels with a cutoff proportional to the light.
+def poles_to_end_in_own_light(n, response, light_a, light_0, dt_s, x, e):
+    """Advance the poles of n pixels with a cutoff that depends on the light.
 
-    a = light_a (I + I_dark), constant over an interval: the value at the mean of the log
+    a = light_a (I + I_dark + light_0), constant over an interval: the value at the mean of the log
     intensities at both ends.
 
     Parameters
@@ -95,7 +95,9 @@ def poles_to_end_in_own_light(n, response, light_a, dt_s, x, e):
     response
         `Response`; its `v1_end` and `v2_end` are the output.
     light_a
-        a for each unit of I + I_dark.
+        a for each unit of light.
+    light_0
+        Light to add to I + I_dark: 0 if a is proportional to it.
     dt_s
         Length of the interval, s.
     x, e
@@ -105,7 +107,8 @@ def poles_to_end_in_own_light(n, response, light_a, dt_s, x, e):
     v1_end, v2_end = response.v1_end, response.v2_end
     two = response.poles == 2.0
     for i in range(n):
-        xi = within_float(light_a * dt_s * math.exp(0.5 * (u0[i] + u1[i])))
+        light = math.exp(0.5 * (u0[i] + u1[i])) + light_0
+        xi = within_float(light_a * dt_s * light)
         ei = math.exp(-xi)
         phi = -math.expm1(-xi) / xi
         x[i], e[i] = xi, ei

@@ -12,7 +12,7 @@ from tasks.cli import terminal
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
-from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
+from tasks.events.sensor_options import IDEAL_PIXEL, NO_PROFILE, PixelOptions
 
 
 def dataset(
@@ -22,8 +22,8 @@ def dataset(
     seed: int = 0,
     sensor: str | None = None,
     resolution: int | None = None,
-    cutoffs: tuple[float, ...] = (math.inf,),
-    threshold: float = 0.2,
+    cutoffs: tuple[float, ...] | None = None,
+    threshold: float | None = None,
     threshold_deviation: float = 0.03,
     spp: int = 4,
     max_displacement: float = 0.5,
@@ -55,9 +55,11 @@ def dataset(
     resolution
         Side of a square sensor, px, instead of a camera.
     cutoffs
-        Corner frequencies of the photoreceptor, Hz, or inf for ideal pixels.
+        Corner frequencies of the photoreceptor, Hz, or inf for ideal pixels; by default that of the
+        profile, or inf.
     threshold
-        Mean of the contrast thresholds, log units; each sequence has its own.
+        Mean of the contrast thresholds, log units; each sequence has its own. By default that of
+        the profile, or 0.2.
     threshold_deviation
         Standard deviation of the contrast threshold over the sequences.
     spp
@@ -75,6 +77,7 @@ def dataset(
         OUT under the same path.
     """
     from sensor.presets import find_sensor
+    from sensor.profiles import find_profile
     from tasks.cli.progress_bar import progress_bar
     from tasks.generation.dataset import make_dataset
     from tasks.generation.settings import DatasetSettings
@@ -86,6 +89,12 @@ def dataset(
     else:
         model = find_sensor(sensor or "davis346").model
         width, height = model.width, model.height
+    profile = NO_PROFILE if pixel.profile is None else find_profile(pixel.profile)
+    if cutoffs is None:
+        cutoff_hz = profile.number("cutoff")
+        cutoffs = (math.inf if cutoff_hz is None else cutoff_hz,)
+    if threshold is None:
+        threshold = profile.number("threshold_on") or 0.2
     settings = DatasetSettings(
         seed=seed,
         seconds=seconds,
@@ -94,7 +103,7 @@ def dataset(
         cutoffs_hz=cutoffs,
         threshold=threshold,
         threshold_deviation=threshold_deviation,
-        pixel=pixel,
+        pixel=pixel.settled(),
         imu=imu,
         baseline_m=stereo,
         images_hz=images,

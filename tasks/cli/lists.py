@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
 from tasks.cli import terminal
 from tasks.cli.table import Table
 
@@ -33,23 +37,75 @@ def scenes() -> None:
     terminal.out.print(table, crop=False)
 
 
-def sensors() -> None:
-    """List the event cameras of the paper's Table 1, for `eres simulate --sensor`."""
+def sensors(
+    profile: Annotated[
+        Positional[str | None], arg(metavar="PROFILE", help="show all of one profile")
+    ] = None,
+) -> None:
+    """List event cameras, for `eres simulate --sensor`, and profiles of electronics, for --profile.
+
+    The cameras are those of the paper's Table 1. With the name or file of a profile, list what it
+    knows, with units, 95 % intervals and sources, and what is unknown.
+    """
+    if profile is not None:
+        _show(profile)
+        return
     from sensor.presets import SENSORS
 
     table = Table(
-        "sensor", "supplier", "camera", "year", "pixels", "interface", "max Mev/s", box=None
+        *("sensor", "supplier", "camera", "year", "pixels", "pitch", "fill", "interface"),
+        "max Mev/s",
+        box=None,
     )
     for name, preset in SENSORS.items():
-        rate = preset.max_bandwidth_mev_s
+        rate, pitch, fill = preset.max_bandwidth_mev_s, preset.pixel_pitch_um, preset.fill_factor
         table.add_row(
             name,
             preset.supplier,
             preset.camera,
             str(preset.year),
             f"{preset.model.width}x{preset.model.height}",
+            "-" if pitch is None else f"{pitch:g} um",
+            "-" if fill is None else f"{100 * fill:g} %",
             preset.interface or "-",
             "-" if rate is None else f"{rate:g}",
+        )
+    terminal.out.print(table, crop=False)
+    _list_profiles()
+
+
+def _list_profiles() -> None:
+    from sensor.profiles import find_profile, profile_names
+
+    table = Table("profile", "electronics of", "known", "unknown", box=None)
+    for name in profile_names():
+        found = find_profile(name)
+        table.add_row(name, found.title, ", ".join(found.known), ", ".join(found.unknown))
+    terminal.out.print()
+    terminal.out.print(table, crop=False)
+
+
+def _show(name: str) -> None:
+    """List what a profile knows, and what it does not."""
+    from sensor.profiles import find_profile
+    from sensor.profiles.quantities import FIELDS, QUANTITIES
+
+    profile = find_profile(name)
+    terminal.out.print(profile.title)
+    table = Table("field", "value", "unit", "95 % interval", "source", box=None)
+    for field in FIELDS:
+        found = profile.known.get(field)
+        if found is None:
+            table.add_row(field, "unknown", "", "", "")
+            continue
+        value = found.value
+        low_high = "" if found.interval is None else "{:.4g} to {:.4g}".format(*found.interval)
+        table.add_row(
+            field,
+            value if isinstance(value, str) else f"{value:.4g}",
+            "" if field not in QUANTITIES else next(iter(QUANTITIES[field].units)),
+            low_high,
+            found.source,
         )
     terminal.out.print(table, crop=False)
 

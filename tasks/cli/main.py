@@ -13,7 +13,7 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
-from tasks.cli import dataset, events, info, light, lists, study, terminal, view
+from tasks.cli import dataset, events, fit, info, light, lists, study, terminal, view
 from tasks.cli.app import commands
 from tasks.errors import TaskError
 
@@ -21,6 +21,7 @@ _COMMANDS = (
     *(lists.doctor, lists.scenes, lists.sensors, lists.methods),
     *(light.bake, light.render, light.stereo, light.truth, light.images, light.convergence),
     *(events.simulate, events.convert),
+    fit.fit,
     dataset.dataset,
     view.view,
     *(study.evaluate, study.study, study.report, study.claims),

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sensor.model import SensorModel, cutoff_in_light
+from sensor.model import Photoreceptor, SensorModel
 from sensor.presets import SENSORS, hint
+from sensor.profiles import Profile, find_profile
 from tasks.errors import TaskError
 
 if TYPE_CHECKING:
@@ -21,19 +22,26 @@ class PixelOptions:
 
     Parameters
     ----------
+    profile
+        Electronics of a real sensor: a name (`eres sensors` lists them) or a TOML file. Other
+        options win.
+    photoreceptor
+        two_pole, one_pole, or v2e: one pole whose cutoff depends on each pixel's light as in v2e;
+        two_pole by default.
+    threshold_off
+        Contrast threshold of OFF events, log units; by default that of ON events.
     cutoff
         Corner frequency of each of the photoreceptor's poles, Hz; by default an ideal pixel. The
         paper uses 200 Hz for day and 50 Hz for night.
     illuminance
-        Light on the scene, lux; it sets the cutoff, 3 Hz per lux.
+        Light on the scene, lux; it sets the cutoff, 3 Hz per lux or as the profile says, and the
+        profile's shot noise.
     cutoff_follows_light
         Make the cutoff proportional to each pixel's own light; white has the given cutoff.
-    poles
-        Poles of the photoreceptor, 1 or 2.
     random_start
         Start pixels at random phases, as in a sensor that has been running.
     fill_factor
-        Share of a pixel's area that sees light, 0 to 1.
+        Share of a pixel's area that sees light, 0 to 1; by default that of the camera, or 1.
     threshold_mismatch
         Standard deviation of the contrast threshold between pixels, log units; typically 0.03.
     leak
@@ -41,28 +49,33 @@ class PixelOptions:
     shot_noise
         Rate of noise events of a pixel in the dark, Hz.
     shot_noise_exponent
-        Their rate falls as (1 + light / dark level) to the power of minus this.
+        Their rate falls as (1 + light / dark level) to the power of minus this; 0.5 by default.
     hot_pixels
         Share of pixels that are hot, 0 to 1.
     hot_pixel_rate
-        Rate of noise events of a hot pixel in any light, Hz.
+        Rate of noise events of a hot pixel in any light, Hz; 100 by default.
     refractory
         Time after an event in which a pixel reports no other, seconds.
+    latency
+        Delay of every event after its cause, in addition to that of the photoreceptor, seconds.
     """
 
+    profile: str | None = None
+    photoreceptor: Photoreceptor | None = None
+    threshold_off: float | None = None
     cutoff: float | None = None
     illuminance: float | None = None
     cutoff_follows_light: bool = False
-    poles: int = 2
     random_start: bool = False
-    fill_factor: float = 1.0
-    threshold_mismatch: float = 0.0
-    leak: float = 0.0
-    shot_noise: float = 0.0
-    shot_noise_exponent: float = 0.5
-    hot_pixels: float = 0.0
-    hot_pixel_rate: float = 100.0
-    refractory: float = 0.0
+    fill_factor: float | None = None
+    threshold_mismatch: float | None = None
+    leak: float | None = None
+    shot_noise: float | None = None
+    shot_noise_exponent: float | None = None
+    hot_pixels: float | None = None
+    hot_pixel_rate: float | None = None
+    refractory: float | None = None
+    latency: float | None = None
 
     def applied_to(self, model: SensorModel, white_level: float) -> SensorModel:
         """Return a sensor with these pixels.
@@ -85,37 +98,61 @@ class PixelOptions:
         SensorError
             A value is outside its range.
         """
-        cutoff_hz = model.cutoff_hz if self.cutoff is None else self.cutoff
-        if self.illuminance is not None:
-            if self.cutoff is not None:
-                raise TaskError(
-                    "found both cutoff and illuminance, expected at most one of them: leave out "
-                    "--cutoff or --illuminance"
-                )
-            cutoff_hz = cutoff_in_light(self.illuminance)
-        if self.cutoff_follows_light and cutoff_hz == float("inf"):
+        if self.illuminance is not None and self.cutoff is not None:
             raise TaskError(
-                "cutoff-follows-light: found no cutoff, expected --cutoff or --illuminance, such "
-                "as --cutoff 200"
+                "found both cutoff and illuminance, expected at most one of them: leave out "
+                "--cutoff or --illuminance"
             )
-        return replace(
-            model,
-            cutoff_hz=cutoff_hz,
-            cutoff_reference=white_level if self.cutoff_follows_light else None,
-            poles=self.poles,
-            random_start=self.random_start,
-            fill_factor=self.fill_factor,
-            threshold_mismatch=self.threshold_mismatch,
-            leak_hz=self.leak,
-            shot_noise_hz=self.shot_noise,
-            shot_noise_exponent=self.shot_noise_exponent,
-            hot_pixel_fraction=self.hot_pixels,
-            hot_pixel_hz=self.hot_pixel_rate,
-            refractory_s=self.refractory,
-        )
+        profile = NO_PROFILE if self.profile is None else find_profile(self.profile)
+        model = profile.applied_to(model, self.illuminance)
+        given = {
+            field: getattr(self, name)
+            for name, field in _FIELDS.items()
+            if getattr(self, name) is not None
+        }
+        model = replace(model, cutoff_reference=None, random_start=self.random_start, **given)
+        limited = model.cutoff_hz < float("inf")
+        if self.cutoff_follows_light:
+            if not limited:
+                raise TaskError(
+                    "cutoff-follows-light: found no cutoff, expected --cutoff or --illuminance, "
+                    "such as --cutoff 200"
+                )
+            if model.photoreceptor == "v2e":
+                raise TaskError(
+                    "cutoff-follows-light: found it with the photoreceptor v2e, whose cutoff "
+                    "follows the light in its own way; leave it out"
+                )
+        if limited and (self.cutoff_follows_light or model.photoreceptor == "v2e"):
+            model = replace(model, cutoff_reference=white_level)
+        return model
 
+    def settled(self) -> PixelOptions:
+        """Return the same pixels without a profile: all values are given, except for the cutoff."""
+        plain = SensorModel(width=1, height=1, dark_level=1.0)
+        model = replace(self, illuminance=None, cutoff_follows_light=False).applied_to(plain, 1.0)
+        values = {name: getattr(model, field) for name, field in _FIELDS.items()}
+        return replace(self, **{**values, "profile": None, "cutoff": self.cutoff})
+
+
+# Options and the fields of `SensorModel` that they set.
+_FIELDS = {
+    "photoreceptor": "photoreceptor",
+    "threshold_off": "contrast_threshold_off",
+    "cutoff": "cutoff_hz",
+    "fill_factor": "fill_factor",
+    "threshold_mismatch": "threshold_mismatch",
+    "leak": "leak_hz",
+    "shot_noise": "shot_noise_hz",
+    "shot_noise_exponent": "shot_noise_exponent",
+    "hot_pixels": "hot_pixel_fraction",
+    "hot_pixel_rate": "hot_pixel_hz",
+    "refractory": "refractory_s",
+    "latency": "latency_s",
+}
 
 IDEAL_PIXEL = PixelOptions()
+NO_PROFILE = Profile("none", "ideal pixels", {})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -99,7 +99,7 @@ def sensor_for(
     sensor, resolution
         One of them: a preset's name, or a width in pixels; the height then follows the frames'.
     contrast_threshold
-        C, log units; by default that of the preset, or 0.2.
+        C of ON and OFF events, log units; by default that of the profile, of the preset, or 0.2.
     pixel
         Other properties of the pixels.
 
@@ -125,10 +125,13 @@ def sensor_for(
             f"sensor, resolution: found {found}, expected one of them: --sensor NAME, as in "
             "`eres sensors`, or --resolution WIDTH"
         )
-    C = model.contrast_threshold if contrast_threshold is None else contrast_threshold
     white = frames.white_level
-    lit = replace(model, contrast_threshold=C, dark_level=DARK_FRACTION * white)
-    return pixel.applied_to(lit, white)
+    model = pixel.applied_to(replace(model, dark_level=DARK_FRACTION * white), white)
+    if contrast_threshold is None:
+        return model
+    return replace(
+        model, contrast_threshold=contrast_threshold, contrast_threshold_off=pixel.threshold_off
+    )
 
 
 def simulate_sequence(

@@ -134,16 +134,18 @@ class DatasetSettings:
         """
         away = self._rng(number).normal(0.0, 1.0)
         away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
-        base = SensorModel(
-            width=self.width,
-            height=self.height,
-            contrast_threshold=self.threshold + away * self.threshold_deviation,
-            dark_level=_DARK_LEVEL,
-        )
-        return {
-            f"{hz:g}": dataclasses.replace(self.pixel, cutoff=hz).applied_to(base, white_level)
-            for hz in self.cutoffs_hz
-        }
+        base = SensorModel(width=self.width, height=self.height, dark_level=_DARK_LEVEL)
+        found: dict[str, SensorModel] = {}
+        for hz in self.cutoffs_hz:
+            model = dataclasses.replace(self.pixel, cutoff=hz).applied_to(base, white_level)
+            C = self.threshold + away * self.threshold_deviation
+            C_off = model.contrast_threshold_off
+            found[f"{hz:g}"] = dataclasses.replace(
+                model,
+                contrast_threshold=C,
+                contrast_threshold_off=None if C_off is None else C_off * C / self.threshold,
+            )
+        return found
 
     def sensor_seed(self, number: int) -> int:
         """Return the seed of everything random in the sensors of a sequence."""
@@ -173,6 +175,7 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
     file, table = out / FILE_NAME, _table(settings)
     if file.exists():
         old = read_json(dict[str, Any], file, TaskError)
+        old = _with_photoreceptor(old)
         for name in {**table, **old}:
             if old.get(name) != table.get(name):
                 raise TaskError(
@@ -187,8 +190,19 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
 
 def _table(settings: DatasetSettings) -> dict[str, Any]:
     """Return the settings as JSON has them: lists, and infinity as a text."""
-    table: dict[str, Any] = _plain(dataclasses.asdict(settings))
+    settled = dataclasses.replace(settings, pixel=settings.pixel.settled())
+    table: dict[str, Any] = _plain(dataclasses.asdict(settled))
     return table
+
+
+def _with_photoreceptor(table: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings of a dataset with a photoreceptor; older files have its poles."""
+    pixel = dict(table.get("pixel", {}))
+    if "poles" not in pixel:
+        return table
+    photoreceptor = "two_pole" if pixel.pop("poles") == 2 else "one_pole"
+    defaults = _plain(dataclasses.asdict(IDEAL_PIXEL.settled()))
+    return {**table, "pixel": {**defaults, **pixel, "photoreceptor": photoreceptor}}
 
 
 def _plain(value: Any) -> Any:

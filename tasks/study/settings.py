@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
 from eres_render.storage.settings_reader import FloatOrInf
+from sensor.model import Photoreceptor
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.methods import task_of
@@ -63,6 +64,8 @@ class Simulate:
         Dark level as a fraction of the scene's white level.
     warmup_time_constants
         Warm-up before a window, in time constants of the slowest filter at the highest speed.
+    photoreceptor
+        "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`; None is "two_pole".
     """
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
@@ -71,6 +74,7 @@ class Simulate:
     speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
     dark_fraction: float = field(default=1e-3, metadata=MAY_BE_ZERO)
     warmup_time_constants: float = field(default=6.0, metadata=MAY_BE_ZERO)
+    photoreceptor: Photoreceptor | None = None
 
     @property
     def warmup_s(self) -> float:

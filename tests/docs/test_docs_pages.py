@@ -9,6 +9,7 @@ import pytest
 from docs_page import follow
 from eres_render.rendering.backend import select_variant
 from sensor.formats import load_events
+from sensor.profiles import find_profile
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +41,17 @@ def test_each_sensor_of_the_page_is_the_one_that_was_asked_for(sensors):
     widths = {file.stem: load_events(file).model.width for file in folder.glob("*.h5")}
     assert widths.pop("dvs128") == 128
     assert widths.pop("mine") == 112
-    assert set(widths) == {"any", "dusk", "own_light", "noisy", "slow_bus"}
+    assert widths.pop("recording") == 128
+    assert set(widths) == {
+        *("any", "dusk", "own_light", "noisy", "slow_bus", "profiled", "mine_profile")
+    }
     assert set(widths.values()) == {96}
     assert load_events(folder / "dusk.h5").model.cutoff_hz == pytest.approx(51)
     assert load_events(folder / "noisy.h5").model.threshold_mismatch == 0.03
+    profiled = load_events(folder / "profiled.h5").model
+    assert (profiled.photoreceptor, profiled.cutoff_hz, profiled.leak_hz) == ("v2e", 30.0, 0.0)
+    assert load_events(folder / "mine_profile.h5").model.cutoff_hz == pytest.approx(100.0)
+    assert find_profile(folder / "fitted.toml").known["threshold_off"].interval[0] < 0.25
 
 
 def test_a_slow_bus_drops_events(sensors):

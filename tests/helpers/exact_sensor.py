@@ -18,7 +18,8 @@ CROSSING_BISECTIONS = 42  # of a frame interval: to 1e-12 of it
 
 @dataclass(frozen=True)
 class Pixel:
-    """Parameters that determine the events of a pixel; `cutoff_reference` as in `SensorModel`."""
+    """Parameters that determine the events of a pixel; `cutoff_reference` as in `SensorModel`, for
+    v2e's filter if `v2e`."""
 
     C: float
     cutoff_hz: float = math.inf
@@ -26,6 +27,8 @@ class Pixel:
     leak_hz: float = 0.0
     dark: float = 0.0
     cutoff_reference: float | None = None
+    v2e: bool = False
+    C_off: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,10 @@ class Voltage:
             self.a = None
             return
         self.a = 2 * gmpy2.const_pi() * mpfr(pixel.cutoff_hz)
-        if pixel.cutoff_reference is not None:
+        if pixel.v2e:
+            gray = 255 * (gmpy2.exp((u0 + u1) / 2) - mpfr(pixel.dark)) / pixel.cutoff_reference
+            self.a *= (gray + 20) / 275
+        elif pixel.cutoff_reference is not None:
             self.a *= gmpy2.exp((u0 + u1) / 2) / mpfr(pixel.cutoff_reference)
         self.c1 = v1 - u0 + self.s / self.a
         self.c2 = v2 - u0 + self.k * self.s / self.a
@@ -112,7 +118,7 @@ def exact_events(radiance, t_s, pixel):
     """Return the events of a pixel that sees the radiance at the times, both as exact numbers."""
     u = [gmpy2.log(mpfr(float(light)) + mpfr(pixel.dark)) for light in radiance]
     t_s = [mpfr(float(t)) for t in t_s]
-    C = mpfr(pixel.C)
+    C = mpfr(pixel.C), mpfr(pixel.C if pixel.C_off is None else pixel.C_off)
     v1 = v2 = memory = u[0]
     events, margin, slowness_us = [], math.inf, 0.0
     direction = 0
@@ -124,9 +130,10 @@ def exact_events(radiance, t_s, pixel):
             before, direction = direction, int(gmpy2.sign(v_high - v_low))
             if direction != before:
                 margin = min(margin, distance_to_level(v_low, memory, C, events))
-            while abs(v_high - memory) >= C:
-                p = int(gmpy2.sign(v_high - memory))
-                level = memory + p * C
+            p = int(gmpy2.sign(v_high - memory))
+            step = C[0] if p > 0 else C[1]
+            while abs(v_high - memory) >= step:
+                level = memory + p * step
 
                 def short_of(t, voltage=voltage, level=level):
                     return voltage(t) - level
@@ -149,5 +156,5 @@ def exact_events(radiance, t_s, pixel):
 
 def distance_to_level(v, memory, C, events):
     """Return the distance of v from the nearer of the two next levels, or from the last one."""
-    levels = [memory - C, memory + C, *([memory] if events else [])]
+    levels = [memory - C[1], memory + C[0], *([memory] if events else [])]
     return float(min(abs(v - level) for level in levels))

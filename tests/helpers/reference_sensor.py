@@ -38,17 +38,25 @@ def voltage(u0, u1, v1, v2, dt, cutoff_hz, poles=2):
     )
 
 
+def v2e_cutoff_hz(light, white, cutoff_hz):
+    """Return v2e's cutoff for a light, in the words of its authors: 8-bit gray values, 20 added."""
+    return cutoff_hz * (255 * light / white + 20) / 275
+
+
 def pixel_events(u, t_s, C, cutoff_hz, poles=2, leak_hz=0.0):
     """Return events [(t seconds, polarity)] of one pixel with log intensities u at times t_s.
+
+    `cutoff_hz` is a number, or one for each interval.
 
     The memory leaks C leak_hz per second, which looks like a rise of the voltage.
     """
     v1 = v2 = memory = u[0]
     leak = C * leak_hz
     events = []
-    for (u0, u1), (t0, t1) in zip(pairwise(u), pairwise(t_s), strict=True):
+    cutoffs_hz = np.broadcast_to(cutoff_hz, len(u) - 1).tolist()
+    for (u0, u1), (t0, t1), cutoff in zip(pairwise(u), pairwise(t_s), cutoffs_hz, strict=True):
         dt = t1 - t0
-        pole_1, pole_2 = voltage(u0, u1, v1, v2, dt, cutoff_hz, poles)
+        pole_1, pole_2 = voltage(u0, u1, v1, v2, dt, cutoff, poles)
 
         def seen(t):
             return pole_2(t) + leak * t  # noqa: B023
@@ -56,9 +64,9 @@ def pixel_events(u, t_s, C, cutoff_hz, poles=2, leak_hz=0.0):
         def slope(t):
             return a * (pole_1(t) - pole_2(t)) + leak  # noqa: B023
 
-        a = 2 * math.pi * cutoff_hz
+        a = 2 * math.pi * cutoff
         grid = np.linspace(0, dt, CUTS + 1).tolist()
-        if math.isfinite(cutoff_hz):
+        if math.isfinite(cutoff):
             turns = []
             for t_a, t_b in pairwise(grid):
                 if slope(t_a) * slope(t_b) < 0:

@@ -87,7 +87,7 @@ def compare(seed):
         height=1,
         contrast_threshold=pixel.C,
         cutoff_hz=pixel.cutoff_hz,
-        poles=pixel.poles,
+        photoreceptor="two_pole" if pixel.poles == 2 else "one_pole",
         leak_hz=pixel.leak_hz,
         dark_level=pixel.dark,
         cutoff_reference=pixel.cutoff_reference,

@@ -191,7 +191,7 @@ def test_one_pole_answers_as_one_pole(cutoff_hz):
     """Physics: a unit step gives 1 - e^{-a t}; a ramp lags by a single 1/a."""
     a = 2 * math.pi * cutoff_hz
     one = SensorModel(
-        width=1, height=1, contrast_threshold=0.2, cutoff_hz=cutoff_hz, dark_level=0.0, poles=1
+        width=1, height=1, cutoff_hz=cutoff_hz, dark_level=0.0, photoreceptor="one_pole"
     )
     step = np.exp([0.0, 1.0, 1.0, 1.0])[:, None, None]
     y = a * simulate(step, [0.0, 1e-9, 0.01, 0.2], one).t_us * 1e-6
@@ -254,7 +254,9 @@ def test_fill_factor_sees_the_middle_of_each_pixel():
 @pytest.mark.parametrize(
     ("kwargs", "text"),
     [
-        ({"poles": 3}, "poles"),
+        ({"photoreceptor": "three_pole"}, "photoreceptor"),
+        ({"contrast_threshold_off": 0.0}, "contrast_threshold_off"),
+        ({"latency_s": -1e-6}, "latency_s"),
         ({"cutoff_reference": 1.0}, "cutoff_reference"),
         ({"fill_factor": 0.0}, "fill_factor"),
         ({"threshold_mismatch": -0.1}, "threshold_mismatch"),

@@ -218,7 +218,7 @@ def test_every_event_matches_the_reference(
         contrast_threshold=C,
         cutoff_hz=cutoff_hz,
         dark_level=0.01,
-        poles=poles,
+        photoreceptor="two_pole" if poles == 2 else "one_pole",
         leak_hz=leak / interval_s,
     )
     events = simulate(frames, t_s, model)

@@ -42,6 +42,17 @@ def test_presets_are_the_papers_table():
     assert rows == TABLE_1.strip().splitlines()
 
 
+def test_presets_have_the_pitch_and_fill_factor_of_the_survey():
+    """Source: table 1 of Gallego et al., IEEE TPAMI 2022: pixel size, um, and fill factor, %; the
+    DVS128's fill factor from Lichtsteiner, Posch and Delbruck 2008; the DVXPlorer is not there."""
+    pitches = [40, 18.5, 18.5, 9, 30, 15, 20, 4.86, 9, 9, 4.95, 18, 9.8, 13]
+    fills = [9.4, 22, 22, None, 20, 25, 20, 77, 11, 12, 22, 8.5, 8, 22]
+    for preset, pitch, fill in zip(SENSORS.values(), pitches, fills, strict=True):
+        assert preset.pixel_pitch_um == pitch
+        assert preset.fill_factor == (None if fill is None else pytest.approx(fill / 100))
+        assert preset.model.fill_factor == (preset.fill_factor or 1)
+
+
 def test_presets_are_found_by_name():
     """Promise: the error suggests a similar name; the pixels are the paper's ideal ones."""
     model = find_sensor("davis346").model

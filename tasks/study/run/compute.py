@@ -69,7 +69,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
             light.renderer, job.clip, folder, job.render.max_displacement_px
         ) as sequence,
     ):
-        settings = job.settings(job.simulate.dark_fraction * sequence.white_level)
+        settings = job.settings(sequence.white_level)
         highlights = Highlights(job, settings) if with_highlights else None
         result = evaluate(
             sequence,

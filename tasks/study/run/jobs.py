@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -63,9 +64,10 @@ class Job:
             "render": replace(self.render, samples=None),  # others change nothing here
         }
 
-    def settings(self, dark_level: float) -> list[Setting]:
-        """Return every sensor at every speed."""
+    def settings(self, white_level: float) -> list[Setting]:
+        """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
+        photoreceptor = sensors.photoreceptor or "two_pole"
         return [
             Setting(
                 SensorModel(
@@ -73,7 +75,11 @@ class Job:
                     height=width,
                     contrast_threshold=contrast_threshold,
                     cutoff_hz=cutoff_hz,
-                    dark_level=dark_level,
+                    dark_level=sensors.dark_fraction * white_level,
+                    photoreceptor=photoreceptor,
+                    cutoff_reference=(
+                        white_level if photoreceptor == "v2e" and cutoff_hz < math.inf else None
+                    ),
                 ),
                 speed,
                 round(self.clip.t_window_start_s / speed * 1e6),

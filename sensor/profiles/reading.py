@@ -1,0 +1,159 @@
+"""Read profiles: TOML files in this folder, by name, and files of users."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from sensor.errors import SensorError
+from sensor.model import PHOTORECEPTORS, SensorModel
+from sensor.numbers import real, refusal
+from sensor.profiles.profile import Profile, Sourced
+from sensor.profiles.quantities import FIELDS, QUANTITIES
+
+_FOLDER = Path(__file__).parent
+_FACTS = {"value", "unit", "source", "interval"}
+
+
+def profile_names() -> list[str]:
+    """Return the names of the packaged profiles."""
+    return sorted(file.stem for file in _FOLDER.glob("*.toml"))
+
+
+def find_profile(name: str | Path) -> Profile:
+    """Return a packaged profile, or that of a file.
+
+    Parameters
+    ----------
+    name
+        A name, or the path of a TOML file, see `read_profile`.
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    SensorError
+        There is no such profile, or its file is wrong.
+
+    Examples
+    --------
+    >>> from sensor.profiles import find_profile
+    >>> find_profile("davis240").title
+    'iniVation DAVIS240'
+    >>> find_profile("davis241")
+    Traceback (most recent call last):
+    sensor.errors.SensorError: profile: found 'davis241'; did you mean 'davis240'?
+    """
+    text, names = str(name), profile_names()
+    if text in names:
+        return read_profile(_FOLDER / f"{text}.toml")
+    if text.endswith(".toml") or Path(text).is_file():
+        return read_profile(Path(text))
+    close = difflib.get_close_matches(text.lower(), names, n=1)
+    advice = (
+        f"did you mean {close[0]!r}?"
+        if close
+        else f"expected a file such as mine.toml, or one of {', '.join(names)}"
+    )
+    raise SensorError(f"profile: found {text!r}; {advice}")
+
+
+def read_profile(file: Path) -> Profile:
+    """Read the profile in a TOML file.
+
+    Parameters
+    ----------
+    file
+        A text with a `title` and a table for each field that is known: `value`, `unit`, `source`,
+        and, if it was measured, its 95 % `interval`. Fields and units are those of
+        `sensor.profiles.quantities`.
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    SensorError
+        The file cannot be read, a field is unknown, a unit is wrong, a number is outside its range,
+        or a source is missing; the text names file and field.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from sensor.profiles import read_profile
+    >>> text = 'title = "mine"\\n[threshold_on]\\nvalue = 10\\nunit = "%"\\nsource = "measured"'
+    >>> _ = Path("mine.toml").write_text(text)
+    >>> round(read_profile(Path("mine.toml")).known["threshold_on"].value, 4)
+    0.0953
+    """
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise SensorError(f"{file}: no such profile") from None
+    except OSError as error:
+        raise SensorError(f"{file}: cannot be read: {error.strerror}") from error
+    except ValueError as error:  # of the parser, or of the decoder
+        raise SensorError(f"{file}: not TOML: {error}") from None
+    title = table.pop("title", None)
+    if not isinstance(title, str):
+        raise SensorError(f"{file}: title: found {title!r}, expected the name of the sensor")
+    known: dict[str, Sourced] = {}
+    for name, facts in table.items():
+        if name not in FIELDS:
+            raise SensorError(f"{file}: {name}: unknown, expected one of {', '.join(FIELDS)}")
+        try:
+            known[name] = _sourced(name, facts)
+        except SensorError as error:
+            raise SensorError(f"{file}: {error}") from None
+    packaged = file.parent == _FOLDER
+    profile = Profile(file.stem if packaged else str(file), title, known)
+    try:
+        profile.applied_to(SensorModel(width=1, height=1, dark_level=1.0))
+    except SensorError as error:
+        raise SensorError(f"{file}: {error}") from None
+    return profile
+
+
+def _sourced(name: str, facts: Any) -> Sourced:
+    if not isinstance(facts, dict):
+        raise refusal(name, facts, "a table with value, unit and source")
+    for one in facts:
+        if one not in _FACTS:
+            raise SensorError(f"{name}.{one}: unknown, expected value, unit, source or interval")
+    source = facts.get("source")
+    if not isinstance(source, str) or not source:
+        raise refusal(f"{name}.source", source, "a text that says where the value comes from")
+    value = facts.get("value")
+    if name == "photoreceptor":
+        if value not in PHOTORECEPTORS:
+            raise refusal(f"{name}.value", value, " or ".join(map(repr, PHOTORECEPTORS)))
+        return Sourced(value, source)
+    units = QUANTITIES[name].units
+    unit = facts.get("unit")
+    if not isinstance(unit, str) or unit not in units:
+        raise refusal(f"{name}.unit", unit, " or ".join(map(repr, units)))
+    interval = facts.get("interval")
+    if interval is not None and not (isinstance(interval, list) and len(interval) == 2):
+        raise refusal(f"{name}.interval", interval, "two numbers, or none")
+    convert = units[unit]
+    numbers = [
+        convert(_number(f"{name}.{fact}", one))
+        for fact, one in [("value", value), *(("interval", one) for one in interval or [])]
+    ]
+    if not math.isfinite(numbers[0]) and name != "cutoff":
+        raise refusal(f"{name}.value", value, f"a finite number of {unit}")
+    return Sourced(numbers[0], source, (numbers[1], numbers[2]) if interval else None)
+
+
+def _number(name: str, value: object) -> float:
+    expected = "a number of at least 0"
+    number = real(name, value, expected)
+    if number < 0:
+        raise refusal(name, value, expected)
+    return number

@@ -1,0 +1,1 @@
+"""What a recording shows about its sensor: thresholds, noise, delay; each with an interval."""

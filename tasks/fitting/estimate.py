@@ -1,0 +1,117 @@
+"""`Estimate`: a number with its interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+TILE_PX = 8  # side of a tile; pixels of one tile see the same things, so tiles are resampled
+_DRAWS = 400
+_LOW_HIGH = (2.5, 97.5)  # percent
+
+
+class Estimate(NamedTuple):
+    """A number with its 95 % interval.
+
+    Attributes
+    ----------
+    value, low, high
+        The estimate, and the ends of the interval.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
+
+
+def poisson_rate(count: float, exposure: float, dispersion: float = 1.0) -> Estimate:
+    """Estimate a rate from a count.
+
+    Parameters
+    ----------
+    count
+        Number of events.
+    exposure
+        The count is `exposure` times the rate.
+    dispersion
+        Variance over mean of the counts that were added up, 1 for one Poisson process.
+
+    Returns
+    -------
+    Estimate
+        With the exact interval of a Poisson mean (Garwood 1936), for as many events as the
+        dispersion leaves independent.
+    """
+    alone = count / dispersion
+    low = stats.chi2.ppf(0.025, 2 * alone) / 2 if alone > 0 else 0.0
+    high = stats.chi2.ppf(0.975, 2 * alone + 2) / 2
+    scale = dispersion / exposure
+    return Estimate(count / exposure, float(low) * scale, float(high) * scale)
+
+
+def share(count: int, total: int) -> Estimate:
+    """Estimate a share, with the exact interval of Clopper and Pearson (1934).
+
+    Parameters
+    ----------
+    count, total
+        Number of cases, and of all.
+
+    Returns
+    -------
+    Estimate
+    """
+    low = stats.beta.ppf(0.025, count, total - count + 1) if count else 0.0
+    high = stats.beta.ppf(0.975, count + 1, total - count) if count < total else 1.0
+    return Estimate(count / total, float(low), float(high))
+
+
+def tiles_of(y: NDArray[np.integer], x: NDArray[np.integer], width: int) -> NDArray[np.int64]:
+    """Return the tile of each pixel.
+
+    Parameters
+    ----------
+    y, x
+        (N,) coordinates.
+    width
+        Width of the sensor, px.
+
+    Returns
+    -------
+    (N,) int64
+    """
+    across = -(-width // TILE_PX)
+    return y.astype(np.int64) // TILE_PX * across + x.astype(np.int64) // TILE_PX
+
+
+def bootstrap(
+    sums: NDArray[np.float64], answer: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> list[Estimate]:
+    """Resample tiles with replacement (Efron and Tibshirani 1993), from a fixed seed.
+
+    Parameters
+    ----------
+    sums
+        (tiles, K) sums over the data of each tile, such that the answer depends on their total.
+    answer
+        Returns the (A,) numbers to estimate from a (K,) total.
+
+    Returns
+    -------
+    list of A estimates
+        The intervals are percentiles of the answers.
+    """
+    rng = np.random.default_rng(0)
+    tiles = len(sums)
+    weights = rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS)
+    drawn = np.array([answer(total) for total in weights @ sums])
+    low, high = np.nanpercentile(drawn, _LOW_HIGH, axis=0)
+    value = answer(sums.sum(axis=0))
+    return [Estimate(*map(float, each)) for each in zip(value, low, high, strict=True)]

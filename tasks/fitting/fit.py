@@ -1,0 +1,188 @@
+"""`fit`: all that a recording shows about its sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.progress import Progress, silent
+from sensor import Events
+from tasks.errors import TaskError
+from tasks.fitting.profile_file import Measured
+from tasks.fitting.response import Response, fit_response
+from tasks.fitting.stillness import HOT, Noise, fit_noise
+from tasks.fitting.thresholds import (
+    DARK_SHARES,
+    Thresholds,
+    changes_between,
+    counts,
+    fit_thresholds,
+)
+from tasks.footage import Footage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """What is known about a recording.
+
+    Parameters
+    ----------
+    still_s
+        (2,) start and end of a stretch without motion, seconds after the first event.
+    frames
+        Linear frames of the same size on the same clock.
+    dark_share
+        Dark level for the thresholds, share of white.
+    rises_us
+        (S,) times at which the light steps up, on the clock of the events.
+
+    Raises
+    ------
+    TaskError
+        There is none, or a number is out of range.
+    """
+
+    still_s: tuple[float, float] | None = None
+    frames: Footage | None = None
+    dark_share: float = 1e-3
+    rises_us: NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        if self.still_s is None and self.frames is None and self.rises_us is None:
+            raise TaskError(
+                "found neither still, frames nor steps, expected one or more of them: what to fit"
+            )
+        if self.still_s is not None and not 0 <= self.still_s[0] < self.still_s[1]:
+            raise TaskError(
+                f"still: found {self.still_s[0]:g} to {self.still_s[1]:g} s, expected a start of "
+                "at least 0 and a later end"
+            )
+        if not 0 < self.dark_share < 1:
+            raise TaskError(f"dark: found {self.dark_share:g}, expected a share of white in (0, 1)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What a recording shows; None where there is no evidence.
+
+    Parameters
+    ----------
+    noise
+        From stillness.
+    thresholds
+        From frames, at the dark level of the evidence.
+    sweep
+        The same at other dark levels.
+    response
+        From steps of the light.
+    """
+
+    noise: Noise | None = None
+    thresholds: Thresholds | None = None
+    sweep: tuple[Thresholds, ...] = ()
+    response: Response | None = None
+
+    def sentence(self) -> str:
+        """Say how far the thresholds depend on the dark level."""
+        on, off = ([getattr(one, sign).value for one in self.sweep] for sign in ("on", "off"))
+        low, high = (100 * end(one.dark_share for one in self.sweep) for end in (min, max))
+        return (
+            f"the answer depends on the dark level: from {low:g} to {high:g} % of white, ON is "
+            f"{min(on):.2g} to {max(on):.2g} and OFF {min(off):.2g} to {max(off):.2g}"
+        )
+
+    def fields(self, recording: str) -> Mapping[str, Measured]:
+        """Return the fields of a profile.
+
+        Parameters
+        ----------
+        recording
+            Name of the recording, for the sources.
+        """
+        fields: dict[str, Measured] = {}
+        if self.response is not None:
+            source = f"{recording}: {self.response.steps} steps of the light"
+            fields["photoreceptor"] = Measured(
+                self.response.photoreceptor, "", f"{source}; the better of one and two poles"
+            )
+            fields["cutoff"] = Measured(self.response.cutoff_hz, "Hz", f"{source}, in their light")
+            fields["latency"] = Measured(
+                self.response.latency_s, "s", f"{source}; the delay that the poles do not explain"
+            )
+        if self.thresholds is not None:
+            share = 100 * self.thresholds.dark_share
+            source = f"{recording}: frames, with a dark level of {share:g} % of white; "
+            source += self.sentence()
+            fields["threshold_on"] = Measured(self.thresholds.on, "log", source)
+            fields["threshold_off"] = Measured(self.thresholds.off, "log", source)
+        if self.noise is not None:
+            source = f"{recording}: a still stretch, in its light"
+            fields["leak"] = Measured(self.noise.leak_hz, "Hz", f"{source}: surplus of ON events")
+            fields["shot_noise"] = Measured(
+                self.noise.shot_noise_hz, "Hz", f"{source}: twice the OFF events"
+            )
+            hot = f"{source}: more than {HOT:g} times the mean of the others, beyond chance"
+            fields["hot_pixels"] = Measured(self.noise.hot_pixels, "1", hot)
+            if self.noise.hot_pixel_hz is not None:
+                fields["hot_pixel_rate"] = Measured(self.noise.hot_pixel_hz, "Hz", hot)
+        return fields
+
+
+def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> Found:
+    """Estimate the electronics of a sensor from a recording.
+
+    Parameters
+    ----------
+    events
+        The recording.
+    evidence
+        What is known about it.
+    on_progress
+        Called after each step.
+
+    Returns
+    -------
+    Found
+
+    Raises
+    ------
+    TaskError
+        The recording is empty, or does not show enough.
+    """
+    if len(events) == 0:
+        raise TaskError("found a recording without events")
+    noise = response = thresholds = None
+    sweep: tuple[Thresholds, ...] = ()
+    if evidence.still_s is not None:
+        start_us, end_us = (int(events.t_us[0]) + round(1e6 * one) for one in evidence.still_s)
+        if end_us > events.t_us[-1] + 1:
+            seconds = 1e-6 * float(events.t_us[-1] - events.t_us[0])
+            raise TaskError(
+                f"still: found an end of {evidence.still_s[1]:g} s, expected at most "
+                f"{seconds:g} s, the length of the recording"
+            )
+        noise = fit_noise(*counts(events.between(start_us, end_us)), 1e-6 * (end_us - start_us))
+    if evidence.frames is not None:
+        frames = evidence.frames
+        t_us = frames.t_offset_us + np.round(1e6 * frames.t_s).astype(np.int64)
+        hot = None if noise is None else noise.hot
+
+        def read() -> Iterator[NDArray[np.float32]]:
+            for k, frame in enumerate(frames, start=1):
+                yield frame
+                on_progress("counting", k, len(frames))
+
+        changes = changes_between(read(), t_us, events, frames.white_level, hot)
+        thresholds = fit_thresholds(changes, evidence.dark_share)
+        swept = []
+        for k, share in enumerate(DARK_SHARES, start=1):
+            swept.append(fit_thresholds(changes, share))
+            on_progress("fitting", k, len(DARK_SHARES))
+        sweep = tuple(swept)
+    if evidence.rises_us is not None:
+        response = fit_response(events, evidence.rises_us)
+        on_progress("fitting", 1, 1)
+    return Found(noise=noise, thresholds=thresholds, sweep=sweep, response=response)

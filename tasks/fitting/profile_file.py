@@ -1,0 +1,59 @@
+"""Write what a recording shows as a profile, for `eres simulate --profile`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from eres_render.storage.atomic import write_text
+from tasks.fitting.estimate import Estimate
+
+
+class Measured(NamedTuple):
+    """A field of a profile, as measured.
+
+    Attributes
+    ----------
+    value
+        An estimate in the given unit, or the name of a photoreceptor.
+    unit
+        Its unit, one of `sensor.profiles.quantities`; empty for a name.
+    source
+        From what, and how.
+    """
+
+    value: Estimate | str
+    unit: str
+    source: str
+
+
+def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> None:
+    """Write a profile.
+
+    Parameters
+    ----------
+    file
+        The TOML file.
+    title
+        Which sensor it describes.
+    fields
+        What was measured.
+    """
+    parts = [f"title = {_text(title)}\n"]
+    for name, (value, unit, source) in fields.items():
+        parts.append(f"[{name}]")
+        if isinstance(value, str):
+            parts.append(f"value = {_text(value)}")
+        else:
+            parts.append(f"value = {value.value:.6g}")
+            parts.append(f"interval = [{value.low:.6g}, {value.high:.6g}]")
+            parts.append(f"unit = {_text(unit)}")
+        parts.append(f"source = {_text(source)}\n")
+    write_text(file, "\n".join(parts))
+
+
+def _text(value: str) -> str:
+    """Return a TOML string; JSON's escapes are among those of TOML."""
+    return json.dumps(value, ensure_ascii=False)

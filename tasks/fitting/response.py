@@ -1,0 +1,199 @@
+"""Cutoff and latency, from light that steps up at known times."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from sensor import Events
+from sensor.model import Photoreceptor
+from tasks.errors import TaskError
+from tasks.fitting.estimate import Estimate, tiles_of
+
+_LEAST_STEPS = 2
+_LEAST_EVENTS = 3.0  # of a pixel, after one step
+_POINTS = 120  # of the curve
+_FROM = 1.0  # events of a pixel: its first one depends on its memory
+_DRAWS = 100
+_TAIL = 0.995
+# B of one pole: (1 + C_off / C_on) / 2 for a pixel that fell before, and its range for C_off / C_on
+# from 1/2 to 3/2. From two poles B follows.
+_ABSORBED = 1.0
+_ABSORBED_RANGE = (0.75, 1.25)
+
+
+class Response(NamedTuple):
+    """How the photoreceptor answers a step of the light.
+
+    Attributes
+    ----------
+    photoreceptor
+        "two_pole" or "one_pole", whichever fits better.
+    cutoff_hz, latency_s
+        Corner frequency, and the delay that the poles do not explain.
+    first_event_s
+        (3,) delays of the first event of a pixel: 5 %, 50 % and 95 % of the pixels.
+    steps
+        Number of steps.
+    """
+
+    photoreceptor: Photoreceptor
+    cutoff_hz: Estimate
+    latency_s: Estimate
+    first_event_s: tuple[float, float, float]
+    steps: int
+
+
+def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
+    """Estimate cutoff and latency from the ON events after steps of the light.
+
+    Only pixels with at least one ON event per step on average are used: those that see the lamp.
+    The mean number of ON events of a pixel until a time t after the step is A g(a (t - latency)) -
+    B, where g is the step response of one pole, 1 - e^{-y}, or of two, 1 - (1 + y) e^{-y}; A is the
+    step in thresholds, and B the part of it that the memories of the pixels absorb. A, B, a and the
+    latency are those of least squares, for times after the first event of the mean pixel. With one
+    pole a delay looks like another B, which is therefore 1 as for equal thresholds, 3/4 to 5/4 for
+    others; the two kinds are compared with that B. The interval is that of a bootstrap over tiles
+    of pixels, widened by the change of the estimate where the fit begins half an event later, and
+    by that from another B.
+
+    Parameters
+    ----------
+    events
+        The events; those until the next step, or as long after the last one, belong to a step.
+    rises_us
+        (S,) times of the steps, on the clock of the events, increasing.
+
+    Returns
+    -------
+    Response
+
+    Raises
+    ------
+    TaskError
+        There are fewer than two steps, or too few events after them.
+    """
+    if len(rises_us) < _LEAST_STEPS or np.any(np.diff(rises_us) <= 0):
+        raise TaskError(
+            f"steps: found {len(rises_us)} times, expected at least {_LEAST_STEPS}, increasing"
+        )
+    window_us = int(np.diff(rises_us).min())
+    step = np.searchsorted(rises_us, events.t_us, side="right") - 1
+    since_us = events.t_us - rises_us[np.maximum(step, 0)]
+    mine = (step >= 0) & (since_us < window_us) & (events.p > 0)
+    since_us, x, y, step = since_us[mine], events.x[mine], events.y[mine], step[mine]
+    pixel = y.astype(np.int64) * events.width + x
+    often = np.bincount(pixel, minlength=1)[pixel] >= len(rises_us)  # the lamp is in its view
+    since_us, pixel, step = since_us[often], pixel[often], step[often]
+    answering, place = np.unique(pixel, return_inverse=True)
+    trials = len(answering) * len(rises_us)
+    if len(since_us) < _LEAST_EVENTS * max(trials, 1):
+        raise TaskError(
+            f"steps: found {len(since_us) / max(trials, 1):.2g} ON events of a pixel after a step, "
+            f"expected at least {_LEAST_EVENTS:g}: a larger step of the light, or other times"
+        )
+    tile = tiles_of(answering // events.width, answering % events.width, events.width)
+    _, tile = np.unique(tile, return_inverse=True)
+    edges_us = np.unique(np.quantile(since_us, np.linspace(0, _TAIL, 4 * _POINTS)).round())
+    tiles = int(tile.max()) + 1
+    bins = np.searchsorted(edges_us, since_us, side="right")
+    counted = np.zeros((tiles, len(edges_us) + 1))
+    np.add.at(counted, (tile[place], bins), 1.0)
+    pixels = np.bincount(tile, minlength=tiles).astype(np.float64)
+    curve = _Curve(edges_us * 1e-6)
+
+    def mean_events(weights: NDArray[np.float64]) -> NDArray[np.float64]:
+        until: NDArray[np.float64] = np.cumsum(weights @ counted)[: len(edges_us)]
+        return until / (weights @ pixels * len(rises_us))
+
+    whole = mean_events(np.ones(tiles))
+    fits = {order: curve.fit(whole, order, _FROM, _ABSORBED) for order in (1, 2)}
+    order = min(fits, key=lambda one: fits[one].cost)
+    absorbed = None if order == 2 else _ABSORBED
+    best = curve.fit(whole, order, _FROM, absorbed)
+    others = [curve.fit(whole, order, _FROM + 0.5, absorbed)]
+    if order == 1:
+        others += [curve.fit(whole, order, _FROM, B) for B in _ABSORBED_RANGE]
+    rng = np.random.default_rng(0)
+    drawn = np.array(
+        [
+            curve.fit(mean_events(weights.astype(float)), order, _FROM, absorbed, best)[:2]
+            for weights in rng.multinomial(tiles, np.full(tiles, 1 / tiles), _DRAWS)
+        ]
+    )
+    low, high = np.percentile(drawn, (2.5, 97.5), axis=0)
+    wide = [max(abs(other[k] - best[k]) for other in others) for k in range(2)]
+    cutoff, latency = (
+        Estimate(
+            max(0.0, best[k]), max(0.0, float(low[k]) - wide[k]), max(0.0, float(high[k]) + wide[k])
+        )
+        for k in range(2)
+    )
+    first = np.full(trials, np.inf)
+    np.minimum.at(first, place * len(rises_us) + step, since_us * 1e-6)
+    early = np.quantile(first[np.isfinite(first)], (0.05, 0.5, 0.95))
+    return Response(
+        photoreceptor="two_pole" if order == 2 else "one_pole",
+        cutoff_hz=cutoff,
+        latency_s=latency,
+        first_event_s=(float(early[0]), float(early[1]), float(early[2])),
+        steps=len(rises_us),
+    )
+
+
+class _Fit(NamedTuple):
+    cutoff_hz: float
+    latency_s: float
+    cost: float
+
+
+class _Curve:
+    """Least squares of the mean number of events on the response of the poles."""
+
+    def __init__(self, t_s: NDArray[np.float64]) -> None:
+        self._t_s = t_s
+
+    def fit(
+        self,
+        events: NDArray[np.float64],
+        order: int,
+        least: float,
+        absorbed: float | None,
+        start: _Fit | None = None,
+    ) -> _Fit:
+        """Fit to the part of the curve from `least` events on.
+
+        A, and B if it is not given, follow from the other two by linear regression.
+        """
+        kept = np.flatnonzero(events >= least)
+        kept = kept[np.unique(np.linspace(0, len(kept) - 1, _POINTS).astype(int))]
+        t_s, n = self._t_s[kept], events[kept]
+
+        def left(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+            a, latency = math.exp(parameters[0]), parameters[1] / math.exp(parameters[0])
+            g = _step_response(a * (t_s - latency), order)
+            dg, dn = (g - g.mean(), n - n.mean()) if absorbed is None else (g, n + absorbed)
+            rest: NDArray[np.float64] = dg * (dg @ dn / max(dg @ dg, 1e-300)) - dn
+            return rest
+
+        half_s = float(np.interp(0.5 * (n[0] + n[-1]), n, t_s))
+        first = math.log((1.68 if order == 2 else 0.69) / max(half_s, 1e-9))
+        guess = [first, 0.0]
+        if start is not None:
+            a = 2 * math.pi * start.cutoff_hz
+            guess = [math.log(a), max(0.0, a * start.latency_s)]
+        found = optimize.least_squares(
+            left, guess, x_scale=[0.1, 0.1], bounds=([-np.inf, 0.0], [np.inf, np.inf])
+        )
+        a = math.exp(found.x[0])
+        return _Fit(a / (2 * math.pi), float(found.x[1]) / a, float(found.cost))
+
+
+def _step_response(y: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+    y = np.maximum(y, 0.0)
+    rest: NDArray[np.float64] = (1 + y if order == 2 else 1.0) * np.exp(-y)
+    return 1 - rest

@@ -1,0 +1,54 @@
+"""Times at which the light stepped up."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.formats import read_triggers
+from tasks.errors import TaskError
+
+TRIGGERS = "triggers"
+
+
+def read_steps(where: str, recording: Path, format: str | None = None) -> NDArray[np.int64]:
+    """Read the times of steps.
+
+    Parameters
+    ----------
+    where
+        A text file with one time a line, microseconds; or "triggers", the rising edges in the
+        recording.
+    recording, format
+        The recording, and its format if its name does not tell.
+
+    Returns
+    -------
+    (S,) microseconds, on the clock of the events.
+
+    Raises
+    ------
+    TaskError
+        The file cannot be read, or has something else in it.
+    """
+    if where == TRIGGERS:
+        triggers = read_triggers(recording, format=format)
+        return triggers.t_us[triggers.p > 0]
+    file = Path(where)
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise TaskError(f"{file}: no such file, expected times in us, or `triggers`") from None
+    except UnicodeDecodeError:
+        raise TaskError(f"{file}: found bytes that are not text, expected times in us") from None
+    times = []
+    for k, line in enumerate(lines, start=1):
+        text = line.partition("#")[0].strip()
+        if text:
+            try:
+                times.append(round(float(text)))
+            except (ValueError, OverflowError):
+                raise TaskError(f"{file}:{k}: found {text!r}, expected a time in us") from None
+    return np.array(times, np.int64)

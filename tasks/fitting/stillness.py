@@ -1,0 +1,98 @@
+"""Noise and hot pixels, from a stretch in which nothing moves."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from tasks.errors import TaskError
+from tasks.fitting.estimate import Estimate, poisson_rate, share
+
+HOT = 10.0  # times the mean rate of the other pixels
+_CHANCE = 0.01  # that one pixel of a sensor without hot pixels is taken for hot
+_PASSES = 20
+
+
+class Noise(NamedTuple):
+    """What a still stretch shows.
+
+    Attributes
+    ----------
+    leak_hz, shot_noise_hz
+        Rates of a pixel that is not hot: shot noise fires ON and OFF equally, leakage ON alone.
+    hot_pixels
+        Share of hot pixels.
+    hot_pixel_hz
+        Their mean rate above that of the others, None without any.
+    hot
+        (H, W) bool, which pixels are hot.
+    """
+
+    leak_hz: Estimate
+    shot_noise_hz: Estimate
+    hot_pixels: Estimate
+    hot_pixel_hz: Estimate | None
+    hot: NDArray[np.bool_]
+
+
+def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float) -> Noise:
+    """Estimate noise from the events of a still scene in constant light.
+
+    A pixel is hot if it fires more than ten times as often as the mean of those that are not hot,
+    and more than a Poisson process of that mean does in one of a hundred sensors of this size.
+
+    Parameters
+    ----------
+    on, off
+        (H, W) ON and OFF events of each pixel.
+    seconds
+        Length of the stretch.
+
+    Returns
+    -------
+    Noise
+
+    Raises
+    ------
+    TaskError
+        The stretch has no length.
+    """
+    if not seconds > 0:
+        raise TaskError(f"still: found {seconds:g} s, expected a stretch of some length")
+    total = on.astype(np.int64) + off
+    hot = np.zeros(total.shape, bool)
+    for _ in range(_PASSES):
+        mean = float(total[~hot].mean())
+        most = max(HOT * mean, float(stats.poisson.isf(_CHANCE / total.size, mean)))
+        found = total > most
+        if np.array_equal(found, hot):
+            break
+        hot = found
+    exposure = seconds * float((~hot).sum())
+    ons, offs = on[~hot].astype(np.float64), off[~hot].astype(np.float64)
+    off_rate = poisson_rate(float(offs.sum()), exposure, _dispersion(offs))
+    spread = 1.96 * np.sqrt(ons.sum() * _dispersion(ons) + offs.sum() * _dispersion(offs) + 1)
+    surplus = float(ons.sum() - offs.sum())
+    leak = Estimate(*(max(0.0, surplus + way * spread) / exposure for way in (0, -1, 1)))
+    hot_rate = None
+    if hot.any():
+        count = int(hot.sum())
+        all_hot = poisson_rate(float(total[hot].sum()), seconds * count)
+        usual = mean / seconds
+        hot_rate = Estimate(*(max(0.0, one - usual) for one in all_hot))
+    return Noise(
+        leak_hz=leak,
+        shot_noise_hz=Estimate(*(2 * one for one in off_rate)),
+        hot_pixels=share(int(hot.sum()), total.size),
+        hot_pixel_hz=hot_rate,
+        hot=hot,
+    )
+
+
+def _dispersion(counts: NDArray[np.float64]) -> float:
+    """Return variance over mean, at least 1: pixels differ in their thresholds."""
+    mean = float(counts.mean())
+    return max(1.0, float(counts.var()) / mean) if mean > 0 else 1.0

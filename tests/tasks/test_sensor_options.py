@@ -1,0 +1,127 @@
+"""Options of pixels: profiles, and options given by hand."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from sensor import SensorError, SensorModel
+from tasks.errors import TaskError
+from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
+from tasks.events.simulation import sensor_for
+from tasks.generation.settings import DatasetSettings, claim_folder
+from tasks.study.config import Simulate, Study, digest
+from tasks.study.study_file import read_study
+
+FRAMES = SimpleNamespace(width=64, height=48, white_level=2.0)
+
+
+def sensor(threshold=None, **options):
+    pixel = PixelOptions(**options)
+    return sensor_for(FRAMES, resolution=32, contrast_threshold=threshold, pixel=pixel)
+
+
+def test_without_options_pixels_are_ideal():
+    assert sensor() == SensorModel(width=32, height=24, dark_level=0.002)
+
+
+def test_a_profile_sets_the_electronics():
+    model = sensor(profile="v2e-noisy")
+    assert (model.photoreceptor, model.cutoff_hz, model.leak_hz) == ("v2e", 30.0, 0.1)
+    assert model.cutoff_reference == FRAMES.white_level
+    assert sensor(profile="v2e-clean").cutoff_reference is None
+
+
+def test_options_given_by_hand_win():
+    """Promise: each option wins over the profile, 0 too; a threshold holds for ON and OFF."""
+    model = sensor(
+        threshold=0.3, profile="v2e-noisy", leak=0.0, cutoff=200.0, photoreceptor="two_pole"
+    )
+    assert (model.leak_hz, model.cutoff_hz, model.photoreceptor) == (0.0, 200.0, "two_pole")
+    assert (model.contrast_threshold, model.off_threshold) == (0.3, 0.3)
+    assert model.cutoff_reference is None
+    assert model.shot_noise_hz == 5.0
+    apart = sensor(threshold=0.3, profile="davis240", threshold_off=0.25)
+    assert (apart.contrast_threshold, apart.off_threshold) == (0.3, 0.25)
+
+
+def test_light_wins_over_the_cutoff_of_a_profile_and_noise_follows():
+    model = sensor(profile="v2e-noisy", illuminance=1.0)
+    assert model.cutoff_hz == pytest.approx(3.0)
+    assert model.shot_noise_hz == pytest.approx(5 * 10**0.2)
+    assert sensor(profile="v2e-noisy", illuminance=1.0, shot_noise=2.0).shot_noise_hz == 2.0
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"profile": "v2e-nosy"}, "did you mean 'v2e-noisy'"),
+        ({"profile": "nowhere.toml"}, "nowhere.toml: no such profile"),
+        ({"cutoff": 9.0, "illuminance": 9.0}, "found both cutoff and illuminance"),
+        ({"profile": "v2e-noisy", "cutoff_follows_light": True}, "follows the light in its own"),
+        ({"cutoff_follows_light": True}, "found no cutoff"),
+        ({"latency": -1.0}, "latency_s: found -1"),
+    ],
+)
+def test_impossible_options_are_refused(options, text):
+    with pytest.raises((SensorError, TaskError), match=text):
+        sensor(**options)
+
+
+def test_a_camera_has_its_fill_factor_unless_it_is_given():
+    """Promise: --sensor gives size and fill factor; options given by hand win."""
+    frames = SimpleNamespace(width=640, height=480, white_level=1.0)
+    assert sensor_for(frames, sensor="dvs128").fill_factor == 0.094
+    by_hand = sensor_for(frames, sensor="dvs128", pixel=PixelOptions(fill_factor=1.0))
+    assert by_hand.fill_factor == 1.0
+
+
+def settings(**more):
+    return DatasetSettings(seed=0, seconds=1.0, width=32, height=24, **more)
+
+
+def test_a_dataset_takes_a_profile():
+    """Promise: OFF thresholds keep their ratio to ON while thresholds vary over sequences."""
+    pixel = PixelOptions(profile="davis346")
+    found = settings(pixel=pixel, threshold=0.134).models(3, 2.0)["inf"]
+    nominal = pixel.applied_to(SensorModel(width=1, height=1), 1.0)
+    assert found.contrast_threshold != 0.134
+    assert found.off_threshold / found.contrast_threshold == pytest.approx(
+        nominal.off_threshold / 0.134
+    )
+    assert found.leak_hz == 0.1
+
+
+def test_a_dataset_of_an_older_version_continues(tmp_path):
+    """Promise: dataset.json with `poles` is that of the same settings."""
+    out = tmp_path / "data"
+    claim_folder(settings(), out)
+    file = out / "dataset.json"
+    text = file.read_text()
+    older = text
+    for name in ("profile", "threshold_off"):
+        older = older.replace(f'  "{name}": null,\n', "")
+    older = older.replace('"photoreceptor": "two_pole"', '"poles": 2')
+    older = older.replace('"refractory": 0.0,\n  "latency": 0.0\n', '"refractory": 0.0\n')
+    assert "poles" in older
+    assert "latency" not in older
+    file.write_text(older)
+    claim_folder(settings(), out)
+    file.write_text(older.replace('"poles": 2', '"poles": 1'))
+    with pytest.raises(TaskError, match="pixel: found"):
+        claim_folder(settings(), out)
+    assert IDEAL_PIXEL.settled().fill_factor == 1.0
+
+
+def test_a_study_names_a_photoreceptor(tmp_path):
+    """Promise: it reaches every sensor and the names of results; without it both stay the same."""
+    file = tmp_path / "mine.toml"
+    file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "v2e"')
+    study = read_study(file)
+    assert study.simulate.photoreceptor == "v2e"
+    plain = Study(name="mine", scenes=("carpet",)).simulate
+    without = {k: getattr(plain, k) for k in plain.__slots__ if k != "photoreceptor"}
+    assert digest({"simulate": plain}) == digest({"simulate": without})
+    assert digest({"simulate": Simulate(photoreceptor="v2e")}) != digest({"simulate": plain})
+    file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "three_pole"')
+    with pytest.raises(ValueError, match=r"photoreceptor: found 'three_pole', expected 'two"):
+        read_study(file)
