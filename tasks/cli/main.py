@@ -13,7 +13,7 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
-from tasks.cli import dataset, events, info, light, lists, study, terminal, view
+from tasks.cli import dataset, evaluate, events, info, light, lists, study, terminal, video, view
 from tasks.cli.app import commands
 from tasks.errors import TaskError
 
@@ -23,7 +23,9 @@ _COMMANDS = (
     *(events.simulate, events.convert),
     dataset.dataset,
     view.view,
-    *(study.evaluate, study.study, study.report, study.claims),
+    video.video,
+    evaluate.evaluate,
+    *(study.study, study.report, study.claims),
     info.info,
 )
 
