@@ -6,7 +6,8 @@ FOLDER has files of the event camera dataset of Mueggler et al. (IJRR 2017), who
 authors': images.txt, images/, calib.txt and groundtruth.txt, and its events as events.txt or, as in
 github.com/tub-rip/events_viz (slider_depth/), the first 50,000 of them as events_chunk.txt.
 
-Flow has 28 features in each of the four pairs of frames that the excerpt covers. Its reference is the tracks of corners from frame to frame. The slider gives another one that needs no frame: the
+Flow has 28 features in each of the four pairs of frames that the excerpt covers. Its reference is
+the tracks of corners from frame to frame. The slider gives another one that needs no frame: the
 camera moves along its x axis alone, so no point moves along y once the distortion of the lens is
 taken out. The script prints how far tracks and flow depart from that, and flow with events off the
 grid of pixels, as zero flow along an axis otherwise looks sharper than it is.

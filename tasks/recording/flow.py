@@ -127,6 +127,17 @@ class _Start:
 def spread(numbers: Sequence[int], most: int) -> list[int]:
     """Return at most so many of some numbers, spread evenly.
 
+    Parameters
+    ----------
+    numbers, most
+        The numbers, and how many to return at most.
+
+    Returns
+    -------
+    list of int
+
+    Examples
+    --------
     >>> from tasks.recording.flow import spread
     >>> spread(range(10), 4)
     [1, 3, 6, 8]

@@ -39,6 +39,11 @@ class PairSums:
 def check_frames(recording: Recording, frames: Frames) -> None:
     """Check that frames and events are of one camera and on one clock.
 
+    Parameters
+    ----------
+    recording, frames
+        The events and frames.
+
     Raises
     ------
     TaskError
@@ -88,7 +93,7 @@ def inside(recording: Recording, frames: Frames, margin_us: int = 0) -> list[int
 def events_of(
     recording: Recording, frames: Frames, pairs: Sequence[int], margin_us: int = 0
 ) -> Iterator[Events]:
-    """Yield the events of each pair, from the start of its first exposure to the end of its last.
+    """Cut out the events of each pair, from the start of its first exposure to the end of its last.
 
     Parameters
     ----------
@@ -98,6 +103,10 @@ def events_of(
         Numbers of the first frames, ascending.
     margin_us
         How much earlier and later to begin and end.
+
+    Returns
+    -------
+    iterator of Events
     """
     windows = [
         (int(frames.start_us[k]) - margin_us, int(frames.end_us[k + 1]) + margin_us) for k in pairs

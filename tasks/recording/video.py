@@ -27,7 +27,16 @@ _MOST_IMAGES = 10**6
 
 
 def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
-    """Return the times of the images, us.
+    """Return the times of the images.
+
+    Parameters
+    ----------
+    recording, options
+        The events, and which images.
+
+    Returns
+    -------
+    Times, us.
 
     Raises
     ------
