@@ -130,6 +130,9 @@ TASKS = {
             ),
             "photometric_flow_with_delay": f"{_METHODS}.photometric_flow:estimate_with_delay",
             "contrast_maximization": f"{_METHODS}.contrast_maximization:estimate",
+            "contrast_maximization_by_gradient": (
+                f"{_METHODS}.contrast_maximization:estimate_by_gradient"
+            ),
             "initial_flow": f"{_METHODS}.initial_flow:estimate",
         },
         metric=_RNEPE,
@@ -138,7 +141,10 @@ TASKS = {
         settings=f"{_SETTINGS}:Flow",
         sample="tasks.flow:FlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
-        extensions=("photometric_flow_unknown_contrast", "photometric_flow_with_delay"),
+        extensions=(
+            *("photometric_flow_unknown_contrast", "photometric_flow_with_delay"),
+            "contrast_maximization_by_gradient",
+        ),
     ),
     "tracking": TaskSpec(
         title="pose tracking",

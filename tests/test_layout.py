@@ -93,6 +93,9 @@ WINGS = {
     "tasks.evaluation": {"tasks.methods"},
     "tasks.footage": set(),
     "tasks.events": {"tasks.evaluation", "tasks.footage"},
+    "tasks.recording": {
+        *("tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods"),
+    },
     "tasks.datasets": set(),
     "tasks.fitting": {"tasks.footage"},
     "tasks.generation": {"tasks.events", "tasks.study.run"},

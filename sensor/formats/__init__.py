@@ -1,5 +1,5 @@
 """Event files, streamed in bounded memory: DSEC HDF5, Prophesee EVT2 and EVT3, npz and text; to
-read, also CSV, AEDAT4, DAT and Event Stream.
+read, also CSV, AEDAT4, DAT, Event Stream and ROS bags.
 
 >>> import numpy as np
 >>> from sensor import SensorModel, stream

@@ -27,6 +27,7 @@ import numpy as np
 from sensor.errors import EventFormatError
 from sensor.events import Columns, Events, no_events
 from sensor.formats import batching
+from sensor.formats.evt_systems import system_of
 from sensor.formats.evt_words import (
     BACKWARDS,
     BAD_WORD,
@@ -36,10 +37,12 @@ from sensor.formats.evt_words import (
     DONE,
     FOUND,
     FULL,
+    HELD,
     LAST_US,
     NO_BASE,
     SKIPPED,
     STATE_SIZE,
+    STEP_BACK_US,
     TRIGGER,
     Layout,
     Y,
@@ -94,7 +97,7 @@ class Codec:
 
 def _new_state() -> np.ndarray:
     state = np.full(STATE_SIZE, -1, np.int64)
-    state[SKIPPED] = 0
+    state[[SKIPPED, HELD, STEP_BACK_US]] = 0
     return state
 
 
@@ -353,11 +356,16 @@ def _version(fields: dict[str, str]) -> str | None:
         raise EventFormatError(
             f"header: found version {' and '.join(sorted(said))!r}, expected EVT2 or EVT3"
         )
+    if not said and (system := system_of(fields)):
+        return system.version
     return said.pop() if said else None
 
 
 def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
-    """Return width and height from `geometry` and `format`, which must be equal."""
+    """Return width and height from `geometry` and `format`, which must be equal.
+
+    Old files have neither; there the number of the system tells.
+    """
     said = set()
     if "geometry" in fields:
         match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", fields["geometry"], re.ASCII)
@@ -371,6 +379,8 @@ def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
         said.add((int(options["width"]), int(options["height"])))
     if len(said) > 1:
         raise EventFormatError(f"header: found two sizes, {sorted(said)}, expected one")
+    if not said and (system := system_of(fields)):
+        return system.width, system.height
     return said.pop() if said else (None, None)
 
 
@@ -378,7 +388,8 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
     """Read the events of a RAW file.
 
     Events before the first word with a time or a row are skipped, as in Prophesee's decoders; the
-    log reports their number.
+    log reports their number. Where the low part of the clock steps back, as in files of some
+    cameras, events get the time of the one before; the log reports this too.
 
     Parameters
     ----------
@@ -430,6 +441,13 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
                 raise EventFormatError(
                     f"byte {offset}: the file ends within a word of {size} bytes"
                 )
+    held = int(state[HELD])
+    if held:
+        logger.warning(
+            "%s: the clock steps back by up to %d us at %d words of events, which get the time of "
+            "the event before them",
+            *(path, state[STEP_BACK_US], held),
+        )
     skipped = int(state[SKIPPED])
     if raw.count is not None and raw.count != count:
         raise EventFormatError(

@@ -29,6 +29,7 @@ from sensor.formats.evt_words import (
     SKIPPED,
     TRIGGER,
     Layout,
+    held,
     turned,
 )
 
@@ -113,7 +114,7 @@ def decode(words, width, height, state, events):
                 found = FULL
                 break
             else:
-                time = (high << 6) | ((word >> 22) & 63)
+                time = held((high << 6) | ((word >> 22) & 63), last, 6, state)
                 column = (word >> 11) & 0x7FF
                 row = word & 0x7FF
                 if column >= width:

@@ -42,6 +42,7 @@ from sensor.formats.evt_words import (
     TRIGGER,
     Layout,
     Y,
+    held,
     turned,
 )
 
@@ -180,7 +181,7 @@ def decode(words, width, height, state, events):
                 if made + size > t.size:
                     found = FULL
                     break
-                time = (high << 12) | low
+                time = held((high << 12) | low, last, 12, state)
                 if first < 0:
                     found = NO_BASE
                     break

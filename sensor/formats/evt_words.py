@@ -12,8 +12,8 @@ from sensor.formats.compiling import jit
 DONE, FULL, BAD_X, BAD_Y, BACKWARDS, BAD_WORD, NO_BASE = range(7)
 
 # Entries of the state of a codec. Each codec uses those that it needs.
-HIGH, LOW, Y, BASE_X, BASE_P, LAST_US, SKIPPED, FOUND = range(8)
-STATE_SIZE = 8
+HIGH, LOW, Y, BASE_X, BASE_P, LAST_US, SKIPPED, FOUND, HELD, STEP_BACK_US = range(10)
+STATE_SIZE = 10
 
 # Types of words.
 LOW_TIME = 6  # in EVT3
@@ -73,6 +73,34 @@ def turned(high, new, wrap):
 
 
 @jit
+def held(time, last, low_bits, state):
+    """Return the time of an event; where the low part stepped back, that of the event before it.
+
+    Some cameras write a low part that is a little smaller than the one before, without a new high
+    part. The clock then stands still until it catches up. A high part that steps back is another
+    matter: the time stays as it is, before the last one.
+
+    Parameters
+    ----------
+    time, last
+        Of the event, and of the one before it.
+    low_bits
+        Size of the low part.
+    state
+        (STATE_SIZE,) int64, counts such events and has their largest step.
+
+    Returns
+    -------
+    The time.
+    """
+    if time >= last or time >> low_bits != last >> low_bits:
+        return time
+    state[HELD] += 1
+    state[STEP_BACK_US] = max(state[STEP_BACK_US], last - time)
+    return last
+
+
+@jit
 def decode_triggers(words, layout, state, t_us, channel, p):
     """Decode the triggers of all words; those before the first word of time are skipped.
 
@@ -96,6 +124,7 @@ def decode_triggers(words, layout, state, t_us, channel, p):
     made = 0
     high = state[HIGH]
     low = state[LOW]
+    last = state[LAST_US]
     for each in words:
         word = np.int64(each)
         kind = word >> layout.kind_shift
@@ -109,10 +138,15 @@ def decode_triggers(words, layout, state, t_us, channel, p):
         elif kind == TRIGGER and high >= 0:
             if layout.low_shift >= 0:
                 low = (word >> layout.low_shift) % low_values
-            t_us[made] = (high << layout.low_bits) | low
+            time = (high << layout.low_bits) | low
+            if time < last and last >> layout.low_bits == high:
+                time = last  # as `held` does for events
+            last = time
+            t_us[made] = time
             channel[made] = (word >> CHANNEL_SHIFT) % layout.channels
             p[made] = 1 if word & 1 else -1
             made += 1
     state[HIGH] = high
     state[LOW] = low
+    state[LAST_US] = last
     return made

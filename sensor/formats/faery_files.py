@@ -102,8 +102,8 @@ def read_header(path: Path, kind: str) -> Header:
         start = file.read(14)
     if kind == "aedat4" and start.startswith(b"#!AER-DAT") and start[9:12] != b"4.0":
         raise EventFormatError(
-            f"found AEDAT {start[9:12].decode('latin-1')}, expected AEDAT 4.0: other versions "
-            "cannot be read"
+            f"found AEDAT {start[9:12].decode('latin-1')}, expected AEDAT 4.0 or 3.1: other "
+            "versions cannot be read"
         )
     with _decoding(path, kind, "header") as pipe:
         return _header(pipe)

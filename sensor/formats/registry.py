@@ -15,7 +15,7 @@ from pathlib import Path
 
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
-from sensor.formats import dsec, evt, evt2, evt3, faery_files, npz, text
+from sensor.formats import aedat3, dsec, evt, evt2, evt3, faery_files, npz, ros_bag, text
 from sensor.formats.batching import rebatch
 from sensor.formats.header import Header, Value
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
@@ -45,7 +45,7 @@ class Format:
     read_triggers
         `read_triggers(path)` returns the `Triggers` of a file; None if the format has none.
     options
-        Names of the options that `read` takes: time_unit, sort.
+        Names of the options that `read` takes: time_unit, sort, topic.
 
     Examples
     --------
@@ -143,8 +143,26 @@ FORMATS: dict[str, Format] = {
             options=("time_unit", "sort"),
         ),
         _faery_format("aedat4", "AEDAT 4", ".aedat4", ".aedat"),
+        Format(
+            "aedat3",
+            "AEDAT 3.1",
+            (),
+            None,
+            aedat3.read_header,
+            aedat3.read,
+            options=("sort",),
+        ),
         _faery_format("dat", "Prophesee DAT", ".dat"),
         _faery_format("es", "Event Stream", ".es"),
+        Format(
+            "bag",
+            "ROS bag",
+            (".bag",),
+            None,
+            ros_bag.read_header,
+            ros_bag.read,
+            options=("sort", "topic"),
+        ),
     )
 }
 
@@ -222,6 +240,10 @@ def _by_suffix(path: Path, new: bool) -> Format:
     suffix = path.suffix.lower()
     if suffix == ".raw" and path.is_file() and not new:
         return FORMATS[evt.read_version(path)]
+    if suffix == ".aedat" and path.is_file():
+        with path.open("rb") as file:
+            if file.read(len(aedat3.MAGIC)) == aedat3.MAGIC:
+                return FORMATS["aedat3"]
     for found in FORMATS.values():
         if suffix in found.suffixes:
             return found
@@ -438,6 +460,7 @@ def read_events(
     size: tuple[int, int] | None = None,
     time_unit: str | None = None,
     sort: bool = False,
+    topic: str | None = None,
 ) -> Iterator[Events]:
     """Read a file in parts; memory does not depend on its size, unless it is to be sorted.
 
@@ -454,7 +477,9 @@ def read_events(
         Unit of the times of a text file: s, ms, us or ns. By default its line of names tells, or it
         is s.
     sort
-        Sort the events by time, for text, AEDAT4, DAT and ES; all events are then in memory.
+        Sort the events by time, for text, AEDAT4, DAT, ES and bags; all events are then in memory.
+    topic
+        Topic of a ROS bag, if several have events.
 
     Returns
     -------
@@ -483,15 +508,15 @@ def read_events(
     path = Path(path)
     header = read_header(path, format=format)
     chosen = find_format(path, format)
-    options = {"time_unit": time_unit, "sort": sort}
+    options = {"time_unit": time_unit, "sort": sort, "topic": topic}
     given = {name: value for name, value in options.items() if value}
     try:
         header = header.with_size(size)
         for name in given:
             if name not in chosen.options:
+                reason = "has one stream" if name == "topic" else "is sorted, in microseconds"
                 raise EventFormatError(
-                    f"{name}: found {given[name]}, expected none for {chosen.title}, which is "
-                    "sorted, in microseconds"
+                    f"{name}: found {given[name]}, expected none for {chosen.title}, which {reason}"
                 )
     except EventFormatError as error:
         raise EventFormatError(f"{path}: {error}") from error
@@ -516,12 +541,13 @@ def load_events(
     size: tuple[int, int] | None = None,
     time_unit: str | None = None,
     sort: bool = False,
+    topic: str | None = None,
 ) -> Events:
     """Read a whole file into memory.
 
     Parameters
     ----------
-    path, format, size, time_unit, sort
+    path, format, size, time_unit, sort, topic
         As in `read_events`.
 
     Returns
@@ -541,5 +567,5 @@ def load_events(
     >>> load_events("seconds.txt", size=(346, 260))
     Events(2 of 346x260 px, 1500..2000 us)
     """
-    parts = read_events(path, format=format, size=size, time_unit=time_unit, sort=sort)
+    parts = read_events(path, format=format, size=size, time_unit=time_unit, sort=sort, topic=topic)
     return concatenate(list(parts))

@@ -13,7 +13,19 @@ from tyro.conf import DisallowNone, FlagCreatePairsOff
 from eres_render.errors import RenderError
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
-from tasks.cli import dataset, events, fit, info, light, lists, study, terminal, view
+from tasks.cli import (
+    dataset,
+    evaluate,
+    events,
+    fit,
+    info,
+    light,
+    lists,
+    study,
+    terminal,
+    video,
+    view,
+)
 from tasks.cli.app import commands
 from tasks.errors import TaskError
 
@@ -24,7 +36,9 @@ _COMMANDS = (
     fit.fit,
     dataset.dataset,
     view.view,
-    *(study.evaluate, study.study, study.report, study.claims),
+    video.video,
+    evaluate.evaluate,
+    *(study.study, study.report, study.claims),
     info.info,
 )
 

@@ -1,86 +1,19 @@
-"""Commands for scores: one sensor on one sequence, a study, its report, the paper's claims."""
+"""Commands for studies: a study, its report, the paper's claims."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from rich.markup import escape
 from rich.table import Column
 from tyro.conf import Positional, arg
-from tyro.extras import literal_type_from_choices
 
 from tasks.cli import terminal
 from tasks.cli.app import RunFolder
 from tasks.cli.table import Table
 from tasks.errors import StudyError
-from tasks.registry import TASKS
-from tasks.row import Row
-
-_SUMMARIES = " ".join(f"{name}: {spec.summary}." for name, spec in TASKS.items())
-
-
-def evaluate(
-    sequence: Annotated[
-        Positional[Path], arg(metavar="SEQUENCE", help="folder of a clip or continuous sequence")
-    ],
-    task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS), help=_SUMMARIES)],
-    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
-    resolution: int = 346,
-    cutoff: float = math.inf,
-    threshold: float = 0.2,
-    speed: float = 1.0,
-) -> None:
-    """Score methods of one task on the events of one sensor on one rendered sequence.
-
-    Parameters
-    ----------
-    method
-        Names (`eres methods` lists them), or your own functions as
-        package.module:function; by default all methods of the task.
-    resolution
-        Width of the sensor, px.
-    cutoff
-        Corner frequency of the photoreceptor's poles, Hz; by default an ideal pixel.
-    threshold
-        Contrast threshold, log units.
-    speed
-        Factor on the speed of the rendered sequence.
-    """
-    from eres_render import open_sequence
-    from tasks.cli.progress_bar import progress_bar
-    from tasks.evaluation.sequence import evaluate_sequence
-
-    with progress_bar(terminal.err) as on_progress:
-        rows = evaluate_sequence(
-            open_sequence(sequence),
-            task,
-            methods=method,
-            width=resolution,
-            cutoff_hz=cutoff,
-            contrast_threshold=threshold,
-            speed=speed,
-            on_progress=on_progress,
-        )
-    names = Column("method", no_wrap=True), Column("variant", no_wrap=True)
-    table = Table(*names, "median", "metric", "scores", "failed", box=None, pad_edge=False)
-    for (name, variant, metric), scored in _by(rows, "method", "variant", "metric").items():
-        median = float(np.median([row.value for row in scored]))
-        failed = sum(bool(row.failure) for row in scored)
-        table.add_row(name, variant, f"{median:.3f}", metric, str(len(scored)), str(failed))
-    terminal.out.print(table, crop=False)
-    terminal.out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window")
-
-
-def _by(rows: list[Row], *fields: str) -> dict[tuple[str, ...], list[Row]]:
-    groups: dict[tuple[str, ...], list[Row]] = {}
-    for row in rows:
-        groups.setdefault(tuple(getattr(row, field) for field in fields), []).append(row)
-    return groups
-
 
 _AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
 

@@ -1,4 +1,4 @@
-"""Options of `eres convert`, `info` and `view` for files that do not tell how to read them."""
+"""Options of commands for files of events that do not tell how to read them."""
 
 from __future__ import annotations
 
@@ -23,12 +23,16 @@ class Reading:
         Unit of the times of a text file: s, ms, us or ns. Needed if they are whole numbers and no
         line of names tells.
     sort
-        Sort the events by time, for text, AEDAT4, DAT and ES; all events are then in memory.
+        Sort the events by time, for text, AEDAT4, DAT, ES and bags; all events are then
+        in memory.
+    topic
+        Topic of a ROS bag, if several have events.
     """
 
     size: tuple[int, int] | None = None
     time_unit: str | None = None
     sort: bool = False
+    topic: str | None = None
 
     def parts(self, path: Path, format: str | None) -> Iterator[Events]:
         """Read a file.
@@ -45,7 +49,12 @@ class Reading:
         from sensor.formats import read_events
 
         return read_events(
-            path, format=format, size=self.size, time_unit=self.time_unit, sort=self.sort
+            path,
+            format=format,
+            size=self.size,
+            time_unit=self.time_unit,
+            sort=self.sort,
+            topic=self.topic,
         )
 
 

@@ -9,7 +9,14 @@ from faery import evt as faery_evt
 
 from event_streams import assert_same, bars, make_events, random_events
 from sensor import EventFormatError
-from sensor.formats import load_events, read_events, write_events
+from sensor.formats import (
+    find_format,
+    load_events,
+    read_events,
+    read_header,
+    read_triggers,
+    write_events,
+)
 
 BOTH = pytest.mark.parametrize("name", ["evt2", "evt3"])
 
@@ -180,6 +187,64 @@ def test_headers_of_other_writers(tmp_path):
     with pytest.raises(EventFormatError, match="does not store the sensor's size"):
         load_events(bare, format="evt3")
     assert len(load_events(bare, format="evt3", size=(640, 480))) == 1
+
+
+def test_a_clock_that_steps_back_stands_still(tmp_path, caplog):
+    """Promise: where EVT3's low time steps back, as in files of real cameras, events get the time
+    of the one before, and the log has the largest step; a later time goes on as written."""
+    words = [0x8001, 0x0005, 0x6064, 0x2001, 0x6061, 0x2002, 0x6063, 0x2003, 0x6065, 0x2004]
+    with caplog.at_level(logging.WARNING):
+        events = load_events(raw(tmp_path / "a.raw", HEADER, words))
+    assert events.t_us.tolist() == [4196, 4196, 4196, 4197]
+    assert events.x.tolist() == [1, 2, 3, 4]
+    assert "steps back by up to 3 us at 2 words" in caplog.text
+
+
+def test_a_low_time_that_turns_before_the_high_one(tmp_path):
+    """Promise: between the turn of the low time and the word of the high one, time stands still."""
+    words = [0x8001, 0x0005, 0x6FFF, 0x2001, 0x6002, 0x2002, 0x8002, 0x6003, 0x2003]
+    events = load_events(raw(tmp_path / "a.raw", HEADER, words))
+    assert events.t_us.tolist() == [8191, 8191, 8195]
+
+
+def test_a_step_back_in_evt2(tmp_path):
+    """Promise: the same within the 64 us of an EVT2 word of high time; a high time that steps back
+    is an error."""
+    header = HEADER.replace(b"3.0", b"2.0").replace(b"EVT3", b"EVT2")
+    event = [1 << 28 | t << 22 | 5 << 11 | 7 for t in (9, 4, 10)]
+    events = load_events(raw(tmp_path / "a.raw", header, [8 << 28 | 1, *event], "<u4"))
+    assert events.t_us.tolist() == [73, 73, 74]
+    words = [8 << 28 | 2, event[0], 8 << 28 | 1, event[1]]
+    with pytest.raises(EventFormatError, match="found time 68 us after 137 us"):
+        load_events(raw(tmp_path / "b.raw", header, words, "<u4"))
+
+
+def test_triggers_where_the_clock_steps_back(tmp_path):
+    """Promise: triggers stay sorted too."""
+    words = [0x8001, 0x6064, 0xA001, 0x6061, 0xA000, 0x6065, 0xA001]
+    triggers = read_triggers(raw(tmp_path / "a.raw", HEADER, words))
+    assert triggers.t_us.tolist() == [4196, 4196, 4197]
+    assert triggers.p.tolist() == [1, -1, 1]
+
+
+@pytest.mark.parametrize(
+    ("lines", "size", "version"),
+    [
+        (b"% evt 3.0\n% system_ID 49\n% integrator_name Prophesee\n", (1280, 720), "evt3"),
+        (b"% system_ID 28\n", (640, 480), "evt2"),
+        (b"% system_ID 40\n", (640, 480), "evt3"),
+        (b"% evt 3.0\n% system_ID 49\n% geometry 320x240\n", (320, 240), "evt3"),
+        (b"% evt 3.0\n% system_ID 49\n% integrator_name Other\n", (None, None), "evt3"),
+        (b"% evt 3.0\n% system_ID 9999\n", (None, None), "evt3"),
+    ],
+)
+def test_old_headers_have_the_number_of_the_system(lines, size, version, tmp_path):
+    """Promise: without a size in the header, Prophesee's number of the system tells it, as it does
+    for OpenEB; a size in the header comes first, and other numbers tell nothing."""
+    path = raw(tmp_path / "a.raw", lines, [])
+    header = read_header(path)
+    assert (header.width, header.height) == size
+    assert find_format(path).name == version
 
 
 @pytest.mark.parametrize(

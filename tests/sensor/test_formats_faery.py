@@ -95,8 +95,8 @@ def test_a_crash_of_the_decoder_is_an_error(tmp_path):
 def test_an_unknown_version_is_named(tmp_path):
     """Promise: AEDAT 2 and 3.1 are refused by name."""
     path = tmp_path / "a.aedat"
-    path.write_bytes(b"#!AER-DAT3.1\r\n#Format: RAW\r\n")
-    with pytest.raises(EventFormatError, match=r"a.aedat: found AEDAT 3.1, expected AEDAT 4.0"):
+    path.write_bytes(b"#!AER-DAT2.0\r\n#Format: RAW\r\n")
+    with pytest.raises(EventFormatError, match=r"a.aedat: found AEDAT 2.0, expected AEDAT 4.0"):
         load_events(path)
 
 

@@ -4,7 +4,14 @@ Gallego, Rebecq and Scaramuzza, "A Unifying Contrast Maximization Framework" (CV
 moved along the flow to one time, and their image is sharpest for the true flow.
 """
 
-from tasks.methods.contrast_maximization.contrast import REFERENCE_TIME, Contrast
-from tasks.methods.contrast_maximization.estimator import MIN_EVENTS, estimate
+from tasks.methods.contrast_maximization.contrast import EVEN_OFFSET_PX, REFERENCE_TIME, Contrast
+from tasks.methods.contrast_maximization.estimator import MIN_EVENTS, estimate, estimate_by_gradient
 
-__all__ = ["MIN_EVENTS", "REFERENCE_TIME", "Contrast", "estimate"]
+__all__ = [
+    "EVEN_OFFSET_PX",
+    "MIN_EVENTS",
+    "REFERENCE_TIME",
+    "Contrast",
+    "estimate",
+    "estimate_by_gradient",
+]

@@ -12,7 +12,9 @@ MIN_EVENTS = 10
 _BOUND_SIGMAS = 4.0
 
 
-def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
+def estimate(
+    sample: FlowSample, objective: str = "variance", offset_px: float = 0.0
+) -> FlowEstimate:
     """Estimate the flow with the greatest contrast of the image of warped events.
 
     Polarity is not used; votes are bilinear, and the image is smoothed by a Gaussian of 1 px. It is
@@ -26,6 +28,9 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
         Events of one patch.
     objective
         "variance", or "gradient" for the mean squared gradient magnitude.
+    offset_px
+        Moves all events along both axes. With `EVEN_OFFSET_PX`, a search from zero is free to leave
+        it: events that do not move have sharp votes.
 
     Returns
     -------
@@ -34,7 +39,7 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
     if len(sample.t) < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
     reach = _BOUND_SIGMAS * sample.initial_sigma_px
-    contrast = Contrast(sample, reach, objective)
+    contrast = Contrast(sample, reach, objective, offset_px)
     simplex = np.zeros((3, 3))
     simplex[1, 0] = simplex[2, 1] = max(0.5 * sample.initial_sigma_px, 1e-3)
     find_sharpest(contrast.patch, contrast.work, sample.initial, reach, simplex)
@@ -42,3 +47,8 @@ def estimate(sample: FlowSample, objective: str = "variance") -> FlowEstimate:
     if np.abs(offset).max() > 0.98 * reach:
         return FlowEstimate(sample.initial, "search ended at its bound")
     return FlowEstimate(sample.initial + offset)
+
+
+def estimate_by_gradient(sample: FlowSample) -> FlowEstimate:
+    """As `estimate`, with the mean squared gradient magnitude as contrast."""
+    return estimate(sample, objective="gradient")

@@ -1,0 +1,138 @@
+"""Measure flow and images on a public recording: DAVIS240C, slider_depth.
+
+    python benchmarks/recordings.py FOLDER
+
+FOLDER has files of the event camera dataset of Mueggler et al. (IJRR 2017), whose license is the
+authors': images.txt, images/, calib.txt and groundtruth.txt, and its events as events.txt or, as in
+github.com/tub-rip/events_viz (slider_depth/), the first 50,000 of them as events_chunk.txt.
+
+Flow has 28 features in each of the four pairs of frames that the excerpt covers. Its reference is
+the tracks of corners from frame to frame. The slider gives another one that needs no frame: the
+camera moves along its x axis alone, so no point moves along y once the distortion of the lens is
+taken out. The script prints how far tracks and flow depart from that, and flow with events off the
+grid of pixels, as zero flow along an axis otherwise looks sharper than it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from sensor.events import concatenate
+from tasks.events.reading import Reading
+from tasks.flow import flow_sample
+from tasks.methods import load_method
+from tasks.methods.contrast_maximization import EVEN_OFFSET_PX
+from tasks.recording.calibration import read_calibration
+from tasks.recording.flow import score_flow, spread
+from tasks.recording.frames import Frames, open_frames
+from tasks.recording.images import score_reconstruction, score_video
+from tasks.recording.options import FlowOptions
+from tasks.recording.pairs import inside
+from tasks.recording.recording import Recording, open_recording
+from tasks.recording.threshold import estimate_shift, fit_thresholds
+from tasks.recording.tracks import track
+
+SIZE = 240, 180
+FLOW = ("contrast_maximization", "contrast_maximization_by_gradient", "photometric_flow")
+IMAGES = ("event_integration", "no_events")
+VIDEO = ("high_pass_filter", "blank")
+
+
+def opened(folder: Path) -> tuple[Recording, Frames]:
+    """Return the recording of a folder, and its frames on the clock of the events."""
+    events = folder / "events.txt"
+    if not events.exists():
+        events = folder / "events_chunk.txt"
+    recording = open_recording(events, reading=Reading(size=SIZE))
+    frames = open_frames(folder, time_unit="s", exposure_us=0, encoding="linear")
+    shift = estimate_shift(recording, frames)
+    assert shift is not None, "frames and events fit"
+    print(f"{recording.count} events, {recording.event_rate_hz / 1e6:.3f} M events/s")
+    print(
+        f"frames {shift.shift_us / 1000:.1f} ms later than their stamps: events leave "
+        f"{100 * shift.unexplained:.0f} % of their change unexplained, "
+        f"{100 * shift.unexplained_before:.0f} % without the shift"
+    )
+    return recording, frames.later(shift.shift_us)
+
+
+def measure_images(recording: Recording, frames: Frames) -> float:
+    """Print the scores of images; return the fitted threshold."""
+    found = fit_thresholds(recording, frames)
+    print(f"thresholds ON {found.on:.3f}, OFF {found.off:.3f}, from {found.pairs} pairs of frames")
+    scores = score_reconstruction(recording, frames, IMAGES, found)
+    scores += score_video(recording, frames, VIDEO, found.mean)
+    for name in (*IMAGES, *VIDEO):
+        values = [score.value for score in scores if score.method == name]
+        print(f"{name:34}{' '.join(f'{value:6.2f}' for value in values[:12])}  dB")
+    return found.mean
+
+
+def measure_flow(recording: Recording, frames: Frames, C: float, options: FlowOptions) -> None:
+    """Print the distance of flow from the tracks, px per frame."""
+    started_s = time.process_time()
+    scores = score_flow(recording, frames, (*FLOW, "initial_flow"), C, options)
+    seconds = time.process_time() - started_s
+    for name in (*FLOW, "initial_flow"):
+        values = np.array([score.value for score in scores if score.method == name])
+        print(
+            f"{name:34}{np.median(values):6.2f} px, mean {values.mean():.2f} px, "
+            f"{len(values)} features of {options.patch_px} px"
+        )
+    print(f"{seconds:.1f} s of CPU")
+
+
+def measure_slider(recording: Recording, frames: Frames, options: FlowOptions, lens: Path) -> None:
+    """Print how far tracks and flow depart from the motion of the slider, along y."""
+    calibration = read_calibration(lens, SIZE)
+    method = load_method("flow", FLOW[0])
+    search_px = options.search_px or SIZE[0] / 16
+    events = concatenate([part for part in recording.parts() if len(part)])
+    tracked, flowed, off_grid, off_px = [], [], [], []
+    for k in spread(inside(recording, frames), options.windows):
+        found = track(frames.light(k), frames.light(k + 1), options.features)
+        window_us = (int(frames.middle_us[k]), int(frames.middle_us[k + 1]))
+        for start_px, flow_px in zip(found.start_px, found.flow_px, strict=True):
+            sample = flow_sample(
+                events,
+                *window_us,
+                log_image=np.zeros(SIZE[::-1]),
+                contrast_threshold=0.2,
+                center_px=start_px,
+                side_px=options.patch_px,
+                initial=np.zeros(2),
+                initial_sigma_px=search_px / 4,
+            )
+            between = method(sample, offset_px=EVEN_OFFSET_PX).flow
+            off_px.append(np.linalg.norm(between - flow_px))
+            flows = (tracked, flow_px), (flowed, method(sample).flow), (off_grid, between)
+            for into, flow in flows:
+                places = calibration.undistorted_points(np.stack([start_px, start_px + flow]))
+                into.append(places[1, 1] - places[0, 1])
+    named = ("tracks", tracked), (FLOW[0], flowed), ("the same, off the grid", off_grid)
+    for name, values in named:
+        print(f"{name:34}{np.median(np.abs(values)):6.2f} px along y, where the slider moves 0")
+    print(f"{'the same, off the grid':34}{np.median(off_px):6.2f} px from the tracks")
+
+
+def main() -> None:
+    """Run the measurements."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--patch-px", type=int, default=FlowOptions().patch_px)
+    parser.add_argument("--features", type=int, default=28)
+    given = parser.parse_args()
+    options = FlowOptions(patch_px=given.patch_px, features=given.features)
+    recording, frames = opened(given.folder)
+    C = measure_images(recording, frames)
+    measure_flow(recording, frames, C, options)
+    if (given.folder / "calib.txt").exists():
+        measure_slider(recording, frames, options, given.folder / "calib.txt")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""AEDAT 3.1, the files of cAER and of other programs with libcaer: polarity events, uncompressed.
+
+    #!AER-DAT3.1            lines of text, "\\r\\n" at their ends
+    #Format: RAW
+    #Source 1: DAVIS240C
+    #!END-HEADER
+
+Packets follow, little-endian: int16 type (1 for polarity) and source, int32 size of an event, place
+of its time, overflows of the clock, capacity, number, number of valid ones. A polarity event is
+
+    31..17  16..2   1           0           a word
+    x       y       brighter    valid
+
+and int32 microseconds; an overflow counts 2^31 us. (0, 0) is the top-left pixel. See
+https://docs.inivation.com/software/software-advanced-usage/file-formats/aedat-3.1.html.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from sensor.errors import EventError, EventFormatError
+from sensor.events import Events, no_events
+from sensor.formats import batching
+from sensor.formats.header import Header
+
+MAGIC = b"#!AER-DAT3.1"
+_END = b"#!END-HEADER"
+_MAX_HEADER_BYTES = 1 << 16
+_PACKET = np.dtype(
+    [
+        *(("type", "<i2"), ("source", "<i2"), ("size", "<i4"), ("place", "<i4")),
+        *(("overflow", "<i4"), ("capacity", "<i4"), ("number", "<i4"), ("valid", "<i4")),
+    ]
+)
+_EVENT = np.dtype([("word", "<u4"), ("t", "<i4")])
+_POLARITY = 1
+_SIZES = {
+    **{"DVS128": (128, 128), "DAVIS128": (128, 128), "DAVIS208": (208, 192)},
+    **{"DAVIS240": (240, 180), "DAVIS346": (346, 260), "DAVIS640": (640, 480)},
+}
+
+
+def _read_lines(file: BinaryIO) -> list[str]:
+    """Return the lines of the header, and leave the file at the first packet."""
+    if not file.read(len(MAGIC)) == MAGIC:
+        raise EventFormatError(f"byte 0: found no {MAGIC.decode()}")
+    file.seek(0)
+    lines: list[str] = []
+    while file.tell() < _MAX_HEADER_BYTES:
+        line = file.readline(_MAX_HEADER_BYTES)
+        if line.startswith(_END):
+            return lines
+        if not line.startswith(b"#"):
+            break
+        lines.append(line[1:].decode("latin-1").strip())
+    raise EventFormatError(f"byte {file.tell()}: the header breaks off before {_END.decode()}")
+
+
+def _header(lines: list[str]) -> Header:
+    stored = [line.partition(":")[2].strip() for line in lines if line.startswith("Format:")]
+    if stored != ["RAW"]:
+        raise EventFormatError(f"header, Format: found {', '.join(stored) or 'none'}, expected RAW")
+    sizes = set()
+    for line in lines:
+        if match := re.match(r"Source \d+: *((?:DVS|DAVIS)\d+)", line):
+            sizes.add(_SIZES.get(match[1]))
+    width, height = next(iter(sizes)) or (None, None) if len(sizes) == 1 else (None, None)
+    return Header(width, height)
+
+
+def read_header(path: Path) -> Header:
+    """Read the header of a file; the name of its camera tells the size.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Header
+
+    Raises
+    ------
+    EventFormatError
+        It is no AEDAT 3.1 file, or a compressed one.
+    """
+    with path.open("rb") as file:
+        return _header(_read_lines(file))
+
+
+def read(path: Path, header: Header, *, sort: bool = False) -> Iterator[Events]:
+    """Read the valid polarity events of a file, packet by packet; others are left out.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+    sort
+        Sort the events by time, with all of them in memory.
+
+    Yields
+    ------
+    Events
+        At least one part.
+
+    Raises
+    ------
+    EventFormatError
+        The file is truncated or damaged, has events of two cameras, or the events are not a valid
+        stream.
+    """
+    yield no_events(header.width or 0, header.height or 0, header.model)
+    parts = _parts(path, header, sort)
+    yield from batching.by_time(parts) if sort else parts
+
+
+def _parts(path: Path, header: Header, sort: bool) -> Iterator[Events]:
+    none = no_events(header.width or 0, header.height or 0, header.model)
+    sources: set[int] = set()
+    last_us = 0
+    with path.open("rb") as file:
+        _read_lines(file)
+        while True:
+            at = file.tell()
+            found = _read_packet(file, at, sources)
+            if found is None:
+                return
+            t_us, word = found
+            if not len(t_us):
+                continue
+            if not sort and (t_us[0] < last_us or np.any(np.diff(t_us) < 0)):
+                raise EventFormatError(
+                    f"byte {at}: has events that are earlier than the ones before them (--sort, "
+                    "sort=True sorts the events)"
+                )
+            last_us = int(t_us[-1])
+            x, y = ((word >> 17).astype(np.uint16), (word >> 2 & 0x7FFF).astype(np.uint16))
+            p = np.where(word & 2, 1, -1).astype(np.int8)
+            try:  # sorted times: only the places are still unchecked
+                Events(np.zeros_like(t_us), x, y, p, none.width, none.height)
+            except EventError as error:
+                raise EventFormatError(f"byte {at}: {error}") from error
+            yield Events.trusted(t_us, x, y, p, like=none)
+
+
+def _read_packet(
+    file: BinaryIO, at: int, sources: set[int]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return times and words of the valid polarity events of a packet, None at the end."""
+    start = file.read(_PACKET.itemsize)
+    if not start:
+        return None
+    if len(start) < _PACKET.itemsize:
+        raise EventFormatError(f"byte {at}: the file ends within a packet")
+    packet = np.frombuffer(start, _PACKET)[0]
+    number, size = int(packet["number"]), int(packet["size"])
+    if number < 0 or size <= 0 or packet["capacity"] != number or packet["overflow"] < 0:
+        raise EventFormatError(f"byte {at}: found {start.hex()}, expected a packet")
+    data = file.read(number * size)
+    if len(data) < number * size:
+        raise EventFormatError(f"byte {at}: the file ends within a packet")
+    if packet["type"] != _POLARITY:
+        return np.empty(0, np.int64), np.empty(0, np.uint32)
+    sources.add(int(packet["source"]))
+    if size != _EVENT.itemsize or len(sources) > 1:
+        found = f"events of {size} bytes" if len(sources) == 1 else "events of two cameras"
+        raise EventFormatError(f"byte {at}: found {found}, expected {_EVENT.itemsize} bytes of one")
+    events = np.frombuffer(data, _EVENT)
+    events = events[events["word"] & 1 == 1]
+    t_us = (np.int64(packet["overflow"]) << 31) + events["t"].astype(np.int64)
+    return t_us, events["word"]

@@ -1,0 +1,192 @@
+"""ROS 1 bags with messages dvs_msgs/EventArray or prophesee_event_msgs/EventArray, by rosbags.
+
+Both have the same layout, packed and little-endian:
+
+    uint32 seq, uint32 s, uint32 ns, uint32 n, n bytes          the header
+    uint32 height, uint32 width
+    uint32 count, then of each event: uint16 x, uint16 y, uint32 s, uint32 ns, uint8 polarity
+"""
+
+from __future__ import annotations
+
+import importlib
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sensor.errors import EventError, EventFormatError
+from sensor.events import Events, no_events
+from sensor.formats import batching
+from sensor.formats.header import Header
+
+TYPES = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
+_PACKETS = "event_camera_msgs/msg/EventPacket"
+_EVENT = np.dtype([("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("on", "u1")])
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a bag; errors of the library become ours.
+
+    Raises
+    ------
+    EventFormatError
+        rosbags is not installed, or the file is no whole bag.
+    """
+    try:
+        rosbag1 = importlib.import_module("rosbags.rosbag1")
+    except ImportError:
+        raise EventFormatError(
+            "bag needs rosbags, which is not installed: pip install 'eres-events[formats]'"
+        ) from None
+    try:
+        with rosbag1.Reader(path) as reader:
+            yield reader
+    except (EventFormatError, OSError):
+        raise
+    except Exception as error:  # a damaged file may raise anything
+        raise EventFormatError(f"rosbags cannot read it: {error}") from error
+
+
+def _topics(reader: Any) -> list[Any]:
+    """Return the connections with events, by topic."""
+    kept = [one for one in reader.connections if one.msgtype in TYPES]
+    if not kept:
+        packets = any(one.msgtype == _PACKETS for one in reader.connections)
+        types = ", ".join(sorted({_named(one.msgtype) for one in reader.connections})) or "none"
+        hint = "; event_camera_tools (ROS) converts its packets" if packets else ""
+        expected = " or ".join(map(_named, TYPES))
+        raise EventFormatError(f"found messages {types}, expected {expected}{hint}")
+    return sorted(kept, key=lambda one: one.topic)
+
+
+def _named(msgtype: str) -> str:
+    return msgtype.replace("/msg/", "/")
+
+
+def _chosen(reader: Any, topic: str | None) -> list[Any]:
+    """Return the connections of one topic."""
+    found = _topics(reader)
+    names = sorted({one.topic for one in found})
+    if topic is None and len(names) > 1:
+        raise EventFormatError(
+            f"found topics {', '.join(names)} with events, expected one of them as topic= or "
+            "--topic"
+        )
+    if topic is not None and topic not in names:
+        raise EventFormatError(f"topic: found {topic}, expected one of {', '.join(names)}")
+    return [one for one in found if topic in (None, one.topic)]
+
+
+def read_header(path: Path) -> Header:
+    """Read the size of the sensor from the first message of each topic.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    Header
+        With a size if all topics have the same.
+
+    Raises
+    ------
+    EventFormatError
+        The file is no bag, or has no events.
+    """
+    with _opened(path) as reader:
+        kept = _topics(reader)
+        sizes: set[tuple[int, int]] = set()
+        for connection in kept:
+            first = next(reader.messages([connection]), None)
+            if first is not None:
+                sizes.add(_parsed(first[2], 0)[1:])
+        others = sorted(
+            {f"{one.topic} ({_named(one.msgtype)})" for one in reader.connections}
+            - {f"{one.topic} ({_named(one.msgtype)})" for one in kept}
+        )
+    width, height = sizes.pop() if len(sizes) == 1 else (None, None)
+    return Header(width, height, others=tuple(others))
+
+
+def _parsed(data: bytes, number: int) -> tuple[np.ndarray, int, int]:
+    """Return the events of a message, and the width and height of the sensor."""
+    try:
+        (named,) = struct.unpack_from("<I", data, 12)
+        height, width, count = struct.unpack_from("<III", data, 16 + named)
+        start = 28 + named
+        if start + count * _EVENT.itemsize != len(data):
+            raise ValueError
+        return np.frombuffer(data, _EVENT, count, start), width, height
+    except (struct.error, ValueError):
+        raise EventFormatError(
+            f"message {number}: found {len(data)} bytes, which are no array of events"
+        ) from None
+
+
+def read(
+    path: Path, header: Header, *, sort: bool = False, topic: str | None = None
+) -> Iterator[Events]:
+    """Read the events of a bag.
+
+    Parameters
+    ----------
+    path
+        The file.
+    header
+        Its header, with a size.
+    sort
+        Sort the events by time, with all of them in memory.
+    topic
+        Topic of the events, if there are several.
+
+    Yields
+    ------
+    Events
+        At least one part.
+
+    Raises
+    ------
+    EventFormatError
+        The file is damaged, the topic is unknown or not given, or the events are not a valid
+        stream.
+    """
+    yield no_events(header.width or 0, header.height or 0, header.model)
+    parts = _parts(path, header, sort, topic)
+    yield from batching.by_time(parts) if sort else parts
+
+
+def _parts(path: Path, header: Header, sort: bool, topic: str | None) -> Iterator[Events]:
+    none = no_events(header.width or 0, header.height or 0, header.model)
+    last_us = None
+    with _opened(path) as reader:
+        for number, (_, _, data) in enumerate(reader.messages(_chosen(reader, topic))):
+            found, width, height = _parsed(data, number)
+            if (width, height) not in ((none.width, none.height), (0, 0)):
+                raise EventFormatError(
+                    f"message {number}: found a sensor of {width}x{height} px, expected "
+                    f"{none.width}x{none.height} px"
+                )
+            if not len(found):
+                continue
+            t_us = found["s"].astype(np.int64) * 1_000_000 + found["ns"] // 1000
+            first_us = t_us[0] if last_us is None else last_us
+            if not sort and (t_us[0] < first_us or np.any(np.diff(t_us) < 0)):
+                raise EventFormatError(
+                    f"message {number}: has events that are earlier than the ones before them "
+                    "(--sort, sort=True sorts the events)"
+                )
+            last_us = int(t_us[-1])
+            x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
+            p = np.where(found["on"] > 0, 1, -1).astype(np.int8)
+            try:  # sorted times: only the places are still unchecked
+                Events(np.zeros_like(t_us), x, y, p, none.width, none.height)
+            except EventError as error:
+                raise EventFormatError(f"message {number}: {error}") from error
+            yield Events.trusted(t_us, x, y, p, like=none)

@@ -1,0 +1,149 @@
+"""The command that scores methods: on a simulated sensor, or on a recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from rich.markup import escape
+from rich.table import Column
+from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.extras import literal_type_from_choices
+
+from tasks.cli import terminal
+from tasks.cli.table import Table
+from tasks.errors import TaskError
+from tasks.events.reading import AS_STORED, Reading
+from tasks.recording.options import NO_FRAMES, USUAL_FLOW, FlowOptions, FrameOptions
+from tasks.recording.score import RecordingScore
+from tasks.registry import TASKS
+from tasks.row import Row
+
+_SUMMARIES = " ".join(f"{name}: {spec.summary}." for name, spec in TASKS.items())
+_SENSOR = {"resolution": 346, "cutoff": math.inf, "speed": 1.0}  # of a simulation
+
+
+def evaluate(
+    source: Annotated[
+        Positional[Path],
+        arg(
+            metavar="SOURCE",
+            help="folder of a clip or continuous sequence, or file of events",
+        ),
+    ],
+    task: Annotated[str, arg(constructor=literal_type_from_choices(TASKS), help=_SUMMARIES)],
+    method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
+    resolution: Annotated[int | None, arg(help_behavior_hint="(default: 346)")] = None,
+    cutoff: Annotated[float | None, arg(help_behavior_hint="(default: inf)")] = None,
+    threshold: Annotated[float | None, arg(help_behavior_hint="(default: 0.2, or fitted)")] = None,
+    speed: Annotated[float | None, arg(help_behavior_hint="(default: 1.0)")] = None,
+    format: str | None = None,
+    reading: OmitArgPrefixes[Reading] = AS_STORED,
+    frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
+    flow: OmitArgPrefixes[FlowOptions] = USUAL_FLOW,
+) -> None:
+    """Score methods of one task: on one sensor on one rendered sequence, or on a recording.
+
+    A recording is a file of events of any format. Optical flow starts from zero there. Without
+    frames its score is how much sharper it makes the events; with frames the distance from tracks
+    of corners, and images are compared with the frames.
+
+    Parameters
+    ----------
+    method
+        Names (`eres methods` lists them), or your own functions as
+        package.module:function; by default all methods of the task.
+    resolution
+        Width of the sensor, px; for a sequence.
+    cutoff
+        Corner frequency of the photoreceptor's poles, Hz; for a sequence, by default an ideal
+        pixel.
+    threshold
+        Contrast threshold, log units; that of a recording is fitted to its frames.
+    speed
+        Factor on the speed of the rendered sequence.
+    format
+        Format of a file of events, as for `eres info`, instead of what its extension says.
+    """
+    given = {"resolution": resolution, "cutoff": cutoff, "speed": speed}
+    if source.is_file():
+        for name, value in given.items():
+            if value is not None:
+                raise TaskError(
+                    f"{source}: found a recording with --{name} {value:g}, expected it only for a "
+                    "rendered sequence, on which a sensor is simulated"
+                )
+        _evaluate_recording(source, task, method, threshold, format, reading, frames, flow)
+        return
+    if (format, reading, frames, flow) != (None, AS_STORED, NO_FRAMES, USUAL_FLOW):
+        raise TaskError(
+            f"{source}: found no file of events, expected options of recordings only with one"
+        )
+    from eres_render import open_sequence
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.evaluation.sequence import evaluate_sequence
+
+    sensor = {name: _SENSOR[name] if value is None else value for name, value in given.items()}
+    with progress_bar(terminal.err) as on_progress:
+        rows = evaluate_sequence(
+            open_sequence(source),
+            task,
+            methods=method,
+            width=int(sensor["resolution"]),
+            cutoff_hz=sensor["cutoff"],
+            contrast_threshold=0.2 if threshold is None else threshold,
+            speed=sensor["speed"],
+            on_progress=on_progress,
+        )
+    _print_scores(rows, "method", "variant", "metric")
+    terminal.out.print(f"{rows[0].event_rate_hz / 1e6:.3g} M events/s in the window")
+
+
+def _evaluate_recording(
+    path: Path,
+    task: str,
+    methods: tuple[str, ...],
+    threshold: float | None,
+    format: str | None,
+    reading: Reading,
+    frame_options: FrameOptions,
+    flow: FlowOptions,
+) -> None:
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.recording.evaluate import evaluate_recording
+    from tasks.recording.recording import open_recording
+
+    shift_us, frames = frame_options.shift_us, frame_options.open_frames()
+    recording = open_recording(path, format=format, reading=reading)
+    with progress_bar(terminal.err) as on_progress:
+        found = evaluate_recording(
+            recording,
+            task,
+            frames=frames,
+            methods=methods,
+            shift_us=shift_us,
+            contrast_threshold=threshold,
+            flow=flow,
+            on_progress=on_progress,
+        )
+    _print_scores(found.scores, "method", "metric")
+    for note in found.notes:
+        terminal.out.print(escape(note), soft_wrap=True, highlight=False)
+    terminal.out.print(f"{recording.event_rate_hz / 1e6:.3g} M events/s in the recording")
+
+
+def _print_scores(scores: Sequence[Row] | Sequence[RecordingScore], *fields: str) -> None:
+    """Print the median of each group of scores with equal fields."""
+    groups: dict[tuple[str, ...], list[Row | RecordingScore]] = {}
+    for score in scores:
+        groups.setdefault(tuple(getattr(score, field) for field in fields), []).append(score)
+    heads = [Column(field, no_wrap=True) for field in fields[:-1]]
+    table = Table(*heads, "median", "metric", "scores", "failed", box=None, pad_edge=False)
+    for (*names, metric), scored in groups.items():
+        median = float(np.median([score.value for score in scored]))
+        failed = sum(bool(score.failure) for score in scored)
+        table.add_row(*names, f"{median:.3f}", metric, str(len(scored)), str(failed))
+    terminal.out.print(table, crop=False)

@@ -1,0 +1,57 @@
+"""The command that turns a file of events into images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from tasks.cli import terminal
+from tasks.events.reading import AS_STORED, Reading
+from tasks.recording.options import USUAL_VIDEO, VideoOptions
+
+
+def video(
+    source: Annotated[Positional[Path], arg(metavar="EVENTS", help="file of events")],
+    out: Path,
+    calibration: Path | None = None,
+    format: str | None = None,
+    overwrite: bool = False,
+    options: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
+    reading: OmitArgPrefixes[Reading] = AS_STORED,
+) -> None:
+    """Make images of events alone: PNG files at regular times, and timestamps.txt with these times.
+
+    A high-pass filter needs seconds to fill the image. Each image is stretched from its 1st
+    percentile to its 99th.
+
+    Parameters
+    ----------
+    out
+        Folder of the images, new or with images of an earlier call.
+    calibration
+        File of the lens, fx fy cx cy k1 k2 p1 p2 k3, whose distortion is taken out of the images.
+    format
+        Format of the file, as for `eres info`, instead of what its extension says.
+    overwrite
+        Replace the images of an earlier call.
+    """
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.recording.calibration import read_calibration
+    from tasks.recording.recording import open_recording
+    from tasks.recording.video import write_video
+
+    recording = open_recording(source, format=format, reading=reading)
+    lens = None if calibration is None else read_calibration(calibration, recording.size)
+    with progress_bar(terminal.err) as on_progress:
+        count = write_video(
+            recording,
+            out,
+            options,
+            calibration=lens,
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
+    width, height = recording.size
+    terminal.out.print(f"{out}: {count} images of {width}x{height} px", soft_wrap=True)

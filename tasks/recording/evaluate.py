@@ -1,0 +1,182 @@
+"""Score methods of one task on a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from eres_render.progress import Progress, silent
+from tasks.errors import TaskError
+from tasks.methods import check_method
+from tasks.recording.flow import LOCAL, score_flow
+from tasks.recording.frames import Frames
+from tasks.recording.images import score_reconstruction, score_video
+from tasks.recording.options import USUAL_FLOW, FlowOptions
+from tasks.recording.pairs import check_frames
+from tasks.recording.recording import Recording
+from tasks.recording.score import RecordingScore
+from tasks.recording.threshold import Thresholds, estimate_shift, fit_thresholds
+from tasks.registry import TASKS
+
+_NEEDED = {  # what a recording does not have
+    "tracking": "a plane, the poses and the camera, which a recording does not tell"
+}
+_WITH_DELAY = "photometric_flow_with_delay"  # of the filter, which clocks and exposures hide
+_ANY_THRESHOLD = 0.2  # log units; scales images from events alone, whose pictures are stretched
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingEvaluation:
+    """Scores on a recording, and what was assumed or found for them.
+
+    Parameters
+    ----------
+    scores
+        One for each method, window or image, and feature.
+    notes
+        Sentences about the frames, their clock and the thresholds.
+    """
+
+    scores: list[RecordingScore]
+    notes: list[str] = field(default_factory=list)
+
+
+def evaluate_recording(
+    recording: Recording,
+    task: str,
+    *,
+    frames: Frames | None = None,
+    methods: Sequence[str] = (),
+    shift_us: int | None = 0,
+    contrast_threshold: float | None = None,
+    flow: FlowOptions = USUAL_FLOW,
+    on_progress: Progress = silent,
+) -> RecordingEvaluation:
+    """Score methods of one task on a recording.
+
+    Parameters
+    ----------
+    recording
+        The events.
+    task
+        "flow"; with frames also "reconstruction" and "video".
+    frames
+        Frames of the same camera.
+    methods
+        Names, or "package.module:function"; by default all listed methods that the recording has
+        the data for.
+    shift_us
+        Added to the times of the frames; None estimates it.
+    contrast_threshold
+        C, log units; by default that of the file's sensor model, or the fit to the frames.
+    flow
+        Windows and patches of flow.
+    on_progress
+        Called with the stage, the amount done, and the total.
+
+    Returns
+    -------
+    RecordingEvaluation
+
+    Raises
+    ------
+    TaskError
+        The recording does not have what the task or a method needs, a method does not exist, or
+        frames and events do not fit.
+    """
+    if task in _NEEDED:
+        raise TaskError(f"{recording.path}: {TASKS[task].title} needs {_NEEDED[task]}")
+    if frames is None and task != "flow":
+        raise TaskError(
+            f"{recording.path}: {TASKS[task].title} is scored against frames, expected --frames; "
+            "`eres video` makes images without"
+        )
+    names = _methods(recording, task, methods, frames)
+    notes: list[str] = []
+    if frames is not None:
+        frames = _on_one_clock(recording, frames, shift_us, notes)
+    thresholds = _thresholds(recording, frames, contrast_threshold, names, notes)
+    if task == "flow":
+        found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
+    elif frames is None:
+        raise AssertionError("images are scored against frames")
+    elif task == "video":
+        found = score_video(recording, frames, names, thresholds.mean, on_progress=on_progress)
+    else:
+        found = score_reconstruction(recording, frames, names, thresholds, on_progress)
+    return RecordingEvaluation(found, notes)
+
+
+def _methods(
+    recording: Recording, task: str, given: Sequence[str], frames: Frames | None
+) -> tuple[str, ...]:
+    for name in given:
+        check_method(task, name)
+        if frames is None and name in LOCAL:
+            raise TaskError(
+                f"{recording.path}: method {name!r} needs the image at the start of each window, "
+                "expected --frames"
+            )
+    left_out = (_WITH_DELAY,) if frames is not None else LOCAL
+    return tuple(given) or tuple(name for name in TASKS[task].methods if name not in left_out)
+
+
+def _on_one_clock(
+    recording: Recording, frames: Frames, shift_us: int | None, notes: list[str]
+) -> Frames:
+    notes.append(f"frames: {len(frames)}, decoded as {frames.encoding}")
+    if shift_us:
+        frames = frames.later(shift_us)
+        notes.append(f"frames: {_ms(shift_us)} as given")
+    check_frames(recording, frames)
+    found = estimate_shift(recording, frames)
+    if shift_us is None:
+        if found is None:
+            raise TaskError(
+                f"{recording.path}: found no shift of the frames between -20 and 20 ms that fits "
+                "the events best; give it with --frames-shift-us"
+            )
+        notes.append(
+            f"frames: {_ms(found.shift_us)} as estimated; events then leave "
+            f"{100 * found.unexplained:.0f} % of their change unexplained, "
+            f"{100 * found.unexplained_before:.0f} % without"
+        )
+        frames = frames.later(found.shift_us)
+        check_frames(recording, frames)
+    elif found is not None and found.matters:
+        notes.append(
+            f"clocks: the frames fit the events best {_ms(found.shift_us)} ("
+            f"{100 * found.unexplained:.0f} % of their change unexplained, not "
+            f"{100 * found.unexplained_before:.0f} %); not done, --estimate-shift does it"
+        )
+    return frames
+
+
+def _ms(shift_us: int) -> str:
+    return f"{abs(shift_us) / 1000:.1f} ms {'later' if shift_us >= 0 else 'earlier'}"
+
+
+def _thresholds(
+    recording: Recording,
+    frames: Frames | None,
+    given: float | None,
+    names: Sequence[str],
+    notes: list[str],
+) -> Thresholds:
+    if given is not None:
+        if not given > 0:
+            raise TaskError(f"threshold: found {given:g}, expected a positive number")
+        return Thresholds(given, given)
+    model = recording.header.model
+    if model is not None:
+        notes.append(f"threshold: {model.contrast_threshold:g}, from the file")
+        return Thresholds(model.contrast_threshold, model.contrast_threshold)
+    if frames is None:
+        return Thresholds(_ANY_THRESHOLD, _ANY_THRESHOLD)
+    found = fit_thresholds(recording, frames)
+    pairs = f"{found.pairs} pair{'s' * (found.pairs != 1)} of frames"
+    notes.append(
+        f"thresholds: ON {found.on:.3f}, OFF {found.off:.3f}, fitted to {pairs}; "
+        f"{100 * found.unexplained:.0f} % of their change stays unexplained"
+    )
+    return found

@@ -1,0 +1,207 @@
+"""`Frames`: images that the camera of a recording took, with the times of their exposures.
+
+A folder has one of these files, next to the images or above them:
+
+    frames.csv        t_us_start,t_us_end,file      microseconds on the clock of the events
+    images.txt        time file                     as in the RPG's event camera dataset
+    timestamps.txt    time                          one a line; the images in order of their names
+
+The latter two say when an exposure starts, not when it ends, and need a unit of time.
+"""
+
+from __future__ import annotations
+
+import csv
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal, InvalidOperation
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.time_units import TIME_UNITS
+from tasks.errors import TaskError
+from tasks.footage.images import list_images, read_images, times_ns
+from tasks.footage.luminance import Luminance
+
+logger = logging.getLogger(__name__)
+
+_COLUMNS = ["t_us_start", "t_us_end", "file"]
+DARK = 1 / 64
+"""Added to the light of frames before the logarithm, in units of white: below about 4 of 255 codes,
+a frame says more of its own noise than of the light."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """Frames of a recording, in the order of time.
+
+    Parameters
+    ----------
+    files
+        The images.
+    start_us, end_us
+        (N,) int64, start and end of each exposure, on the clock of the events; equal where the
+        exposure is unknown.
+    encoding
+        Transfer function of the stored numbers, see `sensor.to_linear`.
+    """
+
+    files: tuple[Path, ...]
+    start_us: NDArray[np.int64]
+    end_us: NDArray[np.int64]
+    encoding: str
+
+    def __len__(self) -> int:
+        return len(self.files)
+
+    @property
+    def middle_us(self) -> NDArray[np.int64]:
+        """(N,) middle of each exposure: the time for which its image stands."""
+        return (self.start_us + self.end_us) // 2
+
+    @cached_property
+    def _luminance(self) -> Luminance:
+        return Luminance(self.encoding)
+
+    def light(self, k: int) -> NDArray[np.float32]:
+        """Return (H, W) the light of a frame, in units of white."""
+        return self._luminance(next(read_images([self.files[k]])))
+
+    def log_light(self, k: int) -> NDArray[np.float64]:
+        """Return (H, W) the log of light and dark level."""
+        return np.log(self.light(k).astype(np.float64) + DARK)
+
+    def later(self, shift_us: int) -> Frames:
+        """Return the same frames with all times shifted."""
+        return replace(self, start_us=self.start_us + shift_us, end_us=self.end_us + shift_us)
+
+
+def open_frames(
+    folder: Path,
+    *,
+    time_unit: str | None = None,
+    exposure_us: int | None = None,
+    encoding: str = "srgb",
+) -> Frames:
+    """Open a folder of frames.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    time_unit
+        Unit of images.txt or timestamps.txt: s, ms, us or ns.
+    exposure_us
+        Length of all exposures, for files that do not state it; without it, a warning says that
+        frames are taken as instants.
+    encoding
+        Transfer function of the stored numbers, see `sensor.to_linear`.
+
+    Returns
+    -------
+    Frames
+
+    Raises
+    ------
+    TaskError
+        The folder has no times, a file is missing or is damaged, or the times do not ascend.
+    """
+    if not folder.is_dir():
+        raise TaskError(f"{folder}: found no folder of frames")
+    if exposure_us is not None and exposure_us < 0:
+        raise TaskError(f"exposure-us: found {exposure_us}, expected 0 or more")
+    table, listed = folder / "frames.csv", folder / "images.txt"
+    if table.exists():
+        for name, given in (("frames-time-unit", time_unit), ("exposure-us", exposure_us)):
+            if given is not None:
+                raise TaskError(f"{table}: found --{name} {given}, expected none, as it states it")
+        return _checked(table, *_read_table(table), encoding)
+    if listed.exists():
+        files, t_us = _read_list(listed, time_unit)
+        source = listed
+    else:
+        source = folder / "timestamps.txt"
+        if not source.exists():
+            raise TaskError(
+                f"{folder}: found no times of frames, expected frames.csv ({','.join(_COLUMNS)}), "
+                "images.txt or timestamps.txt"
+            )
+        if time_unit is None and not source.read_text(errors="replace").startswith("#"):
+            raise _unknown_unit(source, None)
+        files = list_images(folder)
+        t_us = [round(t / 1000) for t in times_ns(folder, files, None, time_unit)]
+    if exposure_us is None:
+        logger.warning(
+            "%s: does not state exposures; the frames are taken as instants (--exposure-us)", source
+        )
+    ends = [t + (exposure_us or 0) for t in t_us]
+    return _checked(source, files, t_us, ends, encoding)
+
+
+def _checked(
+    source: Path, files: Sequence[Path], start: list[int], end: list[int], encoding: str
+) -> Frames:
+    for k, file in enumerate(files):
+        if not file.is_file():
+            raise TaskError(f"{source}: found {file.name}, for which there is no file {file}")
+        if end[k] < start[k]:
+            raise TaskError(
+                f"{source}, {file.name}: found an exposure from {start[k]} to {end[k]} us, "
+                "expected its end after its start"
+            )
+        if k and start[k] <= start[k - 1]:
+            raise TaskError(
+                f"{source}, {file.name}: found {start[k]} us after {start[k - 1]} us, expected "
+                "ascending times"
+            )
+    if len(files) < 2:
+        raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
+    return Frames(tuple(files), np.array(start, np.int64), np.array(end, np.int64), encoding)
+
+
+def _read_table(table: Path) -> tuple[list[Path], list[int], list[int]]:
+    with table.open(newline="", encoding="utf-8", errors="replace") as file:
+        rows = [row for row in csv.reader(file) if row]
+    found = [cell.strip() for cell in rows[0]] if rows else []
+    if found != _COLUMNS:
+        raise TaskError(
+            f"{table}: found columns {','.join(found)!r}, expected {','.join(_COLUMNS)}"
+        )
+    files, start, end = [], [], []
+    for k, row in enumerate(rows[1:], start=2):
+        try:
+            first, last, name = row
+            start.append(int(first))
+            end.append(int(last))
+        except ValueError:
+            raise TaskError(
+                f"{table}:{k}: found {','.join(row)!r}, expected two whole numbers and a file"
+            ) from None
+        files.append(table.parent / name.strip())
+    return files, start, end
+
+
+def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[int]]:
+    if time_unit is None or time_unit not in TIME_UNITS:
+        raise _unknown_unit(listed, time_unit)
+    files, t_us = [], []
+    for k, line in enumerate(listed.read_text(errors="replace").splitlines(), start=1):
+        text = line.partition("#")[0].strip()
+        if not text:
+            continue
+        time, _, name = text.partition(" ")
+        try:
+            t_us.append(int(np.int64(round(Decimal(time).scaleb(TIME_UNITS[time_unit])))))
+        except (InvalidOperation, ValueError, OverflowError):
+            raise TaskError(f"{listed}:{k}: found {text!r}, expected a time and a file") from None
+        files.append(listed.parent / name.strip())
+    return files, t_us
+
+
+def _unknown_unit(source: Path, time_unit: str | None) -> TaskError:
+    found = "no unit" if time_unit is None else f"unit {time_unit!r}"
+    return TaskError(f"{source}: found {found}, expected --frames-time-unit s, ms, us or ns")

@@ -1,0 +1,133 @@
+"""Images on a recording with frames: each is compared with the frame that the camera took.
+
+`reconstruction` predicts a frame from the one before it and the events between them, and doing
+nothing is that frame. `video` has the events alone; as nothing tells them the level of the light,
+histograms are equalized before the comparison, and doing nothing is a gray image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eres_render.progress import Progress, silent
+from tasks.errors import TaskError
+from tasks.evaluation.scorers.answers import ask, image_answer
+from tasks.methods import load_method
+from tasks.reconstruction import ReconstructionSample, psnr_db
+from tasks.recording.frames import Frames
+from tasks.recording.pairs import events_of, inside, sums
+from tasks.recording.recording import Recording
+from tasks.recording.score import PSNR, RecordingScore
+from tasks.recording.threshold import Thresholds
+from tasks.video import ImageTaker, picture
+from tasks.video import psnr_db as picture_psnr_db
+
+
+def score_reconstruction(
+    recording: Recording,
+    frames: Frames,
+    methods: Sequence[str],
+    thresholds: Thresholds,
+    on_progress: Progress = silent,
+) -> list[RecordingScore]:
+    """Score predictions of each frame from the one before it.
+
+    Parameters
+    ----------
+    recording, frames
+        The events and frames.
+    methods
+        Names, or "package.module:function".
+    thresholds
+        Contrast thresholds. Methods get one for both polarities, and polarity sums that make up for
+        the difference.
+    on_progress
+        Called after each pair of frames.
+
+    Returns
+    -------
+    PSNR of each frame and method, of light; its peak is white, the largest number that the files
+    can store.
+    """
+    pairs = inside(recording, frames)
+    loaded = {name: load_method("reconstruction", name) for name in methods}
+    scores = []
+    for done, (k, events) in enumerate(
+        zip(pairs, events_of(recording, frames, pairs), strict=True), start=1
+    ):
+        before, after = frames.log_light(k), frames.log_light(k + 1)
+        change = thresholds.change(sums(events, frames, k))
+        sample = ReconstructionSample(before, change / thresholds.mean, thresholds.mean)
+        for name, method in loaded.items():
+            answer, _ = ask("reconstruction", name, method, sample)
+            prediction, failure = image_answer("reconstruction", name, answer, before)
+            value = psnr_db(prediction, after, log_white=0.0)
+            t_us = int(frames.middle_us[k + 1])
+            scores.append(RecordingScore(name, PSNR.name, value, t_us, failure=failure))
+        on_progress("reconstruction", done, len(pairs))
+    return scores
+
+
+def score_video(
+    recording: Recording,
+    frames: Frames,
+    methods: Sequence[str],
+    contrast_threshold: float,
+    equalization: str = "local",
+    on_progress: Progress = silent,
+) -> list[RecordingScore]:
+    """Score images from events alone at the time of each frame.
+
+    Parameters
+    ----------
+    recording, frames
+        The events and frames.
+    methods
+        Names, or "package.module:class".
+    contrast_threshold
+        Of both polarities, log units.
+    equalization
+        As for `tasks.video.picture`.
+    on_progress
+        Called after each part of the events.
+
+    Returns
+    -------
+    PSNR of each image and method, of equalized pictures.
+    """
+    kept = [
+        k
+        for k, t_us in enumerate(frames.middle_us)
+        if recording.start_us < t_us <= recording.end_us
+    ]
+    if not kept:
+        raise TaskError(f"{recording.path}: found no frame within the time of the events")
+    numbers = {int(frames.middle_us[k]): k for k in kept}
+    width, height = recording.size
+    arguments = width, height, contrast_threshold
+    takers = {
+        name: ImageTaker(ask("video", name, load_method("video", name), *arguments)[0], numbers)
+        for name in methods
+    }
+    blank = np.zeros((height, width))
+    scores = []
+
+    def score(name: str, taken: list) -> None:
+        for t_us, answer in taken:
+            log_image, failure = image_answer("video", name, answer, blank)
+            truth = picture(frames.log_light(numbers[t_us]), (height, width), equalization)
+            found = picture(log_image, (height, width), equalization)
+            value = picture_psnr_db(found, truth)
+            scores.append(RecordingScore(name, PSNR.name, value, t_us, failure=failure))
+
+    seen = 0
+    for events in recording.parts():
+        for name, taker in takers.items():
+            score(name, ask("video", name, taker.push, events)[0])
+        seen += len(events)
+        on_progress("video", seen, recording.count)
+    for name, taker in takers.items():
+        score(name, ask("video", name, taker.finish)[0])
+    return sorted(scores, key=lambda one: (one.t_us, list(methods).index(one.method)))

@@ -1,0 +1,138 @@
+"""Options of `eres evaluate` and `eres video` for files of events."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tasks.errors import TaskError
+
+if TYPE_CHECKING:
+    from tasks.recording.frames import Frames
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameOptions:
+    """Frames of the same camera, for a file of events.
+
+    Parameters
+    ----------
+    frames
+        Folder with frames.csv (t_us_start,t_us_end,file), images.txt or timestamps.txt, and the
+        images.
+    frames_time_unit
+        Unit of images.txt or timestamps.txt: s, ms, us or ns.
+    exposure_us
+        Length of all exposures, where no frames.csv tells, microseconds.
+    frames_shift_us
+        Add this to the times of the frames, microseconds.
+    estimate_shift
+        Find by how much the frames must be shifted to fit the events best, up to 20 ms.
+    encoding
+        Transfer function of the frames: srgb (by default), rec709, linear, or gamma:2.2.
+    """
+
+    frames: Path | None = None
+    frames_time_unit: str | None = None
+    exposure_us: int | None = None
+    frames_shift_us: int | None = None
+    estimate_shift: bool = False
+    encoding: str | None = None
+
+    @property
+    def shift_us(self) -> int | None:
+        """Shift of the frames; None if it is to be estimated."""
+        if self.estimate_shift and self.frames_shift_us is not None:
+            raise TaskError("found frames-shift-us and estimate-shift, expected one of them")
+        return None if self.estimate_shift else (self.frames_shift_us or 0)
+
+    def open_frames(self) -> Frames | None:
+        """Open the frames, None if there are none.
+
+        Raises
+        ------
+        TaskError
+            They cannot be read, or options for frames are given without frames.
+        """
+        from tasks.recording.frames import open_frames
+
+        if self.frames is not None:
+            return open_frames(
+                self.frames,
+                time_unit=self.frames_time_unit,
+                exposure_us=self.exposure_us,
+                encoding=self.encoding or "srgb",
+            )
+        for name in _FOR_FRAMES:
+            if getattr(self, name) != getattr(NO_FRAMES, name):
+                raise TaskError(
+                    f"{name.replace('_', '-')}: found {getattr(self, name)}, expected it only with "
+                    "--frames"
+                )
+        return None
+
+
+NO_FRAMES = FrameOptions()
+_FOR_FRAMES = (
+    *("frames_time_unit", "exposure_us", "frames_shift_us", "estimate_shift", "encoding"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowOptions:
+    """Windows and patches of optical flow, for a file of events.
+
+    Parameters
+    ----------
+    window_ms
+        Length of a window, milliseconds; with frames it is the time between two.
+    windows
+        Largest number of windows, spread evenly over the recording.
+    features
+        Largest number of patches in a window.
+    patch_px
+        Side of a patch, px.
+    search_px
+        Largest flow to look for, px per window along each axis; by default a sixteenth of the
+        width.
+    """
+
+    window_ms: float = 30.0
+    windows: int = 20
+    features: int = 30
+    patch_px: int = 33
+    search_px: float | None = None
+
+
+USUAL_FLOW = FlowOptions()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoOptions:
+    """Which images are made.
+
+    Parameters
+    ----------
+    method
+        Name (`eres methods` lists them under video), or your own class as package.module:class.
+    fps
+        Images per second.
+    start
+        Time of the first image, seconds on the clock of the events; by default one step after the
+        first event.
+    end
+        No image is later, seconds; by default just after the last event.
+    equalization
+        Of the histograms of the images: none, global, local, or clahe (local, with limited
+        contrast).
+    """
+
+    method: str = "high_pass_filter"
+    fps: float = 30.0
+    start: float | None = None
+    end: float | None = None
+    equalization: str = "none"
+
+
+USUAL_VIDEO = VideoOptions()

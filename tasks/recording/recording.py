@@ -1,0 +1,119 @@
+"""`Recording`: a file of events of any format, read in bounded memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sensor.events import Events, concatenate
+from sensor.formats import Header, read_header
+from tasks.errors import TaskError
+from tasks.events.reading import AS_STORED, Reading
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The events of a real camera.
+
+    Parameters
+    ----------
+    path, header
+        The file, and its header with a size.
+    start_us, end_us
+        From the first event to just after the last: [start_us, end_us).
+    count
+        Number of events.
+    reading, format
+        How to read the file.
+    """
+
+    path: Path
+    header: Header
+    start_us: int
+    end_us: int
+    count: int
+    reading: Reading = AS_STORED
+    format: str | None = None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the sensor, px."""
+        assert self.header.width is not None
+        assert self.header.height is not None
+        return self.header.width, self.header.height
+
+    @property
+    def event_rate_hz(self) -> float:
+        """Events per second of the whole sensor, from the first event to the last."""
+        return 1e6 * self.count / (self.end_us - self.start_us)
+
+    def parts(self) -> Iterator[Events]:
+        """Read the file in parts."""
+        return self.reading.parts(self.path, self.format)
+
+
+def open_recording(
+    path: Path, *, format: str | None = None, reading: Reading = AS_STORED
+) -> Recording:
+    """Open a file of events; reads all of it once, to know its time.
+
+    Parameters
+    ----------
+    path
+        The file.
+    format
+        Its format; by default its extension or header tells.
+    reading
+        How to read it.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    EventFormatError
+        The file is damaged, or its size is neither stored nor given.
+    TaskError
+        It has no events.
+    """
+    header = read_header(path, format=format).with_size(reading.size)
+    first_us, last_us, count = 0, 0, 0
+    for part in reading.parts(path, format):
+        if len(part):
+            first_us = first_us if count else int(part.t_us[0])
+            last_us = int(part.t_us[-1])
+            count += len(part)
+    if not count:
+        raise TaskError(f"{path}: found no events, expected some")
+    return Recording(path, header, first_us, last_us + 1, count, reading, format)
+
+
+def cut(parts: Iterable[Events], windows_us: Sequence[tuple[int, int]]) -> Iterator[Events]:
+    """Cut windows out of a stream; no more than a window and a part are in memory.
+
+    Parameters
+    ----------
+    parts
+        Parts of the stream, at least one.
+    windows_us
+        Start and end of each window, [start, end); both ascend. Windows may overlap.
+
+    Yields
+    ------
+    Events
+        Of each window.
+    """
+    stream = iter(parts)
+    held = next(stream)
+    for start_us, end_us in windows_us:
+        found = [held[int(np.searchsorted(held.t_us, start_us)) :]]
+        while not (len(found[-1]) and found[-1].t_us[-1] >= end_us):
+            if (part := next(stream, None)) is None:
+                break
+            found.append(part[int(np.searchsorted(part.t_us, start_us)) :])
+        held = concatenate([part for part in found if len(part)] or found[:1])
+        yield held[: int(np.searchsorted(held.t_us, end_us))]

@@ -1,0 +1,102 @@
+"""Tracks of corners from one frame to the next: the reference for flow where no truth is known.
+
+Lucas and Kanade's tracker in a pyramid, as OpenCV has it, forward and backward: a corner that does
+not come back to where it was is left out (Kalal et al., "Forward-Backward Error", ICPR 2010).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+RETURN_PX = 0.2
+QUALITY = 0.03  # of the weakest corner over the strongest: weaker ones are the noise of a frame
+_APART = 1 / 24  # widths of the frame between two corners
+_WINDOW_PX = 21
+_LEVELS = 3
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tracks:
+    """Corners of a frame, and where they are in the next one.
+
+    Parameters
+    ----------
+    start_px
+        (N, 2) positions in the first frame, the strongest corner first; pixel centers are at
+        integers + 0.5.
+    flow_px
+        (N, 2) displacements.
+    """
+
+    start_px: NDArray[np.float64]
+    flow_px: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.start_px)
+
+
+_NONE = Tracks(np.empty((0, 2)), np.empty((0, 2)))
+
+
+def strong_corners(image: NDArray[np.uint8] | NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return the corners of an image of a real camera, the strongest first.
+
+    Parameters
+    ----------
+    image
+        (H, W).
+
+    Returns
+    -------
+    (N, 2) positions, px.
+    """
+    found = cv2.goodFeaturesToTrack(image, 0, QUALITY, _APART * image.shape[1])
+    if found is None:
+        return np.empty((0, 2))
+    return found.reshape(-1, 2).astype(np.float64) + 0.5
+
+
+def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) -> Tracks:
+    """Track the strongest corners of a frame.
+
+    Parameters
+    ----------
+    light, later
+        (H, W) light of two frames, in one unit.
+    count
+        Largest number of corners.
+
+    Returns
+    -------
+    Tracks
+        Of the corners whose way there and back ends within 0.2 px of its start.
+    """
+    white = max(light.max(), later.max())
+    if not white > 0:
+        return _NONE
+    first, second = (np.round(255 / white * image).astype(np.uint8) for image in (light, later))
+    start_px = strong_corners(first)
+    if not len(start_px):
+        return _NONE
+    places = (start_px - 0.5).astype(np.float32).reshape(-1, 1, 2)
+    there, found = _follow(first, second, places)
+    back, returned = _follow(second, first, there)
+    missed = np.linalg.norm((back - places).reshape(-1, 2), axis=1)
+    kept = np.flatnonzero(found & returned & (missed <= RETURN_PX))[:count]
+    flow_px = (there - places).reshape(-1, 2).astype(np.float64)
+    return Tracks(start_px[kept], flow_px[kept])
+
+
+def _follow(
+    image: NDArray[np.uint8], later: NDArray[np.uint8], places: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        *(image, later, places, np.empty(0, np.float32)),
+        winSize=(_WINDOW_PX, _WINDOW_PX),
+        maxLevel=_LEVELS,
+    )
+    return np.asarray(moved, np.float32), np.asarray(status).ravel() == 1

@@ -1,0 +1,173 @@
+"""A recording's events as images: PNG files with their times."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.progress import Progress, silent
+from tasks.errors import TaskError
+from tasks.evaluation.scorers.answers import ask, image_answer
+from tasks.methods import check_method, load_method
+from tasks.recording.calibration import Calibration
+from tasks.recording.options import VideoOptions
+from tasks.recording.recording import Recording
+from tasks.video import EQUALIZATIONS, ImageTaker, picture
+
+TIMES = "timestamps.txt"
+_MOST_IMAGES = 10**6
+
+
+def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
+    """Return the times of the images.
+
+    Parameters
+    ----------
+    recording, options
+        The events, and which images.
+
+    Returns
+    -------
+    Times, us.
+
+    Raises
+    ------
+    TaskError
+        The rate is not positive, there are more than a million, or there is none.
+    """
+    if not 0 < options.fps < math.inf:
+        raise TaskError(f"fps: found {options.fps:g}, expected a positive number")
+    step_us = 1e6 / options.fps
+    start_us = recording.start_us + step_us if options.start is None else 1e6 * options.start
+    end_us = recording.end_us if options.end is None else 1e6 * options.end
+    count = math.floor((end_us - start_us) / step_us + 1e-9) + 1
+    if count < 1:
+        raise TaskError(
+            f"{recording.path}: found events from {1e-6 * recording.start_us:.6f} to "
+            f"{1e-6 * recording.end_us:.6f} s, in which there is no image at {options.fps:g} per "
+            "second; choose a higher --fps, or --start and --end"
+        )
+    if count > _MOST_IMAGES:
+        raise TaskError(f"found {count} images, expected at most {_MOST_IMAGES}; lower --fps")
+    return [round(start_us + k * step_us) for k in range(count)]
+
+
+def write_video(
+    recording: Recording,
+    out: Path,
+    options: VideoOptions,
+    *,
+    contrast_threshold: float = 0.2,
+    calibration: Calibration | None = None,
+    overwrite: bool = False,
+    on_progress: Progress = silent,
+) -> int:
+    """Write images of a recording to a folder, which appears when it is complete.
+
+    Parameters
+    ----------
+    recording
+        The events; a part of them is in memory at a time.
+    out
+        The folder: 000000.png and so on, and timestamps.txt with a time for each, us.
+    options
+        Which images.
+    contrast_threshold
+        C, log units. A filter's images are stretched, so that only the ratio of C to the dark
+        matters in them.
+    calibration
+        Lens, whose distortion is taken out of the images.
+    overwrite
+        Whether to replace a folder that such images are in.
+    on_progress
+        Called after each part of the events.
+
+    Returns
+    -------
+    Number of images.
+
+    Raises
+    ------
+    TaskError
+        An option is out of range, or the folder exists.
+    """
+    check_method("video", options.method)
+    if options.equalization not in ("none", *EQUALIZATIONS):
+        raise TaskError(
+            f"equalization: found {options.equalization!r}, expected one of "
+            f"{', '.join(('none', *EQUALIZATIONS))}"
+        )
+    _check_folder(out, overwrite)
+    times_us = image_times_us(recording, options)
+    unfinished = out.with_name(f".{out.name}.{os.getpid()}.unfinished")
+    try:
+        unfinished.mkdir()
+        images = _images(recording, options, times_us, contrast_threshold, on_progress)
+        for k, log_image in enumerate(images):
+            shown = picture(log_image, log_image.shape, options.equalization)
+            codes = np.round(255 * shown).astype(np.uint8)
+            if calibration is not None:
+                codes = calibration.undistorted(codes)
+            (unfinished / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
+        lines = ["# unit: us", *map(str, times_us)]
+        (unfinished / TIMES).write_text("\n".join(lines) + "\n")
+        if out.exists():
+            shutil.rmtree(out)
+        unfinished.rename(out)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    return len(times_us)
+
+
+def _check_folder(out: Path, overwrite: bool) -> None:
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise TaskError(f"{out}: is a file, expected a folder")
+    others = [
+        file.name
+        for file in out.iterdir()
+        if not (file.name == TIMES or (file.suffix == ".png" and file.stem.isdigit()))
+    ]
+    if others:
+        raise TaskError(f"{out}: found {sorted(others)[0]}, expected no folder, or one of images")
+    if any(out.iterdir()) and not overwrite:
+        raise TaskError(f"{out}: exists already; add --overwrite to replace it")
+
+
+def _images(
+    recording: Recording,
+    options: VideoOptions,
+    times_us: list[int],
+    contrast_threshold: float,
+    on_progress: Progress,
+) -> Iterator[NDArray[np.floating]]:
+    width, height = recording.size
+    name = options.method
+    start: Any = load_method("video", name)
+    method, _ = ask("video", name, start, width, height, contrast_threshold)
+    taker = ImageTaker(method, times_us)
+    blank = np.zeros((height, width))
+    seen = 0
+    for events in recording.parts():
+        taken, _ = ask("video", name, taker.push, events)
+        yield from (_image(name, t_us, answer, blank) for t_us, answer in taken)
+        seen += len(events)
+        on_progress("images", seen, recording.count)
+    taken, _ = ask("video", name, taker.finish)
+    yield from (_image(name, t_us, answer, blank) for t_us, answer in taken)
+
+
+def _image(name: str, t_us: int, answer: Any, blank: NDArray[np.float64]) -> NDArray[np.floating]:
+    image, failure = image_answer("video", name, answer, blank)
+    if failure:
+        raise TaskError(f"video, method {name!r}: at {t_us} us {failure}")
+    return image

@@ -1,0 +1,126 @@
+"""ROS bags: files that rosbags writes come back, topics are chosen, and damage is an error."""
+
+import struct
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from event_streams import assert_same, make_events, random_events
+from sensor import EventFormatError
+from sensor.events import concatenate
+from sensor.formats import load_events, read_events, read_header
+
+EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
+ARRAY = "std_msgs/Header header\nuint32 height\nuint32 width\n{package}/Event[] events\n"
+
+
+def typestore_of(package):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    store.register(get_types_from_msg(EVENT, f"{package}/msg/Event"))
+    array = ARRAY.format(package=package)
+    store.register(get_types_from_msg(array, f"{package}/msg/EventArray"))
+    return store
+
+
+def message(store, package, events):
+    """Return the bytes of a message, made by rosbags from its objects."""
+    types = store.types
+    time = types["builtin_interfaces/msg/Time"]
+    event = types[f"{package}/msg/Event"]
+    each = [
+        event(x=int(x), y=int(y), ts=time(*divmod(1000 * int(t), 10**9)), polarity=bool(p > 0))
+        for t, x, y, p in zip(*events.columns, strict=True)
+    ]
+    header = types["std_msgs/msg/Header"](seq=1, stamp=time(0, 0), frame_id="davis")
+    array = types[f"{package}/msg/EventArray"](header, events.height, events.width, each)
+    return bytes(store.serialize_ros1(array, f"{package}/msg/EventArray"))
+
+
+def write_bag(path, streams, package="dvs_msgs", per_message=100):
+    """Write a bag with a topic for each stream, several messages each."""
+    store = typestore_of(package)
+    with Writer(path) as writer:
+        for topic, events in streams.items():
+            one = writer.add_connection(topic, f"{package}/msg/EventArray", typestore=store)
+            for k in range(0, len(events), per_message):
+                part = events[k : k + per_message]
+                writer.write(one, 1000 * int(part.t_us[-1]), message(store, package, part))
+        text = writer.add_connection("/said", "std_msgs/msg/String", typestore=store)
+        said = store.types["std_msgs/msg/String"](data="hello")
+        writer.write(text, 0, store.serialize_ros1(said, "std_msgs/msg/String"))
+    return path
+
+
+@pytest.mark.parametrize("package", ["dvs_msgs", "prophesee_event_msgs"])
+def test_bags_that_rosbags_writes(package, tmp_path):
+    """Promise: time, place and polarity of every event, the size, and the names of other topics."""
+    events = random_events(450, width=346, height=260, start_us=1_600_000_000_123_456, mean_us=30)
+    path = write_bag(tmp_path / "a.bag", {"/dvs/events": events}, package)
+    assert_same(load_events(path), events)
+    header = read_header(path)
+    assert (header.width, header.height) == (346, 260)
+    assert header.others == ("/said (std_msgs/String)",)
+
+
+def test_a_bag_is_read_in_parts(tmp_path):
+    """Promise: one message is in memory at a time."""
+    path = write_bag(tmp_path / "a.bag", {"/dvs/events": random_events(300)}, per_message=50)
+    assert [len(part) for part in read_events(path)] == [0, *[50] * 6]
+
+
+def test_several_topics_need_a_choice(tmp_path, eres):
+    """Promise: no topic is taken by chance; the option names one."""
+    left, right = random_events(60, seed=1), random_events(70, seed=2)
+    path = write_bag(tmp_path / "a.bag", {"/left": left, "/right": right})
+    with pytest.raises(EventFormatError, match=r"topics /left, /right with events, expected one"):
+        load_events(path)
+    with pytest.raises(EventFormatError, match="found /up, expected one of /left, /right"):
+        load_events(path, topic="/up")
+    assert_same(load_events(path, topic="/right"), right)
+    code, out, _ = eres("convert", path, tmp_path / "a.h5", "--topic", "/left")
+    assert (code, "60 events" in out) == (0, True)
+    with pytest.raises(EventFormatError, match="topic: found /left, expected none for DSEC"):
+        load_events(tmp_path / "a.h5", topic="/left")
+
+
+def test_messages_out_of_order_can_be_sorted(tmp_path):
+    """Promise: times that run backwards are an error that says what to do."""
+    early, late = make_events([5, 6], [1, 2], [3, 4], [1, 0]), make_events([9], [7], [8], [1])
+    store = typestore_of("dvs_msgs")
+    with Writer(tmp_path / "a.bag") as writer:
+        one = writer.add_connection("/e", "dvs_msgs/msg/EventArray", typestore=store)
+        for k, part in enumerate((late, early)):
+            writer.write(one, k, message(store, "dvs_msgs", part))
+    with pytest.raises(EventFormatError, match=r"message 1: .*--sort"):
+        load_events(tmp_path / "a.bag")
+    assert_same(load_events(tmp_path / "a.bag", sort=True), concatenate([early, late]))
+
+
+def test_other_messages_are_named(tmp_path):
+    """Promise: a bag without events says what it has."""
+    path = write_bag(tmp_path / "a.bag", {})
+    with pytest.raises(EventFormatError, match="found messages std_msgs/String, expected dvs"):
+        load_events(path)
+
+
+def test_damage_is_an_error(tmp_path):
+    """Promise: a bag that was cut off, a message of another length, a pixel outside the sensor."""
+    events = random_events(50, width=64, height=48)
+    whole = write_bag(tmp_path / "a.bag", {"/e": events}).read_bytes()
+    rng = np.random.default_rng(0)
+    for size in [0, 5, *rng.integers(1, len(whole), 40)]:
+        (tmp_path / "b.bag").write_bytes(whole[:size])
+        with pytest.raises(EventFormatError, match=r"b\.bag: "):
+            load_events(tmp_path / "b.bag")
+    store = typestore_of("dvs_msgs")
+    good = message(store, "dvs_msgs", events)
+    wide = bytearray(good)
+    struct.pack_into("<H", wide, 28 + len("davis"), 64)
+    for data, said in ((good[:-1], "which are no array of events"), (bytes(wide), "found 64")):
+        with Writer(tmp_path / f"{said}.bag") as writer:
+            one = writer.add_connection("/e", "dvs_msgs/msg/EventArray", typestore=store)
+            writer.write(one, 0, data)
+        with pytest.raises(EventFormatError, match=said):
+            load_events(tmp_path / f"{said}.bag", size=(64, 48))

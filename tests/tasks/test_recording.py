@@ -1,0 +1,401 @@
+"""Methods on recordings: flow from zero, images against frames, and input that does not fit."""
+
+import json
+import re
+
+import cv2
+import numpy as np
+import pytest
+
+from recordings import SIZE, STEP, C, make_recording
+from sensor import Events
+from sensor.formats import write_events
+from tasks.errors import TaskError
+from tasks.recording.evaluate import evaluate_recording
+from tasks.recording.flow import spread
+from tasks.recording.frames import open_frames
+from tasks.recording.images import score_reconstruction
+from tasks.recording.options import FlowOptions
+from tasks.recording.pairs import sums
+from tasks.recording.recording import cut, open_recording
+from tasks.recording.threshold import Thresholds, estimate_shift, fit_thresholds
+from tasks.recording.tracks import track
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    return make_recording(tmp_path_factory.mktemp("recording"))
+
+
+@pytest.fixture(scope="module")
+def recording(made):
+    return open_recording(made.events_file)
+
+
+@pytest.fixture(scope="module")
+def frames(made):
+    return open_frames(made.frames, encoding="linear")
+
+
+def medians(found):
+    """Return the median score of each method."""
+    names = dict.fromkeys(score.method for score in found.scores)
+    return {n: np.median([s.value for s in found.scores if s.method == n]) for n in names}
+
+
+@pytest.mark.parametrize("part", [1, 7, 1000, 10**6])
+def test_windows_are_those_of_all_events(made, part):
+    """Promise: overlapping, empty and adjacent windows, whatever the parts of the stream are."""
+    events = made.events[:3000]
+    last = int(events.t_us[-1])
+    windows = [(-9, 0), (0, 400), (300, 900), (300, 901), (last // 2, last), (last, last + 9)]
+    parts = (events[k : k + part] for k in range(0, len(events), part))
+    for found, (start, end) in zip(cut(parts, windows), windows, strict=True):
+        expected = events.between(start, end)
+        np.testing.assert_array_equal(found.t_us, expected.t_us)
+        np.testing.assert_array_equal(found.x, expected.x)
+
+
+def test_weights_are_means_over_the_exposures(made, tmp_path):
+    """Promise: events between two exposed frames count as in the mean of the integral of events
+    over each exposure, sampled at many times."""
+    folder = made.write_frames(tmp_path / "exposed", exposure=6)
+    exposed = open_frames(folder, encoding="linear")
+    found = sums(made.events, exposed, 1)
+    after = []  # share of each exposure that sees the light after an event
+    for k in (1, 2):
+        times = np.linspace(exposed.start_us[k], exposed.end_us[k], 6001)
+        after.append(1 - np.searchsorted(times, made.events.t_us) / len(times))
+    weight = after[1] - after[0]
+    on = np.zeros(SIZE[::-1])
+    kept = made.events.p > 0
+    np.add.at(on, (made.events.y[kept], made.events.x[kept]), weight[kept])
+    np.testing.assert_allclose(found.on, on, atol=0.02)
+
+
+def test_thresholds_come_out_of_frames_that_events_explain(recording, made, tmp_path):
+    """Promise: frames whose logarithm changes by exactly C_on and C_off per event give these."""
+    width, height = SIZE
+    folder = tmp_path / "exact"
+    folder.mkdir()
+    times = np.linspace(int(made.t_us[1]), int(made.t_us[-2]), 4).astype(int)
+    rows = ["t_us_start,t_us_end,file"]
+    log = np.full((height, width), np.log(0.1))
+    for k, t_us in enumerate(times):
+        if k:
+            window = made.events.between(int(times[k - 1]), int(t_us))
+            for p, C_p in ((1, 0.03), (-1, -0.02)):
+                log += C_p * np.abs(window.where(window.p == p).polarity_sum())
+        light = np.exp(log) - 1 / 64
+        cv2.imwrite(str(folder / f"{k}.png"), np.round(65535 * light).astype(np.uint16))
+        rows.append(f"{t_us},{t_us},{k}.png")
+    (folder / "frames.csv").write_text("\n".join(rows))
+    found = fit_thresholds(recording, open_frames(folder, encoding="linear"))
+    assert (found.on, found.off) == (pytest.approx(0.03, rel=0.01), pytest.approx(0.02, rel=0.01))
+    assert found.unexplained < 1e-3
+    assert found.pairs == 3
+
+
+def test_thresholds_of_a_simulated_camera(recording, frames):
+    """Promise: fitted to frames, they are those of the sensor that saw the same light, to the
+    part of a threshold that each pixel has not yet fired."""
+    found = fit_thresholds(recording, frames)
+    assert (found.on, found.off) == (pytest.approx(C, rel=0.1), pytest.approx(C, rel=0.1))
+    assert found.unexplained < 0.1
+
+
+def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
+    """Promise: frames whose stamps are 1.6 ms early fit best 1.6 ms later than those on the clock
+    of the events, which fit best when these have fired: less than 1 ms later."""
+    monkeypatch.setattr("tasks.recording.threshold.REACH_US", 4000)
+    early = open_frames(made.write_frames(tmp_path / "early", shift_us=-1600), encoding="linear")
+    found = estimate_shift(recording, early)
+    right = estimate_shift(recording, open_frames(made.frames, encoding="linear"))
+    assert found.shift_us - right.shift_us == pytest.approx(1600, abs=150)
+    assert 0 <= right.shift_us < 1000
+    assert (found.matters, right.matters) == (True, False)
+
+
+def test_tracks_follow_the_texture(made, frames):
+    """Promise: tracks have the displacement of the texture, and no track that went astray."""
+    found = track(frames.light(1), frames.light(2), 20)
+    way_px = 12.0 * STEP / (len(made.t_us) - 1)
+    assert len(found) >= 8
+    lengths = np.linalg.norm(found.flow_px, axis=1)
+    np.testing.assert_allclose(lengths, way_px, atol=0.15)
+    assert np.abs(found.flow_px - found.flow_px.mean(0)).max() < 0.15
+
+
+def test_flow_with_frames_beats_doing_nothing(recording, frames):
+    """Promise: from zero, both kinds of methods come near the tracks, and zero flow is as far off
+    as the texture moves."""
+    options = FlowOptions(patch_px=21, windows=3, features=6, search_px=6.0)
+    found = evaluate_recording(recording, "flow", frames=frames, flow=options)
+    median = medians(found)
+    assert median["initial_flow"] == pytest.approx(2.0, abs=0.1)
+    assert median["contrast_maximization"] < 0.4
+    assert median["contrast_maximization_by_gradient"] < 0.4
+    assert median["photometric_flow"] < 0.4
+    assert {score.metric for score in found.scores} == {"epe_px"}
+    assert any(note.startswith("thresholds: ON 0.") for note in found.notes)
+
+
+def test_flow_without_frames_sharpens_the_events(recording):
+    """Promise: zero flow gains nothing, exactly, and contrast maximization does; methods that need
+    an image are left out."""
+    options = FlowOptions(window_ms=20.0, windows=3, features=5, patch_px=21, search_px=8.0)
+    found = evaluate_recording(recording, "flow", flow=options)
+    median = medians(found)
+    assert median["initial_flow"] == 1.0
+    assert median["contrast_maximization"] > 1.1
+    assert set(median) == {
+        *("contrast_maximization", "contrast_maximization_by_gradient", "initial_flow"),
+    }
+
+
+def test_frames_predicted_from_the_one_before(recording, frames, made, tmp_path):
+    """Promise: event integration is far better than the frame before; and with long exposures
+    better if they are known than if frames are taken as instants."""
+    found = evaluate_recording(recording, "reconstruction", frames=frames)
+    median = medians(found)
+    assert median["event_integration"] > median["no_events"] + 6
+    exposed = open_frames(made.write_frames(tmp_path / "b", exposure=8), encoding="linear")
+    known = score_reconstruction(recording, exposed, ["event_integration"], Thresholds(C, C))
+    instants = open_frames(
+        made.write_frames(tmp_path / "c", exposure=8, table=False), encoding="linear"
+    )
+    taken = score_reconstruction(recording, instants, ["event_integration"], Thresholds(C, C))
+    gain = np.mean([s.value for s in known]) - np.mean([s.value for s in taken])
+    assert gain > 2
+
+
+def test_images_from_events_alone_are_scored_at_each_frame(recording, frames):
+    """Promise: one score for each frame within the events and each method."""
+    found = evaluate_recording(recording, "video", frames=frames)
+    times = sorted({score.t_us for score in found.scores})
+    assert times == [t for t in frames.middle_us if recording.start_us < t <= recording.end_us]
+    median = medians(found)
+    assert set(median) == {"high_pass_filter", "high_pass_filter_no_event_decay", "blank"}
+    assert all(np.isfinite(score.value) for score in found.scores)
+
+
+def test_the_command_prints_scores_and_what_it_assumed(made, eres):
+    """Promise: the table of a recording is that of a sequence, with the notes after it."""
+    code, out, _ = eres(
+        *("evaluate", made.events_file, "--frames", made.frames, "--encoding", "linear"),
+        *("--task", "reconstruction"),
+    )
+    assert code == 0
+    assert re.search(r"method +median +metric +scores +failed", out)
+    assert re.search(r"event_integration +\d+\.\d+ +psnr_db +[45] +0", out)
+    assert "decoded as linear" in out
+    assert "M events/s in the recording" in out
+
+
+@pytest.mark.parametrize(("name", "value"), [("resolution", 128), ("cutoff", 50.0), ("speed", 2.0)])
+def test_options_of_a_simulated_sensor_are_refused(name, value, made, eres):
+    """Promise: what a recording fixes cannot be chosen."""
+    code, _, err = eres("evaluate", made.events_file, "--task", "flow", f"--{name}", value)
+    assert code == 1
+    assert f"found a recording with --{name} {value:g}" in err
+
+
+def wrong_size(made, folder):
+    frames = made.write_frames(folder / "frames")
+    for file in frames.glob("*.png"):
+        cv2.imwrite(str(file), np.zeros((260, 346), np.uint8))
+    return ["--frames", frames], "found a frame of 346x260 px, expected 96x72 px"
+
+
+def other_clock(made, folder):
+    frames = made.write_frames(folder / "frames", shift_us=1_700_000_000_000_000)
+    return ["--frames", frames], "if their clocks differ, --frames-shift-us moves the frames"
+
+
+def no_times(made, folder):
+    frames = made.write_frames(folder / "frames")
+    (frames / "frames.csv").unlink()
+    return ["--frames", frames], "found no times of frames, expected frames.csv"
+
+
+def no_unit(made, folder):
+    frames = made.write_frames(folder / "frames", table=False)
+    times = (frames / "timestamps.txt").read_text().splitlines()[1:]
+    (frames / "timestamps.txt").write_text("\n".join(times))
+    return ["--frames", frames], "found no unit, expected --frames-time-unit s, ms, us or ns"
+
+
+def ends_before_it_starts(made, folder):
+    frames = made.write_frames(folder / "frames")
+    lines = (frames / "frames.csv").read_text().splitlines()
+    lines[2] = "9000,8000,010.png"
+    (frames / "frames.csv").write_text("\n".join(lines))
+    return ["--frames", frames], "expected its end after its start"
+
+
+def missing_file(made, folder):
+    frames = made.write_frames(folder / "frames")
+    (frames / "020.png").unlink()
+    return ["--frames", frames], "found 020.png, for which there is no file"
+
+
+def both_shifts(made, folder):
+    options = ["--frames", made.frames, "--frames-shift-us", 5, "--estimate-shift"]
+    return options, "found frames-shift-us and estimate-shift, expected one of them"
+
+
+def frames_forgotten(made, folder):
+    return ["--exposure-us", 5000], "exposure-us: found 5000, expected it only with --frames"
+
+
+def short(made, folder):
+    return ["--window-ms", 500], "expected at least a window of 500 ms"
+
+
+def needs_an_image(made, folder):
+    return ["--method", "photometric_flow"], "needs the image at the start of each window"
+
+
+BAD = (wrong_size, other_clock, no_times, no_unit, ends_before_it_starts, missing_file)
+BAD += (both_shifts, frames_forgotten, short, needs_an_image)
+
+
+@pytest.mark.parametrize("bad", BAD, ids=lambda one: one.__name__)
+def test_input_that_does_not_fit_is_one_line(bad, made, tmp_path, eres):
+    """Promise: an error names what was found and what was expected, with exit code 1."""
+    options, said = bad(made, tmp_path)
+    code, out, err = eres("evaluate", made.events_file, "--task", "flow", *options)
+    assert (code, out) == (1, "")
+    assert said in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_tasks_that_need_more_say_it(made, eres):
+    """Promise: pose tracking, and images without frames, are refused with what is missing."""
+    for task, said in (("tracking", "needs a plane"), ("video", "expected --frames")):
+        code, _, err = eres("evaluate", made.events_file, "--task", task)
+        assert (code, said in err) == (1, True)
+
+
+def test_a_recording_without_events(tmp_path, eres):
+    """Promise: an empty file is an error."""
+    none = np.empty(0, np.int64), *np.empty((2, 0), np.uint16), np.empty(0, np.int8)
+    write_events(tmp_path / "a.h5", Events(*none, 64, 48))
+    code, _, err = eres("evaluate", tmp_path / "a.h5", "--task", "flow")
+    assert (code, "found no events" in err) == (1, True)
+
+
+def test_frames_without_exposures_are_a_warning(made, tmp_path, caplog):
+    """Promise: the reader says that it takes frames as instants, unless their exposure is given."""
+    folder = made.write_frames(tmp_path / "frames", table=False)
+    assert len(open_frames(folder)) == 7
+    assert "does not state exposures; the frames are taken as instants" in caplog.text
+    caplog.clear()
+    found = open_frames(folder, exposure_us=900)
+    assert set((found.end_us - found.start_us).tolist()) == {900}
+    assert not caplog.text
+
+
+def test_lists_of_images_as_in_the_rpg_dataset(made, tmp_path):
+    """Promise: images.txt has a time and a file in each line, in the unit that is given."""
+    folder = made.write_frames(tmp_path / "frames")
+    (folder / "frames.csv").unlink()
+    (folder / "images.txt").write_text("0.001500000 000.png\n0.0025 010.png\n")
+    found = open_frames(folder, time_unit="s", exposure_us=0)
+    assert found.start_us.tolist() == [1500, 2500]
+    assert [file.name for file in found.files] == ["000.png", "010.png"]
+    with pytest.raises(TaskError, match="found no unit, expected --frames-time-unit"):
+        open_frames(folder, exposure_us=0)
+
+
+def test_images_of_events_with_their_times(made, tmp_path, eres):
+    """Promise: PNG images at a rate, times in microseconds; the folder is one that
+    `eres simulate` reads."""
+    out = tmp_path / "images"
+    code, said, _ = eres("video", made.events_file, "--out", out, "--fps", 100)
+    times = (out / "timestamps.txt").read_text().splitlines()
+    files = sorted(out.glob("*.png"))
+    assert (code, times[0], len(files)) == (0, "# unit: us", len(times) - 1)
+    assert f"{len(files)} images of 96x72 px" in said
+    assert np.diff(np.array(times[1:], int)).tolist() == [10_000] * (len(files) - 1)
+    image = cv2.imread(str(files[-1]), cv2.IMREAD_UNCHANGED)
+    assert (image.shape, image.dtype) == ((72, 96), np.uint8)
+    assert image.std() > 20
+    assert sorted(tmp_path.iterdir()) == [out]
+    code, _, err = eres("video", made.events_file, "--out", out)
+    assert (code, "add --overwrite" in err) == (1, True)
+    code, _, _ = eres("video", made.events_file, "--out", out, "--fps", 50, "--overwrite")
+    assert (code, len(list(out.glob("*.png"))) < len(files)) == (0, True)
+
+
+def test_images_are_those_of_the_filter(made, recording, tmp_path, eres):
+    """Promise: an image has the events before its time, and no later one."""
+    from tasks.methods.high_pass_filter import HighPassFilter
+    from tasks.video import picture
+
+    eres("video", made.events_file, "--out", tmp_path / "a", "--fps", 100, "--start", 0.03)
+    filter = HighPassFilter(*SIZE, 0.2)
+    filter.push(made.events.between(0, 30_000))
+    expected = np.round(255 * picture(filter.image(30_000), SIZE[::-1], "none"))
+    found = cv2.imread(str(tmp_path / "a" / "000000.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--fps", 0], "fps: found 0, expected a positive number"),
+        (["--fps", 1], "there is no image at 1 per second"),
+        (["--method", "blnk"], "no method 'blnk'"),
+        (["--equalization", "some"], "equalization: found 'some', expected one of none"),
+    ],
+)
+def test_images_that_cannot_be_made(options, said, made, tmp_path, eres):
+    """Promise: an error in one line, and no folder."""
+    code, _, err = eres("video", made.events_file, "--out", tmp_path / "images", *options)
+    assert (code, said in err) == (1, True)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_of_other_files_is_never_replaced(made, tmp_path, eres):
+    """Promise: --overwrite replaces images, nothing else."""
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep")
+    code, _, err = eres("video", made.events_file, "--out", tmp_path / "mine", "--overwrite")
+    assert (code, "found notes.txt" in err) == (1, True)
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "keep"
+
+
+def test_a_calibration_takes_the_distortion_out(made, tmp_path, eres):
+    """Promise: images are as OpenCV undistorts them; a calibration of another camera is refused."""
+    out = tmp_path / "images"
+    (tmp_path / "calib.txt").write_text("90 90 47.5 35.5 -0.3 0.1 0 0 0\n")
+    eres("video", made.events_file, "--out", out, "--fps", 50)
+    plain = cv2.imread(str(out / "000001.png"), cv2.IMREAD_UNCHANGED)
+    code, _, _ = eres(
+        *("video", made.events_file, "--out", out, "--fps", 50, "--overwrite"),
+        *("--calibration", tmp_path / "calib.txt"),
+    )
+    found = cv2.imread(str(out / "000001.png"), cv2.IMREAD_UNCHANGED)
+    K = np.array([[90, 0, 47.5], [0, 90, 35.5], [0, 0, 1.0]])
+    assert code == 0
+    np.testing.assert_array_equal(found, cv2.undistort(plain, K, np.array([-0.3, 0.1, 0, 0, 0])))
+    for text, said in (
+        ("335 335 130 99 -0.1 0.1 0 0 0", "cx: found 130 px, expected about 47.5 px"),
+        ("90 90 47.5", "found 3 words, expected the numbers fx fy cx cy"),
+        (json.dumps({"fx": 90}), "expected the numbers"),
+    ):
+        (tmp_path / "calib.txt").write_text(text)
+        code, _, err = eres(
+            *("video", made.events_file, "--out", tmp_path / "b"),
+            *("--calibration", tmp_path / "calib.txt"),
+        )
+        assert (code, said in err) == (1, True)
+
+
+def test_windows_are_spread_evenly():
+    """Promise: a long recording is sampled from its start to its end, without repetition."""
+    assert spread(range(3), 5) == [0, 1, 2]
+    found = spread(range(1000), 20)
+    assert len(set(found)) == 20
+    assert set(np.diff(found)) == {50}
