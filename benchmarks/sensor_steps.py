@@ -38,8 +38,9 @@ def fire_lines(flagged, lights, dark, before, block, alike):
     """Take the logarithms of the flagged ideal pixels and fire their events."""
     block.comparators.memory[:] = before
     u0, u1 = block.lines[0, : flagged.size], block.lines[1, : flagged.size]
-    radiance.log_of_flagged(flagged, lights[0], dark, block.light, u0)
-    radiance.log_of_flagged(flagged, lights[1], dark, block.light, u1)
+    light = radiance.Light(lights, np.empty((0, 0)), dark)
+    radiance.log_of_flagged(flagged, light, 0, slice(0, lights.shape[1]), block.light, u0)
+    radiance.log_of_flagged(flagged, light, 1, slice(0, lights.shape[1]), block.light, u1)
     lines = comparator.Lines(u0, u1, 0.0, 0.0)
     return comparator.events_of_lines(
         flagged, lines, block.comparators, block.light_band, alike, block.work, 0
@@ -91,7 +92,7 @@ def ideal_steps(
     band, flag = block.light_band, block.flag
     steps.run("light band, once a chunk", silence.set_light_band, n, block.comparators, band)
     one = np.float32(1.0)
-    steps.run("flag", silence.flag_ideal, lights[1], np.float32(dark), one, band, flag)
+    steps.run("flag", silence.flag_outside, lights[1], np.float32(dark), one, band, flag)
     count = steps.run("list the flagged", silence.list_flagged, flag, n, block.flagged)
     clock = ([[value]] for value in CLOCK)
     dt_s, _, start_us, length_us = (np.array(value)[0] for value in clock)
@@ -150,7 +151,7 @@ def main() -> None:
         chunk, t_s = frames[1:-1], np.arange(BEFORE + 1) * INTERVAL_S
         for _ in group.advance(chunk, 1, t_s, rooms, workers):
             pass
-        block = room_for_block(1, _BLOCK_PX, frames.dtype, True, workers.pools[0])
+        block = room_for_block(1, _BLOCK_PX, True, workers.pools[0])
         for start in np.linspace(0.1, 0.8, 5) * (size * size - _BLOCK_PX):
             pixels = slice(int(start), int(start) + _BLOCK_PX)
             block.comparators.C_on[:] = block.comparators.C_off[:] = C

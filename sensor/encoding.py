@@ -1,4 +1,4 @@
-"""`to_linear`: convert images encoded for a screen to linear radiance."""
+"""Images encoded for a screen to linear radiance (`to_linear`), and light back to sRGB."""
 
 from __future__ import annotations
 
@@ -68,6 +68,28 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
         )
     wide = values.astype(np.result_type(values, np.float32), copy=False)
     return decode(wide).astype(np.float32)
+
+
+def to_srgb(light: Floats) -> Floats:
+    """Encode light in sRGB, IEC 61966-2-1:1999, section 5.2.
+
+    Parameters
+    ----------
+    light
+        An array of any shape, linear, from 0 to 1.
+
+    Returns
+    -------
+    The numbers that stand for it, from 0 to 1, in the shape of `light`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sensor.encoding import to_srgb
+    >>> (255 * to_srgb(np.array([0.0, 0.22, 0.5, 1.0]))).round()
+    array([  0., 129., 188., 255.])
+    """
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 def _from_srgb(v: Floats) -> Floats:

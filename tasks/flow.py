@@ -345,7 +345,6 @@ def flow_sample(
     events: Events,
     start_us: int,
     end_us: int,
-    *,
     log_image: NDArray[np.float64],
     contrast_threshold: float,
     center_px: NDArray[np.float64],

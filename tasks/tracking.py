@@ -176,7 +176,6 @@ def perturbed(path: Trajectory, sigma_m: float, seed: int) -> Trajectory:
 def tracking_sample(
     events: Events,
     start_us: int,
-    *,
     log_image: Float64,
     contrast_threshold: float,
     camera: Camera,
@@ -184,6 +183,7 @@ def tracking_sample(
     T_0: Float64,
     initial: Trajectory,
     initial_sigma_m: float,
+    *,
     max_events: int | None = None,
     max_delay_us: int = 0,
     seed: int = 0,

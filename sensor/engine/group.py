@@ -28,7 +28,7 @@ from sensor.kernels.advance import (
 from sensor.kernels.comparator import outside_refractory
 from sensor.kernels.packing import FULL
 from sensor.kernels.photoreceptor import STEP, photoreceptor_step
-from sensor.kernels.radiance import BAD, Light, log_intensity
+from sensor.kernels.radiance import BAD, Light, light_of, log_of_block
 from sensor.memory import MEMORY
 from sensor.model import SensorModel
 from sensor.optics import integrate
@@ -81,9 +81,9 @@ class SensorGroup:
             The radiance is invalid, or too small for a dark level of 0.
         """
         light = _light(frame[None], models[0], 0)
-        pixels = light.radiance.size
+        pixels = models[0].height * models[0].width
         u = MEMORY.array(pixels)
-        log_intensity(light.radiance[0], light.dark, u)
+        log_of_block(light, 0, slice(0, pixels), u)
         settings = settings_of(models, seed)
         memory = MEMORY.array((len(models), pixels))
         memory[:] = u
@@ -157,9 +157,7 @@ class SensorGroup:
             outcome, resume = FULL, Resume(0, 0, 0)
             while outcome == FULL:
                 alike = self.settings.C_on.shape[1] == 1
-                block = room_for_block(
-                    len(chunk), _BLOCK_PX, light.radiance.dtype, alike, workers.pools[k]
-                )
+                block = room_for_block(len(chunk), _BLOCK_PX, alike, workers.pools[k])
                 outcome, resume = advance_pixels(
                     light,
                     pixels,
@@ -236,4 +234,4 @@ def _light(
             f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
             "exists; give dark_level a positive value, or None"
         )
-    return Light(radiance.reshape(len(chunk), -1), dark)
+    return light_of(radiance.reshape(len(chunk), -1), dark)

@@ -26,7 +26,7 @@ from sensor.kernels.elementary import exp, inlined, jit
 from sensor.kernels.noise import NoiseSource, noise_events
 from sensor.kernels.packing import START, STOP, Interval, place
 from sensor.kernels.photoreceptor import Response, poles_to_end_in_own_light
-from sensor.kernels.radiance import BAD, log_intensity, log_of_flagged
+from sensor.kernels.radiance import BAD, log_of_block, log_of_flagged
 from sensor.kernels.silence import (
     CHORD_STEP,
     CUBIC_STEP,
@@ -108,7 +108,7 @@ class Block(NamedTuple):
     x: NDArray[np.float64]  # (block,) a dt of each pixel, if its cutoff depends on the light
     e: NDArray[np.float64]  # (block,) exp(-a dt)
     lines: NDArray[np.float64]  # (2, block) u0 and u1 of the flagged ideal pixels
-    light: NDArray[np.floating]  # (block,) radiance of the flagged pixels
+    light: NDArray[np.float64]  # (block,) radiance of the flagged pixels
     flag: NDArray[np.bool_]  # padded to whole 8-byte words
     flagged: NDArray[np.uint64]  # indices of the flagged pixels
     comparators: Comparators
@@ -116,9 +116,7 @@ class Block(NamedTuple):
     work: Work
 
 
-def room_for_block(
-    intervals: int, size: int, dtype: np.dtype, alike: bool, pool: NDArray[np.uint64]
-) -> Block:
+def room_for_block(intervals: int, size: int, alike: bool, pool: NDArray[np.uint64]) -> Block:
     """Allocate a block.
 
     Parameters
@@ -127,8 +125,8 @@ def room_for_block(
         F, frame intervals of the chunk.
     size
         Pixels of the block.
-    dtype, alike
-        Type of the radiance, and whether all pixels of a setting have the same thresholds.
+    alike
+        Whether all pixels of a setting have the same thresholds.
     pool
         (capacity,) memory for packed events.
 
@@ -144,7 +142,7 @@ def room_for_block(
         MEMORY.array(size),
         MEMORY.array(size),
         MEMORY.array((2, size)),
-        MEMORY.array(size, dtype),
+        MEMORY.array(size),
         MEMORY.array(words, np.bool_),
         MEMORY.array(words + 8, np.uint64),
         Comparators(MEMORY.array(size), MEMORY.array(size), MEMORY.array(size), alike),
@@ -228,18 +226,17 @@ def ideal_interval(f, pixels, light, interval, leaked, alike, block, used):
     int
         New used size of the pool, FULL or BAD.
     """
-    radiance = light.radiance[f, pixels]
-    kind = radiance.dtype.type
     fade = exp(-leaked - interval.drift)
-    flag_ideal(radiance, kind(light.dark), kind(fade), block.light_band, block.flag)
-    flagged = block.flagged[: list_flagged(block.flag, radiance.size, block.flagged)]
+    flag_ideal(light, f, pixels, fade, block.light_band, block.flag)
+    n = pixels.stop - pixels.start
+    flagged = block.flagged[: list_flagged(block.flag, n, block.flagged)]
     u0, u1 = block.lines[0, : flagged.size], block.lines[1, : flagged.size]
     if f == 0:
         for k in range(flagged.size):
             u0[k] = block.u[0, flagged[k]]
     else:
-        log_of_flagged(flagged, light.radiance[f - 1, pixels], light.dark, block.light, u0)
-    if not log_of_flagged(flagged, radiance, light.dark, block.light, u1):
+        log_of_flagged(flagged, light, f - 1, pixels, block.light, u0)
+    if not log_of_flagged(flagged, light, f, pixels, block.light, u1):
         return BAD
     lines = Lines(u0, u1, interval.drift, leaked)
     return events_of_lines(
@@ -314,7 +311,7 @@ def advance_pixels(light, band, state, settings, clock, block, resume, segment):
         DONE; FULL if the pool is too small: repeat the call with `resume` and a larger pool; or BAD
         if radiance is negative or not finite.
     """
-    F = light.radiance.shape[0]
+    F = clock.dt_s.shape[1]
     memory = block.comparators.memory
     # Ideal pixels without events need no logarithm before the last frame of the chunk.
     first_u = 0 if settings.filtered.any() or settings.noisy.any() else F - 1
@@ -328,7 +325,7 @@ def advance_pixels(light, band, state, settings, clock, block, resume, segment):
             block.flag[i] = False
         copy(state.u[pixels], block.u[0, :n])
         for f in range(first_u, F):
-            if not log_intensity(light.radiance[f, pixels], light.dark, block.u[f + 1, :n]):
+            if not log_of_block(light, f, pixels, block.u[f + 1, :n]):
                 return BAD, Resume(b, 0, 0)
         for s in range(resume.setting if b == resume.block else 0, settings.leader.size):
             if settings.leader[s] != s:

@@ -14,10 +14,34 @@ BAD = -2
 
 
 class Light(NamedTuple):
-    """The light on the pixels over a chunk of frame intervals."""
+    """The light on the pixels over a chunk of frame intervals.
 
-    radiance: NDArray[np.floating]  # (F, height * width) linear, at the ends of the intervals
+    One of two arrays holds it, so that kernels are compiled once for both of its types.
+    """
+
+    single: NDArray[np.float32]  # (F, height * width) linear radiance at the intervals' ends,
+    double: NDArray[np.float64]  # or (0, 0) if the other has it
     dark: float  # I_dark
+
+
+def light_of(radiance: NDArray[np.floating], dark: float) -> Light:
+    """Return the light on the pixels.
+
+    Parameters
+    ----------
+    radiance
+        (F, height * width) linear radiance, float32 or float64.
+    dark
+        I_dark.
+
+    Returns
+    -------
+    Light
+    """
+    none = np.empty((0, 0))
+    if radiance.dtype == np.float32:
+        return Light(radiance.astype(np.float32, copy=False), none, dark)
+    return Light(none.astype(np.float32), radiance.astype(np.float64, copy=False), dark)
 
 
 class Overlap(NamedTuple):
@@ -94,16 +118,37 @@ def log_intensity(radiance, dark, u):
 
 
 @jit
-def log_of_flagged(flagged, radiance, dark, light, u):
+def log_of_block(light, f, pixels, u):
+    """Compute the log intensity of some pixels at a frame.
+
+    Parameters
+    ----------
+    light, f, pixels
+        `Light`, frame of the chunk, and slice of the pixels.
+    u
+        (n,) output.
+
+    Returns
+    -------
+    bool
+        As for `log_intensity`.
+    """
+    if light.double.size > 0:
+        return log_intensity(light.double[f, pixels], light.dark, u)
+    return log_intensity(light.single[f, pixels], light.dark, u)
+
+
+@jit
+def log_of_flagged(flagged, light, f, pixels, room, u):
     """Compute the log intensity of the flagged pixels only.
 
     Parameters
     ----------
     flagged
-        (n,) indices into `radiance`.
-    radiance, dark
-        As in `log_intensity`.
-    light, u
+        (n,) indices into the pixels.
+    light, f, pixels
+        As in `log_of_block`.
+    room, u
         Scratch memory of at least n entries, and the (n,) output.
 
     Returns
@@ -111,6 +156,23 @@ def log_of_flagged(flagged, radiance, dark, light, u):
     bool
         True if the radiance of all flagged pixels is finite and at least 0.
     """
+    if light.double.size > 0:
+        take(light.double[f, pixels], flagged, room)
+    else:
+        take(light.single[f, pixels], flagged, room)
+    return log_intensity(room[: flagged.size], light.dark, u)
+
+
+@jit
+def take(radiance, flagged, out):
+    """Copy the radiance of the flagged pixels.
+
+    Parameters
+    ----------
+    radiance, flagged
+        (N,) radiance, and (n,) indices into it.
+    out
+        Output of at least n entries.
+    """
     for k in range(flagged.size):
-        light[k] = radiance[flagged[k]]
-    return log_intensity(light[: flagged.size], dark, u)
+        out[k] = radiance[flagged[k]]

@@ -84,13 +84,31 @@ def set_light_band(n, comparators, light_band):
 
 
 @jit
-def flag_ideal(radiance, dark, fade, light_band, flag):
+def flag_ideal(light, f, pixels, fade, light_band, flag):
     """Flag ideal pixels with light outside their band, or with invalid light, without a logarithm.
 
     Parameters
     ----------
+    light, f, pixels
+        `Light`, frame at the end of the interval, and slice of the pixels.
+    fade, light_band, flag
+        As in `flag_outside`.
+    """
+    if light.double.size > 0:
+        flag_outside(light.double[f, pixels], light.dark, fade, light_band, flag)
+    else:
+        dark, fade_32 = np.float32(light.dark), np.float32(fade)
+        flag_outside(light.single[f, pixels], dark, fade_32, light_band, flag)
+
+
+@jit
+def flag_outside(radiance, dark, fade, light_band, flag):
+    """Flag the light outside a band, or invalid light.
+
+    Parameters
+    ----------
     radiance, dark
-        (n,) linear radiance at the end of the interval, and I_dark.
+        (n,) linear radiance, and I_dark.
     fade
         Factor on the bounds by leakage since `set_light_band`.
     light_band

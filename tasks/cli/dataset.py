@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, Suppress, arg
 
 from tasks.cli import terminal
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
 from tasks.events.imu_options import NO_IMU, ImuOptions
-from tasks.events.sensor_options import IDEAL_PIXEL, NO_PROFILE, PixelOptions
+from tasks.events.sensor_options import NO_PROFILE, PixelOptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PixelsAtEachCutoff(PixelOptions):
+    """Properties of real pixels; all are off by default.
+
+    Sources are in the docstring of `sensor.SensorModel`.
+    """
+
+    cutoff: Suppress[float | None] = None
+    illuminance: Suppress[float | None] = None
+
+
+_IDEAL_PIXELS = _PixelsAtEachCutoff()
 
 
 def dataset(
@@ -31,7 +46,7 @@ def dataset(
     stereo: float | None = None,
     images: float | None = None,
     scheduler: str | None = None,
-    pixel: OmitArgPrefixes[PixelOptions] = IDEAL_PIXEL,
+    pixel: OmitArgPrefixes[_PixelsAtEachCutoff] = _IDEAL_PIXELS,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
     camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
 ) -> None:

@@ -26,6 +26,8 @@ from tasks.errors import TaskError
 
 _MOST_OPEN = 32  # files a process keeps open
 
+_AT_A_TIME = ("depth", "pose", "instances")  # of the truth; the others are over an interval
+
 Item = dict[str, NDArray[Any]]
 
 
@@ -41,14 +43,16 @@ class EventDataset:
       window's end, and its time `frame_us`. From the clip in the folder that the events were
       simulated from.
     - `flow` (H, W, 2) float32, px, and `flow_valid` (H, W): from `flow_us[0]` to `flow_us[1]`, the
-      interval of the ground truth with the window's center.
-    - `depth` (H, W), m, and `pose` (4, 4), T_world_cam: at the time of the truth that is nearest to
-      the window's end, `truth_us`; with `pose` also the camera matrix `K` (3, 3).
+      interval of the ground truth with the window's center. The target `occlusion` is
+      `flow_occluded` (H, W), over the same interval: something hides the point at its end.
+    - `depth` (H, W), m, `pose` (4, 4), T_world_cam, and `instances` (H, W) uint8, k where moving
+      object k is seen and 0 elsewhere: at the time of the truth that is nearest to the window's
+      end, `truth_us`; with `pose` also the camera matrix `K` (3, 3).
 
     Parameters
     ----------
     folder
-        Folder of DSEC files from `eres simulate`, with `--truth` for flow, depth and poses, and of
+        Folder of DSEC files from `eres simulate`, with `--truth` for all targets but frames, and of
         the rendered clips for frames, at any depth. Warm-up before a clip's window is left out.
     window_us
         Length of the windows, microseconds. They follow one another without a gap.
@@ -56,8 +60,9 @@ class EventDataset:
         Number of events of a window, instead of a length. Without either, a window is an interval
         of the ground truth: its flow is then exactly that of the window.
     targets
-        Which of frame, flow, depth and pose to return; None for all that there are, which must then
-        be the same for every recording.
+        Which of frame, flow, occlusion, depth, pose and instances to return; None for all that
+        there are, which must then be the same for every recording, except for instances: where
+        nothing moves they are 0.
     transform
         Function from `Events` to an array, such as
         `functools.partial(sensor.representations.voxel_grid, bins=5)`. To use it in processes
@@ -193,7 +198,8 @@ def _checked_targets(
 
 def _check_present(recordings: Sequence[Recording], target: str, advice: str) -> None:
     for one in recordings:
-        if target not in one.targets:
+        still = target == "instances" and "depth" in one.targets
+        if target not in one.targets and not still:
             place = "the rendered clip in the folder" if target == "frame" else "`--truth`"
             raise TaskError(f"{one.path}: found no {target}, which is from {place}; {advice}")
 
@@ -234,17 +240,27 @@ def _truth(
         return {}
     truth, times_us = file["truth"], np.array(recording.truth_us)
     item: Item = {}
+    center_us = sum(window_us) // 2
+    k = int(np.clip(np.searchsorted(times_us, center_us, "right") - 1, 0, len(times_us) - 2))
     if "flow" in wanted:
-        center_us = sum(window_us) // 2
-        k = int(np.clip(np.searchsorted(times_us, center_us, "right") - 1, 0, len(times_us) - 2))
         item |= {"flow": truth["flow"][k], "flow_valid": truth["flow_valid"][k]}
+    if "occlusion" in wanted:
+        item["flow_occluded"] = truth["flow_occluded"][k]
+    if item:
         item["flow_us"] = times_us[k : k + 2]
     k = nearest(times_us, window_us[1])
     for name in wanted:
-        if name != "flow":
-            item |= {name: truth[TRUTH[name]][k], "truth_us": np.array(times_us[k])}
+        if name in _AT_A_TIME:
+            item |= {name: _image(truth, TRUTH[name], k), "truth_us": np.array(times_us[k])}
     if "pose" in wanted:
         item["K"] = truth["K"][:]
         if "distortion" in truth:
             item["distortion"] = truth["distortion"][:]
     return item
+
+
+def _image(truth: Any, name: str, k: int) -> NDArray[Any]:
+    """Return an array of the truth at a time; where nothing moves no file has instances."""
+    if name == "instances" and name not in truth:
+        return np.zeros(truth["depth"].shape[1:], np.uint8)
+    return np.asarray(truth[name][k])

@@ -14,7 +14,13 @@ from sensor.formats import FORMATS, read_header
 from sensor.formats.dsec_reader import DsecReader, named_errors
 from tasks.errors import TaskError
 
-TRUTH = {"flow": "flow", "depth": "depth", "pose": "T_world_cam"}
+TRUTH = {
+    "flow": "flow",
+    "occlusion": "flow_occluded",
+    "depth": "depth",
+    "pose": "T_world_cam",
+    "instances": "instances",
+}
 """Datasets in the group `truth` of a file, by the name of the target."""
 TARGETS = ("frame", *TRUTH)
 
@@ -40,7 +46,7 @@ class Recording:
     clip
         Folder of the frames; None without.
     targets
-        Names of the targets that there are.
+        Names of the targets that there are. Where nothing moves there are no `instances`.
     size_px
         Width and height of the sensor.
     """

@@ -29,8 +29,8 @@ class FootageOptions:
         Transfer function of the stored numbers: srgb, rec709, linear, or gamma:2.2. By default
         rec709 for videos, linear for floats, else srgb.
     interpolate
-        Insert motion-compensated frames: into how many intervals to divide each, or auto, which
-        leaves half a pixel of motion from frame to frame.
+        Insert motion-compensated frames: into how many intervals to divide each (1 to 1000), or
+        auto, which leaves half a pixel of motion from frame to frame.
     """
 
     fps: float | None = None

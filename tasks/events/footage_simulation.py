@@ -22,6 +22,7 @@ from tasks.footage.motion import displacements_px
 _log = logging.getLogger(__name__)
 
 _FAR_PX = 1.0
+_MOST_STEPS = 1000  # half a pixel each; optical flow does not follow motion of 500 px
 # Motion from frame to frame, px, and the least and largest share of events that is lost on the
 # rendered scenes; see docs/footage.md.
 _LOST = np.array([[1, 0.09, 0.15], [2, 0.26, 0.40], [4, 0.46, 0.62], [8, 0.65, 0.80]])
@@ -64,7 +65,7 @@ def simulate_footage(
     Raises
     ------
     TaskError
-        The file exists, or `interpolate` is neither a positive number nor "auto".
+        The file exists, or `interpolate` is neither a number from 1 to 1000 nor "auto".
     """
     check_new(out, options.overwrite)
     steps = _steps(interpolate)
@@ -95,8 +96,11 @@ def _steps(interpolate: str | None) -> int | None:
     """Return the number of intervals, None if it is not given."""
     if interpolate is None or interpolate == "auto":
         return None
-    if not interpolate.isdecimal() or int(interpolate) < 1:
-        raise TaskError(f"interpolate: found {interpolate!r}, expected auto, or 1 or more")
+    if not interpolate.isdecimal() or not 1 <= int(interpolate) <= _MOST_STEPS:
+        raise TaskError(
+            f"interpolate: found {interpolate!r}, expected auto, or 1 to {_MOST_STEPS}; auto "
+            "leaves half a pixel of motion from frame to frame, and less changes nothing"
+        )
     return int(interpolate)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eres_render import RadianceSequence
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import write_bytes, write_text
+from sensor.encoding import to_srgb
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 
@@ -168,7 +169,4 @@ def developed(
         electrons = rng.poisson(options.full_well * light).astype(np.float64)
         electrons += options.read_noise * rng.standard_normal(light.shape)
         light = electrons / options.full_well
-    light = np.clip(light, 0.0, 1.0)
-    # IEC 61966-2-1:1999, section 5.2
-    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    return np.round(255 * encoded).astype(np.uint8)
+    return np.round(255 * to_srgb(np.clip(light, 0.0, 1.0))).astype(np.uint8)

@@ -110,7 +110,7 @@ class DatasetSettings:
         fits = rate_hz is None or 0 < rate_hz <= 1 / self.camera.exposure
         check("images_hz", fits, "above 0, and exposures that do not overlap")
         if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
-            raise TaskError("found --cutoff or --illuminance, expected --cutoffs for a dataset")
+            raise TaskError("pixel: found a cutoff or an illuminance, expected cutoffs_hz")
 
     @property
     def warm_up_s(self) -> float:

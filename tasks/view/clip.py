@@ -49,6 +49,17 @@ class ClipFrames:
         first, last = np.round(self._times_s[[0, -1]] / self._speed * 1e6).astype(int)
         return self.sequence.t_offset_us + int(first), self.sequence.t_offset_us + int(last)
 
+    def times_us(self, start_us: int, end_us: int) -> list[int]:
+        """Return from when each frame is shown in a span [start_us, end_us), ascending.
+
+        The first is the frame at the start, or the first of all.
+        """
+        times_us = np.ceil(self._times_s / self._speed * 1e6).astype(int)
+        times_us += self.sequence.t_offset_us
+        first = max(0, int(np.searchsorted(times_us, start_us, side="right")) - 1)
+        shown = times_us[first : max(first + 1, int(np.searchsorted(times_us, end_us)))]
+        return [int(t_us) for t_us in shown]
+
     def at(self, t_us: int) -> Picture:
         """Return the last frame up to a time, or the first one, as gray levels."""
         i = int(np.searchsorted(self._times_s, self.path_s(t_us), side="right")) - 1

@@ -32,7 +32,7 @@ class Look:
     slow
         Slow motion: how many times slower than real time. By default the file plays a few seconds.
     fps
-        Pictures per second of the file.
+        Pictures per second of a .mp4, .gif, .webp or .rrd; 25 by default.
     start
         Leave out earlier events; seconds on their clock, as `eres info` prints it.
     end
@@ -48,7 +48,7 @@ class Look:
     window: float = 10.0
     count: int | None = None
     slow: float | None = None
-    fps: float = 25.0
+    fps: float | None = None
     start: float | None = None
     end: float | None = None
     at: float | None = None

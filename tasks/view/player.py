@@ -1,4 +1,7 @@
-"""A page that plays events in a browser, without a network: one HTML file."""
+"""A page that plays events in a browser, without a network: one HTML file.
+
+The events are over frames where their sources have them.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from eres_render.storage.atomic import write_text
 from tasks.errors import TaskError
 from tasks.view.drawing import STRENGTHS
 from tasks.view.event_file import EventSource
+from tasks.view.player_frames import pack_frames
 
 _log = logging.getLogger(__name__)
 
@@ -103,6 +107,7 @@ def write_player(
     for k, source in enumerate(sources, start=1):
         packed.append(pack(source, span_us, every))
         on_progress("packing", k, len(sources))
+    frames = pack_frames(sources, span_us)
     palette = sources[0].palette
     page = _TEMPLATES.get_template("player.html").render(
         title=", ".join(source.path.name for source in sources),
@@ -116,7 +121,10 @@ def write_player(
             "darker": palette.darker,
             "ground": palette.ground,
             "strengths": STRENGTHS,
-            "sources": [asdict(one) for one in packed],
+            "sources": [
+                asdict(one) | {"frames": behind and asdict(behind)}
+                for one, behind in zip(packed, frames, strict=True)
+            ],
         },
     )
     write_text(path, page)

@@ -21,6 +21,7 @@ from tasks.view.subject import Show, Subject, open_subject
 
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
 _SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # that a file plays by default, about
+_USUAL_FPS = 25.0
 _FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
 # All pictures of a .gif or .webp are in memory at once, of others only their times.
 _MOST_PICTURES = {".mp4": 10**6, ".gif": 300, ".webp": 300}
@@ -28,8 +29,8 @@ _MOST_PICTURES = {".mp4": 10**6, ".gif": 300, ".webp": 300}
 KINDS = (*WRITERS, ".html", ".rrd")
 _WITHOUT = {  # options of a look that a kind of file does not have
     **dict.fromkeys(WRITERS, ("at",)),
-    ".png": ("slow",),
-    ".html": ("at", "count", "height", "slow"),
+    ".png": ("fps", "slow"),
+    ".html": ("at", "count", "fps", "height", "slow"),
     ".rrd": ("at", "height"),
 }
 
@@ -107,14 +108,17 @@ def view(
         return
     assert out is not None
     if kind == ".html":
-        if len(subject.event_sources) < len(subject.sources) or over is not None:
-            raise TaskError(f"{out}: found a rendered clip, expected events alone in a .html")
+        if len(subject.event_sources) < len(subject.sources):
+            raise TaskError(
+                f"{out}: found a rendered clip, expected files of events in a .html, and the clip "
+                "behind them: --over"
+            )
         span_us = subject.start_us, subject.end_us
         write_player(out, subject.event_sources, subject.counts, span_us, look.window, on_progress)
         return
     times_us = _times(subject, look, kind)
     pictures = _pictures(subject, look, times_us, kind, on_progress)
-    WRITERS[kind](out, pictures, possible_fps(kind, look.fps))
+    WRITERS[kind](out, pictures, _fps(look, kind))
 
 
 def _times(subject: Subject, look: Look, kind: str) -> list[int]:
@@ -127,7 +131,7 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
             span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"
             raise TaskError(f"at: found {look.at} s, expected {span}, as in the files")
         return [t_us]
-    step_us = 1e6 / (possible_fps(kind, look.fps) * _slow(subject, look, kind))
+    step_us = 1e6 / (_fps(look, kind) * _slow(subject, look, kind))
     lead_us = 0.0
     if subject.event_sources:  # the first picture shows a whole window
         lead_us = step_us if look.length_us is None else look.length_us
@@ -140,6 +144,10 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
             "--start and --end, a smaller --slow or --fps, or write a .mp4"
         )
     return [round(first_us + k * step_us) for k in range(steps + 1)]
+
+
+def _fps(look: Look, kind: str) -> float:
+    return possible_fps(kind, _USUAL_FPS if look.fps is None else look.fps)
 
 
 def _slow(subject: Subject, look: Look, kind: str) -> float:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from sensor import SensorError, SensorModel, simulate, to_linear
+from sensor.encoding import to_srgb
 
 LIGHT = np.concatenate([[0.0, 1.0], np.geomspace(1e-6, 1.0, 20_000)])
 
 
-def to_srgb(light):
+def srgb_of(light):
     """IEC 61966-2-1: 12.92 L up to 0.0031308, then 1.055 L^(1/2.4) - 0.055."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
@@ -21,7 +22,7 @@ def to_rec709(light):
 
 
 ENCODERS = {
-    "srgb": to_srgb,
+    "srgb": srgb_of,
     "rec709": to_rec709,
     "gamma:2.2": lambda light: light ** (1 / 2.2),
     "gamma:0.5": lambda light: light**2,
@@ -38,6 +39,15 @@ def test_light_that_is_encoded_comes_back(encoding, dtype):
     assert light.dtype == np.float32
     np.testing.assert_allclose(light, LIGHT, rtol=3e-6, atol=1e-9)
     assert (light[0], light[1]) == (0.0, 1.0)
+
+
+def test_srgb_is_encoded_by_the_standards_formula_and_decoded_to_the_same_light():
+    """Physics: the straight part and the power meet at 0.0031308; both directions are inverse."""
+    np.testing.assert_array_equal(to_srgb(LIGHT), srgb_of(LIGHT))
+    np.testing.assert_allclose(to_linear(to_srgb(LIGHT), "srgb"), LIGHT, rtol=3e-6, atol=1e-9)
+    edge = np.array([0.0031308, np.nextafter(0.0031308, 1)])
+    assert np.diff(to_srgb(edge)) == pytest.approx(0, abs=1e-6)
+    assert 255 * to_srgb(np.array(0.1845)) == pytest.approx(119, abs=0.1)  # middle gray
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2"])
@@ -118,7 +128,7 @@ def test_half_floats_keep_their_precision():
 def test_a_video_fires_as_its_light_does():
     """Physics: light that doubles fires log(2) / C events from an sRGB video, after decoding."""
     light = np.array([0.2, 0.4])
-    video = np.round(255 * to_srgb(light)).astype(np.uint8)[:, None, None] * np.ones((1, 3, 3), "B")
+    video = np.round(255 * srgb_of(light)).astype(np.uint8)[:, None, None] * np.ones((1, 3, 3), "B")
     model = SensorModel(width=3, height=3, contrast_threshold=0.1, dark_level=0.0)
     assert len(simulate(to_linear(video, "srgb"), [0.0, 0.04], model)) == 9 * 6  # log(2) = 0.69
     assert len(simulate(video.astype(float), [0.0, 0.04], model)) == 9 * 3  # of the codes

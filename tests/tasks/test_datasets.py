@@ -8,6 +8,7 @@ import shutil
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -61,7 +62,7 @@ def test_any_window_of_a_file(tmp_path):
 def test_windows_of_the_truth(folder):
     """Promise: without a length, windows are the truth's intervals, with all that there is."""
     dataset = EventDataset(folder)
-    assert dataset.targets == ("frame", "flow", "depth", "pose")
+    assert dataset.targets == ("frame", "flow", "occlusion", "depth", "pose")
     assert len(dataset) == 2 * 3
     for k in (0, 2, 3, -1):
         item = dataset[k]
@@ -81,12 +82,37 @@ def test_windows_of_the_truth(folder):
         np.testing.assert_allclose(item["pose"], truth.trajectory.pose(end_s), atol=1e-5)
         flow = truth.flow(start_us * 2e-6, end_s, 16)
         np.testing.assert_allclose(item["flow"], flow.flow_px, atol=1e-3)
+        np.testing.assert_array_equal(item["flow_occluded"], flow.occluded)
         nearest = np.argmin(np.abs(sequence.t_s - end_s))
         seen = integrate(sequence.frame(nearest), 16, 16)
         np.testing.assert_array_equal(item["frame"], seen.astype(np.float32))
         assert int(item["frame_us"]) == round(sequence.t_s[nearest] / 2 * 1e6)
     with pytest.raises(IndexError):
         dataset[len(dataset)]
+
+
+def test_masks_of_objects_are_empty_where_nothing_moves(folder, tmp_path):
+    """Promise: recordings of still scenes and of moving objects make one dataset; each window has
+    the mask and the occlusion of its own time."""
+    copy = copied(folder, tmp_path)
+    with h5py.File(copy / "1.h5", "a") as file:
+        truth = file["truth"]
+        numbers = np.arange(len(truth["t_us"]), dtype=np.uint8)
+        truth["instances"] = np.broadcast_to(numbers[:, None, None], (len(numbers), 16, 16))
+        truth["flow_occluded"][1] = True
+    assert EventDataset(copy).targets[-1] == "instances"
+    dataset = EventDataset(copy, targets=["instances", "occlusion"])
+    items = [dataset[k] for k in range(6)]
+    assert [int(item["instances"].max()) for item in items] == [0, 0, 0, 1, 2, 3]
+    assert {(item["instances"].shape, item["instances"].dtype) for item in items} == {
+        ((16, 16), np.dtype(np.uint8))
+    }
+    assert [bool(item["flow_occluded"].all()) for item in items[3:]] == [False, True, False]
+    assert set(items[0]) >= {"flow_us", "truth_us"}
+    assert not {"flow", "depth"} & set(items[0])
+    write_events(copy / "2.h5", load_events(copy / "1.h5"))
+    with pytest.raises(TaskError, match=r"2.h5: found no instances, which is from `--truth`"):
+        EventDataset(copy, targets=["instances"], window_us=1000)
 
 
 @pytest.mark.parametrize("length", [{"window_us": 7_000}, {"window_events": 40}])
@@ -254,7 +280,7 @@ def test_sensors_of_different_size_are_refused(folder, tmp_path):
         ({"window_us": 0}, "window_us: found 0"),
         ({"window_us": 5, "window_events": 5}, "found window_us and window_events"),
         ({"window_us": 10**9}, "found no window of that length"),
-        ({"targets": ["flwo"]}, "found 'flwo', expected some of frame, flow, depth, pose"),
+        ({"targets": ["flwo"]}, "found 'flwo', expected some of frame, flow, occlusion, depth"),
     ],
 )
 def test_arguments_are_checked(folder, arguments, said):

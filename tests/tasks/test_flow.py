@@ -424,17 +424,8 @@ def test_too_few_events_is_a_counted_failure(translating):
     """Promise: a patch with too few events has the reason and keeps its initial flow."""
     events, log_image = translating
     for method in (photometric_flow, contrast_maximization):
-        sample = flow_sample(
-            events[:0],
-            0,
-            50_000,
-            log_image=log_image,
-            contrast_threshold=C,
-            center_px=np.array([50.0, 50.0]),
-            side_px=31,
-            initial=FLOW + 1,
-            initial_sigma_px=1.0,
-        )
+        center = np.array([50.0, 50.0])
+        sample = flow_sample(events[:0], 0, 50_000, log_image, C, center, 31, FLOW + 1, 1.0)
         answer = method.estimate(sample)
         assert "events" in answer.failure
         np.testing.assert_array_equal(answer.flow, FLOW + 1)

@@ -350,8 +350,11 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
     assert "frame to frame" not in caplog.text
     assert few < 0.65 * len(every)
     assert 0.85 * len(every) < many < 1.1 * len(every)
-    with pytest.raises(TaskError, match="interpolate: found '0', expected auto, or 1 or more"):
-        simulate_footage(thin, model, tmp_path / "x.npz", interpolate="0")
+    for wrong in ("0", "1001", "1000000000", "-2", "2.5", "many"):
+        with pytest.raises(
+            TaskError, match=f"interpolate: found '{wrong}', expected auto, or 1 to"
+        ):
+            simulate_footage(thin, model, tmp_path / "x.npz", interpolate=wrong)
 
 
 def test_motion_is_measured_only_where_it_is_needed(tmp_path):

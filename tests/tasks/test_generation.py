@@ -78,7 +78,7 @@ def data_of(path):
 def test_a_dataset_is_read_as_it_is(made):
     """Promise: windows of both sequences and both cutoffs, with all that there is."""
     dataset = EventDataset(made)
-    assert dataset.targets == ("frame", "flow", "depth", "pose")
+    assert dataset.targets == ("frame", "flow", "occlusion", "depth", "pose", "instances")
     assert [(one.path.parent.name, one.path.name) for one in dataset.recordings] == [
         (f"{k:06d}", name) for k in range(2) for name in sorted(FILES)
     ]
@@ -91,6 +91,8 @@ def test_a_dataset_is_read_as_it_is(made):
         np.testing.assert_allclose(item["depth"], truth.depth(end_s, 32, 32), rtol=1e-4)
         flow = truth.flow(start_s, end_s, 32, 32)
         np.testing.assert_allclose(item["flow"], flow.flow_px, atol=1e-3)
+        np.testing.assert_array_equal(item["flow_occluded"], flow.occluded)
+        np.testing.assert_array_equal(item["instances"], truth.instances(end_s, 32, 32))
         np.testing.assert_allclose(item["pose"], frames.trajectory.pose(end_s), atol=1e-6)
         assert item["frame"].shape == (32, 32)
 
@@ -185,7 +187,6 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--seconds", 0], "seconds: found 0.0, expected a positive number"),
         (["--cutoffs", 50, 50], "cutoffs_hz: found (50.0, 50.0), expected different"),
         (["--threshold", 0.05], "threshold: found 0.05, expected more than two deviations"),
-        (["--cutoff", 50], "expected --cutoffs"),
         (["--stereo", 0.4], "baseline_m: found 0.4, expected above 0 and at most 0.3 m"),
         (["--imu", 0], "imu: found 0 Hz"),
         (["--images", 300], "images_hz: found 300.0, expected above 0, and exposures"),
@@ -196,6 +197,18 @@ def test_senseless_options_are_refused(tmp_path, eres, options, found):
     assert code == 1
     assert found in error
     assert not (tmp_path / "out").exists()
+
+
+def test_a_dataset_has_cutoffs_and_no_single_one(tmp_path, eres):
+    """Promise: its help lists no option that it refuses; who types it reads the right one."""
+    said = eres("dataset", "--help")[1]
+    assert re.search(r"--cutoffs\b", said)
+    assert not re.search(r"--(cutoff|illuminance)\s", said)
+    code, _, error = eres("dataset", tmp_path / "out", "--cutoff", 50)
+    assert (code, "--cutoffs [FLOAT" in error) == (2, True)
+    for pixel in (PixelOptions(cutoff=50.0), PixelOptions(illuminance=17.0)):
+        with pytest.raises(TaskError, match="expected cutoffs_hz"):
+            DatasetSettings(seed=0, seconds=1, width=4, height=4, pixel=pixel)
 
 
 def test_thresholds_stay_near_their_mean():

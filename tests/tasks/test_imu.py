@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from eres_render import Trajectory, path_through, render_scene
-from eres_render.trajectory.generators import random_path
+from random_paths import hand_held_path
 from tasks.errors import TaskError
 from tasks.events.imu import measure
 from tasks.events.imu_options import ImuOptions
@@ -57,15 +57,7 @@ def test_an_even_turn_has_its_rate_about_the_cameras_axis():
 
 def test_derivatives_are_those_of_the_path():
     """Against differences of poses: on a random path, and on one with uneven knots."""
-    random = random_path(
-        np.eye(4),
-        duration_s=2.0,
-        mean_speed_mps=1.0,
-        knot_interval_s=0.2,
-        sway=(1, 1, 1),
-        turn_rad=(0.5, 0.5, 0.5),
-        seed=3,
-    )
+    random = hand_held_path(duration_s=2.0, knot_interval_s=0.2, turn_rad=0.5, seed=3)
     uneven_s = np.array([0.0, 0.3, 0.4, 0.9, 1.3, 2.0])
     for one in (random, path_through(uneven_s, random.pose(uneven_s))):
         t, h = np.linspace(0.05, 1.95, 77), 1e-4

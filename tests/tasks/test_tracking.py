@@ -381,7 +381,7 @@ def test_bad_input_is_refused(scene):
     ):
         with pytest.raises(TaskError, match=message):
             tracking_sample(events, START_US, **(good | {name: bad}))
-    sample = tracking_sample(events, START_US, **good, max_events=20_000)
+    sample = tracking_sample(events, START_US, *good.values(), max_events=20_000)
     uneven = Trajectory(np.array([-0.001, 0.0, 0.002, 0.004, 0.006]), initial.controls[:5])
     with pytest.raises(TaskError, match="even intervals"):
         eppt.estimate(replace(sample, initial=uneven))

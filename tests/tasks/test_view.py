@@ -19,7 +19,7 @@ from eres_render import load_scene, open_sequence, render_scene
 from event_streams import make_events, random_events
 from light_scenes import small_carpet_folder
 from sensor import SensorModel
-from sensor.formats import write_events
+from sensor.formats import Header, write_events
 from tasks.view.clip import ClipFrames
 from tasks.view.drawing import (
     PALETTES,
@@ -30,8 +30,10 @@ from tasks.view.drawing import (
     resized,
     tone_mapped,
 )
+from tasks.view.event_file import EventSource
 from tasks.view.layout import Layout
 from tasks.view.panel import Panel
+from tasks.view.player_frames import pack_frames
 from tasks.view.windows import Span, span_of, windows
 
 COLORS = PALETTES["blue-red"]
@@ -384,12 +386,14 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
         (["{events}", "--out", "{tmp}/o.png", "--at", "inf"], "at: found inf, expected"),
         (["{events}", "--out", "{tmp}/o.mp4", "--at", "0.1"], "at: found 0.1, expected none with"),
         (["{events}", "--out", "{tmp}/o.html", "--count", "9"], "count: found 9, expected none"),
+        (["{events}", "--out", "{tmp}/o.html", "--fps", "9"], "fps: found 9.0, expected none"),
+        (["{events}", "--out", "{tmp}/o.png", "--fps", "25"], "fps: found 25.0, expected none"),
         (["{clip}", "--out", "{tmp}/o.mp4", "--start", "9"], "expected some from 9.000000 to"),
         (
             ["{clip}", "--out", "{tmp}/o.mp4", "--end", "-1"],
             "to -1.000000 s, the time that is shown",
         ),
-        (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip"),
+        (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip, expected files of events"),
         (["--out", "{tmp}/o.mp4"], "found no sources"),
     ],
 )
@@ -515,6 +519,55 @@ def test_the_page_plays_events(eres, tmp_path, chromium):
     assert page.get_by_role("button", name="Play").is_visible()
     page.close()
     assert complaints == []
+
+
+def test_the_page_shows_frames_behind_events(eres, tmp_path, clip, chromium):
+    """Promise: a pixel without events shows the frame of its time, one with events their color,
+    as opaque as in a picture; frames shrink and thin out, so that a page stays small."""
+    file, out = tmp_path / "few.h5", tmp_path / "few.html"
+    write_events(file, make_events([0, 150_000], [3, 5], [0, 0], [1, 0], 48, 48))
+    assert eres("view", file, "--over", clip, "--out", out, "--window", 10)[0] == 0
+    page = chromium.new_page()
+    complaints = watched(page)
+    page.goto(out.as_uri())
+    page.wait_for_selector("html[data-ready]")
+    page.locator("#time").fill("150001")
+    sequence = open_sequence(clip)
+    shown = tone_mapped(sequence.frame(_index(sequence, 0.150001)), sequence.white_level)[0]
+    expected = shown.astype(float)
+    expected[5] = mixed(COLORS.darker, shown[5].tolist(), 0.65)
+    found = np.array(row(page), float)
+    page.close()
+    assert complaints == []
+    assert np.abs(found - expected).max() < 30  # of lossy pictures
+    assert np.abs(found - expected).mean() < 5
+    assert np.abs(found[5] - expected[5]).max() < 12
+
+
+def _index(sequence, t_s):
+    return int(np.searchsorted(sequence.t_s, t_s, side="right")) - 1
+
+
+def test_the_frames_of_a_page_are_bounded(clip, recording, monkeypatch):
+    """Promise: of too many frames every k-th stays, of wide sensors a small picture, together no
+    more pixels than a browser holds; each is from when it is shown."""
+    frames = ClipFrames(open_sequence(clip))
+    source = EventSource(recording, Header(64, 48), COLORS, frames=frames)
+    every = frames.times_us(0, 200_000)
+    assert len(every) >= 4
+    for t_us in every:
+        np.testing.assert_array_equal(frames.at(t_us), frames.at(t_us + 1))
+    (all_of_them,) = pack_frames([source], (0, 200_000))
+    assert all_of_them.t_us == every
+    assert frames.times_us(every[1], every[2]) == every[1:2]
+    assert frames.times_us(every[1] - 1, every[2] + 1) == every[:3]
+    monkeypatch.setattr("tasks.view.player_frames._WIDEST_PX", 32)
+    monkeypatch.setattr("tasks.view.player_frames.MOST_PIXELS", 2 * 32 * 24 * 3)
+    for packed in pack_frames([source, source], (0, 200_000)):
+        assert packed.t_us == every[::2]
+        assert len(packed.images) == len(packed.t_us)
+        picture = Image.open(io.BytesIO(base64.b64decode(packed.images[0])))
+        assert (picture.format, picture.size) == ("WEBP", (32, 24))
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

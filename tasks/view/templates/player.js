@@ -1,14 +1,16 @@
 "use strict";
-// Draws the events in [time - window, time) of each source as the sum of polarities of each pixel.
+// Draws the events in [time - window, time) of each source as the sum of polarities of each pixel,
+// on a plain ground, or over the last frame up to the time.
 
 const byId = (id) => document.getElementById(id);
 const data = JSON.parse(byId("events").textContent);
 const controls = { play: byId("play"), time: byId("time"), window: byId("window"), slow: byId("slow") };
 
+const blob = (base64) => new Blob([Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0))]);
+
 // The columns of a source; see PackedEvents in player.py.
 async function unpacked({ data: base64, count }) {
-  const bytes = Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const stream = blob(base64).stream().pipeThrough(new DecompressionStream("deflate"));
   const columns = await new Response(stream).arrayBuffer();
   const t = new Uint32Array(columns, 0, count);
   for (let k = 1; k < count; k++) t[k] += t[k - 1];
@@ -20,7 +22,14 @@ async function unpacked({ data: base64, count }) {
   };
 }
 
-// Number of events before a time.
+// The pictures behind a source; see PackedFrames in player_frames.py.
+async function pictures({ frames }) {
+  if (!frames) return null;
+  const images = frames.images.map((base64) => createImageBitmap(blob(base64)));
+  return { t: frames.t_us, images: await Promise.all(images) };
+}
+
+// Number of times before one.
 function before(t, time) {
   let low = 0, high = t.length;
   while (low < high) {
@@ -32,37 +41,46 @@ function before(t, time) {
 
 const mixed = (color, strength) => color.map((c, k) => Math.round(c * strength + data.ground[k] * (1 - strength)));
 const most = data.strengths.length - 1;
-const SHADES = Array.from({ length: 2 * most + 1 }, (_, k) => {
-  const sum = k - most;
-  return mixed(sum > 0 ? data.brighter : data.darker, data.strengths[Math.abs(sum)]);
-});
+const SUMS = Array.from({ length: 2 * most + 1 }, (_, k) => k - most);
+const colorOf = (sum) => (sum > 0 ? data.brighter : data.darker);
+const strengthOf = (sum) => data.strengths[Math.abs(sum)];
+// Colors of the sums: mixed with the plain ground, or as opaque over a frame.
+const ON_GROUND = SUMS.map((sum) => [...mixed(colorOf(sum), strengthOf(sum)), 255]);
+const OVER_FRAME = SUMS.map((sum) => [...colorOf(sum), Math.round(255 * strengthOf(sum))]);
+const word = (color) => new Uint32Array(Uint8Array.from(color).buffer)[0];
 
 class Panel {
-  constructor(figure, source, events) {
+  constructor(figure, source, events, frames) {
     this.events = events;
+    this.frames = frames;
     this.every = source.every;
     this.width = source.width;
     this.rate = figure.querySelector("output");
-    this.brush = figure.querySelector("canvas").getContext("2d");
-    this.image = this.brush.createImageData(source.width, source.height);
+    this.canvas = figure.querySelector("canvas");
+    this.brush = this.canvas.getContext("2d");
+    this.layer = new OffscreenCanvas(source.width, source.height).getContext("2d");
+    this.image = this.layer.createImageData(source.width, source.height);
     this.sums = new Int32Array(source.width * source.height);
     this.pixels = new Uint32Array(this.image.data.buffer);
-    const [r, g, b] = data.ground;
-    this.ground = new Uint32Array(Uint8Array.of(r, g, b, 255).buffer)[0];
-    this.shades = SHADES.map(([r, g, b]) => new Uint32Array(Uint8Array.of(r, g, b, 255).buffer)[0]);
+    this.shades = (frames ? OVER_FRAME : ON_GROUND).map(word);
   }
 
   draw(start, end) {
     const { t, x, y, brighter } = this.events;
     const first = before(t, start), last = before(t, end);
     this.sums.fill(0);
-    this.pixels.fill(this.ground);
+    this.pixels.fill(this.shades[most]);
     for (let k = first; k < last; k++) {
       const pixel = y[k] * this.width + x[k];
       const sum = (this.sums[pixel] += brighter[k] ? 1 : -1);
       this.pixels[pixel] = this.shades[Math.max(-most, Math.min(most, sum)) + most];
     }
-    this.brush.putImageData(this.image, 0, 0);
+    this.layer.putImageData(this.image, 0, 0);
+    if (this.frames) {
+      const frame = this.frames.images[Math.max(0, before(this.frames.t, end + 1) - 1)];
+      this.brush.drawImage(frame, 0, 0, this.canvas.width, this.canvas.height);
+    }
+    this.brush.drawImage(this.layer.canvas, 0, 0);
     const rate = ((last - first) * this.every) / Math.max(end - start, 1);
     this.rate.textContent = `${rate.toPrecision(3)} Mev/s`;
   }
@@ -148,8 +166,9 @@ function nearest(select, wanted) {
 // Space on a focused button would also click it.
 controls.play.addEventListener("keyup", (event) => { if (event.key === " ") event.preventDefault(); });
 
-Promise.all(data.sources.map(unpacked)).then((events) => {
+const loaded = data.sources.map((source) => Promise.all([unpacked(source), pictures(source)]));
+Promise.all(loaded).then((parts) => {
   const figures = [...document.querySelectorAll("figure")];
-  new Player(figures.map((figure, k) => new Panel(figure, data.sources[k], events[k])));
+  new Player(figures.map((figure, k) => new Panel(figure, data.sources[k], ...parts[k])));
   document.documentElement.dataset.ready = "true";
 });
