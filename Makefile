@@ -56,6 +56,16 @@ clean:
 	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
+# The smallest build of PyTorch. Where pip does not find it, the tests of networks are skipped.
+TORCH := torch==2.13.0+cpu
+
+.venv/.learned: .venv/.dev
+	@echo "eres: installing PyTorch for the tests of networks"
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile \
+	  '$(TORCH)' --editable '.[learned]' || \
+	  echo "eres: no $(TORCH) could be installed; the tests of networks are skipped"
+	@touch $@
+
 .venv/.docs: .venv/.ready
 	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[docs]'
 	@touch $@

@@ -33,6 +33,7 @@ def evaluate(
     cutoff: float = math.inf,
     threshold: float = 0.2,
     speed: float = 1.0,
+    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
 ) -> None:
     """Score methods of one task on the events of one sensor on one rendered sequence.
 
@@ -40,7 +41,8 @@ def evaluate(
     ----------
     method
         Names (`eres methods` lists them), or your own functions as
-        package.module:function; by default all methods of the task.
+        package.module:function; by default all methods of the task that need no weights or have
+        them, without diagnostics.
     resolution
         Width of the sensor, px.
     cutoff
@@ -49,10 +51,13 @@ def evaluate(
         Contrast threshold, log units.
     speed
         Factor on the speed of the rendered sequence.
+    weights
+        Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     """
     from eres_render import open_sequence
     from tasks.cli.progress_bar import progress_bar
     from tasks.evaluation.sequence import evaluate_sequence
+    from tasks.methods.networks import named_weights
 
     with progress_bar(terminal.err) as on_progress:
         rows = evaluate_sequence(
@@ -63,6 +68,7 @@ def evaluate(
             cutoff_hz=cutoff,
             contrast_threshold=threshold,
             speed=speed,
+            weights=named_weights(weights, method or TASKS[task].networks),
             on_progress=on_progress,
         )
     names = Column("method", no_wrap=True), Column("variant", no_wrap=True)
@@ -102,6 +108,7 @@ def study(
     resolution: Annotated[int | None, _AS_IN_STUDY] = None,
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
+    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
 ) -> None:
     """Ask which resolution serves a task best: render, simulate, evaluate, report.
 
@@ -125,15 +132,19 @@ def study(
     resolution
         Side of the rendered frames, px; finer sensors are left out.
     method
-        Your own methods, in addition to the study's, as package.module:function.
+        Methods in addition to the study's: names (`eres methods` lists them), or your own as
+        package.module:function.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
+    weights
+        Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     """
     from dataclasses import replace
 
     from tasks.cli.progress_bar import progress_bar
+    from tasks.methods.networks import named_weights
     from tasks.study.config import preset as find_preset
-    from tasks.study.config import with_method
+    from tasks.study.config import with_method, with_weights
     from tasks.study.report import write_report
     from tasks.study.run import run_study
     from tasks.study.study_file import read_study
@@ -152,6 +163,8 @@ def study(
     asked = replace(chosen, scenes=looked_at, render=rendering, simulate=sensors)
     for name in method:
         asked = with_method(asked, name)
+    in_use = [name for task in asked.evaluate.values() for name in task.methods]
+    asked = with_weights(asked, named_weights(weights, in_use))
     with progress_bar(terminal.err) as on_progress:
         run_study(asked, out, scheduler, on_progress)
     _show_scores(out)
