@@ -9,7 +9,7 @@ from eres_render import RadianceSequence, ground_truth, load_scene
 from eres_render.progress import Progress, silent
 from sensor import SensorModel
 from sensor.engine.bank import DARK_FRACTION
-from tasks.errors import TaskError
+from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
@@ -65,6 +65,8 @@ def evaluate_sequence(
         does not suit the task.
     """
     spec = TASKS[task]
+    if strangers := set(weights or ()) - set(spec.networks):
+        raise WeightsError(f"weights: found some of {min(strangers)}, which is no method of {task}")
     names = tuple(methods) or spec.usual(weights or ())
     for name in names:
         check_method(task, name, weights)
@@ -91,5 +93,6 @@ def evaluate_sequence(
         dark_level=DARK_FRACTION * sequence.white_level,
     )
     setting = Setting(model, speed, *(round(t_s / speed * 1e6) for t_s in sequence.window_s))
-    tasks = {task: load(spec.settings)(methods=names, weights=dict(weights) if weights else None)}
+    options = {"weights": dict(weights)} if weights else {}
+    tasks = {task: load(spec.settings)(methods=names, **options)}
     return evaluate(sequence, truth, [setting], tasks, on_progress).rows

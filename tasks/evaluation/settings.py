@@ -47,12 +47,14 @@ class TaskSettings:
     ----------
     methods
         Names, or "package.module:function"; none to leave the task out.
-    weights
-        Files of weights by the names of the methods that need them; None for none.
     """
 
     methods: tuple[str, ...] = ()
-    weights: dict[str, str] | None = None
+
+    @property
+    def weights(self) -> Mapping[str, str] | None:
+        """Files of weights by the names of the methods that need them; see `NetworkSettings`."""
+        return None
 
     def plan(self) -> Mapping[Stretches, Self]:
         """Return the stretches that a study scores, each with the settings for it."""
@@ -77,6 +79,21 @@ class TaskSettings:
         The same settings with these methods and one sample.
         """
         return replace(self, methods=methods)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkSettings(TaskSettings):
+    """Settings of a task some of whose methods need weights.
+
+    Parameters
+    ----------
+    methods
+        Names, or "package.module:function"; none to leave the task out.
+    weights
+        Files of weights by the names of the methods that need them; None for none.
+    """
+
+    weights: dict[str, str] | None = None
 
 
 _E2VID_S = 7.0  # core seconds of a window at 1280 px, as measured for docs/learned.md
@@ -152,7 +169,7 @@ class Flow(TaskSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DenseFlow(TaskSettings):
+class DenseFlow(NetworkSettings):
     """Optical flow of all pixels, over each clip's window, from it and the window before.
 
     Parameters
@@ -215,7 +232,7 @@ class Tracking(TaskSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Video(TaskSettings):
+class Video(NetworkSettings):
     """Image reconstruction with a state that lasts, on one continuous stretch.
 
     Parameters

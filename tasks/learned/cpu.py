@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import torch
 
 from eres_render.cores import cores
-from tasks.numerics.cpu_time import add_cpu_s
+from tasks.cpu_time import add_cpu_s
 
 T = TypeVar("T")
 _THREADS = Path("/proc/self/task")  # Linux
@@ -29,7 +29,7 @@ def run(function: Callable[..., T], *arguments: Any) -> T:
     """Run a function in the networks' thread, without gradients.
 
     Its CPU time, helpers included, counts as that of the calling thread
-    (`tasks.numerics.cpu_time`). Convolutions are in bfloat16 where the processor computes with it.
+    (`tasks.cpu_time`). Convolutions are in bfloat16 where the processor computes with it.
 
     Parameters
     ----------

@@ -9,10 +9,11 @@ from typing import Any
 
 from eres_render.storage.settings_reader import FloatOrInf
 from tasks.errors import StudyError, WeightsError
-from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
+from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
 from tasks.methods import task_of
 from tasks.registry import TASKS
 
+# Fields that the stored study has only where they are given.
 _LEFT_OUT_AT_NONE = ("weights", "e2vid_window_s", "e2vid_events_per_px")
 
 LEAST_RESOLUTION = 62
@@ -185,6 +186,8 @@ def with_weights(study: Study, weights: Mapping[str, str]) -> Study:
         own = {name: weights[name] for name in TASKS[task].networks if name in weights}
         used |= own.keys() & {*section.methods}
         if own:
+            if not isinstance(section, NetworkSettings):
+                raise TypeError(f"{task}: found {type(section)}, expected NetworkSettings")
             sections[task] = replace(section, weights={**(section.weights or {}), **own})
     for name in weights:
         if name not in used:

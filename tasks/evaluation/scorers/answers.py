@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Trajectory
+from tasks.cpu_time import cpu_s
 from tasks.dense_flow import DenseFlowSample
 from tasks.errors import MethodError, WeightsError
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import source_file
-from tasks.numerics.cpu_time import cpu_s
 from tasks.tracking import TrackingEstimate, TrackingSample
 
 _INFINITE = 1e150  # px, m: the square of a larger number overflows

@@ -13,7 +13,7 @@ from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor import SensorModel
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import Stretches, TaskSettings
+from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings
 from tasks.methods import code_of
 from tasks.registry import TASKS
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
@@ -41,7 +41,10 @@ class Job:
         methods = chain.from_iterable(task.methods for task in self.evaluate.values())
         weights = {k: v for task in self.evaluate.values() for k, v in (task.weights or {}).items()}
         # The content of the weights counts, not their place.
-        evaluate = {name: replace(task, weights=None) for name, task in self.evaluate.items()}
+        evaluate = {
+            name: replace(task, weights=None) if isinstance(task, NetworkSettings) else task
+            for name, task in self.evaluate.items()
+        }
         return digest(
             {
                 **self._stretch,
