@@ -12,7 +12,7 @@ demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
 
 # Two files at a time: each may hold a scene of a gigabyte.
-test: .venv/.dev .venv/.llvm .venv/.chromium
+test: .venv/.dev .venv/.llvm .venv/.chromium .venv/.learned
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/.dev .venv/.llvm

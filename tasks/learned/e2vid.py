@@ -22,7 +22,7 @@ from tasks.learned.size import check_memory
 ARCHITECTURE = "E2VIDRecurrent"
 _ROOT = "unetrecurrent."
 # Bytes of a pixel at the peak, by channels at full resolution: measured at 640 and 1280 px.
-_BYTES_PER_PX_AND_CHANNEL = 32
+_BYTES_PER_PX_AND_CHANNEL = 80
 
 
 class E2vid:

@@ -115,7 +115,6 @@ def test_eraft_has_the_published_entries(bins):
     [
         ("small", "float64"),
         ("concat_gru", "float64"),
-        ("lightweight", "float32"),
         *(
             pytest.param(config, precision, marks=pytest.mark.slow)
             for config in CONFIGS
@@ -173,7 +172,7 @@ def test_padding_is_that_of_the_published_code(width):
     assert not whole[..., :left].any()
 
 
-@pytest.mark.parametrize("run", [0, 1])
+@pytest.mark.parametrize("run", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_eraft_equals_the_published_code(run):
     """Promise: every stage, the flow of each update to 1e-4 px, and the warm start."""
     expected = ERAFT_DATA["runs"][run]
