@@ -12,7 +12,7 @@ demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
 
 # Two files at a time: each may hold a scene of a gigabyte.
-test: .venv/.dev .venv/.llvm .venv/.chromium
+test: .venv/.dev .venv/.llvm .venv/.chromium .venv/.learned
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/.dev .venv/.llvm
@@ -54,6 +54,16 @@ clean:
 
 .venv/.dev: .venv/.ready
 	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+# The smallest build of PyTorch. Where pip does not find it, the tests of networks are skipped.
+TORCH := torch==2.13.0+cpu
+
+.venv/.learned: .venv/.dev
+	@echo "eres: installing PyTorch for the tests of networks"
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile \
+	  '$(TORCH)' --editable '.[learned]' || \
+	  echo "eres: no $(TORCH) could be installed; the tests of networks are skipped"
 	@touch $@
 
 .venv/.docs: .venv/.ready

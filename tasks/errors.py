@@ -15,3 +15,7 @@ class MethodError(TaskError):
 
 class ResultError(TaskError):
     """A result file is missing, damaged or of another version."""
+
+
+class WeightsError(TaskError):
+    """A file of a network's weights is missing, damaged, or of another network."""

@@ -6,7 +6,7 @@ task's `methods`. Places are strings, so that listing tasks and methods imports 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -53,6 +53,11 @@ class TaskSpec:
         How tables show failures. None where a method cannot fail.
     extensions
         Names of the methods that are our variants of the paper's.
+    networks
+        Places of the functions that read a file of weights, by the names of the methods that need
+        them.
+    diagnostics
+        Names of the methods that get the truth: they bound what others can reach.
     labels
         Names of methods in words, where these are not the words of the name.
     """
@@ -67,6 +72,8 @@ class TaskSpec:
     planar_only: bool = False
     share_column: ShareColumn | None = None
     extensions: tuple[str, ...] = ()
+    networks: Mapping[str, str] = field(default_factory=dict)
+    diagnostics: tuple[str, ...] = ()
     labels: Mapping[str, str] = field(default_factory=dict)
     summary: str = ""
 
@@ -75,10 +82,16 @@ class TaskSpec:
         words = method if ":" in method else method.replace("_", " ")
         return self.labels.get(method, words)
 
+    def usual(self, with_weights: Collection[str] = ()) -> tuple[str, ...]:
+        """Return the methods that can run: not diagnostics, nor networks without weights."""
+        absent = {*self.diagnostics, *self.networks} - {*with_weights}
+        return tuple(name for name in self.methods if name not in absent)
+
 
 _METHODS = "tasks.methods"
 _SCORERS = "tasks.evaluation.scorers"
 _SETTINGS = "tasks.evaluation.settings"
+_NETWORKS = "tasks.learned"
 
 _PSNR = Metric("psnr_db", "PSNR", "dB", higher_is_better=True, negligible=0.1, decimals=2)
 _RNEPE = Metric(
@@ -108,6 +121,9 @@ TASKS = {
         methods={
             "high_pass_filter": f"{_METHODS}.high_pass_filter:HighPassFilter",
             "high_pass_filter_no_event_decay": f"{_METHODS}.high_pass_filter:without_event_decay",
+            "e2vid": f"{_METHODS}.e2vid:E2vid",
+            "late_truth": f"{_METHODS}.true_video:LateTruth",
+            "filtered_truth": f"{_METHODS}.true_video:FilteredTruth",
             "blank": f"{_METHODS}.blank_video:BlankVideo",
         },
         metric=_PSNR,
@@ -115,7 +131,10 @@ TASKS = {
         scorer=f"{_SCORERS}.video:VideoScorer",
         settings=f"{_SETTINGS}:Video",
         extensions=("high_pass_filter_no_event_decay",),
+        networks={"e2vid": f"{_NETWORKS}.e2vid:load"},
+        diagnostics=("late_truth", "filtered_truth"),
         labels={
+            "e2vid": "E2VID",
             "high_pass_filter": "high-pass filter",
             "high_pass_filter_no_event_decay": "high-pass filter without event decay",
         },
@@ -145,6 +164,23 @@ TASKS = {
             *("photometric_flow_unknown_contrast", "photometric_flow_with_delay"),
             "contrast_maximization_by_gradient",
         ),
+    ),
+    "dense_flow": TaskSpec(
+        title="dense optical flow",
+        summary="end-point error of flow from all pixels of two windows, at 20 features",
+        methods={
+            "eraft": f"{_METHODS}.eraft:estimate",
+            "zero_flow": f"{_METHODS}.zero_flow:estimate",
+            "initial_flow": f"{_METHODS}.initial_flow:estimate_everywhere",
+        },
+        metric=_RNEPE,
+        baseline="zero_flow",
+        scorer=f"{_SCORERS}.dense_flow:DenseFlowScorer",
+        settings=f"{_SETTINGS}:DenseFlow",
+        sample="tasks.dense_flow:DenseFlowSample",
+        share_column=ShareColumn("fail", "share of features that failed"),
+        networks={"eraft": f"{_NETWORKS}.eraft:load"},
+        labels={"eraft": "E-RAFT"},
     ),
     "tracking": TaskSpec(
         title="pose tracking",

@@ -62,6 +62,17 @@ def test_only_the_rendering_folder_touches_mitsuba():
     assert users == {"eres_render/rendering"}
 
 
+def test_only_the_folder_of_networks_touches_torch():
+    """Promise: everything else works without PyTorch, which is an extra."""
+    users = {
+        path.relative_to(ROOT).parent.as_posix()
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        if "torch" in {name for name, _ in imports(path)}
+    }
+    assert users == {"tasks/learned"}
+
+
 # Folders that a folder may import; one that is not listed may import none of the others here.
 WINGS = {
     "sensor.kernels": set(),
@@ -89,6 +100,7 @@ WINGS = {
         *("eres_render.storage", "eres_render.trajectory"),
     },
     "tasks.numerics": set(),
+    "tasks.learned": set(),
     "tasks.methods": {"tasks.numerics"},
     "tasks.evaluation": {"tasks.methods"},
     "tasks.footage": set(),

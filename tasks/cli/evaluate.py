@@ -40,6 +40,7 @@ def evaluate(
     cutoff: Annotated[float | None, arg(help_behavior_hint="(default: inf)")] = None,
     threshold: Annotated[float | None, arg(help_behavior_hint="(default: 0.2, or fitted)")] = None,
     speed: Annotated[float | None, arg(help_behavior_hint="(default: 1.0)")] = None,
+    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     format: str | None = None,
     reading: OmitArgPrefixes[Reading] = AS_STORED,
     frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
@@ -55,7 +56,8 @@ def evaluate(
     ----------
     method
         Names (`eres methods` lists them), or your own functions as
-        package.module:function; by default all methods of the task.
+        package.module:function; by default all methods of the task that need no weights or have
+        them, without diagnostics.
     resolution
         Width of the sensor, px; for a sequence.
     cutoff
@@ -65,6 +67,8 @@ def evaluate(
         Contrast threshold, log units; that of a recording is fitted to its frames.
     speed
         Factor on the speed of the rendered sequence.
+    weights
+        Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     format
         Format of a file of events, as for `eres info`, instead of what its extension says.
     """
@@ -76,7 +80,7 @@ def evaluate(
                     f"{source}: found a recording with --{name} {value:g}, expected it only for a "
                     "rendered sequence, on which a sensor is simulated"
                 )
-        _evaluate_recording(source, task, method, threshold, format, reading, frames, flow)
+        _evaluate_recording(source, task, method, threshold, weights, format, reading, frames, flow)
         return
     if (format, reading, frames, flow) != (None, AS_STORED, NO_FRAMES, USUAL_FLOW):
         raise TaskError(
@@ -85,6 +89,7 @@ def evaluate(
     from eres_render import open_sequence
     from tasks.cli.progress_bar import progress_bar
     from tasks.evaluation.sequence import evaluate_sequence
+    from tasks.methods.networks import named_weights
 
     sensor = {name: _SENSOR[name] if value is None else value for name, value in given.items()}
     with progress_bar(terminal.err) as on_progress:
@@ -96,6 +101,7 @@ def evaluate(
             cutoff_hz=sensor["cutoff"],
             contrast_threshold=0.2 if threshold is None else threshold,
             speed=sensor["speed"],
+            weights=named_weights(weights, method or TASKS[task].networks),
             on_progress=on_progress,
         )
     _print_scores(rows, "method", "variant", "metric")
@@ -107,12 +113,14 @@ def _evaluate_recording(
     task: str,
     methods: tuple[str, ...],
     threshold: float | None,
+    weights: tuple[str, ...],
     format: str | None,
     reading: Reading,
     frame_options: FrameOptions,
     flow: FlowOptions,
 ) -> None:
     from tasks.cli.progress_bar import progress_bar
+    from tasks.methods.networks import named_weights
     from tasks.recording.evaluate import evaluate_recording
     from tasks.recording.recording import open_recording
 
@@ -127,6 +135,7 @@ def _evaluate_recording(
             shift_us=shift_us,
             contrast_threshold=threshold,
             flow=flow,
+            weights=named_weights(weights, methods or TASKS[task].networks),
             on_progress=on_progress,
         )
     _print_scores(found.scores, "method", "metric")

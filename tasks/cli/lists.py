@@ -114,8 +114,9 @@ def methods() -> None:
     """List the methods of each task."""
     from tasks.registry import TASKS
 
-    table = Table("task", "method", "where", box=None)
+    table = Table("task", "method", "where", "note", box=None)
     for task, spec in TASKS.items():
         for name, where in spec.methods.items():
-            table.add_row(task, name, where)
+            note = "needs --weights" if name in spec.networks else ""
+            table.add_row(task, name, where, "diagnostic" if name in spec.diagnostics else note)
     terminal.out.print(table, crop=False)

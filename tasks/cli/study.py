@@ -35,6 +35,7 @@ def study(
     resolution: Annotated[int | None, _AS_IN_STUDY] = None,
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
+    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
 ) -> None:
     """Ask which resolution serves a task best: render, simulate, evaluate, report.
 
@@ -58,15 +59,19 @@ def study(
     resolution
         Side of the rendered frames, px; finer sensors are left out.
     method
-        Your own methods, in addition to the study's, as package.module:function.
+        Methods in addition to the study's: names (`eres methods` lists them), or your own as
+        package.module:function.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
+    weights
+        Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     """
     from dataclasses import replace
 
     from tasks.cli.progress_bar import progress_bar
+    from tasks.methods.networks import named_weights
     from tasks.study.config import preset as find_preset
-    from tasks.study.config import with_method
+    from tasks.study.config import with_method, with_weights
     from tasks.study.report import write_report
     from tasks.study.run import run_study
     from tasks.study.study_file import read_study
@@ -85,6 +90,8 @@ def study(
     asked = replace(chosen, scenes=looked_at, render=rendering, simulate=sensors)
     for name in method:
         asked = with_method(asked, name)
+    in_use = [name for task in asked.evaluate.values() for name in task.methods]
+    asked = with_weights(asked, named_weights(weights, in_use))
     with progress_bar(terminal.err) as on_progress:
         run_study(asked, out, scheduler, on_progress)
     _show_scores(out)

@@ -16,6 +16,7 @@ def video(
     source: Annotated[Positional[Path], arg(metavar="EVENTS", help="file of events")],
     out: Path,
     calibration: Path | None = None,
+    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     format: str | None = None,
     overwrite: bool = False,
     options: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
@@ -32,12 +33,15 @@ def video(
         Folder of the images, new or with images of an earlier call.
     calibration
         File of the lens, fx fy cx cy k1 k2 p1 p2 k3, whose distortion is taken out of the images.
+    weights
+        Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     format
         Format of the file, as for `eres info`, instead of what its extension says.
     overwrite
         Replace the images of an earlier call.
     """
     from tasks.cli.progress_bar import progress_bar
+    from tasks.methods.networks import named_weights
     from tasks.recording.calibration import read_calibration
     from tasks.recording.recording import open_recording
     from tasks.recording.video import write_video
@@ -50,6 +54,7 @@ def video(
             out,
             options,
             calibration=lens,
+            weights=named_weights(weights, [options.method]),
             overwrite=overwrite,
             on_progress=on_progress,
         )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from eres_render import RadianceSequence, ground_truth, load_scene
 from eres_render.progress import Progress, silent
 from sensor import SensorModel
 from sensor.engine.bank import DARK_FRACTION
-from tasks.errors import TaskError
+from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.warm_up import warn_if_coarse, warn_if_short
@@ -27,6 +27,7 @@ def evaluate_sequence(
     cutoff_hz: float = math.inf,
     contrast_threshold: float = 0.2,
     speed: float = 1.0,
+    weights: Mapping[str, str] | None = None,
     on_progress: Progress = silent,
 ) -> list[Row]:
     """Simulate one sensor on a sequence, and score methods of one task on its events.
@@ -38,7 +39,8 @@ def evaluate_sequence(
     task
         Name of the task.
     methods
-        Names, or "package.module:function"; by default all listed methods.
+        Names, or "package.module:function"; by default all listed methods but diagnostics, and
+        networks only with weights.
     width
         Width of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz
@@ -47,6 +49,8 @@ def evaluate_sequence(
         C, log units.
     speed
         Factor by which the scene moves faster than it was rendered.
+    weights
+        Files of weights by the names of the methods that need them.
     on_progress
         Called with the stage, the amount done, and the total.
 
@@ -57,13 +61,15 @@ def evaluate_sequence(
     Raises
     ------
     TaskError
-        A method does not exist, the sensor is finer than the frames, or the scene does not suit
-        the task.
+        A method does not exist or cannot run, the sensor is finer than the frames, or the scene
+        does not suit the task.
     """
     spec = TASKS[task]
-    names = tuple(methods) or tuple(spec.methods)
+    if strangers := set(weights or ()) - set(spec.networks):
+        raise WeightsError(f"weights: found some of {min(strangers)}, which is no method of {task}")
+    names = tuple(methods) or spec.usual(weights or ())
     for name in names:
-        check_method(task, name)
+        check_method(task, name, weights)
     if width > sequence.manifest.width:
         raise TaskError(
             f"resolution: found {width} px, finer than the frames of {sequence.manifest.width} px"
@@ -78,13 +84,17 @@ def evaluate_sequence(
     warn_if_short(sequence, cutoff_hz, speed)
     warn_if_coarse(sequence)
     truth = ground_truth(sequence)
+    height = truth.camera(width).height
+    for name in names:
+        check_method(task, name, weights, [(width, height)])
     model = SensorModel(
         width=width,
-        height=truth.camera(width).height,
+        height=height,
         contrast_threshold=contrast_threshold,
         cutoff_hz=cutoff_hz,
         dark_level=DARK_FRACTION * sequence.white_level,
     )
     setting = Setting(model, speed, *(round(t_s / speed * 1e6) for t_s in sequence.window_s))
-    tasks = {task: load(spec.settings)(methods=names)}
+    options = {"weights": dict(weights)} if weights else {}
+    tasks = {task: load(spec.settings)(methods=names, **options)}
     return evaluate(sequence, truth, [setting], tasks, on_progress).rows

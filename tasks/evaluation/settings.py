@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, Self
 
@@ -14,6 +14,9 @@ from tasks.registry import TASKS, load
 MAY_BE_ZERO = {"may be zero": True}
 """Metadata of a field whose numbers may be 0; those of other fields must be positive."""
 
+E2VID_WINDOW_S = 0.025
+"""Length of the windows of E2VID in path time, where the settings give none."""
+
 
 class Stretches(NamedTuple):
     """Stretches of a path on which a study scores a task; by default, those around its samples.
@@ -22,6 +25,8 @@ class Stretches(NamedTuple):
     ----------
     continuous_s
         Run-in and length of one stretch from the start of the path instead, seconds.
+    windows_before
+        Number of windows that a stretch also covers before the scored one.
     speeds
         Factors on the base speed, in place of the study's.
     scenes
@@ -31,6 +36,7 @@ class Stretches(NamedTuple):
     continuous_s: tuple[float, ...] = ()
     speeds: tuple[float, ...] = ()
     scenes: tuple[str, ...] = ()
+    windows_before: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +50,11 @@ class TaskSettings:
     """
 
     methods: tuple[str, ...] = ()
+
+    @property
+    def weights(self) -> Mapping[str, str] | None:
+        """Files of weights by the names of the methods that need them; see `NetworkSettings`."""
+        return None
 
     def plan(self) -> Mapping[Stretches, Self]:
         """Return the stretches that a study scores, each with the settings for it."""
@@ -68,6 +79,25 @@ class TaskSettings:
         The same settings with these methods and one sample.
         """
         return replace(self, methods=methods)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkSettings(TaskSettings):
+    """Settings of a task some of whose methods need weights.
+
+    Parameters
+    ----------
+    methods
+        Names, or "package.module:function"; none to leave the task out.
+    weights
+        Files of weights by the names of the methods that need them; None for none.
+    """
+
+    weights: dict[str, str] | None = None
+
+
+_E2VID_S = 7.0  # core seconds of a window at 1280 px, as measured for docs/learned.md
+_ERAFT_S = 60.0  # of a pair of windows
 
 
 def _share(width: int) -> float:
@@ -139,6 +169,34 @@ class Flow(TaskSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DenseFlow(NetworkSettings):
+    """Optical flow of all pixels, over each clip's window, from it and the window before.
+
+    Parameters
+    ----------
+    methods
+        By name, or "package.module:function".
+    features
+        Patches in each clip, in whose middle the flow is scored.
+    initial_sigma_px
+        Error of the initial flow: standard deviation of each component, px of a 1280 px sensor.
+    seed
+        Seed of the initial flows.
+    """
+
+    methods: tuple[str, ...] = ()
+    features: int = 20
+    initial_sigma_px: float = field(default=3.0, metadata=MAY_BE_ZERO)
+    seed: int = field(default=0, metadata=MAY_BE_ZERO)
+
+    def plan(self) -> Mapping[Stretches, Self]:
+        return {Stretches(windows_before=1): self}
+
+    def score_s(self, width: int) -> float:
+        return _ERAFT_S * _share(width) * len(self.methods)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Tracking(TaskSettings):
     """Camera pose tracking over the first milliseconds of each clip's window, on planar scenes.
 
@@ -174,7 +232,7 @@ class Tracking(TaskSettings):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Video(TaskSettings):
+class Video(NetworkSettings):
     """Image reconstruction with a state that lasts, on one continuous stretch.
 
     Parameters
@@ -191,6 +249,10 @@ class Video(TaskSettings):
     equalization
         Equalization of the histograms of prediction and truth: "none", "global",
         "local" or "clahe" (local, with limited contrast).
+    e2vid_window_s
+        Length of the windows of E2VID, seconds of the path; None for 0.025.
+    e2vid_events_per_px
+        Number of events of a window of E2VID for each pixel, instead of a length.
     """
 
     methods: tuple[str, ...] = ()
@@ -201,13 +263,20 @@ class Video(TaskSettings):
     equalization: Literal["none", "global", "local", "clahe"] = field(
         default="local", metadata=formerly("equalisation")
     )
+    e2vid_window_s: float | None = None
+    e2vid_events_per_px: float | None = None
 
     def plan(self) -> Mapping[Stretches, Self]:
         return {Stretches((self.run_in_s, self.duration_s), scenes=self.scenes): self}
 
     def score_s(self, width: int) -> float:
         images = round((self.duration_s - self.run_in_s) / self.every_s)
-        return 0.4 * _share(width) * len(self.methods) * images
+        seconds = 0.4 * _share(width) * len(self.methods) * images
+        if "e2vid" in self.methods:
+            seconds += (
+                _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or E2VID_WINDOW_S)
+            )
+        return seconds
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -244,15 +313,25 @@ class Evaluate(Mapping[str, TaskSettings]):
         return len(TASKS)
 
 
-def check_methods(evaluate: Mapping[str, TaskSettings]) -> None:
-    """Check before any rendering that all methods exist.
+def check_methods(
+    evaluate: Mapping[str, TaskSettings], sizes: Iterable[tuple[int, int]] = ()
+) -> None:
+    """Check before any rendering that all methods exist and can run.
+
+    Parameters
+    ----------
+    evaluate
+        Settings of each task.
+    sizes
+        Widths and heights of the sensors, px.
 
     Raises
     ------
     TaskError
-        A method does not exist, or is for another task.
+        A method does not exist, is for another task, or its network cannot run.
     """
+    sizes = list(sizes)
     for task, settings in evaluate.items():
         for planned in settings.plan().values():
             for name in planned.methods:
-                check_method(task, name)
+                check_method(task, name, planned.weights, sizes)

@@ -7,13 +7,15 @@ import importlib
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_type_hints
 
 from eres_render.errors import nearest
 from tasks.errors import TaskError
+from tasks.methods.networks import digest_of, network
 from tasks.registry import TASKS, load
 
 METHODS = {task: spec.methods for task, spec in TASKS.items()}
@@ -28,8 +30,10 @@ METHOD_VERSIONS = {
 }
 
 
-def load_method(task: str, name: str) -> Callable[..., Any]:
-    """Import a method.
+def load_method(
+    task: str, name: str, weights: Mapping[str, str] | None = None
+) -> Callable[..., Any]:
+    """Import a method, and load its network if it has one.
 
     Parameters
     ----------
@@ -37,6 +41,8 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
         Name of the task.
     name
         Name of the method in `METHODS`, or "package.module:function".
+    weights
+        Files of weights by the names of the methods that need them.
 
     Returns
     -------
@@ -46,6 +52,8 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
     ------
     TaskError
         The task has no method of that name, or the function cannot be imported.
+    WeightsError
+        The method needs weights, and there are none, or not those of its network.
 
     Examples
     --------
@@ -68,19 +76,28 @@ def load_method(task: str, name: str) -> Callable[..., Any]:
         raise TaskError(f"{task}, method {name!r}: cannot be imported: {said}") from error
     if not callable(found):
         raise TaskError(f"{task}, method {name!r}: found no function {function!r} in {module}")
+    if name in TASKS[task].networks:
+        found = partial(found, network=network(task, name, weights))
     return found
 
 
 def task_of(name: str) -> str:
-    """Return the task of a method of the user's own, "package.module:function".
+    """Return the task of a method.
 
-    A class is a video method; for a function, the type of its first parameter tells the task.
+    Of one of the user's own, "package.module:function", the kind tells the task: a class is a video
+    method; for a function, it is the type of its first parameter.
 
     Raises
     ------
     TaskError
-        The first parameter does not tell the task.
+        The first parameter does not tell the task, or several tasks have a method of that name.
     """
+    if ":" not in name and (tasks := [task for task in TASKS if name in TASKS[task].methods]):
+        if len(tasks) > 1:
+            raise TaskError(
+                f"method {name!r}: found it in {' and '.join(tasks)}, expected one task"
+            )
+        return tasks[0]
     function = load_method(next(iter(TASKS)), name)
     told = _told_tasks(function)
     if not told:
@@ -92,8 +109,13 @@ def task_of(name: str) -> str:
     return told[0]
 
 
-def check_method(task: str, name: str) -> None:
-    """Check that a method exists and is for a task.
+def check_method(
+    task: str,
+    name: str,
+    weights: Mapping[str, str] | None = None,
+    sizes: Iterable[tuple[int, int]] = (),
+) -> None:
+    """Check that a method exists, is for a task, and can run.
 
     Parameters
     ----------
@@ -101,13 +123,22 @@ def check_method(task: str, name: str) -> None:
         Name of the task.
     name
         Name of the method in `METHODS`, or "package.module:function".
+    weights
+        Files of weights by the names of the methods that need them.
+    sizes
+        Widths and heights of the sensors, px.
 
     Raises
     ------
     TaskError
         The task has no such method, or the method says that it is for another task.
+    WeightsError
+        Its network has no weights or wrong ones, or cannot run on one of the sensors.
     """
-    function = load_method(task, name)
+    function = load_method(task, name, weights)
+    if name in TASKS[task].networks:
+        for size in sizes:
+            network(task, name, weights).check_size(*size)
     told = _told_tasks(function) if ":" in name else []
     if told and task not in told:
         found, expected = (
@@ -159,15 +190,22 @@ def source_file(task: str, name: str) -> str | None:
     return getattr(module, "__file__", None)
 
 
-def code_of(names: Iterable[str]) -> dict[str, str]:
-    """Identify the code of methods, so that a change of it is noticed.
+def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:
+    """Identify the code of methods, and the weights of their networks, so that changes are noticed.
 
     Our methods have a number in `METHOD_VERSIONS` (1 if they are not listed there); a method of the
-    user's own is identified by the SHA-256 of its file.
+    user's own is identified by the SHA-256 of its file, and so are weights.
+
+    Parameters
+    ----------
+    names
+        Names of the methods.
+    weights
+        Files of weights by the names of the methods that need them.
 
     Returns
     -------
-    Number or digest by the method's name; methods with number 1 are left out.
+    Number or digest by the method's name; methods with number 1 and no weights are left out.
     """
     found = {}
     for name in names:
@@ -176,6 +214,8 @@ def code_of(names: Iterable[str]) -> dict[str, str]:
             found[name] = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
         elif name in METHOD_VERSIONS:
             found[name] = str(METHOD_VERSIONS[name])
+        if weights and name in weights:
+            found[name] = f"{METHOD_VERSIONS.get(name, 1)} {digest_of(weights[name])}"
     return found
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from eres_render.progress import Progress, silent
@@ -18,8 +18,9 @@ from tasks.recording.score import RecordingScore
 from tasks.recording.threshold import Thresholds, estimate_shift, fit_thresholds
 from tasks.registry import TASKS
 
-_NEEDED = {  # what a recording does not have
-    "tracking": "a plane, the poses and the camera, which a recording does not tell"
+_NEEDED = {  # what a recording does not have, or what is not scored on one
+    "dense_flow": "the flow of a rendered sequence to compare with",
+    "tracking": "a plane, the poses and the camera, which a recording does not tell",
 }
 _WITH_DELAY = "photometric_flow_with_delay"  # of the filter, which clocks and exposures hide
 _ANY_THRESHOLD = 0.2  # log units; scales images from events alone, whose pictures are stretched
@@ -50,6 +51,7 @@ def evaluate_recording(
     shift_us: int | None = 0,
     contrast_threshold: float | None = None,
     flow: FlowOptions = USUAL_FLOW,
+    weights: Mapping[str, str] | None = None,
     on_progress: Progress = silent,
 ) -> RecordingEvaluation:
     """Score methods of one task on a recording.
@@ -71,6 +73,8 @@ def evaluate_recording(
         C, log units; by default that of the file's sensor model, or the fit to the frames.
     flow
         Windows and patches of flow.
+    weights
+        Files of weights by the names of the methods that need them.
     on_progress
         Called with the stage, the amount done, and the total.
 
@@ -91,7 +95,7 @@ def evaluate_recording(
             f"{recording.path}: {TASKS[task].title} is scored against frames, expected --frames; "
             "`eres video` makes images without"
         )
-    names = _methods(recording, task, methods, frames)
+    names = _methods(recording, task, methods, frames, weights)
     notes: list[str] = []
     if frames is not None:
         frames = _on_one_clock(recording, frames, shift_us, notes)
@@ -101,24 +105,38 @@ def evaluate_recording(
     elif frames is None:
         raise AssertionError("images are scored against frames")
     elif task == "video":
-        found = score_video(recording, frames, names, thresholds.mean, on_progress=on_progress)
+        found = score_video(
+            recording, frames, names, thresholds.mean, weights=weights, on_progress=on_progress
+        )
     else:
         found = score_reconstruction(recording, frames, names, thresholds, on_progress)
     return RecordingEvaluation(found, notes)
 
 
 def _methods(
-    recording: Recording, task: str, given: Sequence[str], frames: Frames | None
+    recording: Recording,
+    task: str,
+    given: Sequence[str],
+    frames: Frames | None,
+    weights: Mapping[str, str] | None,
 ) -> tuple[str, ...]:
+    spec = TASKS[task]
+    names = tuple(given) or spec.usual(weights or ())
+    for name in names:
+        check_method(task, name, weights, [recording.size])
+        if name in spec.diagnostics:
+            raise TaskError(
+                f"{recording.path}: method {name!r} needs the true light, which a recording does "
+                "not tell"
+            )
     for name in given:
-        check_method(task, name)
         if frames is None and name in LOCAL:
             raise TaskError(
                 f"{recording.path}: method {name!r} needs the image at the start of each window, "
                 "expected --frames"
             )
     left_out = (_WITH_DELAY,) if frames is not None else LOCAL
-    return tuple(given) or tuple(name for name in TASKS[task].methods if name not in left_out)
+    return tuple(given) or tuple(name for name in names if name not in left_out)
 
 
 def _on_one_clock(

@@ -7,7 +7,7 @@ histograms are equalized before the comparison, and doing nothing is a gray imag
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -76,6 +76,7 @@ def score_video(
     methods: Sequence[str],
     contrast_threshold: float,
     equalization: str = "local",
+    weights: Mapping[str, str] | None = None,
     on_progress: Progress = silent,
 ) -> list[RecordingScore]:
     """Score images from events alone at the time of each frame.
@@ -90,6 +91,8 @@ def score_video(
         Of both polarities, log units.
     equalization
         As for `tasks.video.picture`.
+    weights
+        Files of weights by the names of the methods that need them.
     on_progress
         Called after each part of the events.
 
@@ -108,7 +111,9 @@ def score_video(
     width, height = recording.size
     arguments = width, height, contrast_threshold
     takers = {
-        name: ImageTaker(ask("video", name, load_method("video", name), *arguments)[0], numbers)
+        name: ImageTaker(
+            ask("video", name, load_method("video", name, weights), *arguments)[0], numbers
+        )
         for name in methods
     }
     blank = np.zeros((height, width))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from tasks.methods import check_method, load_method
 from tasks.recording.calibration import Calibration
 from tasks.recording.options import VideoOptions
 from tasks.recording.recording import Recording
+from tasks.registry import TASKS
 from tasks.video import EQUALIZATIONS, ImageTaker, picture
 
 TIMES = "timestamps.txt"
@@ -67,6 +68,7 @@ def write_video(
     *,
     contrast_threshold: float = 0.2,
     calibration: Calibration | None = None,
+    weights: Mapping[str, str] | None = None,
     overwrite: bool = False,
     on_progress: Progress = silent,
 ) -> int:
@@ -85,6 +87,8 @@ def write_video(
         matters in them.
     calibration
         Lens, whose distortion is taken out of the images.
+    weights
+        Files of weights by the names of the methods that need them.
     overwrite
         Whether to replace a folder that such images are in.
     on_progress
@@ -99,7 +103,12 @@ def write_video(
     TaskError
         An option is out of range, or the folder exists.
     """
-    check_method("video", options.method)
+    check_method("video", options.method, weights, [recording.size])
+    if options.method in TASKS["video"].diagnostics:
+        raise TaskError(
+            f"method: found {options.method!r}, which needs the true light, expected another: a "
+            "recording does not tell it"
+        )
     if options.equalization not in ("none", *EQUALIZATIONS):
         raise TaskError(
             f"equalization: found {options.equalization!r}, expected one of "
@@ -110,7 +119,7 @@ def write_video(
     unfinished = out.with_name(f".{out.name}.{os.getpid()}.unfinished")
     try:
         unfinished.mkdir()
-        images = _images(recording, options, times_us, contrast_threshold, on_progress)
+        images = _images(recording, options, times_us, contrast_threshold, weights, on_progress)
         for k, log_image in enumerate(images):
             shown = picture(log_image, log_image.shape, options.equalization)
             codes = np.round(255 * shown).astype(np.uint8)
@@ -148,11 +157,12 @@ def _images(
     options: VideoOptions,
     times_us: list[int],
     contrast_threshold: float,
+    weights: Mapping[str, str] | None,
     on_progress: Progress,
 ) -> Iterator[NDArray[np.floating]]:
     width, height = recording.size
     name = options.method
-    start: Any = load_method("video", name)
+    start: Any = load_method("video", name, weights)
     method, _ = ask("video", name, start, width, height, contrast_threshold)
     taker = ImageTaker(method, times_us)
     blank = np.zeros((height, width))

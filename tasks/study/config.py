@@ -1,13 +1,14 @@
 """Studies as data: settings, presets, and the names of computed files."""
 
-from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
+from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.digest import STAGE_VERSIONS, digest
 from tasks.study.presets import PRESETS, preset
-from tasks.study.settings import Render, Simulate, Study, to_json, with_method
+from tasks.study.settings import Render, Simulate, Study, to_json, with_method, with_weights
 
 __all__ = [
     "PRESETS",
     "STAGE_VERSIONS",
+    "DenseFlow",
     "Evaluate",
     "Flow",
     "Reconstruction",
@@ -20,4 +21,5 @@ __all__ = [
     "preset",
     "to_json",
     "with_method",
+    "with_weights",
 ]

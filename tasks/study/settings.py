@@ -9,9 +9,13 @@ from typing import Any
 
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.model import Photoreceptor
-from tasks.errors import StudyError
-from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
+from tasks.errors import StudyError, WeightsError
+from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
 from tasks.methods import task_of
+from tasks.registry import TASKS
+
+# Fields that the stored study has only where they are given.
+_LEFT_OUT_AT_NONE = ("weights", "e2vid_window_s", "e2vid_events_per_px")
 
 LEAST_RESOLUTION = 62
 """Side of frames, px, in which `sensor.statistics.slopes_by_pixel_size` has room for its blocks."""
@@ -143,7 +147,8 @@ def with_method(study: Study, name: str) -> Study:
     study
         The study.
     name
-        The method, "package.module:function". Its annotations tell which task it solves.
+        The method: one of the registry's that is in a single task, or "package.module:function",
+        whose annotations tell which task it solves.
 
     Returns
     -------
@@ -156,8 +161,44 @@ def with_method(study: Study, name: str) -> Study:
     """
     task = task_of(name)
     section = study.evaluate[task]
-    section = replace(section, methods=(*section.methods, name))
+    section = replace(section, methods=tuple(dict.fromkeys((*section.methods, name))))
     return replace(study, evaluate=Evaluate(**{**study.evaluate, task: section}))
+
+
+def with_weights(study: Study, weights: Mapping[str, str]) -> Study:
+    """Return a study with files of weights.
+
+    Parameters
+    ----------
+    study
+        The study.
+    weights
+        Files by the names of methods with a network.
+
+    Returns
+    -------
+    The study with the weights in the settings of the tasks that have these methods.
+
+    Raises
+    ------
+    WeightsError
+        The study does not use one of the methods.
+    """
+    used = set()
+    sections = dict(study.evaluate)
+    for task, section in sections.items():
+        own = {name: weights[name] for name in TASKS[task].networks if name in weights}
+        used |= own.keys() & {*section.methods}
+        if own:
+            if not isinstance(section, NetworkSettings):
+                raise TypeError(f"{task}: found {type(section)}, expected NetworkSettings")
+            sections[task] = replace(section, weights={**(section.weights or {}), **own})
+    for name in weights:
+        if name not in used:
+            raise WeightsError(
+                f"weights: found some of {name}, which is not in the study's methods"
+            )
+    return replace(study, evaluate=Evaluate(**sections))
 
 
 def to_json(study: Study) -> dict[str, Any]:
@@ -167,7 +208,8 @@ def to_json(study: Study) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     if is_dataclass(value):
-        return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+        named = {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+        return {k: v for k, v in named.items() if k not in _LEFT_OUT_AT_NONE or v is not None}
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -12,7 +12,7 @@ from sensor import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.settings import Evaluate
 from tasks.registry import TASKS, load
-from tasks.study.settings import Study
+from tasks.study.settings import Study, with_weights
 
 
 def read_study(file: Path) -> Study:
@@ -20,7 +20,8 @@ def read_study(file: Path) -> Study:
 
     The tables and fields are those of `Study`; a field that is left out has its default. Under
     `[simulate]`, `illuminance_lux` can replace `cutoffs_hz`: the cutoff is then proportional to the
-    light. Paths of scenes are relative to the file.
+    light. `[weights]` has the files of networks' weights, by the names of their methods. Paths of
+    scenes and of weights are relative to the file.
 
     Raises
     ------
@@ -45,7 +46,10 @@ def read_study(file: Path) -> Study:
         table["simulate"] = {**sensors, "cutoffs_hz": _cutoffs_hz(sensors, file)}
         del table["simulate"]["illuminance_lux"]
     table["evaluate"] = _evaluate(table.get("evaluate", {}), file)
+    weights = read_typed(dict[str, str], table.pop("weights", {}), file, StudyError, "weights")
     study = read_typed(Study, table, file, StudyError)
+    at = {name: str((file.parent / one).absolute()) for name, one in weights.items()}
+    study = with_weights(study, at)
     scenes = [str(file.parent / name) if "/" in name else name for name in study.scenes]
     return replace(study, scenes=tuple(scenes))
 

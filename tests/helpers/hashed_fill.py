@@ -26,3 +26,46 @@ def hashed_events(name, n, width, height, duration_us):
     x, y = np.floor(at).astype(np.uint16).T.copy()
     p = np.where(uniform(f"{name}.p", n) < 0.5, -1, 1).astype(np.int8)
     return Events(t_us, x, y, p, width, height), at
+
+
+def signed(name, n):
+    """Return n float64 in [-1, 1)."""
+    return 2.0 * uniform(name, n) - 1.0
+
+
+def voxels(name, shape, keep=0.4):
+    """Return a sparse grid: a share of 5 * signed values, the others 0, float64."""
+    n = int(np.prod(shape))
+    values = 5.0 * signed(name, n)
+    values[uniform(f"{name}.mask", n) >= keep] = 0.0
+    return values.reshape(shape)
+
+
+def weight(key, shape, gain):
+    """Return the value of an entry of a state dict: computed in float64, rounded to float32."""
+    n = int(np.prod(shape, dtype=np.int64))
+    if key.endswith("num_batches_tracked"):
+        return np.array(7, np.int64)
+    values = signed(key, n)
+    if key.endswith("running_mean"):
+        values = 0.1 * values
+    elif key.endswith("running_var"):
+        values = 1.0 + 0.5 * values
+    elif len(shape) >= 2:  # of a convolution: uniform with variance gain^2 / fan
+        values = gain * np.sqrt(3.0 / (n // shape[0])) * values
+    elif key.endswith("weight"):  # of a normalization
+        values = 1.0 + 0.25 * values
+    else:  # a bias
+        values = 0.1 * values
+    return values.astype(np.float32).reshape(shape)
+
+
+def assert_described(found, described, atol, rtol=0.0):
+    """Check shape, mean, deviation, range and some values of an array against stored ones."""
+    found = np.asarray(found, np.float64)
+    assert list(found.shape) == described["shape"]
+    summary = {"mean": found.mean(), "std": found.std(), "min": found.min(), "max": found.max()}
+    for name, value in summary.items():
+        np.testing.assert_allclose(value, described[name], atol=atol, rtol=rtol, err_msg=name)
+    values = found.ravel()[described["flat_index"]]
+    np.testing.assert_allclose(values, described["values"], atol=atol, rtol=rtol)

@@ -6,7 +6,6 @@ a method, ends the run with a `MethodError` that names the method and the line.
 
 from __future__ import annotations
 
-import time
 import traceback
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Trajectory
-from tasks.errors import MethodError
+from tasks.cpu_time import cpu_s
+from tasks.dense_flow import DenseFlowSample
+from tasks.errors import MethodError, WeightsError
 from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import source_file
 from tasks.tracking import TrackingEstimate, TrackingSample
@@ -38,23 +39,27 @@ def ask(
 
     Returns
     -------
-    The answer, and the CPU time of this thread in seconds.
+    The answer, and the CPU time of this thread, and of others that worked for it, in seconds.
 
     Raises
     ------
     MethodError
         The method raised an error; the text names the method and the line.
+    WeightsError
+        Its network cannot run on this sensor or machine.
     """
-    started_s = time.thread_time()
+    started_s = cpu_s()
     try:
         answer = function(*arguments, **options)
+    except WeightsError:  # says itself what is wrong
+        raise
     except Exception as error:
         text = " ".join(str(error).split())
         raise MethodError(
             f"{task}, method {name!r}: raised {type(error).__name__}"
             f"{_place(error, task, name)}{': ' if text else ''}{text}"
         ) from error
-    return answer, time.thread_time() - started_s
+    return answer, cpu_s() - started_s
 
 
 def _place(error: Exception, task: str, name: str) -> str:
@@ -96,6 +101,38 @@ def flow_answer(name: str, sample: FlowSample, answer: Any) -> FlowEstimate:
     if not np.all(np.abs(flow) < _INFINITE):
         return FlowEstimate(sample.initial, answer.failure or "the flow is not finite")
     return answer
+
+
+def dense_flow_answer(
+    name: str, sample: DenseFlowSample, answer: Any
+) -> tuple[NDArray[np.floating], str]:
+    """Check the answer of a dense flow method.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    sample
+        What the method got.
+    answer
+        What it returned.
+
+    Returns
+    -------
+    The flow and "", or zero flow and the reason if the flow is not finite.
+
+    Raises
+    ------
+    MethodError
+        The answer is not a flow of the sensor's size.
+    """
+    flow = _numbers(answer, sample.shape)
+    if flow is None:
+        expected = f"an array of numbers of {sample.shape}"
+        raise _refusal("dense_flow", name, _named(answer), expected)
+    if not np.all(np.abs(flow) < _INFINITE):
+        return np.zeros(sample.shape), "the flow is not finite"
+    return flow, ""
 
 
 def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstimate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -11,8 +12,10 @@ from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import Video
+from tasks.evaluation.settings import E2VID_WINDOW_S, Video
 from tasks.methods import load_method
+from tasks.methods.true_video import TrueLight
+from tasks.registry import TASKS
 from tasks.video import ImageTaker, picture, psnr_db
 
 
@@ -29,13 +32,28 @@ class VideoScorer:
         self._samples = {round(t_s / setting.speed * 1e6): i for i, t_s in enumerate(self._times_s)}
         self._takers = {}
         for name in task.methods:
-            method, _ = ask("video", name, load_method("video", name), *size_and_C)
+            start = load_method("video", name, task.weights)
+            method, _ = ask("video", name, start, *size_and_C, **self._options(name, setting))
             self._takers[name] = ImageTaker(method, self._samples)
         self._blank = np.zeros((model.height, model.width))
         self._scores: list[Score] = []
         # Since each method's last image.
         self._events = dict.fromkeys(self._takers, 0)
         self._cpu_s = dict.fromkeys(self._takers, 0.0)
+
+    def _options(self, name: str, setting: Setting) -> dict[str, Any]:
+        """Return what some methods get in addition."""
+        if name in TASKS["video"].diagnostics:
+            sequence, dark_level = self._reference.sequence, self._reference.dark_level
+            light = TrueLight(sequence, dark_level, setting.model.cutoff_hz, setting.speed)
+            return {"light": light}
+        if name == "e2vid":
+            window_s = self._task.e2vid_window_s or E2VID_WINDOW_S
+            return {
+                "window_us": 1e6 * window_s / setting.speed,
+                "events_per_px": self._task.e2vid_events_per_px,
+            }
+        return {}
 
     def push(self, events: Events) -> None:
         """Pass the events on, and score the images that are due; they are too large to keep."""

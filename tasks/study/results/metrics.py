@@ -29,4 +29,5 @@ class Series(NamedTuple):
     @property
     def of_paper(self) -> bool:
         """Whether this is a method of the paper or of a user, not our variant of one."""
-        return not self.variant and self.method not in TASKS[self.task].extensions
+        spec = TASKS[self.task]
+        return not self.variant and self.method not in (*spec.extensions, *spec.diagnostics)

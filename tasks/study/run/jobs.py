@@ -14,7 +14,7 @@ from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor import SensorModel
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import Stretches, TaskSettings
+from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings
 from tasks.methods import code_of
 from tasks.registry import TASKS
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
@@ -40,12 +40,18 @@ class Job:
     def key(self) -> str:
         """Name of the job's rows: a digest of everything that determines them."""
         methods = chain.from_iterable(task.methods for task in self.evaluate.values())
+        weights = {k: v for task in self.evaluate.values() for k, v in (task.weights or {}).items()}
+        # The content of the weights counts, not their place.
+        evaluate = {
+            name: replace(task, weights=None) if isinstance(task, NetworkSettings) else task
+            for name, task in self.evaluate.items()
+        }
         return digest(
             {
                 **self._stretch,
                 "simulate": self.simulate,
-                "evaluate": self.evaluate,
-                "methods": code_of(methods),
+                "evaluate": evaluate,
+                "methods": code_of(methods, weights),
                 "versions": STAGE_VERSIONS,
             }
         )
@@ -162,7 +168,8 @@ def _jobs_on(
         run_in_s, duration_s = stretches.continuous_s
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
     else:
-        found = _spread_clips(study.render, scene, simulate.warmup_s)
+        before_s = stretches.windows_before * study.render.window_s
+        found = _spread_clips(study.render, scene, simulate.warmup_s + before_s)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
 

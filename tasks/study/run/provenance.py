@@ -17,6 +17,8 @@ _BETWEEN = "; "  # separates the values of one name
 _CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
 _PACKAGES = ("numpy", "numba", "scipy", "mitsuba", "drjit", "opencv-python-headless")
 
+_PACKAGES_OF_NETWORKS = ("torch",)
+
 
 def command() -> str:
     """Return the command line of this process."""
@@ -38,7 +40,8 @@ def environment(variant: str) -> dict[str, str]:
 
 def versions() -> dict[str, str]:
     """Return the versions of eres and of the packages that affect numbers, by name."""
-    return {"eres": version(DISTRIBUTION), **{name: version(name) for name in _PACKAGES}}
+    used = [*_PACKAGES, *(name for name in _PACKAGES_OF_NETWORKS if name in sys.modules)]
+    return {"eres": version(DISTRIBUTION), **{name: version(name) for name in used}}
 
 
 def _git_commit() -> str | None:

@@ -1,0 +1,83 @@
+"""Time and memory of E2VID and E-RAFT on this machine, with weights from random numbers.
+
+    python benchmarks/bench_networks.py                  both, at 128 to 1280 px
+    python benchmarks/bench_networks.py --widths 1280 --float32
+
+Each line is a process of its own: the median of the runs after the first, and its largest memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import subprocess
+import sys
+import time
+
+import numpy as np
+
+E2VID_OPTIONS = {"num_bins": 5, "num_encoders": 3, "norm": "BN", "use_upsample_conv": False}
+WIDTHS = (128, 240, 346, 640, 1280)
+
+
+def measure(name: str, width: int, runs: int, float32: bool) -> str:
+    """Run a network on noise; return a line of the table."""
+    import torch
+
+    from tasks.cpu_time import cpu_s
+    from tasks.learned import cpu
+    from tasks.learned.e2vid import E2vid
+    from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent
+    from tasks.learned.eraft import ERaft
+    from tasks.learned.eraft_network import ERAFT
+
+    torch.manual_seed(0)
+    if float32:
+        cpu.has_bfloat16 = lambda: False
+    rng = np.random.default_rng(0)
+    grids = [rng.standard_normal((bins, width, width), np.float32) for bins in (5, 15, 15)]
+    if name == "e2vid":
+        e2vid, states = E2vid(E2VIDRecurrent(E2vidOptions(**E2VID_OPTIONS))), None
+    else:
+        eraft = ERaft(ERAFT(15), 15)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    wall, spent = [], []
+    for _ in range(runs + 1):
+        started_s, cpu_started_s = time.perf_counter(), cpu_s()
+        if name == "e2vid":
+            _, states = e2vid.image(grids[0], states)
+        else:
+            eraft.flow(*grids[1:])
+        wall.append(time.perf_counter() - started_s)
+        spent.append(cpu_s() - cpu_started_s)
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    kind = "bfloat16" if cpu.has_bfloat16() else "float32"
+    return (
+        f"{name:6} {width:5} px  {kind:8}  {np.median(wall[1:]):7.2f} s  "
+        f"{np.median(spent[1:]):7.2f} s of CPU  {most / 2**20:5.2f} GiB, "
+        f"{(most - before) / 2**20:5.2f} of them for the run"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--networks", nargs="+", default=["e2vid", "eraft"])
+    parser.add_argument("--widths", nargs="+", type=int, default=WIDTHS)
+    parser.add_argument("--runs", type=int, default=3, help="after the first")
+    parser.add_argument("--float32", action="store_true", help="no bfloat16")
+    parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.here:
+        print(measure(options.networks[0], options.widths[0], options.runs, options.float32))
+        return
+    for name in options.networks:
+        for width in options.widths:
+            command = [sys.executable, __file__, "--here", "--networks", name, "--widths"]
+            command += [str(width), "--runs", str(options.runs)]
+            subprocess.run(command + ["--float32"] * options.float32, check=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,18 @@
+"""CPU time of a thread, with that of other threads which worked for it."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+_others = threading.local()
+
+
+def cpu_s() -> float:
+    """Return the CPU time of this thread, and what others needed for it, in seconds."""
+    return time.thread_time() + getattr(_others, "seconds", 0.0)
+
+
+def add_cpu_s(seconds: float) -> None:
+    """Count CPU time that another thread needed for this one."""
+    _others.seconds = getattr(_others, "seconds", 0.0) + seconds

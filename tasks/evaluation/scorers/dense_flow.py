@@ -1,0 +1,69 @@
+"""Dense optical flow: flow of all pixels over the window, from it and the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sensor import Events
+from sensor.events import concatenate
+from tasks.dense_flow import DenseFlowSample, flow_at
+from tasks.errors import TaskError
+from tasks.evaluation.reference import ReferenceFrames
+from tasks.evaluation.scorers.answers import ask, dense_flow_answer
+from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import DenseFlow
+from tasks.flow import rnepe_px
+from tasks.methods import load_method
+
+
+class DenseFlowScorer:
+    """Scores the end-point errors at all features."""
+
+    def __init__(self, reference: ReferenceFrames, setting: Setting, task: DenseFlow) -> None:
+        self._setting, self._task = setting, task
+        self._before_us = 2 * setting.start_us - setting.end_us
+        first_us = float(reference.sequence.t_s[0]) / setting.speed * 1e6
+        if first_us > self._before_us + 1:
+            start_s, end_s = reference.sequence.window_s
+            raise TaskError(
+                f"dense_flow: found frames from {first_us * 1e-6 * setting.speed:g} s on, expected "
+                f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "
+                "render the clip with a longer --warmup"
+            )
+        self._features = reference.features(task.features, task.seed).at(setting.model.width)
+        self._before: list[Events] = []
+        self._during: list[Events] = []
+
+    def push(self, events: Events) -> None:
+        """Keep the events of both windows."""
+        start_us, end_us = self._setting.start_us, self._setting.end_us
+        self._before.append(events.between(self._before_us, start_us))
+        self._during.append(events.between(start_us, end_us))
+
+    def scores(self) -> Iterator[Score]:
+        """Yield one score for each method and feature."""
+        features, width = self._features, self._setting.model.width
+        before, during = concatenate(self._before), concatenate(self._during)
+        self._before, self._during = [], []
+        sample = DenseFlowSample(
+            before,
+            during,
+            features.centers_px,
+            features.initial_flow_px(self._task.initial_sigma_px),
+        )
+        for name in self._task.methods:
+            method = load_method("dense_flow", name, self._task.weights)
+            answer, cpu_s = ask("dense_flow", name, method, sample)
+            flow, failure = dense_flow_answer(name, sample, answer)
+            found_px = flow_at(flow, features.centers_px)
+            for item in range(len(features)):
+                error_px = rnepe_px(found_px[item], features.flow_px[item], width)
+                yield Score(
+                    name,
+                    error_px,
+                    item=item,
+                    failure=failure,
+                    events=len(before) + len(during) if item == 0 else 0,  # the same for all
+                    cpu_s=cpu_s / len(features),
+                )

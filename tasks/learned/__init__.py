@@ -1,0 +1,1 @@
+"""Networks and their weights. Only this folder imports PyTorch, and only when a network is used."""

@@ -1,0 +1,111 @@
+"""Files of weights: read without running code, and refused with what they hold."""
+
+from __future__ import annotations
+
+import pickle
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from tasks.errors import WeightsError
+
+_SHOWN = 4  # names of a list in a message
+
+
+def read_checkpoint(file: Path) -> Any:
+    """Read a file that `torch.save` wrote.
+
+    Only tensors and plain values are read, never other classes, as a pickle could run code.
+
+    Parameters
+    ----------
+    file
+        The file.
+
+    Returns
+    -------
+    Its content.
+
+    Raises
+    ------
+    WeightsError
+        The file is missing, damaged, no checkpoint, or holds other classes.
+    """
+    try:
+        return torch.load(file, map_location="cpu", weights_only=True)
+    except OSError as error:
+        raise WeightsError(f"{file}: cannot be read: {error.strerror or error}") from None
+    except pickle.UnpicklingError as error:
+        if classes := re.findall(r"GLOBAL ([\w.]+)", str(error)):
+            raise WeightsError(
+                f"{file}: found a pickle of {_listed(dict.fromkeys(classes))}, which could run "
+                "code, expected tensors and plain values. Where you trust the file, load it with "
+                "the program that wrote it, and save only its weights and options"
+            ) from None
+        raise WeightsError(f"{file}: found no checkpoint of PyTorch") from None
+    except (RuntimeError, EOFError, KeyError, ValueError, AttributeError) as error:
+        reason = str(error).partition("\n")[0][:200]
+        raise WeightsError(f"{file}: not a complete checkpoint of PyTorch: {reason}") from None
+
+
+def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:
+    """Return a state dict.
+
+    Raises
+    ------
+    WeightsError
+        It holds anything else than tensors by name.
+    """
+    entries = found.items() if isinstance(found, Mapping) else ()
+    if not entries or not all(isinstance(k, str) and isinstance(v, Tensor) for k, v in entries):
+        raise WeightsError(f"{file}: found {held(found)}, expected tensors by name")
+    return dict(entries)
+
+
+def held(found: Any) -> str:
+    """Return in words what a checkpoint holds."""
+    if isinstance(found, Mapping):
+        architecture = f"arch {found['arch']!r} and " if "arch" in found else ""
+        entries = "1 entry" if len(found) == 1 else f"{len(found)} entries"
+        return f"a table with {architecture}{entries}: {_listed(map(str, found))}"
+    return f"a {type(found).__name__}"
+
+
+def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> None:
+    """Put weights into a network that was made on the device "meta".
+
+    Raises
+    ------
+    WeightsError
+        An entry is missing, left over, or has another shape; the message names it.
+    """
+    expected = network.state_dict()
+    for name in expected:
+        if name not in state:
+            raise WeightsError(f"{file}: {name}: missing, expected {_shape(expected[name])}")
+        if state[name].shape != expected[name].shape:
+            raise WeightsError(
+                f"{file}: {name}: found {_shape(state[name])}, expected {_shape(expected[name])}"
+            )
+    if others := [name for name in state if name not in expected]:
+        raise WeightsError(f"{file}: found entries of another network: {_listed(others)}")
+    for name, tensor in state.items():
+        if not torch.isfinite(tensor).all():
+            raise WeightsError(f"{file}: {name}: found values that are not finite")
+    network.load_state_dict(
+        {name: state[name].to(expected[name].dtype) for name in expected}, assign=True
+    )
+
+
+def _shape(tensor: Tensor) -> str:
+    return f"shape {tuple(tensor.shape)}"
+
+
+def _listed(names: Iterable[str]) -> str:
+    names = list(names)
+    more = len(names) - _SHOWN
+    return ", ".join(names[:_SHOWN]) + (f" and {more} more" if more > 0 else "")

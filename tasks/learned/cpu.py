@@ -1,0 +1,81 @@
+"""Run networks on this machine's cores, one at a time, and count their CPU time.
+
+All networks run in one thread, whose helpers PyTorch keeps: two at once would need twice the memory
+and share the same cores.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+
+from eres_render.cores import cores
+from tasks.cpu_time import add_cpu_s
+
+T = TypeVar("T")
+_THREADS = Path("/proc/self/task")  # Linux
+_PARALLEL = 1 << 20  # elements that PyTorch spreads over all threads
+_networks = ThreadPoolExecutor(1, "networks")
+
+
+def run(function: Callable[..., T], *arguments: Any) -> T:
+    """Run a function in the networks' thread, without gradients.
+
+    Its CPU time, helpers included, counts as that of the calling thread
+    (`tasks.cpu_time`). Convolutions are in bfloat16 where the processor computes with it.
+
+    Parameters
+    ----------
+    function, arguments
+        What to run.
+
+    Returns
+    -------
+    What the function returns.
+    """
+    answer, cpu_s = _networks.submit(_counted, function, arguments).result()
+    add_cpu_s(cpu_s)
+    return answer
+
+
+def has_bfloat16() -> bool:
+    """Return whether the processor computes with bfloat16."""
+    return bool(torch.cpu._is_avx512_bf16_supported())
+
+
+def _counted(function: Callable[..., T], arguments: tuple[Any, ...]) -> tuple[T, float]:
+    helpers = _helpers()
+    started_s = time.thread_time() + _cpu_s(helpers)
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16()):
+        answer = function(*arguments)
+    return answer, time.thread_time() + _cpu_s(helpers) - started_s
+
+
+@cache
+def _helpers() -> tuple[str, ...]:
+    """Start the helpers of this thread; return their numbers, none where they cannot be counted."""
+    if not _THREADS.exists():
+        torch.set_num_threads(1)
+        return ()
+    torch.set_num_threads(cores())
+    before = _running()
+    torch.ones(_PARALLEL).add_(1)
+    ours = {str(thread.native_id) for thread in threading.enumerate()}
+    return tuple(_running() - before - ours)
+
+
+def _running() -> set[str]:
+    return {thread.name for thread in _THREADS.iterdir()}
+
+
+def _cpu_s(threads: tuple[str, ...]) -> float:
+    return 1e-9 * sum(
+        int((_THREADS / thread / "schedstat").read_text().split()[0]) for thread in threads
+    )

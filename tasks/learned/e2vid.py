@@ -1,0 +1,187 @@
+"""E2VID with its weights, ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from tasks.errors import WeightsError
+from tasks.learned import cpu
+from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of
+from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
+from tasks.learned.size import check_memory
+
+ARCHITECTURE = "E2VIDRecurrent"
+_ROOT = "unetrecurrent."
+# Bytes of a pixel at the peak, by channels at full resolution: measured at 640 and 1280 px.
+_BYTES_PER_PX_AND_CHANNEL = 80
+
+
+class E2vid:
+    """E2VID with its weights.
+
+    Parameters
+    ----------
+    network
+        The network.
+    """
+
+    def __init__(self, network: E2VIDRecurrent) -> None:
+        self._network = network.eval()
+
+    @property
+    def bins(self) -> int:
+        """Bins of the voxel grids."""
+        return self._network.options.num_bins
+
+    def check_size(self, width: int, height: int) -> None:
+        """Check that the network can run on a sensor of a size, in px.
+
+        Raises
+        ------
+        WeightsError
+            The sensor is too small, or the network needs more memory than there is.
+        """
+        multiple = 2**self._network.options.num_encoders
+        side = min(width, height)
+        if (-side % multiple + 1) // 2 >= side:  # more than the image to reflect
+            raise WeightsError(
+                f"e2vid: found a sensor of {width}x{height} px, expected at least "
+                f"{multiple // 2} px on each side"
+            )
+        channels = self._network.options.base_num_channels
+        check_memory("e2vid", width, height, _BYTES_PER_PX_AND_CHANNEL * channels * width * height)
+
+    def image(
+        self, grid: NDArray[np.float32], states: Sequence[State] | None = None
+    ) -> tuple[NDArray[np.float32], Sequence[State]]:
+        """Return the image of a window.
+
+        Parameters
+        ----------
+        grid
+            (bins, height, width) voxel grid of the window, normalized.
+        states
+            What the previous window returned; None at the start.
+
+        Returns
+        -------
+        (height, width) intensity as on a display, in (0, 1), and the states for the next window.
+        """
+        return cpu.run(self._image, grid, states)
+
+    def _image(
+        self, grid: NDArray[np.float32], states: Sequence[State] | None
+    ) -> tuple[NDArray[np.float32], Sequence[State]]:
+        height, width = grid.shape[1:]
+        inside = torch.from_numpy(grid)[None]
+        whole = reflected(inside, 2**self._network.options.num_encoders)
+        image, states = self._network(whole, states)
+        top, left = (whole.shape[-2] - height + 1) // 2, (whole.shape[-1] - width + 1) // 2
+        return image[0, 0, top : top + height, left : left + width].float().numpy(), states
+
+
+def reflected(grid: Tensor, multiple: int) -> Tensor:
+    """Pad by reflection to multiples of a side, the larger half on the left and at the top."""
+    height, width = grid.shape[-2:]
+    more = (-width % multiple, -height % multiple)
+    sides = [side for total in more for side in ((total + 1) // 2, total // 2)]
+    return functional.pad(grid, sides, mode="reflect")
+
+
+def load(file: Path) -> E2vid:
+    """Read E2VID's weights.
+
+    Parameters
+    ----------
+    file
+        A checkpoint as published: a table with `arch`, `state_dict` and, under `model` or under
+        `config`, the options.
+
+    Returns
+    -------
+    The network.
+
+    Raises
+    ------
+    WeightsError
+        The file cannot be read, is of another network, or its options are not those of its weights.
+    """
+    found = read_checkpoint(file)
+    if not isinstance(found, Mapping) or "state_dict" not in found:
+        raise WeightsError(f"{file}: found {held(found)}, expected arch and state_dict of E2VID")
+    if found.get("arch", ARCHITECTURE) != ARCHITECTURE:
+        raise WeightsError(f"{file}: arch: found {found['arch']!r}, expected {ARCHITECTURE!r}")
+    state = tensors_of(found["state_dict"], file)
+    options = options_of(state, file)
+    _check_options(_stored_options(found), options, file)
+    with torch.device("meta"):
+        network = E2VIDRecurrent(options)
+    load_into(network, state, file)
+    return E2vid(network)
+
+
+def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
+    """Return the options of which a network has these weights.
+
+    Raises
+    ------
+    WeightsError
+        The weights are of another network.
+    """
+
+    def count(start: str, end: str) -> int:
+        names = (f"{_ROOT}{start}.{i}.{end}" for i in range(len(state)))
+        return next(i for i, name in enumerate(names) if name not in state)
+
+    head, pred = (state.get(f"{_ROOT}{name}.conv2d.weight") for name in ("head", "pred"))
+    encoders = count("encoders", "conv.conv2d.weight")
+    if head is None or pred is None or head.ndim != 4 or pred.ndim != 4 or not encoders:
+        raise WeightsError(f"{file}: found {held(state)}, expected the weights of E2VID")
+    base, bins = head.shape[:2]
+    norm = None
+    if f"{_ROOT}encoders.0.conv.norm_layer.running_mean" in state:
+        norm = "BN" if f"{_ROOT}encoders.0.conv.norm_layer.weight" in state else "IN"
+    is_lstm = f"{_ROOT}encoders.0.recurrent_block.Gates.weight" in state
+    return E2vidOptions(
+        num_bins=bins,
+        skip_type="concat" if pred.shape[1] == 2 * base else "sum",
+        recurrent_block_type="convlstm" if is_lstm else "convgru",
+        num_encoders=encoders,
+        base_num_channels=base,
+        num_residual_blocks=count("resblocks", "conv1.weight"),
+        norm=norm,
+        use_upsample_conv=f"{_ROOT}decoders.0.conv2d.weight" in state,
+    )
+
+
+def _stored_options(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return the options that the file names, None if it names none."""
+    config = found.get("config")
+    inner = config.get("model") if isinstance(config, Mapping) else None
+    stored = found.get("model", inner)
+    return stored if isinstance(stored, Mapping) else None
+
+
+def _check_options(stored: Mapping[str, Any] | None, options: E2vidOptions, file: Path) -> None:
+    """Check that the options in a file are those of its weights."""
+    if stored is None:
+        return
+    of_weights = asdict(options)
+    for field in fields(E2vidOptions):
+        said = stored.get(field.name, field.default)
+        if field.name == "norm" and said not in ("BN", "IN"):
+            said = None  # any other word means none
+        if said != of_weights[field.name]:
+            raise WeightsError(
+                f"{file}: {field.name}: found {said!r}, but its weights are those of "
+                f"{of_weights[field.name]!r}"
+            )

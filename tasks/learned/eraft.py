@@ -1,0 +1,130 @@
+"""E-RAFT with its weights, ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from tasks.errors import WeightsError
+from tasks.learned import cpu
+from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of
+from tasks.learned.eraft_network import CELL_PX, ERAFT, ITERATIONS
+from tasks.learned.size import check_memory
+
+LEAST_PX = 128  # below, the coarsest level of the correlation has one cell, and no scale
+_BYTES_PER_PX = 900  # and of the rest: twice the measured 440 in bfloat16
+_BYTES_PER_PAIR_OF_CELLS = 4 * (1 + 1 / 4 + 1 / 16 + 1 / 64)
+_FIRST = "fnet.conv1.weight"
+# The published code has one normalization under both names.
+_TWICE = tuple((f"cnet.layer{i}.0.norm3.", f"cnet.layer{i}.0.downsample.1.") for i in (2, 3))
+
+
+class ERaft:
+    """E-RAFT with its weights.
+
+    Parameters
+    ----------
+    network
+        The network.
+    bins
+        Bins of its voxel grids.
+    """
+
+    def __init__(self, network: ERAFT, bins: int) -> None:
+        self._network, self.bins = network.eval(), bins
+
+    def check_size(self, width: int, height: int) -> None:
+        """Check that the network can run on a sensor of a size, in px.
+
+        Raises
+        ------
+        WeightsError
+            The sensor is too small, or the network needs more memory than there is.
+        """
+        if min(width, height) < LEAST_PX:
+            raise WeightsError(
+                f"eraft: found a sensor of {width}x{height} px, expected at least {LEAST_PX} px "
+                "on each side"
+            )
+        pairs = (width * height / CELL_PX**2) ** 2
+        needed = _BYTES_PER_PAIR_OF_CELLS * pairs + _BYTES_PER_PX * width * height
+        check_memory("eraft", width, height, round(needed))
+
+    def flow(
+        self,
+        old: NDArray[np.float32],
+        new: NDArray[np.float32],
+        iterations: int = ITERATIONS,
+    ) -> NDArray[np.float32]:
+        """Return the flow over the new window.
+
+        Parameters
+        ----------
+        old, new
+            (bins, height, width) voxel grids of the window before, and of the window itself.
+        iterations
+            Number of updates.
+
+        Returns
+        -------
+        (2, height, width) px, x first.
+        """
+        return cpu.run(self._flow, old, new, iterations)
+
+    def _flow(
+        self, old: NDArray[np.float32], new: NDArray[np.float32], iterations: int
+    ) -> NDArray[np.float32]:
+        grids = (torch.from_numpy(grid)[None] for grid in (old, new))
+        _, full = self._network(*grids, iterations)
+        found: NDArray[np.float32] = full[-1][0].numpy()
+        return found
+
+
+def load(file: Path) -> ERaft:
+    """Read E-RAFT's weights.
+
+    Parameters
+    ----------
+    file
+        A checkpoint as published: a table with the weights under `model`.
+
+    Returns
+    -------
+    The network.
+
+    Raises
+    ------
+    WeightsError
+        The file cannot be read, or is of another network.
+    """
+    found = read_checkpoint(file)
+    model = found.get("model") if isinstance(found, Mapping) else None
+    if not isinstance(model, Mapping) or _FIRST not in model:
+        raise WeightsError(f"{file}: found {held(found)}, expected the weights of E-RAFT as model")
+    state = _with_both_names(tensors_of(model, file), file)
+    if state[_FIRST].ndim != 4:
+        raise WeightsError(f"{file}: {_FIRST}: found {state[_FIRST].ndim} axes, expected 4")
+    bins = state[_FIRST].shape[1]
+    with torch.device("meta"):
+        network = ERAFT(bins)
+    load_into(network, state, file)
+    return ERaft(network, bins)
+
+
+def _with_both_names(state: dict[str, Tensor], file: Path) -> dict[str, Tensor]:
+    """Return the weights with both names of those that have two."""
+    whole = dict(state)
+    for starts in _TWICE:
+        for start, other in (starts, starts[::-1]):
+            for name in [name for name in state if name.startswith(start)]:
+                twin = other + name.removeprefix(start)
+                if not torch.equal(whole.setdefault(twin, state[name]), state[name]):
+                    raise WeightsError(
+                        f"{file}: found other values of {twin} than of {name}, expected the same"
+                    )
+    return whole

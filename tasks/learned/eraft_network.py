@@ -1,0 +1,231 @@
+"""E-RAFT's network: dense optical flow from the voxel grids of two windows.
+
+Gehrig, Millhäusler, Gehrig and Scaramuzza, "E-RAFT: Dense Optical Flow from Event Cameras" (3DV
+2021), after RAFT (Teed and Deng, ECCV 2020). Names of modules are those of the published weights.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from tasks.learned.correlation import CHANNELS, Correlation
+
+CELL_PX = 8  # side of the cells on which flow is searched
+MULTIPLE_PX = 32  # sides of the padded image are multiples of this
+ITERATIONS = 12
+_HIDDEN = 128
+
+
+class ERAFT(nn.Module):
+    """The network.
+
+    Parameters
+    ----------
+    bins
+        Bins of the voxel grids.
+    """
+
+    def __init__(self, bins: int) -> None:
+        super().__init__()
+        self.fnet = _Encoder(bins, "instance")
+        self.cnet = _Encoder(bins, "batch")
+        self.update_block = _UpdateBlock()
+
+    def forward(
+        self,
+        old: Tensor,
+        new: Tensor,
+        iterations: int = ITERATIONS,
+        start: Tensor | None = None,
+    ) -> tuple[Tensor, list[Tensor]]:
+        """Return how far pixels move from the end of the old window to that of the new one.
+
+        Parameters
+        ----------
+        old, new
+            (1, bins, H, W) voxel grids of two successive windows.
+        iterations
+            Number of updates of the flow.
+        start
+            (1, 2, h, w) flow to start from, in cells; zero by default.
+
+        Returns
+        -------
+        The flow of the cells, (1, 2, h, w), in cells of the padded image, and the flow of the
+        pixels, (1, 2, H, W) px with x first: in training after each update, else after the last.
+        """
+        height, width = old.shape[-2:]
+        old, new = padded(old), padded(new)
+        correlation = Correlation(self.fnet(old), self.fnet(new))
+        context = self.cnet(new)
+        hidden = torch.tanh(context[:, :_HIDDEN])
+        context = torch.relu(context[:, _HIDDEN:])
+        grid = cells(*hidden.shape[-2:]).to(old)
+        flow = torch.zeros_like(grid) if start is None else start
+        full = []
+        for k in range(iterations):
+            flow = flow.detach()
+            looked_up = correlation.look_up(grid + flow)
+            hidden, step = self.update_block.step(hidden, context, looked_up, flow)
+            flow = flow + step
+            if self.training or k == iterations - 1:
+                larger = enlarged(flow, self.update_block.weights(hidden))
+                full.append(larger[..., -height:, -width:])
+        return flow, full
+
+
+def padded(grid: Tensor) -> Tensor:
+    """Pad with zeros on the left and at the top, to multiples of 32 px."""
+    height, width = grid.shape[-2:]
+    return functional.pad(grid, (-width % MULTIPLE_PX, 0, -height % MULTIPLE_PX, 0))
+
+
+def cells(height: int, width: int) -> Tensor:
+    """Return the coordinates of cells, (1, 2, height, width), x first."""
+    y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
+    return torch.stack([x, y])[None].float()
+
+
+def enlarged(flow: Tensor, weights: Tensor) -> Tensor:
+    """Return the flow of pixels as convex combinations of the flow of 3 x 3 cells.
+
+    Parameters
+    ----------
+    flow
+        (N, 2, h, w), in cells.
+    weights
+        (N, 9 * 64, h, w) before the softmax over the 9 neighbors, which come row by row.
+
+    Returns
+    -------
+    (N, 2, 8 h, 8 w), px.
+    """
+    count, _, height, width = flow.shape
+    share = weights.view(count, 1, 9, CELL_PX, CELL_PX, height, width).softmax(dim=2)
+    around = functional.unfold(CELL_PX * flow, 3, padding=1)
+    around = around.view(count, 2, 9, 1, 1, height, width)
+    fine = (share * around).sum(dim=2)  # (N, 2, row in cell, column in cell, h, w)
+    return fine.permute(0, 1, 4, 2, 5, 3).reshape(count, 2, CELL_PX * height, CELL_PX * width)
+
+
+class _Encoder(nn.Module):
+    """Features of cells: a residual network to 1/8 of the resolution."""
+
+    def __init__(self, bins: int, norm: str) -> None:
+        super().__init__()
+        self.norm1 = _normalization(norm, 64)
+        self.conv1 = nn.Conv2d(bins, 64, 7, stride=2, padding=3)
+        self.layer1 = _layer(64, 64, 1, norm)
+        self.layer2 = _layer(64, 96, 2, norm)
+        self.layer3 = _layer(96, 128, 2, norm)
+        self.conv2 = nn.Conv2d(128, 256, 1)
+
+    def forward(self, grid: Tensor) -> Tensor:
+        x = functional.relu(self.norm1(self.conv1(grid)))
+        features: Tensor = self.conv2(self.layer3(self.layer2(self.layer1(x))))
+        return features
+
+
+def _layer(channels: int, out: int, stride: int, norm: str) -> nn.Sequential:
+    return nn.Sequential(
+        _ResidualBlock(channels, out, stride, norm), _ResidualBlock(out, out, 1, norm)
+    )
+
+
+def _normalization(norm: str, channels: int) -> nn.Module:
+    return nn.BatchNorm2d(channels) if norm == "batch" else nn.InstanceNorm2d(channels)
+
+
+class _ResidualBlock(nn.Module):
+    def __init__(self, channels: int, out: int, stride: int, norm: str) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(channels, out, 3, stride, padding=1)
+        self.conv2 = nn.Conv2d(out, out, 3, padding=1)
+        self.norm1 = _normalization(norm, out)
+        self.norm2 = _normalization(norm, out)
+        if stride != 1:
+            # Published weights have this normalization under two names.
+            self.norm3 = _normalization(norm, out)
+            self.downsample = nn.Sequential(nn.Conv2d(channels, out, 1, stride), self.norm3)
+
+    def forward(self, x: Tensor) -> Tensor:
+        y = functional.relu(self.norm1(self.conv1(x)))
+        y = functional.relu(self.norm2(self.conv2(y)))
+        return functional.relu((self.downsample(x) if hasattr(self, "downsample") else x) + y)
+
+
+class _UpdateBlock(nn.Module):
+    """Updates hidden state and flow from the correlation that was looked up."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.encoder = _MotionEncoder()
+        self.gru = _SeparableGRU()
+        self.flow_head = _FlowHead()
+        self.mask = nn.Sequential(
+            nn.Conv2d(_HIDDEN, 256, 3, padding=1),
+            nn.ReLU(),
+            nn.Conv2d(256, 9 * CELL_PX**2, 1),
+        )
+
+    def step(
+        self, hidden: Tensor, context: Tensor, looked_up: Tensor, flow: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return the new hidden state, and how the flow changes, in cells."""
+        motion = self.encoder(looked_up, flow)
+        hidden = self.gru(hidden, torch.cat([context, motion.to(context.dtype)], dim=1))
+        return hidden, self.flow_head(hidden).to(flow.dtype)
+
+    def weights(self, hidden: Tensor) -> Tensor:
+        """Return the weights with which `enlarged` combines cells."""
+        return 0.25 * self.mask(hidden).to(torch.float32)
+
+
+class _MotionEncoder(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.convc1 = nn.Conv2d(CHANNELS, 256, 1)
+        self.convc2 = nn.Conv2d(256, 192, 3, padding=1)
+        self.convf1 = nn.Conv2d(2, 128, 7, padding=3)
+        self.convf2 = nn.Conv2d(128, 64, 3, padding=1)
+        self.conv = nn.Conv2d(256, 126, 3, padding=1)
+
+    def forward(self, looked_up: Tensor, flow: Tensor) -> Tensor:
+        correlated = functional.relu(self.convc2(functional.relu(self.convc1(looked_up))))
+        moved = functional.relu(self.convf2(functional.relu(self.convf1(flow))))
+        motion = functional.relu(self.conv(torch.cat([correlated, moved], dim=1)))
+        return torch.cat([motion, flow.to(motion.dtype)], dim=1)
+
+
+class _SeparableGRU(nn.Module):
+    """A GRU along rows, then one along columns."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        for number, kernel in ((1, (1, 5)), (2, (5, 1))):
+            padding = (kernel[0] // 2, kernel[1] // 2)
+            for gate in "zrq":
+                conv = nn.Conv2d(_HIDDEN + 256, _HIDDEN, kernel, padding=padding)
+                self.add_module(f"conv{gate}{number}", conv)
+
+    def forward(self, hidden: Tensor, x: Tensor) -> Tensor:
+        for number in (1, 2):
+            update, reset, candidate = (getattr(self, f"conv{gate}{number}") for gate in "zrq")
+            both = torch.cat([hidden, x], dim=1)
+            z, r = torch.sigmoid(update(both)), torch.sigmoid(reset(both))
+            q = torch.tanh(candidate(torch.cat([r * hidden, x], dim=1)))
+            hidden = (1 - z) * hidden + z * q
+        return hidden
+
+
+class _FlowHead(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.conv1 = nn.Conv2d(_HIDDEN, 256, 3, padding=1)
+        self.conv2 = nn.Conv2d(256, 2, 3, padding=1)
+
+    def forward(self, hidden: Tensor) -> Tensor:
+        step: Tensor = self.conv2(functional.relu(self.conv1(hidden)))
+        return step

@@ -1,0 +1,156 @@
+"""E2VID: images from the voxel grids of successive windows, by a recurrent network.
+
+Rebecq, Ranftl, Koltun and Scaramuzza, "High Speed and High Dynamic Range Video with an Event
+Camera" (PAMI 2019). The network's memory is all that lasts from one window to the next. Its image
+is intensity as on a display, without the original's unsharp mask.
+
+Windows last a fixed time, or hold a fixed number of events as in the original. An image ends a
+window of fixed time, so images see all events before them; it is that of the latest whole window of
+a fixed number of events.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor import Events
+from sensor.events import concatenate
+from sensor.representations import voxel_grid
+from tasks.errors import TaskError
+
+WINDOW_US = 25_000.0
+DARKEST = 1 / 255  # of the displayed intensity, before the logarithm
+_LEAST_SHARE = 0.01  # of a window; an image that ends a shorter one is that of the window before
+
+
+class Network(Protocol):
+    """`tasks.learned.e2vid.E2vid`."""
+
+    @property
+    def bins(self) -> int: ...
+
+    def check_size(self, width: int, height: int) -> None: ...
+
+    def image(self, grid: NDArray[np.float32], states: Any) -> tuple[NDArray[np.float32], Any]: ...
+
+
+class E2vid:
+    """E2VID on the events of one sensor.
+
+    Parameters
+    ----------
+    width, height
+        Size of the sensor, px.
+    contrast_threshold
+        Not used: the voxel grids are normalized.
+    network
+        The network with its weights.
+    window_us
+        Length of the windows, us. They begin at multiples of it, and after images.
+    events_per_px
+        Number of events of a window for each pixel, instead of a length; the original has 0.35.
+
+    Raises
+    ------
+    WeightsError
+        The sensor is too small, or too large for this machine.
+    TaskError
+        A number is out of range.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        contrast_threshold: float,
+        *,
+        network: Network,
+        window_us: float = WINDOW_US,
+        events_per_px: float | None = None,
+    ) -> None:
+        network.check_size(width, height)
+        for name, value in (("window_us", window_us), ("events_per_px", events_per_px)):
+            if value is not None and not 0 < value < math.inf:
+                raise TaskError(f"e2vid: {name}: found {value}, expected a positive number")
+        self._network, self._window_us = network, window_us
+        self._count = None
+        if events_per_px is not None:
+            self._count = max(1, math.floor(events_per_px * width * height))
+        self._size = width, height
+        self._parts: list[Events] = []  # of the window that has not ended
+        self._held = 0
+        # Times of windows: the first begins at `_origin_us`, and `_ended` of them have ended.
+        self._origin_us: float | None = None
+        self._ended = 0
+        self._states: Any = None
+        self._image: NDArray[np.float64] = np.zeros((height, width))
+
+    def push(self, events: Events) -> None:
+        """Take in the next events, and run the network on each window that ends.
+
+        Raises
+        ------
+        TaskError
+            The events are from a sensor of another size.
+        """
+        if (events.width, events.height) != self._size:
+            raise TaskError(
+                f"e2vid: found events of {events.width}x{events.height} px, expected "
+                f"{self._size[0]}x{self._size[1]}"
+            )
+        while len(events):
+            before = self._before_end(events)
+            if before is None:
+                self._keep(events)
+                return
+            self._keep(events[:before])
+            self._end_window()
+            events = events[before:]
+
+    def image(self, t_us: int) -> NDArray[np.float64]:
+        """Return log intensity, (height, width): 0 before the first window has ended."""
+        if self._count is None and self._origin_us is not None:
+            while self._end_us <= t_us:
+                self._end_window()
+            if t_us - self._start_us > _LEAST_SHARE * self._window_us:
+                self._end_window()
+                self._origin_us, self._ended = float(t_us), 0
+        return self._image
+
+    @property
+    def _start_us(self) -> float:
+        assert self._origin_us is not None
+        return self._origin_us + self._ended * self._window_us
+
+    @property
+    def _end_us(self) -> int:
+        """End of the current window, which its events are before."""
+        return round(self._start_us + self._window_us)
+
+    def _before_end(self, events: Events) -> int | None:
+        """Return how many of the events are in the current window, None if it does not end."""
+        if self._count is not None:
+            missing = self._count - self._held
+            return missing if missing <= len(events) else None
+        if self._origin_us is None:
+            first_us = int(events.t_us[0])
+            self._origin_us = first_us // self._window_us * self._window_us
+        if events.t_us[-1] < self._end_us:
+            return None
+        return int(np.searchsorted(events.t_us, self._end_us))
+
+    def _keep(self, events: Events) -> None:
+        self._parts.append(events)
+        self._held += len(events)
+
+    def _end_window(self) -> None:
+        events = concatenate(self._parts)
+        self._parts, self._held = [events[:0]], 0
+        self._ended += 1
+        grid = voxel_grid(events, self._network.bins, convention="e2vid")
+        intensity, self._states = self._network.image(grid, self._states)
+        self._image = np.log(np.maximum(intensity.astype(np.float64), DARKEST))

@@ -1,0 +1,53 @@
+"""E-RAFT: dense optical flow from the voxel grids of two windows, by a recurrent network.
+
+Gehrig, Millhäusler, Gehrig and Scaramuzza, "E-RAFT: Dense Optical Flow from Event Cameras" (3DV
+2021). Each clip is a sequence of its own, so the search starts at zero flow.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor import Events
+from sensor.representations import voxel_grid
+from tasks.dense_flow import DenseFlowSample
+
+
+class Network(Protocol):
+    """`tasks.learned.eraft.ERaft`."""
+
+    bins: int
+
+    def check_size(self, width: int, height: int) -> None: ...
+
+    def flow(self, old: NDArray[np.float32], new: NDArray[np.float32]) -> NDArray[np.float32]: ...
+
+
+def estimate(sample: DenseFlowSample, *, network: Network) -> NDArray[np.float32]:
+    """Estimate the flow of every pixel over the window.
+
+    Parameters
+    ----------
+    sample
+        The events of both windows.
+    network
+        The network with its weights.
+
+    Returns
+    -------
+    (2, height, width) px, x first.
+
+    Raises
+    ------
+    WeightsError
+        The sensor is too small, or too large for this machine.
+    """
+    network.check_size(sample.during.width, sample.during.height)
+
+    def grid(events: Events) -> NDArray[np.float32]:
+        return voxel_grid(events, network.bins, convention="eraft")
+
+    return network.flow(grid(sample.before), grid(sample.during))

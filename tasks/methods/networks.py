@@ -1,0 +1,122 @@
+"""Networks of methods: loading them from files of weights, once for all sensors."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from eres_render.errors import nearest
+from tasks.errors import WeightsError
+from tasks.registry import TASKS, load
+
+_CHUNK_BYTES = 1 << 20
+_KEPT = 4  # networks in memory
+
+
+def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
+    """Return a method's network with its weights.
+
+    Parameters
+    ----------
+    task, name
+        Task and name of the method.
+    weights
+        Files of weights by the names of methods.
+
+    Returns
+    -------
+    What the place in the task's `networks` returns; the same object for the same file.
+
+    Raises
+    ------
+    WeightsError
+        There are no weights, PyTorch is not installed, or the file is not of this network.
+    """
+    if not weights or name not in weights:
+        raise WeightsError(
+            f"{task}, method {name!r}: found no weights, expected --weights {name}=FILE, or "
+            f"{name} under [weights] in the file of a study"
+        )
+    try:
+        return _loaded(TASKS[task].networks[name], *_version(weights[name]))
+    except ImportError as error:
+        raise WeightsError(
+            f"{task}, method {name!r}: PyTorch cannot be imported ({error}); it comes with the "
+            "extra `learned`, in a checkout by: pip install '.[learned]'"
+        ) from None
+
+
+def digest_of(file: str) -> str:
+    """Return the SHA-256 of a file of weights, in hexadecimal digits.
+
+    Raises
+    ------
+    WeightsError
+        The file cannot be read.
+    """
+    return _digest(*_version(file))
+
+
+def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str]:
+    """Return the file of weights of each method, from NAME=FILE or a bare FILE.
+
+    Parameters
+    ----------
+    given
+        What was given. A bare FILE is for the one method that needs weights.
+    methods
+        The methods that are to run.
+
+    Returns
+    -------
+    Absolute paths by the methods' names.
+
+    Raises
+    ------
+    WeightsError
+        A name is not that of a method with a network, or comes twice, or a bare FILE could be for
+        none or several.
+    """
+    known = [name for spec in TASKS.values() for name in spec.networks]
+    asked = list(dict.fromkeys(name for name in methods if name in known))
+    found: dict[str, str] = {}
+    for one in given:
+        name, is_named, file = one.partition("=")
+        if not is_named:
+            file = one
+            if len(asked) != 1:
+                expected = " or ".join(f"{name}={file}" for name in asked or known)
+                raise WeightsError(f"weights: found {one!r}, expected {expected}")
+            name = asked[0]
+        if name not in known:
+            raise WeightsError(f"weights: no network {name!r}, {nearest(name, known)}")
+        if name in found:
+            raise WeightsError(f"weights: found two files for {name}, expected one")
+        found[name] = str(Path(file).absolute())
+    return found
+
+
+@lru_cache(maxsize=_KEPT)
+def _loaded(place: str, file: Path, mtime_ns: int, size: int) -> Any:
+    return load(place)(file)
+
+
+@lru_cache
+def _digest(file: Path, mtime_ns: int, size: int) -> str:
+    whole = hashlib.sha256()
+    with file.open("rb") as stream:
+        while chunk := stream.read(_CHUNK_BYTES):
+            whole.update(chunk)
+    return whole.hexdigest()
+
+
+def _version(file: str) -> tuple[Path, int, int]:
+    """Return a file with its time of change and its size: what is loaded once."""
+    try:
+        found = Path(file).stat()
+    except OSError as error:
+        raise WeightsError(f"{file}: cannot be read: {error.strerror}") from None
+    return Path(file), found.st_mtime_ns, found.st_size

@@ -1,0 +1,142 @@
+"""Oracles of video: what the truth itself scores once the photoreceptor has changed it.
+
+They get the frames, not only the events, and bound what methods can reach with a slow sensor: two
+poles at f delay slow changes by 1 / (pi f), two time constants, and blur fast ones.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import RadianceSequence
+from sensor import Events
+from sensor.kernels.photoreceptor import photoreceptor_step
+from sensor.optics import integrate
+from tasks.errors import TaskError
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class TrueLight:
+    """The light of a sequence on the pixels of a sensor, in the time of the sensor's events.
+
+    Parameters
+    ----------
+    sequence
+        The frames.
+    dark_level
+        Added to the radiance before the logarithm.
+    cutoff_hz
+        Corner frequency of each of the photoreceptor's two poles.
+    speed
+        Factor by which the scene moves faster than it was rendered.
+    """
+
+    sequence: RadianceSequence
+    dark_level: float
+    cutoff_hz: float
+    speed: float
+
+    @property
+    def t_s(self) -> Float64:
+        """(T,) times of the frames, s."""
+        return self.sequence.t_s / self.speed
+
+    def log_image(self, k: int, width: int, height: int) -> Float64:
+        """Return log intensity of frame k at a sensor's resolution, (height, width)."""
+        seen = integrate(self.sequence.frame(k), height, width)
+        if seen is None:
+            raise TaskError(f"frame {k}: found radiance that is negative or not finite")
+        return np.log(seen + self.dark_level)
+
+
+class LateTruth:
+    """The true image, two time constants late.
+
+    Parameters
+    ----------
+    width, height
+        Size of the sensor, px.
+    contrast_threshold
+        Not used.
+    light
+        The truth.
+    """
+
+    def __init__(
+        self, width: int, height: int, contrast_threshold: float, *, light: TrueLight
+    ) -> None:
+        self._size, self._light = (width, height), light
+        self._late_s = 0.0 if math.isinf(light.cutoff_hz) else 1 / (math.pi * light.cutoff_hz)
+
+    def push(self, events: Events) -> None:
+        """Ignore the events."""
+
+    def image(self, t_us: int) -> Float64:
+        """Return log intensity, (height, width), linear in time between frames.
+
+        Before the first frame, it is that frame.
+        """
+        t_s, times = 1e-6 * t_us - self._late_s, self._light.t_s
+        after = int(np.clip(np.searchsorted(times, t_s), 1, len(times) - 1))
+        start_s, end_s = times[after - 1 : after + 1]
+        share = float(np.clip((t_s - start_s) / (end_s - start_s), 0, 1))
+        earlier, later = (self._light.log_image(k, *self._size) for k in (after - 1, after))
+        return earlier + share * (later - earlier)
+
+
+class FilteredTruth:
+    """The true log light, through both poles of the photoreceptor.
+
+    As in the sensor, the poles start settled on the first frame, and the log light is linear in
+    time between frames.
+
+    Parameters
+    ----------
+    width, height
+        Size of the sensor, px.
+    contrast_threshold
+        Not used.
+    light
+        The truth.
+    """
+
+    def __init__(
+        self, width: int, height: int, contrast_threshold: float, *, light: TrueLight
+    ) -> None:
+        self._size, self._light = (width, height), light
+        self._frame = 0  # the latest one that the state includes
+        self._input = self._first = self._second = light.log_image(0, width, height)
+
+    def push(self, events: Events) -> None:
+        """Ignore the events."""
+
+    def image(self, t_us: int) -> Float64:
+        """Return log intensity, (height, width), as the second pole has it."""
+        t_s, times = 1e-6 * t_us, self._light.t_s
+        while self._frame + 1 < len(times) and times[self._frame + 1] <= t_s + 1e-9:
+            self._frame += 1
+            end = self._light.log_image(self._frame, *self._size)
+            dt_s = times[self._frame] - times[self._frame - 1]
+            self._first, self._second = self._advanced(end, dt_s)
+            self._input = end
+        left_s = t_s - times[self._frame]
+        if self._frame + 1 == len(times) or left_s <= 1e-9:
+            return self._second
+        after = self._light.log_image(self._frame + 1, *self._size)
+        share = left_s / (times[self._frame + 1] - times[self._frame])
+        return self._advanced(self._input + share * (after - self._input), left_s)[1]
+
+    def _advanced(self, end: Float64, dt_s: float) -> tuple[Float64, Float64]:
+        """Return the outputs of both poles after the log light went to `end`."""
+        if math.isinf(self._light.cutoff_hz):
+            return end, end
+        step, start = photoreceptor_step(dt_s, self._light.cutoff_hz), self._input
+        first = step.e * self._first + step.v1_u0 * start + step.v1_u1 * end
+        second = step.e * self._second + step.v2_v1 * self._first
+        return first, second + step.v2_u0 * start + step.v2_u1 * end

@@ -1,0 +1,426 @@
+"""Networks equal the published code: with weights from a formula, its outputs are stored.
+
+Needs PyTorch: `make .venv/.learned`.
+"""
+
+import json
+import pickle
+import time
+from collections import OrderedDict
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eres_render import render_scene
+from hashed_fill import assert_described, hashed_events, voxels, weight
+from sensor import Events
+from small_study import only, tiny_study
+from tasks.errors import WeightsError
+from tasks.methods.e2vid import DARKEST
+from tasks.methods.e2vid import E2vid as E2vidImages
+from tasks.study.config import Video
+from tasks.study.run import run_study
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: make .venv/.learned")
+
+from tasks.cpu_time import cpu_s  # noqa: E402
+from tasks.learned import cpu, e2vid, eraft  # noqa: E402
+from tasks.learned.correlation import Correlation  # noqa: E402
+from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent  # noqa: E402
+from tasks.learned.eraft_network import ERAFT, cells, padded  # noqa: E402
+from tasks.learned.forward_flow import carried_forward  # noqa: E402
+from tasks.methods import code_of, load_method  # noqa: E402
+from tasks.methods.networks import digest_of  # noqa: E402
+
+DATA = Path(__file__).parents[1] / "data"
+E2VID = json.loads((DATA / "e2vid.json").read_text())
+ERAFT_DATA = json.loads((DATA / "eraft.json").read_text())
+CONFIGS = list(E2VID["configs"])
+
+
+def e2vid_state(config):
+    keys = E2VID["keys"][config]["keys"]
+    return OrderedDict((k, torch.from_numpy(weight(k, s, E2VID["gain"]))) for k, s in keys.items())
+
+
+def e2vid_network(config, kind=torch.float32):
+    network = E2VIDRecurrent(E2vidOptions(**E2VID["configs"][config])).to(kind).eval()
+    network.load_state_dict({k: v.to(kind) for k, v in e2vid_state(config).items()})
+    return network
+
+
+def e2vid_checkpoint(config="small", **changes):
+    return {
+        "arch": "E2VIDRecurrent",
+        "model": E2VID["configs"][config],
+        "state_dict": e2vid_state(config),
+        **changes,
+    }
+
+
+def eraft_state(bins=15):
+    def value(key, shape):
+        gain = ERAFT_DATA["gain"]["*"]
+        if key.startswith("cnet."):
+            gain = 0.8
+        if key == "update_block.flow_head.conv2.weight":
+            gain = 0.25
+        return torch.from_numpy(weight(key.replace("downsample.1.", "norm3."), shape, gain))
+
+    keys = ERAFT_DATA["keys"][str(bins)]["keys"]
+    return OrderedDict((key, value(key, shape)) for key, shape in keys.items())
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """Return a function that saves a checkpoint and returns its file."""
+    folder = tmp_path_factory.mktemp("weights")
+
+    def save(content, name="weights.pth"):
+        torch.save(content, folder / name)
+        return folder / name
+
+    return save
+
+
+def shapes(network):
+    return [(key, list(value.shape)) for key, value in network.state_dict().items()]
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_e2vid_has_the_published_entries(config):
+    """Promise: names, order, shapes and number of parameters are those of the published code."""
+    with torch.device("meta"):
+        network = E2VIDRecurrent(E2vidOptions(**E2VID["configs"][config]))
+    expected = E2VID["keys"][config]
+    assert shapes(network) == list(expected["keys"].items())
+    assert sum(p.numel() for p in network.parameters()) == expected["parameters"]
+
+
+@pytest.mark.parametrize("bins", [15, 5])
+def test_eraft_has_the_published_entries(bins):
+    """Promise: 179 entries, ten of them twice, and the published number of parameters."""
+    with torch.device("meta"):
+        network = ERAFT(bins)
+    expected = ERAFT_DATA["keys"][str(bins)]
+    assert shapes(network) == list(expected["keys"].items())
+    assert len(network.state_dict()) == 179
+    assert sum(p.numel() for p in network.parameters()) == expected["parameters"]
+
+
+@pytest.mark.parametrize(
+    ("config", "precision"),
+    [
+        ("small", "float64"),
+        ("concat_gru", "float64"),
+        *(
+            pytest.param(config, precision, marks=pytest.mark.slow)
+            for config in CONFIGS
+            for precision in ("float64", "float32")
+        ),
+    ],
+)
+def test_e2vid_equals_the_published_code(config, precision):
+    """Promise: images and states of three windows, to 1e-9 in float64 and 2e-6 in float32."""
+    kind, atol = {"float64": (torch.float64, 1e-9), "float32": (torch.float32, 2e-6)}[precision]
+    network, states = e2vid_network(config, kind), None
+    expected = E2VID["networks"][config][precision]
+    shape = 2, network.options.num_bins, 64, 96
+    with torch.inference_mode():
+        for step, described in enumerate(expected["outputs"]):
+            grid = torch.from_numpy(voxels(f"input{step}", shape)).to(kind)
+            image, states = network(grid, states)
+            assert_described(image, described, atol)
+    for state, described in zip(states, expected["states_after_last"], strict=True):
+        of_state = described if isinstance(described, list) else [described]
+        for one, stored in zip(state, of_state, strict=True):
+            assert_described(one, stored, atol)
+
+
+def test_e2vids_images_from_events_equal_the_published_code(saved, monkeypatch):
+    """Promise: grid, normalization, padding, network and cut of three windows, to 1e-5."""
+    monkeypatch.setattr(cpu, "has_bfloat16", lambda: False)
+    file = saved(e2vid_checkpoint("lightweight"), "lightweight.pth")
+    network = e2vid.load(file)
+    method = E2vidImages(40, 30, 0.2, network=network, window_us=50_000.0)
+    for k, described in enumerate(E2VID["chain_lightweight_40x30"]):
+        events, _ = hashed_events(f"stream{k}", 5000, 40, 30, 50_000)
+        later = events.t_us + 50_000 * k
+        method.push(Events(later, events.x, events.y, events.p, 40, 30))
+        image = np.exp(method.image(50_000 * (k + 1)))
+        assert image.min() > DARKEST
+        assert_described(image, described["image"], 1e-5)
+
+
+@pytest.mark.parametrize("width", ["128", "240", "346", "640", "1280"])
+def test_padding_is_that_of_the_published_code(width):
+    """Promise: E2VID reflects on all sides, E-RAFT adds zeros on the left and at the top."""
+    row = torch.arange(1.0, int(width) + 1).expand(1, 1, 8, -1)
+    whole = e2vid.reflected(row, 8)
+    size, left, *_ = E2VID["crops"][width]
+    assert whole.shape[-1] == size
+    assert torch.equal(whole[..., left : left + int(width)], row)
+    if left:
+        assert whole[0, 0, 0, 0] == left + 1
+    size, left = ERAFT_DATA["padding_left_top"][width]
+    whole = padded(row)
+    assert whole.shape[-2:] == (32, size)
+    assert torch.equal(whole[..., 24:, left:], row)
+    assert not whole[..., :24, :].any()
+    assert not whole[..., :left].any()
+
+
+@pytest.mark.parametrize("run", [pytest.param(0, marks=pytest.mark.slow), 1])
+def test_eraft_equals_the_published_code(run):
+    """Promise: every stage, the flow of each update to 1e-4 px, and the warm start."""
+    expected = ERAFT_DATA["runs"][run]
+    size = [(128, 160), (130, 161)][run]
+    network = ERAFT(15)
+    network.load_state_dict(eraft_state())
+    old, new = (voxels(name, (1, 15, *size)).astype(np.float32) for name in ("old", "new"))
+    new[..., 3:] = 0.7 * old[..., :-3] + 0.3 * new[..., 3:]
+    old, new = torch.from_numpy(old), torch.from_numpy(new)
+    network.eval()
+    with torch.inference_mode():
+        whole = padded(old), padded(new)
+        assert list(whole[0].shape) == expected["padded"]
+        features = [network.fnet(grid) for grid in whole]
+        for found, name in zip(features, ("fmap_old", "fmap_new"), strict=True):
+            assert_described(found, expected[name], 1e-4, 1e-5)
+        assert_described(network.cnet(whole[1]), expected["cnet"], 1e-4, 1e-5)
+        correlation = Correlation(*features)
+        assert [list(one.shape) for one in correlation.levels] == expected["corr_level_shapes"]
+        found = [[float(one.mean()), float(one.std())] for one in correlation.levels]
+        np.testing.assert_allclose(found, expected["corr_level_means_std"], rtol=1e-4)
+        at = cells(*features[0].shape[-2:]) + 0.37
+        described = expected["lookup_at_grid_plus_0.37"]
+        assert_described(correlation.look_up(at), described, 2e-4, 1e-5)
+        for count, described in enumerate(expected["flow_up_after_1_to_4"], start=1):
+            low, full = network(old, new, count)
+            assert_described(full[-1], described, 1e-4)
+        assert_described(low, expected["flow_low_after_4"], 1e-4)
+        start = carried_forward(low)
+        assert_described(start, expected["forward_interpolated_low"], 1e-4)
+        low, full = network(old, new, 2, start)
+        assert_described(low, expected["warm_flow_low_after_2"], 1e-4)
+        assert_described(full[-1], expected["warm_flow_up_after_2"], 1e-4)
+    assert len(full) == 1
+    assert list(full[0].shape[-2:]) == list(size)
+
+
+def test_the_warm_start_follows_a_steady_flow():
+    """Analytic: a uniform shift by half a cell reaches all cells but the first column."""
+    flow = torch.zeros(1, 2, 3, 4)
+    flow[:, 0] = 0.5
+    found = carried_forward(flow)
+    assert torch.allclose(found[0, 0], torch.tensor(0.5))
+    flow[:, 0] = 1.5
+    found = carried_forward(flow)
+    assert torch.allclose(found[0, 0, :, 1:], torch.tensor(1.5))
+    assert not found[0, 0, :, 0].any()
+    assert not found[0, 1].any()
+
+
+def test_checkpoints_load_with_and_without_options(saved):
+    """Promise: options come from the file, under either name, or from the weights alone."""
+    config = E2VID["configs"]["small"]
+    whole = e2vid_checkpoint()
+    older = {**whole, "config": {"model": config}}
+    older.pop("model")
+    bare = {"state_dict": whole["state_dict"]}
+    grid = voxels("grid", (5, 16, 16)).astype(np.float32)
+    images = [e2vid.load(saved(one)).image(grid)[0] for one in (whole, older, bare)]
+    assert np.array_equal(images[0], images[1])
+    assert np.array_equal(images[0], images[2])
+    for name in CONFIGS:
+        found = e2vid.options_of(e2vid_state(name), Path("weights"))
+        expected = asdict(E2vidOptions(**E2VID["configs"][name]))
+        expected["norm"] = "BN" if expected["norm"] == "BN" else None
+        assert asdict(found) == expected
+
+
+class Rogue:
+    """Would run code when it is unpickled."""
+
+    def __reduce__(self):
+        return print, ("code ran",)
+
+
+def small_state_without(key):
+    state = e2vid_state("small")
+    del state[key]
+    return state
+
+
+def small_state_with(key, value):
+    return {**e2vid_state("small"), key: value}
+
+
+HEAD, PRED = "unetrecurrent.head.conv2d.weight", "unetrecurrent.pred.conv2d.bias"
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ([1, 2], "found a list, expected arch and state_dict of E2VID"),
+        ({"epoch": 3}, "found a table with 1 entry: epoch"),
+        (lambda: e2vid_checkpoint(arch="E2VID"), "arch: found 'E2VID', expected 'E2VIDRecurrent'"),
+        (lambda: {"model": eraft_state()}, "found a table with 1 entry: model"),
+        (
+            lambda: {"state_dict": eraft_state()},
+            "entries: fnet.conv1.weight.* the weights of E2VID",
+        ),
+        (lambda: e2vid_checkpoint(state_dict=small_state_without(HEAD)), "the weights of E2VID"),
+        (lambda: e2vid_checkpoint(state_dict=small_state_without(PRED)), f"{PRED}: missing"),
+        (
+            lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.zeros(2))),
+            r"found shape \(2,\), expected shape \(1,\)",
+        ),
+        (
+            lambda: e2vid_checkpoint(state_dict=small_state_with("more", torch.zeros(2))),
+            "found entries of another network: more",
+        ),
+        (
+            lambda: e2vid_checkpoint(state_dict=small_state_with(PRED, torch.tensor([np.nan]))),
+            "found values that are not finite",
+        ),
+        (
+            lambda: e2vid_checkpoint(model={**E2VID["configs"]["small"], "num_encoders": 4}),
+            "num_encoders: found 4, but its weights are those of 2",
+        ),
+        (
+            lambda: e2vid_checkpoint(state_dict={"a": 1}),
+            "found a table with 1 entry: a, expected",
+        ),
+        ({"state_dict": Rogue()}, "found a pickle of .*print, which could run code"),
+    ],
+)
+def test_wrong_e2vid_checkpoints_are_refused(saved, content, words, capsys):
+    """Promise: one line says what the file holds; code in it never runs."""
+    file = saved(content() if callable(content) else content)
+    with pytest.raises(WeightsError, match=words) as refused:
+        e2vid.load(file)
+    assert str(refused.value).startswith(str(file))
+    assert "\n" not in str(refused.value)
+    assert not capsys.readouterr().out
+
+
+def test_files_that_are_no_checkpoints_are_refused(saved):
+    """Promise: a truncated file, other bytes, a plain pickle and a folder are named as such."""
+    file = saved(e2vid_checkpoint())
+    data = file.read_bytes()
+    for content in (b"", b"no checkpoint", data[:1000], data[:-100], pickle.dumps([1], 2)):
+        file.write_bytes(content)
+        with pytest.raises(WeightsError, match=r"checkpoint of PyTorch|found a list"):
+            e2vid.load(file)
+    with pytest.raises(WeightsError, match="cannot be read: Is a directory"):
+        e2vid.load(file.parent)
+    with pytest.raises(WeightsError, match="cannot be read: No such file"):
+        e2vid.load(file.parent / "none.pth")
+
+
+def test_eraft_checkpoints_are_checked(saved):
+    """Promise: both names of the normalizations are accepted, and must not differ."""
+    state = eraft_state(5)
+    once = OrderedDict((k, v) for k, v in state.items() if "cnet" not in k or "norm3" not in k)
+    assert len(once) == 169
+    found = [eraft.load(saved({"model": one})) for one in (state, once)]
+    grids = [voxels(name, (5, 128, 128)).astype(np.float32) for name in ("old", "new")]
+    flows = [one.flow(*grids, iterations=1) for one in found]
+    assert flows[0].shape == (2, 128, 128)
+    np.testing.assert_array_equal(*flows)
+    state["cnet.layer2.0.norm3.weight"] = 2 * state["cnet.layer2.0.norm3.weight"]
+    with pytest.raises(WeightsError, match="found other values of cnet"):
+        eraft.load(saved({"model": state}))
+    with pytest.raises(WeightsError, match="arch 'E2VIDRecurrent' and 3 entries"):
+        eraft.load(saved(e2vid_checkpoint()))
+
+
+def test_sizes_are_checked_before_anything_runs(saved, monkeypatch):
+    """Promise: a sensor that is too small, or too large for the memory, is refused by name."""
+    small = e2vid.load(saved(e2vid_checkpoint()))
+    small.check_size(2, 2)
+    with pytest.raises(WeightsError, match="e2vid: found a sensor of 1x9 px, expected at least 2"):
+        small.check_size(1, 9)
+    flow = eraft.load(saved({"model": eraft_state(5)}))
+    flow.check_size(128, 128)
+    with pytest.raises(
+        WeightsError, match="eraft: found a sensor of 128x127 px, expected at least"
+    ):
+        flow.check_size(128, 127)
+    monkeypatch.setattr("tasks.learned.size.memory_bytes", lambda: 4_000_000_000)
+    flow.check_size(640, 640)
+    for network, name in ((flow, "eraft"), (small, "e2vid")):
+        with pytest.raises(WeightsError, match=f"{name}: at .* needs .* GB .* machine has 4.0 GB"):
+            network.check_size(12_800, 12_800)
+
+
+def test_the_cpu_time_of_helpers_counts():
+    """Promise: what a network needs on other threads counts as time of the thread that asked."""
+
+    def multiply():
+        a = torch.ones(400, 400)
+        for _ in range(40):
+            a = a @ a / 400
+        return a
+
+    before_s, process_s = cpu_s(), time.process_time()
+    cpu.run(multiply)
+    spent_s = time.process_time() - process_s
+    assert 0.5 * spent_s < cpu_s() - before_s < 1.2 * spent_s
+
+
+def test_bfloat16_changes_images_little(saved, monkeypatch):
+    """Promise: reduced precision stays far below a gray level of ten."""
+    file = saved(e2vid_checkpoint("small"))
+    grid = voxels("grid", (5, 32, 32)).astype(np.float32)
+    found = []
+    for has in (False, True):
+        monkeypatch.setattr(cpu, "has_bfloat16", lambda has=has: has)
+        network, states = e2vid.load(file), None
+        for _ in range(5):
+            image, states = network.image(grid, states)
+        found.append(image)
+    difference = np.abs(found[0] - found[1])
+    assert 0 < difference.max() < 0.04
+
+
+def test_weights_identify_the_rows(saved):
+    """Promise: other weights in the same file are another network, and have another digest."""
+    file = saved(e2vid_checkpoint(), "same.pth")
+    weights = {"e2vid": str(file)}
+    network = load_method("video", "e2vid", weights).keywords["network"]
+    assert load_method("video", "e2vid", weights).keywords["network"] is network
+    before = code_of(["e2vid", "blank"], weights)
+    assert before == {"e2vid": f"1 {digest_of(str(file))}"}
+    saved(e2vid_checkpoint("concat_gru"), "same.pth")
+    assert load_method("video", "e2vid", weights).keywords["network"] is not network
+    assert code_of(["e2vid"], weights) != before
+
+
+def test_e2vid_in_a_command_and_in_a_study(small_carpet, saved, tmp_path, eres):
+    """Promise: `--weights` reaches the network, a study keeps its rows by the weights, and a file
+    of another network is one line."""
+    file = saved(e2vid_checkpoint(), "e2vid.pth")
+    options = {"resolution": 64, "spp": 4, "samples": 1, "max_displacement_px": 1.0}
+    (clip,) = render_scene(small_carpet, tmp_path / "clips", **options)
+    asked = ("evaluate", clip.folder, "--task", "video", "--resolution", 32, "--weights")
+    code, out, err = eres(*asked, file, "--method", "e2vid", "late_truth", "blank")
+    assert code == 0, err
+    scores = {line.split()[0]: line for line in out.splitlines()}
+    assert all(name in scores for name in ("e2vid", "late_truth", "blank"))
+    code, out, err = eres(*asked, f"e2vid={saved([1])}")
+    assert code == 1
+    assert "found a list, expected arch and state_dict of E2VID" in " ".join(err.split())
+    study = tiny_study(small_carpet.folder)
+    video = Video(methods=("e2vid",), duration_s=0.1, run_in_s=0.05, weights={"e2vid": str(file)})
+    study = replace(study, evaluate=only(video=video))
+    rows = run_study(study, tmp_path / "run")
+    assert {(row.task, row.method) for row in rows} == {("video", "e2vid")}
+    assert "torch" in json.loads((tmp_path / "run" / "environment.json").read_text())
+    saved(e2vid_checkpoint("concat_gru"), "e2vid.pth")
+    others = run_study(study, tmp_path / "run")
+    assert [row.value for row in others] != [row.value for row in rows]
+    assert len(list((tmp_path / "run" / "parts").iterdir())) == 2
