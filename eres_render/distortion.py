@@ -67,9 +67,10 @@ class Distortion:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
+            value = float(getattr(self, field.name))  # of OpenCV's array
             if not math.isfinite(value):
                 raise RenderError(f"Distortion.{field.name}: found {value}, expected a number")
+            object.__setattr__(self, field.name, value)
 
     @property
     def reach(self) -> float:

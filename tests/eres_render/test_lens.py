@@ -97,6 +97,12 @@ def test_a_coefficient_that_is_no_number_is_refused():
         Distortion(p1=math.nan)
 
 
+def test_coefficients_of_opencv_become_plain_numbers():
+    """Promise: messages and files have numbers, not NumPy's scalars."""
+    lens = Distortion(*np.array([[-0.2, 0.1, 0.0, 0.001, 0.0]]).ravel())
+    assert repr(lens) == "Distortion(k1=-0.2, k2=0.1, p1=0.0, p2=0.001, k3=0.0)"
+
+
 def test_no_lens_and_one_that_does_nothing_are_a_pinhole():
     """Promise: cameras without a lens stay equal to the bit, and compare equal."""
     pinhole, flat = Camera(**SIZE), Camera(**SIZE, distortion=Distortion())

@@ -9,6 +9,7 @@ import pytest
 
 from eres_render import load_scene, open_sequence, render_scene
 from light_scenes import CAMERA, edit_scene, room_folder, write_poses, write_scene
+from tasks.datasets import EventDataset
 
 SCENE = """<emitter type="constant"/>
 <shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>
@@ -116,11 +117,12 @@ def test_a_calibrated_lens_from_its_file_to_events_and_truth(eres, tmp_path):
     camera = json.loads((tmp_path / "truth" / "camera.json").read_text())
     lens = {"k1": -0.25, "k2": 0.06, "p1": 0.001, "p2": -0.002, "k3": 0.0}
     assert (camera["width"], camera["K"][0][2], camera["distortion"]) == (48, 23.5, lens)
-    events = tmp_path / "events.h5"
+    events = tmp_path / "out" / "events.h5"
     sensor = ["--resolution", 48]
     assert eres("simulate", clip, "--out", events, *sensor, "--truth", 0.05)[0] == 0
     with h5py.File(events) as stored:
         assert stored["truth/distortion"][:].tolist() == list(lens.values())
+    assert EventDataset(tmp_path / "out")[0]["distortion"].tolist() == list(lens.values())
     for task, method in (("reconstruction", "event_integration"), ("flow", "initial_flow")):
         assert eres("evaluate", clip, "--task", task, "--method", method, *sensor)[0] == 0
     code, _, err = eres("evaluate", clip, "--task", "tracking", *sensor)

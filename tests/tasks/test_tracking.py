@@ -9,7 +9,7 @@ import pytest
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from eres_render import Camera, Plane, Trajectory, path_through
+from eres_render import Camera, Distortion, Plane, Trajectory, path_through
 from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
 from tasks.methods import initial_path, load_method
@@ -377,6 +377,7 @@ def test_bad_input_is_refused(scene):
         ("plane", None, "depth"),
         ("log_image", log_image[:-1], "log_image"),
         ("camera", Camera(320, 320, 1.0), "camera"),
+        ("camera", Camera(8, 8, 1.0, distortion=Distortion(k1=-0.1)), "found a lens, Distortion"),
         ("T_0", np.eye(3), "T_0"),
     ):
         with pytest.raises(TaskError, match=message):
