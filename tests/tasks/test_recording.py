@@ -277,6 +277,16 @@ def test_tasks_that_need_more_say_it(made, eres):
         assert (code, said in err) == (1, True)
 
 
+def test_files_that_cannot_be_opened(tmp_path, eres):
+    """Promise: the error names the file, for a file without a size and for none."""
+    (tmp_path / "a.txt").write_text("0.001 3 4 1\n")
+    for name, said in (("a.txt", "does not store the sensor's size"), ("b.txt", "found neither")):
+        code, _, err = eres("evaluate", tmp_path / name, "--task", "flow")
+        assert code == 1
+        assert f"{tmp_path / name}: " in err
+        assert said in err
+
+
 def test_a_recording_without_events(tmp_path, eres):
     """Promise: an empty file is an error."""
     none = np.empty(0, np.int64), *np.empty((2, 0), np.uint16), np.empty(0, np.int8)
