@@ -82,6 +82,8 @@ def evaluate(
                 )
         _evaluate_recording(source, task, method, threshold, weights, format, reading, frames, flow)
         return
+    if not source.exists():
+        raise TaskError(f"{source}: found neither a file of events nor a folder of a sequence")
     if (format, reading, frames, flow) != (None, AS_STORED, NO_FRAMES, USUAL_FLOW):
         raise TaskError(
             f"{source}: found no file of events, expected options of recordings only with one"

@@ -80,9 +80,10 @@ def open_recording(
     TaskError
         It has no events.
     """
+    parts = reading.parts(path, format)
     header = read_header(path, format=format).with_size(reading.size)
     first_us, last_us, count = 0, 0, 0
-    for part in reading.parts(path, format):
+    for part in parts:
         if len(part):
             first_us = first_us if count else int(part.t_us[0])
             last_us = int(part.t_us[-1])

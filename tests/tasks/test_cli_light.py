@@ -384,7 +384,6 @@ def test_a_file_is_not_a_sequence(eres, tmp_path):
     recording = tmp_path / "a.h5"
     recording.touch()
     said = f"{recording}: found a file, expected the folder of a rendered sequence"
-    refused(eres, tmp_path, said, "evaluate", recording, "--task", "flow")
     refused(eres, tmp_path, said, "truth", recording, "--out", tmp_path / "out")
 
 

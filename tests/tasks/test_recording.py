@@ -11,6 +11,8 @@ from recordings import SIZE, STEP, C, make_recording
 from sensor import Events
 from sensor.formats import write_events
 from tasks.errors import TaskError
+from tasks.flow import flow_sample
+from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.recording.evaluate import evaluate_recording
 from tasks.recording.flow import spread
 from tasks.recording.frames import open_frames
@@ -277,6 +279,16 @@ def test_tasks_that_need_more_say_it(made, eres):
         assert (code, said in err) == (1, True)
 
 
+def test_files_that_cannot_be_opened(tmp_path, eres):
+    """Promise: the error names the file, for a file without a size and for none."""
+    (tmp_path / "a.txt").write_text("0.001 3 4 1\n")
+    for name, said in (("a.txt", "does not store the sensor's size"), ("b.txt", "found neither")):
+        code, _, err = eres("evaluate", tmp_path / name, "--task", "flow")
+        assert code == 1
+        assert f"{tmp_path / name}: " in err
+        assert said in err
+
+
 def test_a_recording_without_events(tmp_path, eres):
     """Promise: an empty file is an error."""
     none = np.empty(0, np.int64), *np.empty((2, 0), np.uint16), np.empty(0, np.int8)
@@ -399,3 +411,29 @@ def test_windows_are_spread_evenly():
     found = spread(range(1000), 20)
     assert len(set(found)) == 20
     assert set(np.diff(found)) == {50}
+
+
+def test_off_the_grid_zero_flow_is_not_sharper():
+    """Promise: events without any motion are sharper at zero flow than at flows around it only
+    because they lie on whole pixels: with the even offset the advantage is gone."""
+    rng = np.random.default_rng(3)
+    count, side = 20_000, 61
+    t_us = np.sort(rng.integers(0, 10_000, count))
+    x, y = rng.integers(0, side, (2, count)).astype(np.uint16)
+    sample = flow_sample(
+        Events(t_us, x, y, np.ones(count, np.int8), side, side),
+        *(0, 10_000),
+        log_image=np.zeros((side, side)),
+        contrast_threshold=0.2,
+        center_px=np.full(2, 0.5 * side),
+        side_px=side,
+        initial=np.zeros(2),
+        initial_sigma_px=1.0,
+    )
+    around = 3 * np.stack([np.cos(a := np.linspace(0.2, 6.2, 12)), np.sin(a)], axis=1)
+    gains = {}
+    for offset_px in (0.0, EVEN_OFFSET_PX):
+        contrast = Contrast(sample, 4.0, offset_px=offset_px)
+        gains[offset_px] = contrast(np.zeros(2)) / np.mean([contrast(flow) for flow in around])
+    assert gains[0.0] > 1.1
+    assert abs(gains[EVEN_OFFSET_PX] - 1) < 0.05
