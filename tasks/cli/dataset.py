@@ -37,7 +37,10 @@ def dataset(
     seed: int = 0,
     sensor: str | None = None,
     resolution: int | None = None,
-    cutoffs: tuple[float, ...] | None = None,
+    cutoffs: Annotated[
+        tuple[float, ...] | None,
+        arg(metavar="FLOAT [FLOAT ...]", help_behavior_hint=""),
+    ] = None,
     threshold: float | None = None,
     threshold_deviation: float = 0.03,
     spp: int = 4,
