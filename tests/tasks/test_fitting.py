@@ -102,7 +102,7 @@ def test_frames_give_back_the_thresholds(C_on, C_off, dark):
     found = fit_thresholds(changes_between(frames, t_us, events, 1.0), dark)
     inside(found.on, C_on)
     inside(found.off, C_off)
-    assert found.on.high - found.on.low < 0.1 * C_on
+    assert found.on.high - found.on.low < 0.16 * C_on
 
 
 def test_a_wrong_dark_level_gives_other_thresholds():
