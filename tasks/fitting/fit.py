@@ -124,6 +124,9 @@ class Found:
             fields["shot_noise"] = Measured(
                 self.noise.shot_noise_hz, "Hz", f"{source}: twice the OFF events"
             )
+            fields["shot_noise_exponent"] = Measured(
+                0.0, "1", "0, as the shot noise is that of the light of the recording"
+            )
             hot = f"{source}: more than {HOT:g} times the mean of the others, beyond chance"
             fields["hot_pixels"] = Measured(self.noise.hot_pixels, "1", hot)
             if self.noise.hot_pixel_hz is not None:

@@ -17,14 +17,15 @@ class Measured(NamedTuple):
     Attributes
     ----------
     value
-        An estimate in the given unit, or the name of a photoreceptor.
+        An estimate in the given unit, a number that was not estimated, or the name of a
+        photoreceptor.
     unit
         Its unit, one of `sensor.profiles.quantities`; empty for a name.
     source
         From what, and how.
     """
 
-    value: Estimate | str
+    value: Estimate | float | str
     unit: str
     source: str
 
@@ -46,9 +47,12 @@ def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> Non
         parts.append(f"[{name}]")
         if isinstance(value, str):
             parts.append(f"value = {_text(value)}")
-        else:
+        elif isinstance(value, Estimate):
             parts.append(f"value = {value.value:.6g}")
             parts.append(f"interval = [{value.low:.6g}, {value.high:.6g}]")
+        else:
+            parts.append(f"value = {value:.6g}")
+        if unit:
             parts.append(f"unit = {_text(unit)}")
         parts.append(f"source = {_text(source)}\n")
     write_text(file, "\n".join(parts))

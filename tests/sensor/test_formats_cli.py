@@ -504,12 +504,26 @@ def test_info_without_size_and_without_events(eres, tmp_path):
 
 
 def test_sensors(eres):
-    """Promise: `eres sensors` lists every preset with its table's facts."""
+    """Promise: `eres sensors` lists every preset with its table's facts, and every profile."""
     code, out, _ = eres("sensors")
     assert code == 0
     line = next(line for line in out.splitlines() if "gen4-cd" in line)
-    assert " ".join(line.split()) == "gen4-cd Prophesee Gen4 CD 2020 1280x720 USB 3 1066"
-    assert len(out.splitlines()) == 15
+    facts = "gen4-cd Prophesee Gen4 CD 2020 1280x720 4.86 um 77 % USB 3 1066"
+    assert " ".join(line.split()) == facts
+    cameras, profiles = out.split("\n\n")
+    assert (len(cameras.splitlines()), len(profiles.splitlines())) == (15, 9)
+
+
+def test_a_profile_is_shown_with_its_sources(eres):
+    """Promise: `eres sensors NAME` says value, unit and source of each field, or unknown."""
+    code, out, _ = eres("sensors", "dvs128")
+    lines = {line.split()[0]: line for line in out.splitlines() if line.split()}
+    assert code == 0
+    assert lines["cutoff"].split()[:3] == ["cutoff", "3000", "Hz"]
+    assert "Lichtsteiner" in lines["cutoff"]
+    assert lines["hot_pixels"].split() == ["hot_pixels", "unknown"]
+    code, _, err = eres("sensors", "dvs129")
+    assert (code, "did you mean 'dvs128'" in err) == (1, True)
 
 
 @pytest.mark.parametrize("command", ["simulate", "convert", "sensors", "info"])

@@ -63,6 +63,17 @@ def test_stillness_gives_back_hot_pixels():
     inside(noise.shot_noise_hz, 1.0 * 4**-0.5)
 
 
+def test_a_fitted_profile_has_the_noise_of_the_recording(tmp_path):
+    """Promise: a sensor with the profile fires as much noise in the same light."""
+    events, seconds = still(shot_noise_hz=4.0)  # 2 Hz in this light
+    found = fit_recording(events, Evidence(still_s=(0.0, seconds - 0.01)))
+    write_profile(tmp_path / "p.toml", "x", found.fields("rec.h5"))
+    plain = SensorModel(width=WIDTH, height=HEIGHT, dark_level=1.0)
+    model = read_profile(tmp_path / "p.toml").applied_to(plain)
+    again = simulate(np.full((2, HEIGHT, WIDTH), 3.0), [0.0, seconds], model, seed=9)
+    assert len(again) == pytest.approx(len(events), rel=0.02)
+
+
 def test_intervals_of_counts_are_the_textbooks():
     """Source: Garwood 1936, 0 events: 0 to 3.69; 10: 4.80 to 18.39. Clopper and Pearson 1934, 0 of
     10: 0 to 0.308."""
@@ -102,7 +113,7 @@ def test_frames_give_back_the_thresholds(C_on, C_off, dark):
     found = fit_thresholds(changes_between(frames, t_us, events, 1.0), dark)
     inside(found.on, C_on)
     inside(found.off, C_off)
-    assert found.on.high - found.on.low < 0.1 * C_on
+    assert found.on.high - found.on.low < 0.16 * C_on
 
 
 def test_a_wrong_dark_level_gives_other_thresholds():
@@ -194,6 +205,7 @@ def test_a_profile_of_everything_can_be_read_again(tmp_path):
     profile = read_profile(tmp_path / "p.toml")
     assert profile.title == 'a "b"\\'
     assert profile.known["photoreceptor"].value == "two_pole"
+    assert profile.known["shot_noise_exponent"].interval is None
     assert profile.known["cutoff"].interval[0] < 200 < profile.known["cutoff"].interval[1]
 
 

@@ -1,15 +1,18 @@
 """Options of pixels: profiles, and options given by hand."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
 
+from eres_render import load_scene
 from sensor import SensorError, SensorModel
 from tasks.errors import TaskError
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.simulation import sensor_for
 from tasks.generation.settings import DatasetSettings, claim_folder
 from tasks.study.config import Simulate, Study, digest
+from tasks.study.run.jobs import jobs_of
 from tasks.study.study_file import read_study
 
 FRAMES = SimpleNamespace(width=64, height=48, white_level=2.0)
@@ -118,6 +121,11 @@ def test_a_study_names_a_photoreceptor(tmp_path):
     file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "v2e"')
     study = read_study(file)
     assert study.simulate.photoreceptor == "v2e"
+    models = [one.model for one in jobs_of(study, load_scene("carpet"))[0].settings(2.0)]
+    assert {model.photoreceptor for model in models} == {"v2e"}
+    references = {model.cutoff_hz: model.cutoff_reference for model in models}
+    assert references == {math.inf: None, 200.0: 2.0, 50.0: 2.0}
+    assert {model.dark_level for model in models} == {2e-3}
     plain = Study(name="mine", scenes=("carpet",)).simulate
     without = {k: getattr(plain, k) for k in plain.__slots__ if k != "photoreceptor"}
     assert digest({"simulate": plain}) == digest({"simulate": without})
