@@ -87,8 +87,8 @@ HAS_CHROMIUM := command -v chromium || command -v chromium-browser || command -v
 	@touch $@
 
 # Mitsuba's fast variant needs an LLVM that works with it; some releases end the process.
-RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.rendering.backend import probe_variants; \
-  sys.exit(not any(v.works for v in probe_variants() if v.name != 'scalar_rgb'))"
+RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.rendering.backend import VARIANTS, probe_variant; \
+  sys.exit(not any(probe_variant(name).works for name in VARIANTS if name != 'scalar_rgb'))"
 
 .venv/.llvm: .venv/.ready
 	@$(RENDERS_FAST) || { \
@@ -98,8 +98,8 @@ RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.rendering.backend
 	    for package in libllvm19 libllvm18 libllvm20 libllvm17 libllvm16; do \
 	      $(AS_ROOT) apt-get -qq install --yes $$package >/dev/null 2>&1 && $(RENDERS_FAST) && break; \
 	    done; \
-	  fi; }
-	@$(RENDERS_FAST) || \
-	  echo "eres: no LLVM that works with Mitsuba was found, so renders will be about 20x slower." \
-	    "Install one (Debian, Ubuntu: apt-get install libllvm19), then rm .venv/.llvm"
+	  fi; \
+	  $(RENDERS_FAST) || \
+	    echo "eres: no LLVM that works with Mitsuba was found, so renders will be about 20x slower." \
+	      "Install one (Debian, Ubuntu: apt-get install libllvm19), then rm .venv/.llvm"; }
 	@touch $@

@@ -81,13 +81,13 @@ def pytest_collection_modifyitems(items):
 def own_cache(tmp_path_factory):
     """Start with an empty cache, so that no earlier run decides a test.
 
-    The workers of a run share its textures.
+    The workers of a run share its textures, and which variants of Mitsuba work.
     """
     cache, run = tmp_path_factory.mktemp("cache"), tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
-        textures = run.parent / "textures"
-        textures.mkdir(exist_ok=True)
-        (cache / "textures").symlink_to(textures)
+        for shared in ("textures", "variants"):
+            (run.parent / shared).mkdir(exist_ok=True)
+            (cache / shared).symlink_to(run.parent / shared)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(cache))
         yield

@@ -98,7 +98,7 @@ class VariantVerdict:
 
 def probe_variants() -> list[VariantVerdict]:
     """Return the verdict on every candidate, best first; takes seconds where none is cached."""
-    return [_verdict(name) for name in VARIANTS]
+    return [probe_variant(name) for name in VARIANTS]
 
 
 def select_variant() -> str:
@@ -116,7 +116,7 @@ def select_variant() -> str:
         name = _best_variant()
     elif name not in VARIANTS:
         raise BackendError(f"ERES_VARIANT: found {name!r}, expected one of {', '.join(VARIANTS)}")
-    elif not (verdict := _verdict(name)).works:
+    elif not (verdict := probe_variant(name)).works:
         raise BackendError(
             f"ERES_VARIANT: {name} does not work here: {verdict.reason} ({_ADVICE[name]})"
         )
@@ -148,7 +148,7 @@ def release_memory() -> None:
 def _best_variant() -> str:
     passed_over: list[VariantVerdict] = []
     for name in VARIANTS:
-        verdict = _verdict(name)
+        verdict = probe_variant(name)
         if verdict.works:
             if passed_over:
                 # A missing GPU is no reason for a warning; missing LLVM is.
@@ -164,8 +164,18 @@ def _explain(verdicts: list[VariantVerdict]) -> str:
     return "; ".join(f"{v.name} fails: {v.reason} ({_ADVICE[v.name]})" for v in verdicts)
 
 
-def _verdict(name: str) -> VariantVerdict:
-    """Return the cached verdict on a variant, or probe it now."""
+def probe_variant(name: str) -> VariantVerdict:
+    """Return the verdict on one variant; takes seconds if it is not cached.
+
+    Parameters
+    ----------
+    name
+        One of `VARIANTS`.
+
+    Returns
+    -------
+    VariantVerdict
+    """
     surroundings = json.dumps([name, _PROBE, version("mitsuba"), version("drjit"), _libraries()])
     digest = hashlib.sha256(surroundings.encode()).hexdigest()[:16]
     path = cache_dir() / "variants" / f"{name}-{digest}.json"

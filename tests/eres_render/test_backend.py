@@ -111,7 +111,7 @@ def test_a_forced_variant_must_be_known_and_work(monkeypatch):
         backend.select_variant()
     monkeypatch.setenv("ERES_VARIANT", "cuda_ad_mono")
     broken = backend.VariantVerdict("cuda_ad_mono", False, 0.1, "no driver")
-    monkeypatch.setattr(backend, "_verdict", lambda name: broken)
+    monkeypatch.setattr(backend, "probe_variant", lambda name: broken)
     with pytest.raises(BackendError, match="cuda_ad_mono does not work here: no driver"):
         backend.select_variant()
 

@@ -106,13 +106,12 @@ def test_no_room_for_events(events, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_room_for_truth(sequence, tmp_path):
+def test_no_room_for_truth(sequence, tmp_path, eres):
     """Promise: a file of events with truth that does not fit does not appear, made or copied."""
     whole, out = tmp_path / "whole" / "out.h5", tmp_path / "out.h5"
     whole.parent.mkdir()
     simulate = ["simulate", sequence.folder, "--resolution", 32, "--truth", 0.005, "--out"]
-    ((code, err),) = run((None, [*simulate, whole]))
-    assert (code, err) == (0, "")
+    assert eres(*simulate, whole)[0] == 0
     limits = [whole.stat().st_size * k // 10 for k in (1, 5, 7, 9)]
     copied = [(limit, ["convert", whole, out]) for limit in limits]
     for outcome in run(*((limit, [*simulate, out]) for limit in limits), *copied):
@@ -121,38 +120,29 @@ def test_no_room_for_truth(sequence, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_room_for_a_folder_of_truth(sequence, tmp_path):
-    """Promise: a folder of truth is complete, or absent."""
-    out = tmp_path / "truth"
-    truth = ["truth", sequence.folder, "--out", out, "--width", 32, "--step", 0.01]
-    (outcome,) = run((1500, truth))
-    assert_refused(outcome, out / "depth" / "000000.exr", "File too large")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_no_room_for_frames(sequence, tmp_path):
-    """Promise: a render names the file, keeps complete files, and leaves no partial ones."""
+def test_no_room_for_frames_for_a_folder_of_truth_or_for_a_study(sequence, tmp_path):
+    """Promise: a render names the file, keeps complete files, and leaves no partial ones; a folder
+    of truth is complete, or absent; a study names the file as well."""
     scene, out = sequence.manifest.scene_source, tmp_path / "r"
     render = ["render", scene, "--resolution", 32, "--spp", 1, "--samples", 1, "--out"]
+    true, study = tmp_path / "truth", tmp_path / "run"
     first = sequence.folder / "frames" / "000000.exr"
-    *_, text, frame = run(
+    *_, text, frame, depth, job = run(
         (None, [*render, tmp_path / "one"]),  # compiles what else could not be kept
         (None, [*render, tmp_path / "two"]),
         (100, [*render, out]),
         (first.stat().st_size - 1, [*render, out]),
+        (1500, ["truth", sequence.folder, "--out", true, "--width", 32, "--step", 0.01]),
+        (100, ["study", "--out", study, "--samples", 1, "--resolution", 128]),
     )
     assert_refused(text, out / "clip_000" / "poses.txt", "File too large")
     assert_refused(frame, out / "clip_000" / "frames" / "000000.exr", "File too large")
     kept = {path.name for path in out.rglob("*") if path.is_file()}
     assert kept == {"manifest.json", "poses.txt", "path.txt", "SHA256SUMS"}
-
-
-def test_no_room_for_a_study(tmp_path):
-    """Promise: a study names the file as well."""
-    out = tmp_path / "run"
-    (outcome,) = run((100, ["study", "--out", out, "--samples", 1, "--resolution", 128]))
-    assert_refused(outcome, out / "study.json", "File too large")
-    assert list(out.iterdir()) == []
+    assert_refused(depth, true / "depth" / "000000.exr", "File too large")
+    assert not true.exists()
+    assert_refused(job, study / "study.json", "File too large")
+    assert list(study.iterdir()) == []
 
 
 def test_a_file_system_that_is_full(events, tmp_path):
