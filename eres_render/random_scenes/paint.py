@@ -21,8 +21,8 @@ from eres_render.textures.wood import planks, wood
 _LOG_SCALE = np.log([0.25, 1.0])  # size of a texel in the pattern over its size on the surface
 _LOG_SHADE = (-0.7, 0.0)  # of a chart, as if each faced the light in its own way
 _CONTRAST = (0.5, 1.5)  # factor on log reflectance
-# Letters and margins need some room: a pattern has at least this along both sides, and less is cut
-# from it.
+# Letters and margins need some room: a pattern has at least this many texels along both sides;
+# smaller faces are cut from it.
 _LEAST_TEXELS, _LEAST_M = 64, 0.2
 _COARSEST_M = 0.01  # texel of a pattern, whose details are some centimeters large
 

@@ -1,4 +1,4 @@
-"""Random paths of a camera and of the things that it sees."""
+"""Random paths of a camera and of objects."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def path_times(duration_s: float) -> Float64:
 
 
 def camera_path(duration_s: float, rng: np.random.Generator) -> Poses:
-    """Return a random camera path about the origin; z is up, and it looks along y, about.
+    """Return a random camera path about the origin; z is up, and it looks roughly along y.
 
     It stays within 1 m of the origin.
 

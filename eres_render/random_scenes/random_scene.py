@@ -146,7 +146,7 @@ def _place(
     Returns
     -------
     path
-        Where it is; it does not change for a thing that stands still.
+        Its place at each time; constant for a thing that stands still.
     radius_m
         Radius of its sphere, m.
     distance_m

@@ -1,4 +1,4 @@
-"""The command line, a file a subject; `main` is the command `eres`."""
+"""The command line, one file per subject; `main` is the command `eres`."""
 
 from tasks.cli.main import main
 

@@ -65,11 +65,11 @@ def dataset(
     max_displacement
         Largest motion in the image between two frames, px.
     truth
-        Time between the true images, seconds.
+        Time from one ground truth to the next, seconds.
     stereo
         Add a right camera this far from the first, meters, in the folder right of each sequence.
     images
-        Take images with a frame camera too, so many a second.
+        Also take images with a frame camera; their rate, Hz.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
         OUT under the same path.

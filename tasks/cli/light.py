@@ -239,7 +239,7 @@ def images(
     out
         Folder for the images.
     rate
-        Images a second.
+        Images per second.
     seed
         Seed of the noise.
     """

@@ -1,4 +1,4 @@
-"""Images of a frame camera that looks along with an event camera: exposure, noise, encoding."""
+"""Images of a frame camera at the place of the event camera: exposure, noise, encoding."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def write_images(
     out
         Folder of the images; made if it does not exist.
     rate_hz
-        Images a second. Exposures start with the sequence, and those that end in it are taken.
+        Images per second. The first exposure starts with the sequence, the last ends within it.
     options
         The camera.
     seed
@@ -148,7 +148,7 @@ def frame_weights(t_s: Float64, start_s: float, end_s: float) -> tuple[int, Floa
 def developed(
     light: Float64, options: FrameCameraOptions, rng: np.random.Generator
 ) -> NDArray[np.uint8]:
-    """Return what a camera makes of light: electrons with noise, then sRGB in 8 bits.
+    """Return the image of an exposure: electrons with noise, then 8-bit sRGB.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ class FrameCameraOptions:
             The text names the option.
         """
         if not 0 < self.exposure < math.inf:
-            raise TaskError(f"exposure: found {self.exposure}, expected a positive number of s")
+            raise TaskError(f"exposure: found {self.exposure}, expected seconds above 0")
         if not self.full_well > 0:
             raise TaskError(f"full_well: found {self.full_well}, expected a positive number")
         if not 0 <= self.read_noise < math.inf:

@@ -1,4 +1,4 @@
-"""An inertial measurement unit that sits where the camera does."""
+"""An inertial measurement unit at the place of the camera."""
 
 from __future__ import annotations
 

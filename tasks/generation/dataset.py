@@ -25,15 +25,15 @@ def make_dataset(
     scheduler: str | None = None,
     on_progress: Progress = silent,
 ) -> list[Path]:
-    """Make sequences of random scenes, except for those that there are.
+    """Make the sequences of a dataset that do not exist yet.
 
     Sequence k is the folder `out/00000k`; see `make_sequence`. It is under that name only when it
-    is complete. What is unfinished lies in `out/.unfinished`, and is continued.
+    is complete. Unfinished ones are in `out/.unfinished`; the next call continues them.
 
     Parameters
     ----------
     settings
-        What decides the sequences; `out/dataset.json` holds it.
+        Settings of the sequences; `out/dataset.json` holds them.
     out
         Folder of the dataset.
     count
@@ -42,7 +42,7 @@ def make_dataset(
         Address of a Dask scheduler whose workers make the sequences; they must see the folder under
         the same path. None for this process.
     on_progress
-        Called as the sequences proceed; those that there were count as done.
+        Called as the sequences proceed; existing ones count as done.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def sequence_folder(out: Path, number: int) -> Path:
 def complete_sequence(
     settings: DatasetSettings, number: int, out: Path, on_progress: Progress = silent
 ) -> None:
-    """Make a sequence, or finish one, and give the folder its name.
+    """Make or finish a sequence, and give its folder the final name.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def complete_sequence(
 def make_sequence(
     settings: DatasetSettings, number: int, folder: Path, on_progress: Progress = silent
 ) -> None:
-    """Make a sequence, or finish one: frames that exist are kept.
+    """Make a sequence, or finish one; frames that exist are kept.
 
     Writes a `RadianceSequence` with its scene in a folder inside, and `events_CUTOFF.h5` for each
     cutoff: events in DSEC's format, with the ground truth; and the images of a frame camera into
@@ -120,7 +120,7 @@ def _make_view(
     on_progress: Progress,
     white_level: float | None = None,
 ) -> float:
-    """Make what one camera sees of a scene, and return the radiance of white.
+    """Make the files of one camera, and return the radiance of white.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""`DatasetSettings`: everything that decides the sequences of a dataset, and its file."""
+"""`DatasetSettings`: the settings of a dataset, and their file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DARK_LEVEL = 1e-3  # a thousandth of the radiance of white in the brightest sce
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetSettings:
-    """What decides the sequences of a dataset; how many there are does not change them.
+    """Settings of the sequences of a dataset; their number is not one, as it changes none of them.
 
     Parameters
     ----------

@@ -132,7 +132,7 @@ def tone_mapped(radiance: NDArray[np.float32], white_level: float) -> Picture:
     radiance
         (H, W) linear radiance.
     white_level
-        What is shown as white; brighter light is clipped.
+        Radiance shown as white; brighter light is clipped.
 
     Returns
     -------

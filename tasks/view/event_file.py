@@ -25,7 +25,7 @@ class EventSource:
     Parameters
     ----------
     path, header, format
-        The file, its header with a size, and its format, None for what its name says.
+        The file, its header with a size, and its format; None to go by its name.
     palette
         Colors of the picture.
     length_us, count

@@ -1,4 +1,4 @@
-"""Options of `eres view` for what of the events is shown, and how."""
+"""Options of `eres view`: which events are shown, and how."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _RANGES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """What of the events is shown, and how.
+    """Which events are shown, and how.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class Look:
     fps
         Pictures per second of the file.
     start
-        Leave out what is earlier, seconds on the clock of the events, as `eres info` prints it.
+        Leave out earlier events; seconds on their clock, as `eres info` prints it.
     end
-        Leave out what is later, seconds.
+        Leave out later events, seconds.
     at
         Time of the picture in a .png, seconds; by default the middle.
     palette

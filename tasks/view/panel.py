@@ -1,4 +1,4 @@
-"""What is drawn of one source at one time."""
+"""The picture and captions of one source at one time."""
 
 from __future__ import annotations
 

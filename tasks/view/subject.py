@@ -1,4 +1,4 @@
-"""What is shown: sources of pictures, and the time that they cover."""
+"""The sources of pictures, and the time that they cover."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _FASTEST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What is shown, with the time that all of it covers.
+    """The sources to show, and the time that all of them cover.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def open_subject(
     paths
         Files of events, and folders of rendered clips.
     look
-        What of the events is shown, and how.
+        Which events are shown, and how.
     over
         Clip that is drawn behind the events.
     show
@@ -100,7 +100,7 @@ def open_subject(
     }
     if beside_clips and len(set(speeds.values())) > 1:
         found = " and ".join(f"{speed:g}" for speed in sorted(set(speeds.values())))
-        raise TaskError(f"found events at speeds {found}, expected one speed beside a clip")
+        raise TaskError(f"found events at speeds {found}, expected one speed next to a clip")
     sources: list[Source] = []
     for path in paths:
         if path in headers:
@@ -174,7 +174,7 @@ def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Su
 
 
 def _check_overlap(frames: ClipFrames, start_us: int, end_us: int) -> None:
-    """Refuse frames of another time than what is shown."""
+    """Refuse frames outside the time that is shown."""
     first_us, last_us = frames.span_us()
     if last_us < start_us or first_us > end_us:
         raise TaskError(

@@ -55,7 +55,7 @@ def view(
     out
         The file: .mp4, .gif, .webp, .png, .html or .rrd; None opens the Rerun viewer.
     look
-        What of the events is shown, and how.
+        Which events are shown, and how.
     over
         Rendered clip that is drawn behind the events.
     show

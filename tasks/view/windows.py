@@ -64,7 +64,7 @@ def windows(
     length_us: int | None = None,
     count: int | None = None,
 ) -> Iterator[Events]:
-    """Yield the events that end at some times.
+    """Yield the events of windows that end at some times.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def windows(
             if (part := next(stream, None)) is None:
                 break
             fresh.append(held)
-            # Only what this window can still need stays, however far away its end is.
+            # Keep only what this window can still need, however far away its end is.
             held = part
             fresh = _needed(fresh, held, end_us, length_us, count)
         if fresh:
