@@ -1,7 +1,7 @@
 """Time and memory of E2VID and E-RAFT on this machine, with weights from random numbers.
 
     python benchmarks/bench_networks.py                  both, at 128 to 1280 px
-    python benchmarks/bench_networks.py --widths 1280 --float32
+    python benchmarks/bench_networks.py --widths 1280 --runs 1 --updates 1 --float32
 
 Each line is a process of its own: the median of the runs after the first, and its largest memory.
 """
@@ -20,7 +20,7 @@ E2VID_OPTIONS = {"num_bins": 5, "num_encoders": 3, "norm": "BN", "use_upsample_c
 WIDTHS = (128, 240, 346, 640, 1280)
 
 
-def measure(name: str, width: int, runs: int, float32: bool) -> str:
+def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> str:
     """Run a network on noise; return a line of the table."""
     import torch
 
@@ -47,14 +47,15 @@ def measure(name: str, width: int, runs: int, float32: bool) -> str:
         if name == "e2vid":
             _, states = e2vid.image(grids[0], states)
         else:
-            eraft.flow(*grids[1:])
+            eraft.flow(*grids[1:], updates)
         wall.append(time.perf_counter() - started_s)
         spent.append(cpu_s() - cpu_started_s)
+    wall, spent = wall[1:] or wall, spent[1:] or spent
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     kind = "bfloat16" if cpu.has_bfloat16() else "float32"
     return (
-        f"{name:6} {width:5} px  {kind:8}  {np.median(wall[1:]):7.2f} s  "
-        f"{np.median(spent[1:]):7.2f} s of CPU  {most / 2**20:5.2f} GiB, "
+        f"{name:6} {width:5} px  {kind:8}  {np.median(wall):7.2f} s  "
+        f"{np.median(spent):7.2f} s of CPU  {most / 2**20:5.2f} GiB, "
         f"{(most - before) / 2**20:5.2f} of them for the run"
     )
 
@@ -66,16 +67,18 @@ def main() -> None:
     parser.add_argument("--networks", nargs="+", default=["e2vid", "eraft"])
     parser.add_argument("--widths", nargs="+", type=int, default=WIDTHS)
     parser.add_argument("--runs", type=int, default=3, help="after the first")
+    parser.add_argument("--updates", type=int, default=12, help="of E-RAFT")
     parser.add_argument("--float32", action="store_true", help="no bfloat16")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.here:
-        print(measure(options.networks[0], options.widths[0], options.runs, options.float32))
+        asked = options.networks[0], options.widths[0], options.runs, options.updates
+        print(measure(*asked, options.float32))
         return
     for name in options.networks:
         for width in options.widths:
             command = [sys.executable, __file__, "--here", "--networks", name, "--widths"]
-            command += [str(width), "--runs", str(options.runs)]
+            command += [str(width), "--runs", str(options.runs), "--updates", str(options.updates)]
             subprocess.run(command + ["--float32"] * options.float32, check=True)
 
 

@@ -96,8 +96,8 @@ class NetworkSettings(TaskSettings):
     weights: dict[str, str] | None = None
 
 
-_E2VID_S = 7.0  # core seconds of a window at 1280 px, as measured for docs/learned.md
-_ERAFT_S = 60.0  # of a pair of windows
+_E2VID_S = 10.5  # core seconds of a window at 1280 px, as measured for docs/learned.md
+_ERAFT_S = 180.0  # of a pair of windows, from 240 and 1280 px
 
 
 def _share(width: int) -> float:
