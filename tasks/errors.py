@@ -15,3 +15,7 @@ class MethodError(TaskError):
 
 class ResultError(TaskError):
     """A result file is missing, damaged or of another version."""
+
+
+class RigError(TaskError):
+    """A rig's settings, recording or calibration is wrong, or cannot be solved."""
