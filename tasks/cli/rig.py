@@ -385,7 +385,7 @@ def evaluate(
         key = row.task, row.method, row.variant, str(row.width), f"{row.speed:g}", row.metric
         groups.setdefault(key, []).append(row.value)
     table = Table("task", "method", "variant", "width", "m/s", "metric", "median", box=None)
-    for key, values in sorted(groups.items()):
-        table.add_row(*key, f"{median(values):.3g}")
+    for cells, values in sorted(groups.items()):
+        table.add_row(*cells, f"{median(values):.3g}")
     terminal.out.print(table, crop=False)
     terminal.out.print(f"{file}: {len(rows)} rows", soft_wrap=True)

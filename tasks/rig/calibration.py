@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eres_render import Camera
 from eres_render.storage.atomic import write_text
@@ -318,9 +318,9 @@ def on_page(pose: RigPose, camera: Camera, points_px: Float64, x_m: float) -> Fl
     return position[:2] - rays[..., :2] * (position[2] / rays[..., 2:])
 
 
-def _rms(vectors: object) -> float:
+def _rms(vectors: ArrayLike) -> float:
     """Return the root mean square length of vectors (..., N)."""
-    return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=-1))))
+    return float(np.sqrt(np.mean(np.sum(np.square(np.asarray(vectors)), axis=-1))))
 
 
 def read_truth(recording: Recording) -> RigPose | None:

@@ -195,7 +195,7 @@ def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_W
     first_us, last_us = int(events.t_us[0]), int(events.t_us[-1])
     first_us, last_us = max(first_us, int(slider.t_us[0])), min(last_us, int(slider.t_us[-1]))
     middles_us = slider.evenly_along(settings.windows, first_us, last_us)
-    found = []
+    found: list[_Window] = []
     for t_us in middles_us.tolist():
         speed = abs(float(slider.speed_mps(t_us)))
         half_us = round(0.5e6 * settings.travel_m / speed)
@@ -250,7 +250,7 @@ def page_view(
     points_px = np.stack(np.meshgrid(columns_px, rows_px), axis=-1)
     # From the page to the middles of its dots.
     at = on_page(pose, crop_camera, points_px, x_m) / (shrink * page.dot_m) - 0.5
-    view = cv2.remap(
+    seen = cv2.remap(
         light.astype(np.float32),
         at[..., 0].astype(np.float32),
         at[..., 1].astype(np.float32),
@@ -258,8 +258,8 @@ def page_view(
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=page_files.PAPER,
     )
-    blocks = view.reshape(crop_camera.height, times, crop_camera.width, times)
-    return blocks.mean(axis=(1, 3)).astype(np.float64)
+    shape = crop_camera.height, times, crop_camera.width, times
+    return np.asarray(seen, np.float64).reshape(shape).mean(axis=(1, 3))
 
 
 def _log_view(crop: _Crop, x_m: float) -> Float64:

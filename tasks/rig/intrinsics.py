@@ -169,7 +169,7 @@ def calibrate(
     pixels = [(view - 0.5).astype(np.float32) for view in views_px]  # OpenCV's, from centers
     try:
         rms_px, K, lens, _, _, sigmas, _, _ = cv2.calibrateCameraExtended(
-            points, pixels, (width, height), None, None, flags=cv2.CALIB_FIX_K3
+            points, pixels, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
         )
     except cv2.error as error:
         raise RigError(f"intrinsics: the views give no camera: {error.err}") from error

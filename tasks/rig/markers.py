@@ -105,7 +105,7 @@ class Detector:
         large = gray
         if self.enlarged > 1:
             size = width * self.enlarged, height * self.enlarged
-            large = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
+            large = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC), np.uint8)
         method, shift = _METHODS[self.refinement]
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = method

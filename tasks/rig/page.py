@@ -128,7 +128,7 @@ def lay_out(settings: PageSettings) -> Page:
     below = np.arange(bottom + white, height - side - white + 1, pitch)
     between = _places_between(top, bottom, side, pitch)
     rows = [(y, columns) for y in (*above, *below)]
-    outside = [x for x in columns if x + side + white <= left or x >= right + white]
+    outside = columns[(columns + side + white <= left) | (columns >= right + white)]
     rows += [(y, outside) for y in between]
     places = [(int(x), int(y)) for y, xs in sorted(rows, key=lambda row: row[0]) for x in xs]
     available = len(dictionary.bytesList)
@@ -211,9 +211,9 @@ def _picture(settings: PageSettings, shape: tuple[int, int], dot_m: float) -> ND
                 f"picture: found {settings.picture!r}, expected an image file or one of "
                 f"{', '.join(PICTURES)}"
             )
-        light = cv2.resize(linear(codes), shape[::-1], interpolation=cv2.INTER_AREA).astype(
-            np.float32
-        )
+        light = cv2.resize(
+            linear(np.asarray(codes, np.uint8)), shape[::-1], interpolation=cv2.INTER_AREA
+        ).astype(np.float32)
     return np.clip(light / max(float(np.percentile(light, 99.9)), 1e-6), INK / PAPER, 1.0)
 
 
@@ -310,4 +310,4 @@ def read_page_image(path: Path, page: Page) -> NDArray[np.uint8]:
     shape = _dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)
     if image.shape != shape:
         raise RigError(f"{path}: found {image.shape[::-1]} px, expected {shape[::-1]}, the page's")
-    return image
+    return np.asarray(image, np.uint8)

@@ -67,7 +67,7 @@ class Frame:
                 f"{self.file}: found {image.shape[1]}x{image.shape[0]} px, expected "
                 f"{camera.width}x{camera.height}, the camera of {rig_files.FILE_NAME}"
             )
-        return image
+        return np.asarray(image, np.uint8)
 
 
 @dataclass(frozen=True)
