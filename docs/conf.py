@@ -107,10 +107,11 @@ class CommandHelp(SphinxDirective):
         sections = []
         for name in command_names():
             said = io.StringIO()
-            asked = mock.patch("sys.argv", ["eres", name, "--help"])
+            asked = mock.patch("sys.argv", ["eres", *name.split(), "--help"])
             with asked, redirect_stdout(said), suppress(SystemExit):
                 main()
-            section = nodes.section(ids=[f"eres-{name}"], names=[f"eres-{name}"])
+            label = f"eres-{name}".replace(" ", "-")
+            section = nodes.section(ids=[label], names=[label])
             section += nodes.title("", f"eres {name}")
             lines = [textwrap.fill(line, 84) for line in said.getvalue().splitlines()]
             section += nodes.literal_block("", "\n".join(lines), language="text")

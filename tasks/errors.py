@@ -19,3 +19,7 @@ class ResultError(TaskError):
 
 class WeightsError(TaskError):
     """A file of a network's weights is missing, damaged, or of another network."""
+
+
+class RigError(TaskError):
+    """A rig's settings, recording or calibration is wrong, or cannot be solved."""

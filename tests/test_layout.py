@@ -112,6 +112,7 @@ WINGS = {
     "tasks.fitting": {"tasks.footage"},
     "tasks.generation": {"tasks.events", "tasks.study.run"},
     "tasks.view": {"tasks.events"},
+    "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.methods"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},
     "tasks.study.report": {

@@ -21,6 +21,7 @@ from tasks.cli import (
     info,
     light,
     lists,
+    rig,
     study,
     terminal,
     video,
@@ -41,11 +42,16 @@ _COMMANDS = (
     *(study.study, study.report, study.claims),
     info.info,
 )
+_RIG_COMMANDS = (
+    *(rig.page, rig.render, rig.intrinsics),
+    *(rig.detect, rig.solve, rig.crop, rig.evaluate),
+)
 
 
 def command_names() -> list[str]:
     """Return the names of all commands."""
-    return [command.__name__ for command in _COMMANDS]
+    names = [command.__name__ for command in _COMMANDS]
+    return names + [f"rig {command.__name__}" for command in _RIG_COMMANDS]
 
 
 def main() -> None:
@@ -55,8 +61,13 @@ def main() -> None:
         return
     handler = RichHandler(console=terminal.err, show_time=False, show_path=False, show_level=False)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])
+    overview = sys.argv[1:] in ([], ["-h"], ["--help"])
+    of_rig = sys.argv[1:2] == ["rig"] and sys.argv[2:] in ([], ["-h"], ["--help"])
     try:
-        code = commands(_COMMANDS, overview=sys.argv[1:] in ([], ["-h"], ["--help"])).cli(
+        app = commands(_COMMANDS, overview=overview)
+        rig_app = commands(_RIG_COMMANDS, overview=overview or of_rig)
+        app.command(rig_app, name="rig", help=rig.__doc__)
+        code = app.cli(
             prog="eres",
             config=(DisallowNone, FlagCreatePairsOff),
             description="Which event-camera resolution serves a task best, at what bandwidth? "

@@ -1,0 +1,177 @@
+"""How well the virtual rig is solved: truth against estimate, from frames and from events.
+
+    python benchmarks/rig.py OUT [346:0.436:0.2 1280:0.436:still ...]
+
+Each setting is the width of the camera (346 for a DAVIS346, 1280 for a Prophesee Gen4, both with an
+8 mm lens), the depth in meters, and the travel in meters, or "still" for 20 images of a camera that
+stands still for each, without events. OUT keeps the renders, so a second run takes
+seconds. The sensor for images of the high-pass filter has a cutoff of 200 Hz, a threshold mismatch
+of 0.03, a leak of 0.1 Hz and 0.1 % hot pixels; that for event integration has the cutoff alone.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from eres_render import RadianceSequence, Renderer, load_scene, open_sequence
+from tasks.events.frame_camera import developed
+from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.events.sensor_options import PixelOptions
+from tasks.events.simulation import SimulationOptions, sensor_for, simulate_sequence
+from tasks.rig.bundle import RigPose, Unknowns
+from tasks.rig.calibration import compare, read_truth, solve_recording, write_truth
+from tasks.rig.detect import detect
+from tasks.rig.page import PAPER, draw, lay_out, write_page, write_print
+from tasks.rig.recording import Frame, Recording, open_recording, write_frames_table
+from tasks.rig.settings import read_rig
+from tasks.rig.slider import strokes, write_slider
+from tasks.rig.virtual import render_rig, true_pose, write_page_scene
+
+CUTOFF_HZ = 200.0
+NOISY = PixelOptions(
+    cutoff=CUTOFF_HZ, threshold_mismatch=0.03, leak=0.1, hot_pixels=0.001, hot_pixel_rate=20.0
+)
+CAMERAS = {
+    346: "width = 346, height = 260, pitch_um = 18.5, focal_mm = 8.0",
+    1280: "width = 1280, height = 720, pitch_um = 4.86, focal_mm = 8.0",
+}
+RIG = """
+camera = {{{camera}}}
+
+[page]
+width_m = 0.44
+height_m = 0.29
+picture = "pebbles"
+picture_width_m = 0.12
+picture_height_m = 0.0675
+
+[slider]
+travel_m = {travel}
+speeds_mps = [0.2]
+direction = [1.0, 0.01, -0.008]
+
+[mount]
+turn_deg = [0.5, -0.7, 0.4]
+"""
+DEFAULT = ("346:0.236:0.1", "346:0.436:0.2", "1280:0.236:still", "1280:0.436:still")
+IMAGES = 20
+STILL_SOURCES = (("frame", "", Unknowns()), ("frame", "", Unknowns(corner_bias=True)))
+SOURCES = (  # what markers are found in, the events, and the unknowns besides the poses
+    ("frame", "noisy", Unknowns()),
+    ("hf", "noisy", Unknowns()),
+    ("hf", "noisy", Unknowns(latency=True, corner_bias=True)),
+    ("ei", "clean", Unknowns(latency=True, corner_bias=True)),
+)
+
+
+def light_of(out: Path, width: int, depth_m: float, travel_m: float) -> RadianceSequence:
+    """Render a recording, unless it is there."""
+    done = out / "light" / "continuous"
+    if (out / "truth.json").exists() and (out / "frames.csv").exists():
+        return open_sequence(done)
+    out.mkdir(parents=True, exist_ok=True)
+    settings = out.with_suffix(".toml")
+    settings.write_text(RIG.format(camera=CAMERAS[width], travel=travel_m))
+    return render_rig(
+        *(settings, out, depth_m),
+        images=IMAGES,
+        frame_camera=FrameCameraOptions(exposure=0.001),
+        spp=4,
+        max_displacement_px=0.5 if width < 640 else 1.0,
+    )
+
+
+def events_of(folder: Path, light: RadianceSequence) -> None:
+    """Simulate the two sensors, unless that is done."""
+    for name, pixel in (("noisy", NOISY), ("clean", PixelOptions(cutoff=CUTOFF_HZ))):
+        events = folder / f"{name}.h5"
+        if not events.exists():
+            model = sensor_for(light, resolution=light.width, pixel=pixel)
+            simulate_sequence(light, model, events, SimulationOptions(seed=1))
+
+
+def stills_of(out: Path, width: int, depth_m: float) -> None:
+    """Render images at 20 places of a stroke of 0.2 m, as a recording without events."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "frames").mkdir(exist_ok=True)
+    (out / "rig.toml").write_text(RIG.format(camera=CAMERAS[width], travel=0.2))
+    settings = read_rig(out / "rig.toml")
+    assert settings.slider is not None
+    page, slider = lay_out(settings.page), strokes(settings.slider)
+    codes = draw(page, settings.page)
+    pose, camera = true_pose(settings, settings.slider, page, depth_m), settings.camera_in(out)
+    write_page(out / "page.json", page)
+    write_print(out / "page.png", codes, page)
+    write_slider(out / "slider.csv", slider)
+    write_truth(out, pose)
+    write_page_scene(out / "scene", page, codes, camera, slider, pose)
+    renderer = Renderer(load_scene(out / "scene"), integrator="emission", camera=camera)
+    rng = np.random.default_rng(0)
+    frames = []
+    for k, t_us in enumerate(slider.evenly_along(IMAGES, 0.0, slider.t_us[-1]).tolist()):
+        light = renderer.frame(pose.at(slider.position_m(t_us)))
+        frames.append(Frame(t_us, t_us, out / "frames" / f"{k:06d}.png"))
+        image = developed(light.astype(np.float64) / PAPER, FrameCameraOptions(), rng)
+        cv2.imwrite(str(frames[-1].file), image)
+    write_frames_table(out, frames)
+
+
+def main(out: Path, settings: list[str]) -> None:
+    """Print one line for each setting and source."""
+    print(
+        "camera depth  source unknowns             found  rms px  image px  flow px  pos mm"
+        "  latency ms  detect s  solve s"
+    )
+    for setting in settings:
+        width, depth_m = (float(part) for part in setting.split(":")[:2])
+        travel = setting.split(":")[2]
+        folder = out / "rig_{}_{}_{}".format(*setting.split(":"))
+        if travel == "still":
+            stills_of(folder, int(width), depth_m)
+        else:
+            events_of(folder, light_of(folder, int(width), depth_m, float(travel)))
+        for source, name, unknowns in STILL_SOURCES if travel == "still" else SOURCES:
+            if name:
+                (folder / "events.h5").unlink(missing_ok=True)
+                (folder / "events.h5").symlink_to(folder.resolve() / f"{name}.h5")
+            recording = open_recording(folder)
+            start_s = time.perf_counter()
+            found = detect(recording, source, images=IMAGES)
+            found_s = time.perf_counter()
+            solved = solve_recording(recording, found, unknowns, math.inf)
+            solved_s = time.perf_counter()
+            truth = read_truth(recording)
+            assert truth is not None
+            errors = compare(solved.pose.pose(), truth, recording.camera, solved.x_m)
+            visible = _visible(recording, truth, sorted(set(found.t_us.tolist())))
+            extra = ",".join(solved.estimated[8:]) or "-"
+            print(
+                f"{width:5.0f} {100 * depth_m:4.1f} cm {source:>6} {extra:<20} "
+                f"{len(found.t_us):4d}/{visible:<4d} {solved.rms_px:5.2f} {errors.image_px:8.3f} "
+                f"{errors.flow_px:9.4f} {errors.position_mm:8.2f} {solved.latency_ms:9.2f} "
+                f"{found_s - start_s:9.1f} {solved_s - found_s:8.1f}",
+                flush=True,
+            )
+
+
+def _visible(recording: Recording, truth: RigPose, times_us: list[int]) -> int:
+    """Return how many markers are wholly in view, over the images."""
+    page, camera = recording.page, recording.camera
+    corners = np.array([page.corners(k) for k in range(len(page.markers_m))])
+    x_m = recording.slider.position_m(np.array(times_us, float))
+    total = 0
+    for x in x_m.tolist():
+        px = truth.project(camera, corners.reshape(-1, 2), x).reshape(-1, 4, 2)
+        inside = (px > 0) & (px < (camera.width, camera.height))
+        total += int(np.all(inside, axis=(1, 2)).sum())
+    return total * IMAGES // max(len(times_us), 1)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2:] or list(DEFAULT))

@@ -1,0 +1,391 @@
+"""A camera on a motorized slider in front of a printed page: virtual, and real."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from tasks.cli import terminal
+from tasks.cli.table import Table
+
+_RigFile = Annotated[Positional[Path], arg(metavar="RIG", help="rig.toml")]
+_Recording = Annotated[
+    Positional[Path], arg(metavar="RECORDING", help="folder of a recording of the rig")
+]
+_Recordings = Annotated[
+    Positional[tuple[Path, ...]],
+    arg(metavar="RECORDINGS", help="folders of recordings, one for each distance"),
+]
+
+
+def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
+    """Draw the page: a picture with ArUco markers around it, to print.
+
+    Writes OUT in its size on paper, and next to it page.json, where the markers are in meters, and
+    page.png. Print at 100 % and measure a marker: its side is in page.json.
+
+    Parameters
+    ----------
+    out
+        File to print, .pdf or .png.
+    overwrite
+        Replace existing files.
+    """
+    from tasks.events.overwriting import check_new
+    from tasks.rig.page import FILE_NAME, IMAGE_NAME, draw, lay_out, write_page, write_print
+    from tasks.rig.settings import read_rig
+
+    settings = read_rig(rig).page
+    files = {out, out.with_name(FILE_NAME), out.with_name(IMAGE_NAME)}
+    for file in files:
+        check_new(file, overwrite)
+    found = lay_out(settings)
+    image = draw(found, settings)
+    for file in sorted({out, out.with_name(IMAGE_NAME)}):
+        write_print(file, image, found)
+    write_page(out.with_name(FILE_NAME), found)
+    terminal.out.print(
+        f"{out}: {found.width_m * 100:.1f} x {found.height_m * 100:.1f} cm, "
+        f"{len(found.markers_m)} markers of {found.marker_m * 1e3:.2f} mm",
+        soft_wrap=True,
+    )
+
+
+def render(
+    rig: _RigFile,
+    out: Path,
+    depth: float,
+    images: int = 20,
+    exposure: float = 0.001,
+    spp: int = 16,
+    max_displacement: float = 0.5,
+    seed: int = 0,
+) -> None:
+    """Render what the camera of a virtual rig sees on all strokes of its slider.
+
+    Writes the folder of a recording: rig.toml, the page, slider.csv, frames of a frame camera with
+    their exposures, truth.json, and the light, of which `eres simulate` makes the events:
+    `eres simulate OUT/light/continuous --out OUT/events.h5`. An interrupted render continues.
+
+    Parameters
+    ----------
+    out
+        Folder of the recording.
+    depth
+        Distance of the camera's center from the page in the middle of a stroke, meters.
+    images
+        Number of images of the frame camera, evenly spaced along the slider's way; one more is
+        taken before the start.
+    exposure
+        Exposure time of the frame camera, seconds.
+    spp
+        Samples per pixel: 1, 4, 9, 16, ...
+    max_displacement
+        Largest motion in the image between two rendered frames, px.
+    seed
+        Seed of the samples, and of the images' noise.
+    """
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.events.frame_camera_options import FrameCameraOptions
+    from tasks.rig.virtual import render_rig
+
+    with progress_bar(terminal.err) as on_progress:
+        light = render_rig(
+            rig,
+            out,
+            depth,
+            images=images,
+            frame_camera=FrameCameraOptions(exposure=exposure),
+            spp=spp,
+            max_displacement_px=max_displacement,
+            seed=seed,
+            on_progress=on_progress,
+        )
+    terminal.out.print(f"{light.folder}: {len(light)} frames", soft_wrap=True)
+
+
+def intrinsics(
+    recordings: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(metavar="EVENTS", help="files of events, one for each view of the board"),
+    ],
+    out: Path,
+    board: tuple[int, int],
+    square: float,
+    size: tuple[int, int] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Calibrate a camera from recordings of a flashing chessboard.
+
+    Show a chessboard that flashes (a video on a screen), and record it from several sides, one file
+    for each view, with tilts of 20 degrees or more. Neither the camera nor the board moves.
+
+    Parameters
+    ----------
+    out
+        File for the camera, YAML as OpenCV writes it; name it in rig.toml as camera_file.
+    board
+        Inner corners of the board along a row and along a column.
+    square
+        Side of a square, meters.
+    size
+        Width and height of the sensor, px, for files that do not store them.
+    overwrite
+        Replace an existing file.
+    """
+    from eres_render.calibration import write_camera
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.events.overwriting import check_new
+    from tasks.rig.intrinsics import Board
+    from tasks.rig.intrinsics import intrinsics as calibrate
+
+    check_new(out, overwrite)
+    with progress_bar(terminal.err) as on_progress:
+        found = calibrate(
+            list(recordings), Board(*board, square), size=size, on_progress=on_progress
+        )
+    write_camera(out, found.camera)
+    terminal.out.print(
+        f"{out}: {len(found.views)} of {len(recordings)} views, rms {found.rms_px:.2f} px",
+        soft_wrap=True,
+    )
+    lens = found.camera.distortion
+    for name, sigma in found.sigmas.items():
+        value = getattr(found.camera if name[0] in "fc" else lens, name, 0.0)
+        terminal.out.print(f"{name}: {value:.4g} +- {sigma:.2g}", highlight=False)
+
+
+def detect(
+    recording: _Recording,
+    out: Path,
+    source: Literal["frame", "hf", "ei"] = "hf",
+    images: int = 20,
+    max_speed: float = math.inf,
+    threshold: float | None = None,
+    refinement: Literal["none", "subpix", "contour", "apriltag"] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Find the markers in images of a recording.
+
+    Parameters
+    ----------
+    out
+        File of corners, .parquet.
+    source
+        What the images are: frame for those of the frame camera, hf for images of the high-pass
+        filter, made of events alone, ei for the first frame plus all events since (for simulated
+        events without noise).
+    images
+        Number of images, evenly spaced along the slider's way.
+    max_speed
+        Leave out faster motion, m/s.
+    threshold
+        Contrast threshold of ei, log units; by default that of the simulated sensor.
+    refinement
+        How corners are refined, as in OpenCV; by default contour below 640 px, in images enlarged
+        four times, and subpix above.
+    overwrite
+        Replace an existing file.
+    """
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.events.overwriting import check_new
+    from tasks.rig.detect import detect as find
+    from tasks.rig.markers import write_detections
+    from tasks.rig.recording import open_recording
+
+    check_new(out, overwrite)
+    with progress_bar(terminal.err) as on_progress:
+        found = find(
+            open_recording(recording),
+            source,
+            images=images,
+            max_speed_mps=max_speed,
+            contrast_threshold=threshold,
+            refinement=refinement,
+            on_progress=on_progress,
+        )
+    write_detections(out, found)
+    terminal.out.print(
+        f"{out}: {len(found.t_us)} markers in {len(set(found.t_us.tolist()))} images",
+        soft_wrap=True,
+    )
+
+
+def solve(
+    recordings: _Recordings,
+    out: Path,
+    corners: str = "corners.parquet",
+    latency: bool = False,
+    scale: bool = False,
+    corner_bias: bool = False,
+    max_rms: float = 2.0,
+    overwrite: bool = False,
+) -> None:
+    """Solve the camera's pose on the slider from the markers, for each recording.
+
+    Estimates eight numbers: the camera's rotation, its position at the slider's 0, and the
+    direction of travel; their covariance is in OUT. Ends with an error if the corners leave one of
+    them open, or contradict each other. For a virtual recording, prints how far it is from the
+    truth, which is read after OUT is written.
+
+    Parameters
+    ----------
+    out
+        File of the calibration, .json.
+    corners
+        Name of the file of `eres rig detect` in each recording's folder.
+    latency
+        Estimate how late the images are; needs images of both directions of travel.
+    scale
+        Estimate the scale of the slider's encoder.
+    corner_bias
+        Estimate by how much corners are seen nearer to the middle of their markers, as in images of
+        log intensity.
+    max_rms
+        Largest root mean square of the residuals, px; more is an error.
+    overwrite
+        Replace an existing file.
+    """
+    from tasks.events.overwriting import check_new
+    from tasks.rig.bundle import Unknowns
+    from tasks.rig.calibration import compare, read_truth, solve_recording, write_calibration
+    from tasks.rig.markers import read_detections
+    from tasks.rig.recording import open_recording
+
+    check_new(out, overwrite)
+    unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
+    opened = [open_recording(folder) for folder in recordings]
+    solved = [
+        solve_recording(one, read_detections(one.folder / corners), unknowns, max_rms)
+        for one in opened
+    ]
+    write_calibration(out, solved)
+    table = Table("recording", "markers", "rms", "latency", "scale", "corner bias", box=None)
+    for one in solved:
+        used = f"{one.inliers} of {one.markers} in {one.images} images"
+        estimates = f"{one.latency_ms:.3f} ms", f"{one.pose.scale:.5f}"
+        bias = f"{one.corner_bias_px:.3f} px"
+        table.add_row(Path(one.recording).name, used, f"{one.rms_px:.3f} px", *estimates, bias)
+    terminal.out.print(table, crop=False)
+    for recording, one in zip(opened, solved, strict=True):
+        truth = read_truth(recording)
+        if truth is not None:
+            errors = compare(one.pose.pose(), truth, recording.camera, one.x_m)
+            terminal.out.print(
+                f"{recording.folder.name}, against the truth: position {errors.position_mm:.3f} "
+                f"mm, turn {1e3 * errors.turn_deg:.1f} mdeg, image {errors.image_px:.4f} px, flow "
+                f"{errors.flow_px:.4f} px in 6 mm",
+                soft_wrap=True,
+            )
+
+
+def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool = False) -> None:
+    """Cut the events of recordings to the field that all of them show.
+
+    Writes a folder for each recording: events.h5, crop.json, the poses (TUM) and the homographies
+    from the page to the crop each millisecond, the slider and the page.
+
+    Parameters
+    ----------
+    calibration
+        File of `eres rig solve`, of all these recordings.
+    out
+        Folder for the crops.
+    overwrite
+        Replace existing files.
+    """
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.rig.calibration import read_calibration
+    from tasks.rig.crop import crop as cut
+    from tasks.rig.crop import read_crop
+    from tasks.rig.recording import open_recording
+
+    with progress_bar(terminal.err) as on_progress:
+        folders = cut(
+            [open_recording(folder) for folder in recordings],
+            read_calibration(calibration),
+            out,
+            overwrite=overwrite,
+            on_progress=on_progress,
+        )
+    for folder in folders:
+        box = read_crop(folder).box
+        terminal.out.print(
+            f"{folder}: {box.width}x{box.height} px from ({box.left}, {box.top})", soft_wrap=True
+        )
+
+
+def evaluate(
+    crops: Annotated[Positional[Path], arg(metavar="CROPS", help="folder of `eres rig crop`")],
+    out: Path,
+    tasks: tuple[Literal["flow", "video", "tracking"], ...] = ("flow", "video", "tracking"),
+    windows: int = 10,
+    travel: float = 0.006,
+    threshold: float | None = None,
+    initial_sigma_mm: float = 5.0,
+    seed: int = 0,
+    overwrite: bool = False,
+) -> None:
+    """Score the methods of flow, video and tracking on the crops of a rig.
+
+    Writes rows.parquet. The truth is that of the solved poses at the time of the encoder; the delay
+    of the sensor is not taken out. Speeds are in m/s.
+
+    Parameters
+    ----------
+    out
+        Folder for rows.parquet.
+    tasks
+        What is scored; tracking needs a camera without distortion.
+    windows
+        Number of windows on each crop, evenly spaced along the slider's way.
+    travel
+        Travel of the slider in a window, meters.
+    threshold
+        Contrast threshold, log units; by default that of the simulated sensor.
+    initial_sigma_mm
+        Error from which tracking starts, of each control position, mm.
+    seed
+        Seed of the errors from which flow and tracking start.
+    overwrite
+        Replace an existing file.
+    """
+    from dataclasses import replace
+    from statistics import median
+
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.events.overwriting import check_new
+    from tasks.rig.evaluate import RigEvaluation, evaluate_rig
+    from tasks.row import write_rows
+
+    file = out / "rows.parquet"
+    check_new(file, overwrite)
+    settings = RigEvaluation(
+        windows=windows,
+        travel_m=travel,
+        contrast_threshold=threshold,
+        initial_sigma_mm=initial_sigma_mm,
+        seed=seed,
+    )
+    settings = replace(
+        settings,
+        flow=settings.flow if "flow" in tasks else (),
+        video=settings.video if "video" in tasks else (),
+        tracking=settings.tracking if "tracking" in tasks else (),
+    )
+    with progress_bar(terminal.err) as on_progress:
+        rows = evaluate_rig(crops, settings, on_progress=on_progress)
+    out.mkdir(parents=True, exist_ok=True)
+    write_rows(file, rows)
+    groups: dict[tuple[str, ...], list[float]] = {}
+    for row in rows:
+        key = row.task, row.method, row.variant, str(row.width), f"{row.speed:g}", row.metric
+        groups.setdefault(key, []).append(row.value)
+    table = Table("task", "method", "variant", "width", "m/s", "metric", "median", box=None)
+    for cells, values in sorted(groups.items()):
+        table.add_row(*cells, f"{median(values):.3g}")
+    terminal.out.print(table, crop=False)
+    terminal.out.print(f"{file}: {len(rows)} rows", soft_wrap=True)

@@ -1,0 +1,1 @@
+"""A camera on a motorized slider in front of a printed page: virtual, and real."""

@@ -1,0 +1,408 @@
+"""Bundle adjustment of a camera on a slider, from the corners of known markers.
+
+The camera does not turn; its position is
+
+    p(x) = origin + scale * x * direction,
+
+with the slider's position x. That is eight parameters: the camera's rotation (3), its position at
+x = 0 (3), and the direction of travel (2). The pose of the slider's base (6) and the rotation of
+the camera on its carriage (3) would be nine, but to turn the base about the direction of travel and
+the camera back changes no image.
+
+Three more can be unknown. Events are late, so an image at time t shows where the slider was at
+t - latency: latency and position cannot be told apart if the slider moves one way only. The scale
+of the encoder may be off. And dark corners move inward in images of log intensity: each corner is
+seen `corner_bias_px` outward from the middle of its marker.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from eres_render import Camera, RenderError
+from tasks.errors import RigError
+from tasks.rig.slider import Slider
+
+Float64 = NDArray[np.float64]
+
+PARAMETERS = (
+    *("turn_x_rad", "turn_y_rad", "turn_z_rad"),
+    *("origin_x_m", "origin_y_m", "origin_z_m"),
+    *("direction_1_rad", "direction_2_rad"),
+)
+LATENCY, SCALE, CORNER_BIAS = "latency_ms", "scale", "corner_bias_px"
+
+_LEAST_IMAGES, _LEAST_MARKERS = 3, 6
+_OUTLIER = 4.0  # robust standard deviations of the residuals of all corners
+_LEAST_SIGMA_PX = 0.05  # below which no corner is an outlier
+_LEAST_INLIERS = 0.5
+_ROUNDS = 10
+_MOST_STEPS = 200
+_WORST_CONDITION = 1e-6  # smallest singular value of the scaled Jacobian, over the largest
+_LEAST_SPEED = 0.2  # of the highest speed, that counts as motion in one direction
+_LEAST_SHARE = 0.1  # of the moving images, in each direction
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Corners:
+    """Corners of markers in images, M markers in all.
+
+    Parameters
+    ----------
+    t_us
+        (M,) time of the image of each marker, microseconds on the slider's clock.
+    page_m
+        (M, 4, 2) its corners on the page, m: x to the right and y down from the top left.
+    image_px
+        (M, 4, 2) its corners in the image, px, (0, 0) at the corner of the first pixel.
+    """
+
+    t_us: Float64
+    page_m: Float64
+    image_px: Float64
+
+    def of(self, chosen: NDArray[np.bool_]) -> Corners:
+        """Return some of the markers."""
+        return Corners(self.t_us[chosen], self.page_m[chosen], self.image_px[chosen])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RigPose:
+    """Where a camera is for each position of its slider.
+
+    Parameters
+    ----------
+    R_world_cam
+        (3, 3) rotation. The world is the page: x to the right, y down, z into the page, and the
+        origin in its top left corner, m.
+    origin_m
+        (3,) position of the camera at the slider's 0, m.
+    direction
+        (3,) unit vector of travel.
+    scale
+        Meters for each meter of the encoder.
+    """
+
+    R_world_cam: Float64
+    origin_m: Float64
+    direction: Float64
+    scale: float = 1.0
+
+    def at(self, x_m: ArrayLike) -> Float64:
+        """Return T_world_cam, (..., 4, 4), at the positions (...) of the slider, m."""
+        x = np.asarray(x_m, dtype=np.float64)
+        T = np.zeros((*x.shape, 4, 4))
+        T[..., :3, :3], T[..., 3, 3] = self.R_world_cam, 1.0
+        T[..., :3, 3] = self.origin_m + self.scale * x[..., None] * self.direction
+        return T
+
+    def project(self, camera: Camera, points_m: Float64, x_m: ArrayLike) -> Float64:
+        """Return where the camera sees points of the page.
+
+        Parameters
+        ----------
+        camera
+            The camera.
+        points_m
+            (..., N, 2) points of the page, m.
+        x_m
+            (...) positions of the slider, m.
+
+        Returns
+        -------
+        points_px
+            (..., N, 2) px.
+        """
+        x = np.asarray(x_m, dtype=np.float64)
+        position = self.origin_m + self.scale * x[..., None] * self.direction
+        world = np.concatenate([points_m, np.zeros_like(points_m[..., :1])], axis=-1)
+        return camera.project((world - position[..., None, :]) @ self.R_world_cam)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unknowns:
+    """What is estimated in addition to the eight parameters.
+
+    Parameters
+    ----------
+    latency
+        Estimate the latency of the images; otherwise it is 0.
+    scale
+        Estimate the scale of the encoder; otherwise it is 1.
+    corner_bias
+        Estimate the bias of the corners; otherwise it is 0.
+    """
+
+    latency: bool = False
+    scale: bool = False
+    corner_bias: bool = False
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all parameters, in the order of the covariance."""
+        chosen = ((LATENCY, self.latency), (SCALE, self.scale), (CORNER_BIAS, self.corner_bias))
+        return PARAMETERS + tuple(name for name, wanted in chosen if wanted)
+
+
+POSES_ONLY = Unknowns()
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class Solution:
+    """A solved rig.
+
+    Parameters
+    ----------
+    pose
+        Where the camera is.
+    latency_ms, corner_bias_px
+        Their estimates; 0 where they were not estimated.
+    names
+        Names of the P parameters.
+    covariance
+        (P, P), in the parameters' units: turns about the camera's axes, rad; origin, m; turns of
+        the direction of travel, rad; then the other unknowns. It is that of independent corners, as
+        noisy as the residuals.
+    rms_px
+        Root mean square of the inliers' residuals, per corner (x and y together).
+    inliers
+        (M,) whether each marker was used.
+    images
+        Number of images with inliers.
+    """
+
+    pose: RigPose
+    latency_ms: float
+    corner_bias_px: float
+    names: tuple[str, ...]
+    covariance: Float64
+    rms_px: float
+    inliers: NDArray[np.bool_]
+    images: int
+
+    def sigma(self, name: str) -> float:
+        """Return the standard deviation of a parameter, by name."""
+        k = self.names.index(name)
+        return float(np.sqrt(self.covariance[k, k]))
+
+
+def solve(
+    corners: Corners, slider: Slider, camera: Camera, unknowns: Unknowns = POSES_ONLY
+) -> Solution:
+    """Find the camera's pose, direction of travel and other unknowns, from corners of markers.
+
+    Least squares of the distances in the image, with the intrinsics and the page known. Markers
+    with a corner that is more than four robust standard deviations off are left out, step by step.
+
+    Parameters
+    ----------
+    corners
+        Corners in the images.
+    slider
+        Readings of the encoder.
+    camera
+        The camera.
+    unknowns
+        What is estimated in addition.
+
+    Returns
+    -------
+    The solution.
+
+    Raises
+    ------
+    RigError
+        If markers or images are too few, the slider does not move, or moves in one direction only
+        though the latency is unknown, too many corners contradict each other, or the corners leave
+        a parameter open.
+    """
+    _check_enough(corners)
+    x_m = slider.position_m(corners.t_us)
+    if not np.ptp(x_m) > 0:
+        raise RigError(
+            f"solve: found all images at {x_m[0]:g} m of the slider, expected it to move"
+        )
+    model = _Model(slider, camera, unknowns, _first_guess(corners, x_m, camera))
+    inliers = np.ones(len(corners.t_us), bool)
+    values = model.start()
+    for _ in range(_ROUNDS):
+        used = corners.of(inliers)
+        if unknowns.latency:
+            _check_both_directions(slider, used)
+        values = model.fit(used, values)
+        off_px = np.linalg.norm(model.residuals(corners, values), axis=-1)
+        # Of two normal components of standard deviation 1, the median length is 1.1774.
+        sigma_px = max(float(np.median(off_px[inliers])) / 1.1774, _LEAST_SIGMA_PX)
+        now = off_px.max(axis=1) < _OUTLIER * sigma_px * np.sqrt(2)
+        if now.mean() < _LEAST_INLIERS:
+            raise RigError(
+                f"solve: found {np.sum(~now)} of {len(now)} markers that contradict the others, "
+                f"expected less than half; is this the page and the camera of the recording?"
+            )
+        if np.array_equal(now, inliers):
+            break
+        inliers = now
+    used = corners.of(inliers)
+    _check_enough(used)
+    values = model.fit(used, values)
+    return model.solution(used, inliers, values)
+
+
+def _check_enough(corners: Corners) -> None:
+    images, markers = len(np.unique(corners.t_us)), len(corners.t_us)
+    if images < _LEAST_IMAGES or markers < _LEAST_MARKERS:
+        raise RigError(
+            f"solve: found {markers} markers in {images} images, expected at least "
+            f"{_LEAST_MARKERS} in {_LEAST_IMAGES}"
+        )
+
+
+def _check_both_directions(slider: Slider, corners: Corners) -> None:
+    """Refuse to estimate a latency from motion in one direction."""
+    speed = slider.speed_mps(np.unique(corners.t_us))
+    fast = abs(speed) > _LEAST_SPEED * abs(speed).max(initial=0.0)
+    there, back = int(np.sum(fast & (speed > 0))), int(np.sum(fast & (speed < 0)))
+    if min(there, back) < max(1, _LEAST_SHARE * (there + back)):
+        raise RigError(
+            f"solve: latency: found {there} images on the way there and {back} on the way back, "
+            "expected both, as latency and position look the same on one way; leave the latency "
+            "out, or record both"
+        )
+
+
+def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
+    """Return a rough pose: the mean of the images' own rotations, and the straight line of
+    positions that fits it best."""
+    world = np.concatenate([corners.page_m, np.zeros_like(corners.page_m[..., :1])], axis=-1)
+    rays = camera.rays(corners.image_px)
+    times, counts = np.unique(corners.t_us, return_counts=True)
+    rotations = []
+    for t_us in times[counts >= np.median(counts)]:
+        points, seen = (one[corners.t_us == t_us].reshape(-1, 3) for one in (world, rays))
+        found, turn, _ = cv2.solvePnP(
+            points, np.ascontiguousarray(seen[:, :2]), np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        )
+        if found:
+            rotations.append(cv2.Rodrigues(turn)[0].T)
+    if not rotations:
+        raise RigError("solve: found no image whose markers give a pose")
+    R = Rotation.from_matrix(rotations).mean().as_matrix()
+    # A point lies on its ray r: r x (point - origin - x * direction) = 0, linear in both unknowns.
+    r = (rays @ R.T).reshape(-1, 3)
+    cross = np.zeros((len(r), 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = r[:, [0, 1, 2]]
+    cross[:, [1, 2, 0], [2, 0, 1]] = -r[:, [0, 1, 2]]
+    x = np.repeat(x_m, 4)[:, None, None]
+    lines = np.concatenate([cross, x * cross], axis=2).reshape(-1, 6)
+    points = (cross @ world.reshape(-1, 3, 1)).ravel()
+    origin, direction = np.linalg.lstsq(lines, points, rcond=None)[0].reshape(2, 3)
+    return RigPose(R, origin, direction / np.linalg.norm(direction))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Model:
+    """Residuals as a function of the parameters, which count from a first guess."""
+
+    slider: Slider
+    camera: Camera
+    unknowns: Unknowns
+    guess: RigPose
+
+    def start(self) -> Float64:
+        names = self.unknowns.names()
+        values = np.zeros(len(names))
+        if SCALE in names:
+            values[names.index(SCALE)] = 1.0
+        return values
+
+    def pose(self, values: Float64) -> RigPose:
+        extra = self._extra(values)
+        # Two small turns of the direction, about the two axes across it.
+        across = np.linalg.svd(self.guess.direction[None])[2][1:]
+        direction = self.guess.direction + values[6:8] @ across
+        return RigPose(
+            self.guess.R_world_cam @ Rotation.from_rotvec(values[:3]).as_matrix(),
+            self.guess.origin_m + values[3:6],
+            direction / np.linalg.norm(direction),
+            extra.get(SCALE, 1.0),
+        )
+
+    def residuals(self, corners: Corners, values: Float64) -> Float64:
+        """Return seen minus predicted corners, (M, 4, 2) px."""
+        extra = self._extra(values)
+        t_us = corners.t_us - 1e3 * extra.get(LATENCY, 0.0)
+        x_m = np.interp(t_us, self.slider.t_us, self.slider.x_m)
+        predicted = self.pose(values).project(self.camera, corners.page_m, x_m)
+        bias_px = extra.get(CORNER_BIAS, 0.0)
+        if bias_px:
+            outward = predicted - predicted.mean(axis=1, keepdims=True)
+            predicted = predicted + bias_px * outward / np.linalg.norm(
+                outward, axis=-1, keepdims=True
+            )
+        return corners.image_px - predicted
+
+    def fit(self, corners: Corners, values: Float64) -> Float64:
+        """Return the parameters with the least squares of the residuals."""
+        try:
+            fitted = least_squares(
+                lambda at: self.residuals(corners, at).ravel(),
+                values,
+                jac="2-point",
+                x_scale="jac",
+                method="trf",
+                max_nfev=_MOST_STEPS,
+            )
+        except RenderError:  # the page came behind the camera
+            raise RigError(
+                "solve: the search lost the page; is this the page and the camera of the recording?"
+            ) from None
+        if not fitted.success:
+            raise RigError(f"solve: the search did not converge: {fitted.message}")
+        return fitted.x
+
+    def jacobian(self, corners: Corners, values: Float64) -> Float64:
+        """Return the derivatives of the residuals, (8 M, P), by central differences."""
+        steps = np.full(len(values), 1e-5)
+        columns = []
+        for k, step in enumerate(steps):
+            either = [values + sign * step * np.eye(len(values))[k] for sign in (1, -1)]
+            ahead, behind = (self.residuals(corners, one).ravel() for one in either)
+            columns.append((ahead - behind) / (2 * step))
+        return np.stack(columns, axis=1)
+
+    def solution(self, corners: Corners, inliers: NDArray[np.bool_], values: Float64) -> Solution:
+        """Return the solution with its covariance."""
+        off_px = self.residuals(corners, values)
+        jacobian = self.jacobian(corners, values)
+        length = np.linalg.norm(jacobian, axis=0)
+        names = self.unknowns.names()
+        if not np.all(length > 0):
+            raise RigError(f"solve: the corners do not depend on {names[int(np.argmin(length))]}")
+        _, singular, directions = np.linalg.svd(jacobian / length, full_matrices=False)
+        if singular[-1] < _WORST_CONDITION * singular[0]:
+            open_one = names[int(np.argmax(abs(directions[-1])))]
+            raise RigError(
+                f"solve: the corners leave {open_one} open (smallest singular value "
+                f"{singular[-1] / singular[0]:.1g} of the largest, expected {_WORST_CONDITION:g})"
+            )
+        variance = np.sum(off_px**2) / max(off_px.size - len(values), 1)
+        half = directions / singular[:, None] / length
+        extra = self._extra(values)
+        return Solution(
+            pose=self.pose(values),
+            latency_ms=extra.get(LATENCY, 0.0),
+            corner_bias_px=extra.get(CORNER_BIAS, 0.0),
+            names=names,
+            covariance=variance * half.T @ half,
+            rms_px=float(np.sqrt(np.mean(np.sum(off_px**2, axis=-1)))),
+            inliers=inliers,
+            images=len(np.unique(corners.t_us)),
+        )
+
+    def _extra(self, values: Float64) -> dict[str, float]:
+        return dict(zip(self.unknowns.names()[8:], values[8:].tolist(), strict=True))

@@ -1,0 +1,347 @@
+"""`Calibration`: what `eres rig solve` found out about recordings, and its file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eres_render import Camera
+from eres_render.storage.atomic import write_text
+from eres_render.storage.settings_reader import Vector3, read_json
+from tasks.errors import RigError
+from tasks.rig.bundle import Corners, RigPose, Solution, Unknowns, solve
+from tasks.rig.markers import Detections
+from tasks.rig.recording import Recording
+
+Float64 = NDArray[np.float64]
+
+TRUTH_NAME = "truth.json"
+GAUGE = "page: x right, y down, z into the page, origin in its top left corner, meters"
+
+_GRID = 9  # points along each side of the image, at which views are compared
+_EDGE_PX = 2.0  # by which a corner may be beyond the image, as it is where two lines meet
+_WINDOW_M = 0.006  # travel of a window of flow, m
+
+
+@dataclass(frozen=True, slots=True)
+class StoredPose:
+    """A `RigPose` as JSON has it: rows of the rotation, positions in m."""
+
+    R_world_cam: tuple[Vector3, Vector3, Vector3]
+    origin_m: Vector3
+    direction: Vector3
+    scale: float
+
+    @classmethod
+    def of(cls, pose: RigPose) -> StoredPose:
+        """Store a pose."""
+        rows = [_vector(row) for row in pose.R_world_cam]
+        return cls(
+            (rows[0], rows[1], rows[2]),
+            _vector(pose.origin_m),
+            _vector(pose.direction),
+            pose.scale,
+        )
+
+    def pose(self) -> RigPose:
+        """Return the pose."""
+        return RigPose(
+            np.array(self.R_world_cam),
+            np.array(self.origin_m),
+            np.array(self.direction),
+            self.scale,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SolvedRecording:
+    """The solution of one recording.
+
+    Parameters
+    ----------
+    recording
+        Path of its folder, absolute.
+    source
+        What the markers were found in: frame, hf or ei.
+    width, height
+        Size of the camera's image, px.
+    pose
+        Where the camera is for each position of the slider, at the time of the encoder's reading:
+        the latency is not in it.
+    latency_ms
+        How late the images are, with the offset of the slider's clock if there is one.
+    corner_bias_px
+        How far corners are seen outward from the middle of their markers.
+    estimated
+        Names of the parameters, in the order of the covariance.
+    covariance
+        As in `Solution`.
+    rms_px
+        Root mean square of the residuals, px.
+    markers, inliers, images
+        Number of markers found and used, and of images with markers.
+    x_m
+        Least and largest position of the slider in these images, m.
+    """
+
+    recording: str
+    source: str
+    width: int
+    height: int
+    pose: StoredPose
+    latency_ms: float
+    corner_bias_px: float
+    estimated: tuple[str, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    rms_px: float
+    markers: int
+    inliers: int
+    images: int
+    x_m: tuple[float, float]
+
+    def check_camera(self, camera: Camera) -> None:
+        """Refuse a camera of another size.
+
+        Raises
+        ------
+        RigError
+            If the calibration is of another camera.
+        """
+        if (self.width, self.height) != (camera.width, camera.height):
+            raise RigError(
+                f"calibration: found a camera of {self.width}x{self.height} px, expected "
+                f"{camera.width}x{camera.height}, that of the recording"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """The solutions of some recordings, and the frame in which their poses are."""
+
+    gauge: str
+    recordings: tuple[SolvedRecording, ...]
+
+    def of(self, recording: Recording) -> SolvedRecording:
+        """Return the solution of a recording.
+
+        Raises
+        ------
+        RigError
+            If there is none, or its camera has another size.
+        """
+        wanted = str(recording.folder.resolve())
+        for solved in self.recordings:
+            if solved.recording == wanted:
+                solved.check_camera(recording.camera)
+                return solved
+        raise RigError(
+            f"calibration: found {', '.join(one.recording for one in self.recordings)}, expected "
+            f"{wanted}; solve it too"
+        )
+
+
+def solve_recording(
+    recording: Recording, found: Detections, unknowns: Unknowns, max_rms_px: float
+) -> SolvedRecording:
+    """Solve a recording from the markers in it.
+
+    Parameters
+    ----------
+    recording
+        The recording. Its truth, if it is virtual, is not read.
+    found
+        The markers.
+    unknowns
+        What is estimated in addition to the poses.
+    max_rms_px
+        Refuse solutions with larger residuals, px.
+
+    Returns
+    -------
+    The solution.
+
+    Raises
+    ------
+    RigError
+        As `tasks.rig.bundle.solve`, if a marker is not on the page, or residuals are too large.
+    """
+    page, camera = recording.page, recording.camera
+    if len(found.number) and found.number.max() >= len(page.markers_m):
+        raise RigError(
+            f"{recording.folder}: found marker {found.number.max()}, expected numbers below "
+            f"{len(page.markers_m)}, those of the page"
+        )
+    beyond_px = found.corners_px - (camera.width, camera.height)
+    if beyond_px.max(initial=0.0) > _EDGE_PX:
+        raise RigError(
+            f"{recording.folder}: found a corner at {found.corners_px.max(axis=(0, 1))} px, "
+            f"expected at most {camera.width}x{camera.height}; is this another camera?"
+        )
+    corners = Corners(
+        found.t_us.astype(np.float64),
+        np.array([page.corners(k) for k in found.number.tolist()]).reshape(-1, 4, 2),
+        found.corners_px,
+    )
+    try:
+        solution = solve(corners, recording.slider, camera, unknowns)
+    except RigError as error:
+        raise RigError(f"{recording.folder}: {error}") from None
+    if solution.rms_px > max_rms_px:
+        raise RigError(
+            f"{recording.folder}: solve: found residuals of {solution.rms_px:.2f} px, expected at "
+            f"most {max_rms_px:g}; do the clocks, the page and the camera fit?"
+        )
+    return _stored(recording, found, solution)
+
+
+def _stored(recording: Recording, found: Detections, solution: Solution) -> SolvedRecording:
+    x_m = recording.slider.position_m(found.t_us[solution.inliers])
+    return SolvedRecording(
+        recording=str(recording.folder.resolve()),
+        source=found.source,
+        width=recording.camera.width,
+        height=recording.camera.height,
+        pose=StoredPose.of(solution.pose),
+        latency_ms=solution.latency_ms,
+        corner_bias_px=solution.corner_bias_px,
+        estimated=solution.names,
+        covariance=tuple(tuple(row) for row in solution.covariance.tolist()),
+        rms_px=solution.rms_px,
+        markers=len(found.t_us),
+        inliers=int(solution.inliers.sum()),
+        images=solution.images,
+        x_m=(float(x_m.min()), float(x_m.max())),
+    )
+
+
+def write_calibration(path: Path, solved: list[SolvedRecording]) -> None:
+    """Write calibration.json.
+
+    Parameters
+    ----------
+    path
+        The file.
+    solved
+        The solutions.
+    """
+    table = asdict(Calibration(gauge=GAUGE, recordings=tuple(solved)))
+    write_text(path, json.dumps(table, indent=1) + "\n")
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read calibration.json.
+
+    Raises
+    ------
+    RigError
+        If it is missing, or a field is wrong.
+    """
+    return read_json(Calibration, path, RigError)
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """How far a solved rig is from the truth, over the views of its stroke.
+
+    Parameters
+    ----------
+    position_mm, turn_deg
+        Root mean square distance of the positions, and angle between the rotations.
+    image_px
+        Root mean square distance of where the two see the same points of the page.
+    flow_px
+        The same for displacements over 6 mm of travel, at the same pixels.
+    """
+
+    position_mm: float
+    turn_deg: float
+    image_px: float
+    flow_px: float
+
+
+def compare(pose: RigPose, truth: RigPose, camera: Camera, x_m: tuple[float, float]) -> Errors:
+    """Compare two solutions of a rig.
+
+    Parameters
+    ----------
+    pose, truth
+        The solution, and the truth.
+    camera
+        The camera.
+    x_m
+        Least and largest position of the slider.
+
+    Returns
+    -------
+    The errors.
+    """
+    grid_px = camera.grid(_GRID)
+    positions = np.linspace(*x_m, _GRID)
+    apart_m = pose.at(positions)[:, :3, 3] - truth.at(positions)[:, :3, 3]
+    image, flow = [], []
+    for x in positions.tolist():
+        seen, meant = (on_page(one, camera, grid_px, x) for one in (pose, truth))
+        image.append(pose.project(camera, meant, x) - grid_px)
+        moved = pose.project(camera, seen, x + _WINDOW_M)
+        flow.append(moved - truth.project(camera, meant, x + _WINDOW_M))
+    turned = np.clip((np.sum(pose.R_world_cam * truth.R_world_cam) - 1) / 2, -1, 1)
+    return Errors(
+        1e3 * _rms(apart_m), float(np.rad2deg(np.arccos(turned))), _rms(image), _rms(flow)
+    )
+
+
+def on_page(pose: RigPose, camera: Camera, points_px: Float64, x_m: float) -> Float64:
+    """Return the points of the page that a camera sees at some pixels.
+
+    Parameters
+    ----------
+    pose
+        Where the camera is.
+    camera
+        The camera.
+    points_px
+        (..., 2) px.
+    x_m
+        Position of the slider, m.
+
+    Returns
+    -------
+    points_m
+        (..., 2) on the page, m.
+    """
+    position = pose.at(x_m)[:3, 3]
+    rays = camera.rays(points_px) @ pose.R_world_cam.T
+    return position[:2] - rays[..., :2] * (position[2] / rays[..., 2:])
+
+
+def _rms(vectors: ArrayLike) -> float:
+    """Return the root mean square length of vectors (..., N)."""
+    return float(np.sqrt(np.mean(np.sum(np.square(np.asarray(vectors)), axis=-1))))
+
+
+def read_truth(recording: Recording) -> RigPose | None:
+    """Return the true pose of a virtual recording, None for a real one."""
+    file = recording.folder / TRUTH_NAME
+    return read_json(StoredPose, file, RigError).pose() if file.exists() else None
+
+
+def write_truth(folder: Path, pose: RigPose) -> None:
+    """Write truth.json into the folder of a virtual recording.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    pose
+        Where the camera is.
+    """
+    write_text(folder / TRUTH_NAME, json.dumps(asdict(StoredPose.of(pose)), indent=1) + "\n")
+
+
+def _vector(values: Float64) -> Vector3:
+    x, y, z = values.tolist()
+    return x, y, z

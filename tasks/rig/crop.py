@@ -1,0 +1,312 @@
+"""The field that all cameras of a rig see: one box of whole pixels for each recording.
+
+A camera that is nearer sees less of the page, with more pixels. The field is that of the nearest
+camera, or what of it the others see too. It moves along with the slider, as the cameras do; in the
+image of each camera it is a box that does not move. What the cameras are turned against each other
+stays in the homographies; events are not moved.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, astuple, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera, Distortion
+from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import write_text
+from eres_render.storage.settings_reader import read_json
+from eres_render.trajectory.tum import tum_text
+from sensor import Events
+from sensor.formats import write_events
+from tasks.errors import RigError
+from tasks.events.overwriting import check_new
+from tasks.rig import page as page_files
+from tasks.rig import slider as slider_files
+from tasks.rig.bundle import RigPose
+from tasks.rig.calibration import Calibration, StoredPose, on_page
+from tasks.rig.page import read_page_image, write_print
+from tasks.rig.recording import Recording
+from tasks.rig.slider import Slider
+
+Float64 = NDArray[np.float64]
+
+FILE_NAME = "crop.json"
+EVENTS_NAME = "events.h5"
+
+_POSITIONS = 33  # of the slider at which fields are compared
+_POSES_US = 1000  # between two poses and homographies that are written
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Pixels [left, right) x [top, bottom) of an image."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @property
+    def width(self) -> int:
+        """Width, px."""
+        return self.right - self.left
+
+    @property
+    def height(self) -> int:
+        """Height, px."""
+        return self.bottom - self.top
+
+    def corners(self) -> Float64:
+        """Return the corners, (4, 2) px, clockwise from the top left."""
+        (a, b), (c, d) = (self.left, self.top), (self.right, self.bottom)
+        return np.array([[a, b], [c, b], [c, d], [a, d]], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cropped:
+    """The content of crop.json: a recording cut to the common field.
+
+    Parameters
+    ----------
+    scene
+        Name of the picture.
+    width, height, fx, fy, cx, cy
+        Size and intrinsics of the crop, px, (0, 0) at the corner of its first pixel.
+    lens
+        Distortion k1, k2, p1, p2 and k3, with OpenCV's meaning.
+    box
+        Where it is in the camera's image.
+    pose
+        Where the camera is for each position of the slider.
+    latency_ms
+        Latency of the images that the rig was solved with. The poses do not include it.
+    """
+
+    scene: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    lens: tuple[float, ...]
+    box: Box
+    pose: StoredPose
+    latency_ms: float
+
+    def camera(self) -> Camera:
+        """Return the camera of the crop."""
+        return Camera(
+            *(self.width, self.height),
+            fx=self.fx,
+            fy=self.fy,
+            cx=self.cx,
+            cy=self.cy,
+            distortion=Distortion(*self.lens),
+        )
+
+
+def common_boxes(
+    cameras: list[Camera], poses: list[RigPose], x_m: tuple[float, float]
+) -> list[Box]:
+    """Return the box of the common field for each camera.
+
+    Parameters
+    ----------
+    cameras, poses
+        The cameras, and where they are.
+    x_m
+        Least and largest position of the slider.
+
+    Returns
+    -------
+    boxes
+        Each is the largest box of whole pixels within the field, at every position.
+
+    Raises
+    ------
+    RigError
+        If the cameras have no field in common.
+    """
+    both = list(zip(cameras, poses, strict=True))
+    depths = [abs(pose.at(np.mean(x_m))[2, 3]) / camera.fx for camera, pose in both]
+    nearest = int(np.argmin(depths))
+    positions = np.linspace(*x_m, _POSITIONS).tolist()
+    full = Box(0, 0, cameras[nearest].width, cameras[nearest].height)
+    # What of the nearest camera's view all others see, too.
+    field = full
+    for camera, pose in both:
+        whole = Box(0, 0, camera.width, camera.height)
+        for x in positions:
+            seen = on_page(pose, camera, whole.corners(), x)
+            field = _inside(field, poses[nearest].project(cameras[nearest], seen, x))
+    boxes = []
+    for camera, pose in both:
+        box = Box(0, 0, camera.width, camera.height)
+        for x in positions:
+            seen = on_page(poses[nearest], cameras[nearest], field.corners(), x)
+            box = _inside(box, pose.project(camera, seen, x))
+        boxes.append(box)
+    return boxes
+
+
+def _inside(box: Box, quad_px: Float64) -> Box:
+    """Return the part of a box within a quadrangle, (4, 2) clockwise from the top left."""
+    (left_a, top_a), (right_a, top_b), (right_b, bottom_b), (left_b, bottom_a) = quad_px
+    found = Box(
+        max(box.left, int(np.ceil(max(left_a, left_b) - 1e-6))),
+        max(box.top, int(np.ceil(max(top_a, top_b) - 1e-6))),
+        min(box.right, int(np.floor(min(right_a, right_b) + 1e-6))),
+        min(box.bottom, int(np.floor(min(bottom_a, bottom_b) + 1e-6))),
+    )
+    if found.width < 1 or found.height < 1:
+        raise RigError("crop: found no field that all cameras see at all positions of the slider")
+    return found
+
+
+def homography(camera: Camera, pose: RigPose, x_m: float) -> Float64:
+    """Return the matrix (3, 3) from (x, y, 1) on the page, m, to homogeneous pixels.
+
+    Parameters
+    ----------
+    camera
+        The camera. With a lens, the pixels are those of a pinhole with the same `K`.
+    pose
+        Where it is.
+    x_m
+        Position of the slider, m.
+
+    Returns
+    -------
+    H
+        (3, 3), its last entry 1.
+    """
+    T = pose.at(x_m)
+    R_cam_world = T[:3, :3].T
+    columns = np.column_stack([R_cam_world[:, :2], -R_cam_world @ T[:3, 3]])
+    H = camera.K @ columns
+    return H / H[2, 2]
+
+
+def crop(
+    recordings: list[Recording],
+    calibration: Calibration,
+    out: Path,
+    *,
+    overwrite: bool = False,
+    on_progress: Progress = silent,
+) -> list[Path]:
+    """Cut recordings to the field that all of them show.
+
+    Writes one folder for each recording, of its name: events.h5; crop.json (the box, the camera of
+    the crop and its pose); poses.txt (TUM, T_world_cam) and homographies.csv (from the page to the
+    crop) each millisecond; slider.csv; and the page.
+
+    Parameters
+    ----------
+    recordings
+        The recordings, of one page.
+    calibration
+        Their solutions.
+    out
+        Folder for the crops.
+    overwrite
+        Whether to replace existing events.
+    on_progress
+        Called after each recording.
+
+    Returns
+    -------
+    The folders.
+
+    Raises
+    ------
+    RigError
+        If a recording has no solution, the pages differ, two recordings have one name, or there is
+        no common field.
+    """
+    solved = [calibration.of(one) for one in recordings]
+    if len({one.folder.resolve().name for one in recordings}) < len(recordings):
+        raise RigError("crop: found two recordings of one name, expected different names")
+    if any(one.page != recordings[0].page for one in recordings):
+        raise RigError("crop: found recordings of different pages, expected one")
+    x_m = max(one.x_m[0] for one in solved), min(one.x_m[1] for one in solved)
+    if not x_m[0] < x_m[1]:
+        raise RigError("crop: found no positions of the slider that all recordings have")
+    cameras = [one.camera for one in recordings]
+    boxes = common_boxes(cameras, [one.pose.pose() for one in solved], x_m)
+    folders = []
+    for k, (recording, solution, box) in enumerate(zip(recordings, solved, boxes, strict=True)):
+        folder = out / recording.folder.resolve().name
+        camera = recording.camera
+        cropped = Cropped(
+            scene=recording.settings.page.picture,
+            width=box.width,
+            height=box.height,
+            fx=camera.fx,
+            fy=camera.fy,
+            cx=camera.cx - box.left,
+            cy=camera.cy - box.top,
+            lens=astuple(camera.distortion or Distortion()),
+            box=box,
+            pose=solution.pose,
+            latency_ms=solution.latency_ms,
+        )
+        _write(folder, recording, cropped, overwrite)
+        folders.append(folder)
+        on_progress("cropping", k + 1, len(recordings))
+    return folders
+
+
+def _write(folder: Path, recording: Recording, cropped: Cropped, overwrite: bool) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    check_new(folder / EVENTS_NAME, overwrite)
+    page = recording.page
+    codes = read_page_image(recording.folder / page_files.IMAGE_NAME, page)
+    page_files.write_page(folder / page_files.FILE_NAME, page)
+    write_print(folder / page_files.IMAGE_NAME, codes, page)
+    slider_files.write_slider(folder / slider_files.FILE_NAME, recording.slider)
+    _write_poses(folder, recording.slider, cropped)
+    write_events(folder / EVENTS_NAME, _cut(recording.events(), cropped.box))
+    write_text(folder / FILE_NAME, json.dumps(asdict(cropped), indent=1) + "\n")
+
+
+def _cut(parts: Iterator[Events], box: Box) -> Iterator[Events]:
+    """Yield the events in a box, which is then the whole sensor."""
+    for part in parts:
+        model = part.model
+        if model is not None:
+            model = dataclasses.replace(model, width=box.width, height=box.height)
+        inside = (part.x >= box.left) & (part.x < box.right)
+        kept = part.where(inside & (part.y >= box.top) & (part.y < box.bottom))
+        x, y = kept.x - np.uint16(box.left), kept.y - np.uint16(box.top)
+        yield Events(kept.t_us, x, y, kept.p, box.width, box.height, model)
+
+
+def _write_poses(folder: Path, slider: Slider, cropped: Cropped) -> None:
+    pose, camera = cropped.pose.pose(), cropped.camera()
+    t_us = np.arange(np.ceil(slider.t_us[0]), slider.t_us[-1], _POSES_US)
+    x_m = slider.position_m(t_us)
+    write_text(folder / "poses.txt", tum_text(1e-6 * t_us, pose.at(x_m)))
+    lines = ["t_us," + ",".join(f"h{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))]
+    for t, x in zip(t_us.tolist(), x_m.tolist(), strict=True):
+        values = homography(camera, pose, x).ravel().tolist()
+        lines.append(f"{t:.0f}," + ",".join(map(repr, values)))
+    write_text(folder / "homographies.csv", "\n".join(lines) + "\n")
+
+
+def read_crop(folder: Path) -> Cropped:
+    """Read crop.json.
+
+    Raises
+    ------
+    RigError
+        If it is missing, or a field is wrong.
+    """
+    return read_json(Cropped, folder / FILE_NAME, RigError)

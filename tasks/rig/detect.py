@@ -1,0 +1,175 @@
+"""Markers of a recording, in its frames or in images made of its events."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.progress import Progress, silent
+from sensor import Events
+from tasks.errors import RigError
+from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.rig.markers import Detections, Refinement, Source, detector, gray_codes
+from tasks.rig.page import linear
+from tasks.rig.recording import Recording
+from tasks.video import ImageTaker, VideoMethod
+
+Float64 = NDArray[np.float64]
+
+_DARK = 1e-3  # of white, added to the light of a frame before its logarithm
+_ANY_THRESHOLD = 1.0  # of the high-pass filter, whose images are stretched anyway
+
+
+def detect(
+    recording: Recording,
+    source: Source,
+    *,
+    images: int = 20,
+    max_speed_mps: float = math.inf,
+    contrast_threshold: float | None = None,
+    refinement: Refinement | None = None,
+    on_progress: Progress = silent,
+) -> Detections:
+    """Find the markers in images of a recording, at times evenly spaced along the slider's way.
+
+    Parameters
+    ----------
+    recording
+        The recording.
+    source
+        "frame" for the frames, "hf" for images of the high-pass filter, with the defaults of its
+        authors, or "ei" for the first frame plus all events since.
+    images
+        Number of images.
+    max_speed_mps
+        Leave out faster motion, m/s.
+    contrast_threshold
+        C for "ei", log units; by default that of the file of events, if it was simulated.
+    refinement
+        How corners are refined; see `tasks.rig.markers.detector`.
+    on_progress
+        Called after each image.
+
+    Returns
+    -------
+    The markers.
+
+    Raises
+    ------
+    RigError
+        If the recording lacks the frames or the threshold that the source needs, or no marker is
+        found.
+    """
+    page, camera = recording.page, recording.camera
+    finder = detector(page.dictionary, len(page.markers_m), camera.width)
+    if refinement is not None:
+        finder = type(finder)(finder.dictionary, finder.count, refinement, finder.enlarged)
+    if source == "frame":
+        pictures = _frames(recording, images, max_speed_mps)
+    else:
+        pictures = _from_events(recording, source, images, max_speed_mps, contrast_threshold)
+    t_us, numbers, corners, scores = [], [], [], []
+    for k, (time_us, gray) in enumerate(pictures):
+        number, corners_px, score = finder.find(gray)
+        t_us.append(np.full(len(number), time_us, np.int64))
+        numbers.append(number)
+        corners.append(corners_px)
+        scores.append(score)
+        on_progress("detecting", k + 1, images)
+    if not sum(map(len, numbers)):
+        raise RigError(
+            f"{recording.folder}: found none of {len(page.markers_m)} markers in {len(t_us)} "
+            f"images, expected some of {page.dictionary}"
+        )
+    return Detections(
+        np.concatenate(t_us),
+        np.concatenate(numbers),
+        np.concatenate(corners),
+        np.concatenate(scores),
+        source,
+    )
+
+
+def _need_frames(recording: Recording) -> None:
+    if not recording.frames:
+        raise RigError(f"{recording.folder}: found no frames.csv, expected frames for this source")
+
+
+def _frames(
+    recording: Recording, images: int, max_speed_mps: float
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield the frames that are nearest to times along the way; each once."""
+    _need_frames(recording)
+    taken_us = np.array([frame.t_us for frame in recording.frames])
+    wanted_us = recording.slider.evenly_along(
+        images, float(taken_us[0]), float(taken_us[-1]), max_speed_mps
+    )
+    nearest = np.unique(np.argmin(abs(taken_us[:, None] - wanted_us), axis=0))
+    for k in nearest.tolist():
+        frame = recording.frames[k]
+        yield frame.t_us, frame.codes(recording.camera)
+
+
+class _Integration:
+    """Event integration: a first frame in log light, plus C for each event since.
+
+    After an event the light goes on in its direction, by C / 2 on average before the next one: that
+    is added too, or edges would be late by the time in which they change the light by C / 2.
+    """
+
+    def __init__(self, log_frame: Float64, from_us: int, contrast_threshold: float) -> None:
+        self._log_image, self._from_us, self._C = log_frame.copy(), from_us, contrast_threshold
+        self._last = np.zeros(log_frame.shape)  # polarity of each pixel's last event
+
+    def push(self, events: Events) -> None:
+        later = events[int(np.searchsorted(events.t_us, self._from_us)) :]
+        if len(later):
+            self._log_image += self._C * later.polarity_sum()
+            self._last[later.y, later.x] = later.p
+
+    def image(self, t_us: int) -> Float64:
+        return self._log_image + 0.5 * self._C * self._last
+
+
+def _from_events(
+    recording: Recording,
+    source: Source,
+    images: int,
+    max_speed_mps: float,
+    contrast_threshold: float | None,
+) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """Yield images that are made of the events."""
+    camera = recording.camera
+    method: VideoMethod
+    if source == "hf":
+        method = HighPassFilter(camera.width, camera.height, _ANY_THRESHOLD)
+    else:
+        _need_frames(recording)
+        model = recording.header.model
+        if contrast_threshold is None and model is not None:
+            contrast_threshold = model.contrast_threshold
+        if contrast_threshold is None:
+            raise RigError(
+                f"{recording.events_file}: found no contrast threshold, expected --threshold C"
+            )
+        frame = recording.frames[0]
+        light = linear(frame.codes(camera))
+        method = _Integration(np.log(light + _DARK), frame.t_us, contrast_threshold)
+    first_us, last_us = _span(recording)
+    wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
+    taker = ImageTaker(method, wanted_us.tolist())
+    for part in recording.events():
+        for t_us, image in taker.push(part):
+            yield t_us, gray_codes(image)
+    for t_us, image in taker.finish():
+        yield t_us, gray_codes(image)
+
+
+def _span(recording: Recording) -> tuple[float, float]:
+    """Return the times of the first and the last event, within the slider's readings."""
+    edges_us = [int(part.t_us[k]) for part in recording.events() if len(part) for k in (0, -1)]
+    slider_us = recording.slider.t_us
+    return max(edges_us[0], float(slider_us[0])), min(edges_us[-1], float(slider_us[-1]))

@@ -1,0 +1,401 @@
+"""Scores of the methods on crops of a rig: flow, video and tracking.
+
+The truth comes from the solved poses, at the time of the encoder's readings: the delay of the
+sensor is not in it, as it is part of what is scored.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera, Plane
+from eres_render.progress import Progress, silent
+from sensor import Events
+from sensor.events import concatenate
+from sensor.formats import read_events, read_header
+from tasks.errors import RigError
+from tasks.evaluation.scorers.answers import ask, flow_answer, image_answer, path_answer
+from tasks.evaluation.scorers.flow import NATIVE_PATCH
+from tasks.flow import (
+    INITIAL_SIGMA_PX,
+    MARGIN_PX,
+    REFERENCE_WIDTH_PX,
+    corners,
+    flow_sample,
+    initial_sigma_px,
+    patch_px,
+    rnepe_px,
+)
+from tasks.methods import load_method
+from tasks.rig import page as page_files
+from tasks.rig import slider as slider_files
+from tasks.rig.bundle import RigPose
+from tasks.rig.calibration import on_page
+from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
+from tasks.rig.page import Page, read_page_image, reflectance
+from tasks.rig.slider import Slider
+from tasks.row import Row
+from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
+from tasks.video import ImageTaker, picture, psnr_db
+
+Float64 = NDArray[np.float64]
+
+PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
+
+_DARK = 1e-3  # added to the reflectance before the logarithm
+_EVEN = 1e-3  # largest share by which the speed differs within a window
+_MOST_SUPERSAMPLES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigEvaluation:
+    """What is scored on each crop.
+
+    Parameters
+    ----------
+    windows
+        Number of windows on each crop, evenly spaced along the slider's way.
+    travel_m
+        Travel of the slider in a window, m.
+    flow, video, tracking
+        Names of the methods of each task, or "package.module:function".
+    features
+        Patches in each window; those in the picture only.
+    initial_sigma_px
+        Error of the initial flow: standard deviation of each component, px at 1280 px.
+    initial_sigma_mm
+        Error of the initial path's control positions, mm.
+    contrast_threshold
+        C, log units; by default that of the file of events, if it was simulated.
+    seed
+        Seed of the initial errors.
+    """
+
+    windows: int = 10
+    travel_m: float = 0.006
+    flow: tuple[str, ...] = ("contrast_maximization", "photometric_flow", "initial_flow")
+    video: tuple[str, ...] = ("high_pass_filter", "blank")
+    tracking: tuple[str, ...] = ("photometric_tracking", "initial_path")
+    features: int = 20
+    initial_sigma_px: float = INITIAL_SIGMA_PX
+    initial_sigma_mm: float = 5.0
+    contrast_threshold: float | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("windows", "features", "travel_m", "initial_sigma_mm"):
+            value = getattr(self, name)
+            if not 0 < value < math.inf:
+                raise RigError(f"{name}: found {value}, expected a positive number")
+
+
+@dataclass(frozen=True, slots=True)
+class _Window:
+    """A stretch of even speed."""
+
+    sample: int
+    start_us: int
+    end_us: int
+    x_m: tuple[float, float]  # of the slider, at its start and its end
+
+    @property
+    def speed_mps(self) -> float:
+        return 1e6 * abs(self.x_m[1] - self.x_m[0]) / (self.end_us - self.start_us)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Crop:
+    """A crop in memory."""
+
+    cropped: Cropped
+    slider: Slider
+    page: Page
+    light: Float64  # (H, W) reflectance of the page
+    events: Events
+    contrast_threshold: float
+    cutoff_hz: float
+    camera: Camera = field(init=False)
+    pose: RigPose = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "camera", self.cropped.camera())
+        object.__setattr__(self, "pose", self.cropped.pose.pose())
+
+
+def evaluate_rig(
+    folder: Path, settings: RigEvaluation, *, on_progress: Progress = silent
+) -> list[Row]:
+    """Score methods on all crops of a rig.
+
+    Parameters
+    ----------
+    folder
+        The folder that `eres rig crop` wrote.
+    settings
+        What is scored.
+    on_progress
+        Called after each window.
+
+    Returns
+    -------
+    rows
+        `speed` is in m/s, `width` that of the crop, `scene` the picture; `cutoff_hz` is inf if it
+        is not known.
+
+    Raises
+    ------
+    RigError
+        If there are no crops, the contrast threshold is not known, or no window has even speed.
+    """
+    folders = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
+    if not folders:
+        raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
+    rows: list[Row] = []
+    for k, one in enumerate(folders):
+        crop = _load(one, settings)
+        windows = _windows(crop.slider, crop.events, settings)
+        for n, window in enumerate(windows):
+            rows += _flow_rows(crop, window, settings)
+            rows += _tracking_rows(crop, window, settings)
+            on_progress("evaluating", k + (n + 1) / len(windows), len(folders))
+        rows += _video_rows(crop, windows, settings)
+    return rows
+
+
+def _load(folder: Path, settings: RigEvaluation) -> _Crop:
+    cropped = read_crop(folder)
+    page = page_files.read_page(folder / page_files.FILE_NAME)
+    file = folder / EVENTS_NAME
+    model = read_header(file).model
+    C = settings.contrast_threshold
+    if C is None:
+        if model is None:
+            raise RigError(f"{file}: found no contrast threshold, expected --threshold C")
+        C = model.contrast_threshold
+    return _Crop(
+        cropped,
+        slider_files.read_slider(folder / slider_files.FILE_NAME),
+        page,
+        reflectance(read_page_image(folder / page_files.IMAGE_NAME, page)),
+        concatenate(list(read_events(file))),
+        C,
+        math.inf if model is None else model.cutoff_hz,
+    )
+
+
+def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_Window]:
+    """Return windows of even speed along the way."""
+    first_us, last_us = int(events.t_us[0]), int(events.t_us[-1])
+    first_us, last_us = max(first_us, int(slider.t_us[0])), min(last_us, int(slider.t_us[-1]))
+    middles_us = slider.evenly_along(settings.windows, first_us, last_us)
+    found: list[_Window] = []
+    for t_us in middles_us.tolist():
+        speed = abs(float(slider.speed_mps(t_us)))
+        half_us = round(0.5e6 * settings.travel_m / speed)
+        start_us, end_us = t_us - half_us, t_us + half_us
+        if start_us < first_us or end_us > last_us:
+            continue
+        x0, xm, x1 = slider.position_m([start_us, t_us, end_us]).tolist()
+        if abs(x1 - x0) > 0 and abs(xm - 0.5 * (x0 + x1)) < _EVEN * abs(x1 - x0):
+            found.append(_Window(len(found), start_us, end_us, (x0, x1)))
+    if not found:
+        raise RigError(
+            f"evaluate: found no window of even speed among {settings.windows}, expected some; "
+            "give more windows, or less travel"
+        )
+    return found
+
+
+def page_view(
+    crop_camera: Camera, pose: RigPose, x_m: float, page: Page, light: Float64
+) -> Float64:
+    """Return the reflectance that a camera sees, averaged over its pixels.
+
+    Parameters
+    ----------
+    crop_camera
+        The camera.
+    pose
+        Where it is.
+    x_m
+        Position of the slider, m.
+    page
+        The page.
+    light
+        (H, W) its reflectance.
+
+    Returns
+    -------
+    view
+        (h, w). Beyond the page it is as white as paper.
+    """
+    corner = on_page(pose, crop_camera, np.array([[0.0, 0.0], [1.0, 0.0]]), x_m)
+    dots = float(np.linalg.norm(corner[1] - corner[0])) / page.dot_m  # across a pixel
+    shrink = max(1, int(dots / 2))
+    if shrink > 1:
+        rows, columns = (size // shrink * shrink for size in light.shape)
+        blocks = light[:rows, :columns].reshape(rows // shrink, shrink, columns // shrink, shrink)
+        light = blocks.mean(axis=(1, 3))
+    times = min(_MOST_SUPERSAMPLES, max(1, math.ceil(dots / shrink)))
+    steps = (np.arange(times) + 0.5) / times
+    columns_px = (np.arange(crop_camera.width)[:, None] + steps).ravel()
+    rows_px = (np.arange(crop_camera.height)[:, None] + steps).ravel()
+    points_px = np.stack(np.meshgrid(columns_px, rows_px), axis=-1)
+    # From the page to the middles of its dots.
+    at = on_page(pose, crop_camera, points_px, x_m) / (shrink * page.dot_m) - 0.5
+    seen = cv2.remap(
+        light.astype(np.float32),
+        at[..., 0].astype(np.float32),
+        at[..., 1].astype(np.float32),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=page_files.PAPER,
+    )
+    shape = crop_camera.height, times, crop_camera.width, times
+    return np.asarray(seen, np.float64).reshape(shape).mean(axis=(1, 3))
+
+
+def _log_view(crop: _Crop, x_m: float) -> Float64:
+    return np.log(page_view(crop.camera, crop.pose, x_m, crop.page, crop.light) + _DARK)
+
+
+def _row(
+    crop: _Crop,
+    window: _Window,
+    task: str,
+    method: str,
+    metric: str,
+    value: float,
+    *,
+    variant: str = "",
+    item: int = 0,
+    failure: str = "",
+) -> Row:
+    count = len(crop.events.between(window.start_us, window.end_us))
+    return Row(
+        scene=crop.cropped.scene,
+        task=task,
+        method=method,
+        width=crop.camera.width,
+        cutoff_hz=crop.cutoff_hz,
+        contrast_threshold=crop.contrast_threshold,
+        speed=round(window.speed_mps, 4),
+        sample=window.sample,
+        metric=metric,
+        value=value,
+        event_rate_hz=1e6 * count / (window.end_us - window.start_us),
+        variant=variant,
+        item=item,
+        failure=failure,
+    )
+
+
+def _features(crop: _Crop, window: _Window, count: int) -> tuple[Float64, Float64]:
+    """Return corners of the picture that stay in the crop, (N, 2) px, and their displacements."""
+    camera, pose = crop.camera, crop.pose
+    view = page_view(camera, pose, window.x_m[0], crop.page, crop.light)
+    centers_px = corners(view, MARGIN_PX * camera.width / REFERENCE_WIDTH_PX)
+    points_m = on_page(pose, camera, centers_px, window.x_m[0])
+    moved_px = pose.project(camera, points_m, window.x_m[1])
+    left, top, right, bottom = crop.page.picture_m
+    x, y = points_m.T
+    kept = (x > left) & (x < right) & (y > top) & (y < bottom)
+    kept &= np.all((moved_px > 0) & (moved_px < (camera.width, camera.height)), axis=1)
+    return centers_px[kept][:count], (moved_px - centers_px)[kept][:count]
+
+
+def _flow_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Iterator[Row]:
+    if not settings.flow:
+        return
+    width = crop.camera.width
+    centers_px, flow_px = _features(crop, window, settings.features)
+    sigma_px = initial_sigma_px(width, settings.initial_sigma_px)
+    rng = np.random.default_rng([settings.seed, window.sample])
+    initial_px = flow_px + sigma_px * rng.standard_normal((settings.features, 2))[: len(flow_px)]
+    log_image = _log_view(crop, window.x_m[0])
+    sides = {patch_px(width): [""]}
+    sides.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)
+    for side_px, variants in sides.items():
+        for item in range(len(centers_px)):
+            sample = flow_sample(
+                crop.events,
+                window.start_us,
+                window.end_us,
+                log_image=log_image,
+                contrast_threshold=crop.contrast_threshold,
+                center_px=centers_px[item],
+                side_px=side_px,
+                initial=initial_px[item],
+                initial_sigma_px=sigma_px,
+            )
+            for name in settings.flow:
+                answer, _ = ask("flow", name, load_method("flow", name), sample)
+                estimate = flow_answer(name, sample, answer)
+                error_px = rnepe_px(estimate.flow, flow_px[item], width)
+                for variant in variants:
+                    yield _row(
+                        *(crop, window, "flow", name, "rnepe_px", error_px),
+                        variant=variant,
+                        item=item,
+                        failure=estimate.failure,
+                    )
+
+
+def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Iterator[Row]:
+    if not settings.tracking:
+        return
+
+    def pose(t_s: Float64) -> Float64:
+        return crop.pose.at(crop.slider.position_m(window.start_us + 1e6 * t_s))
+
+    margin_us = 20_000  # a path lasts 14 ms, and has a control pose before and after
+    slider_us = crop.slider.t_us
+    if window.start_us - margin_us < slider_us[0] or window.start_us + margin_us > slider_us[-1]:
+        return
+    truth = path_at(pose, 0.0)
+    sigma_m = 1e-3 * settings.initial_sigma_mm
+    sample = tracking_sample(
+        crop.events,
+        window.start_us,
+        log_image=_log_view(crop, window.x_m[0]),
+        contrast_threshold=crop.contrast_threshold,
+        camera=crop.camera,
+        plane=PLANE,
+        T_0=pose(np.zeros(1))[0],
+        initial=perturbed(truth, sigma_m, settings.seed + window.sample),
+        initial_sigma_m=sigma_m,
+        max_events=200_000,
+    )
+    initial_mm = position_error_mm(sample.initial, pose, 0.0, truth.duration_s)
+    for name in settings.tracking:
+        answer, _ = ask("tracking", name, load_method("tracking", name), sample)
+        estimate = path_answer(name, sample, answer)
+        error_mm = position_error_mm(estimate.path, pose, 0.0, truth.duration_s)
+        moved = estimate.path is not sample.initial
+        lost = moved and not succeeded(estimate, error_mm, initial_mm)
+        yield _row(
+            *(crop, window, "tracking", name, "position_error_mm", error_mm),
+            variant=f"sigma {settings.initial_sigma_mm:g} mm",
+            failure=estimate.failure or ("ended far off" if lost else ""),
+        )
+
+
+def _video_rows(crop: _Crop, windows: list[_Window], settings: RigEvaluation) -> Iterator[Row]:
+    size = crop.camera.width, crop.camera.height
+    blank = np.zeros(size[::-1])
+    truths = [picture(_log_view(crop, window.x_m[1]), size[::-1]) for window in windows]
+    for name in settings.video:
+        method, _ = ask("video", name, load_method("video", name), *size, crop.contrast_threshold)
+        taker = ImageTaker(method, [window.end_us for window in windows])
+        taken = [*taker.push(crop.events), *taker.finish()]
+        for window, truth, (_, answer) in zip(windows, truths, taken, strict=True):
+            log_image, failure = image_answer("video", name, answer, blank)
+            value = psnr_db(picture(log_image, size[::-1]), truth)
+            yield _row(crop, window, "video", name, "psnr_db", value, failure=failure)

@@ -1,0 +1,237 @@
+"""Intrinsics of an event camera from recordings of a flashing chessboard.
+
+A board on a screen flashes, so every one of its edges fires events without any motion. The events
+of a recording, through the high-pass filter without decay per event, give one image of the board;
+the inner corners of several such views give the camera (Zhang, "A Flexible New Technique for Camera
+Calibration", PAMI 2000; OpenCV's `calibrateCamera`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera, Distortion
+from eres_render.progress import Progress, silent
+from sensor.formats import read_events, read_header
+from tasks.errors import RigError
+from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.rig.markers import gray_codes
+
+Float64 = NDArray[np.float64]
+
+_CUTOFF_HZ = 0.5
+_IMAGES = 9  # over a recording, of which the mean magnitude shows the board
+_ENLARGED = 4
+_LEAST_VIEWS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A chessboard: its inner corners along a row and along a column, and the side of a square."""
+
+    columns: int
+    rows: int
+    square_m: float
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < 3:
+            raise RigError(
+                f"board: found {self.columns}x{self.rows} inner corners, expected at least 3x3"
+            )
+        if not 0 < self.square_m < np.inf:
+            raise RigError(f"square: found {self.square_m}, expected a positive number of meters")
+
+    def points_m(self) -> NDArray[np.float32]:
+        """Return the inner corners, (N, 3) m, row by row."""
+        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        z = np.zeros(x.size)
+        return (self.square_m * np.stack([x.ravel(), y.ravel(), z], axis=1)).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Intrinsics:
+    """A calibrated camera.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    sigmas
+        Standard deviations of fx, fy, cx, cy in px, then k1, k2, p1, p2, by name.
+    rms_px
+        Root mean square of the residuals.
+    views
+        The recordings in which the board was found.
+    """
+
+    camera: Camera
+    sigmas: dict[str, float]
+    rms_px: float
+    views: tuple[Path, ...]
+
+
+def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[np.uint8]]:
+    """Yield gray images of a flashing board, of a recording.
+
+    Parameters
+    ----------
+    path
+        The file of events.
+    size
+        Width and height of the sensor, for a file that does not store them.
+
+    Yields
+    ------
+    images
+        (H, W) each: the sum of the high-pass filter's images first, then these one by one.
+    """
+    parts = [part for part in read_events(path, size=size) if len(part)]
+    if not parts:
+        raise RigError(f"{path}: found no events")
+    first_us, last_us = int(parts[0].t_us[0]), int(parts[-1].t_us[-1])
+    hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
+    wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
+    images = []
+    for part in parts:
+        while wanted_us and part.t_us[-1] >= wanted_us[0]:
+            t_us = wanted_us.pop(0)
+            before = int(np.searchsorted(part.t_us, t_us))
+            hp.push(part[:before])
+            part = part[before:]
+            images.append(hp.image(t_us))
+        hp.push(part)
+    yield gray_codes(np.sum(images, axis=0))
+    for image in images:
+        yield gray_codes(image)
+
+
+def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
+    """Find the inner corners of a chessboard.
+
+    Parameters
+    ----------
+    gray
+        (H, W) image.
+    board
+        The board.
+
+    Returns
+    -------
+    corners_px
+        (N, 2) px, (0, 0) at the corner of the first pixel, row by row; None if it is not found.
+    """
+    size = gray.shape[1] * _ENLARGED, gray.shape[0] * _ENLARGED
+    large = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
+    found, points = cv2.findChessboardCornersSB(
+        large, (board.columns, board.rows), flags=cv2.CALIB_CB_ACCURACY
+    )
+    if not found:
+        return None
+    return (points.reshape(-1, 2).astype(np.float64) + 0.5) / _ENLARGED
+
+
+def calibrate(
+    views_px: list[Float64], board: Board, width: int, height: int
+) -> tuple[Camera, dict[str, float], float]:
+    """Find the camera that saw a board in several views.
+
+    Parameters
+    ----------
+    views_px
+        (N, 2) inner corners of each view.
+    board
+        The board.
+    width, height
+        Size of the image, px.
+
+    Returns
+    -------
+    camera, sigmas, rms_px
+        As in `Intrinsics`.
+
+    Raises
+    ------
+    RigError
+        If there are fewer than three views, or no camera fits them.
+    """
+    if len(views_px) < _LEAST_VIEWS:
+        raise RigError(
+            f"intrinsics: found the board in {len(views_px)} recordings, expected at least "
+            f"{_LEAST_VIEWS} views, tilted against each other"
+        )
+    points = [board.points_m()] * len(views_px)
+    pixels = [(view - 0.5).astype(np.float32) for view in views_px]  # OpenCV's, from centers
+    try:
+        rms_px, K, lens, _, _, sigmas, _, _ = cv2.calibrateCameraExtended(
+            points, pixels, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
+        )
+    except cv2.error as error:
+        raise RigError(f"intrinsics: the views give no camera: {error.err}") from error
+    k1, k2, p1, p2 = lens.ravel()[:4].tolist()
+    if not (np.all(np.isfinite(K)) and np.isfinite(rms_px)):
+        raise RigError("intrinsics: the views give no camera; tilt the board more")
+    camera = Camera(
+        width,
+        height,
+        fx=float(K[0, 0]),
+        fy=float(K[1, 1]),
+        cx=float(K[0, 2]) + 0.5,
+        cy=float(K[1, 2]) + 0.5,
+        distortion=Distortion(k1=k1, k2=k2, p1=p1, p2=p2),
+    )
+    names = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+    return camera, dict(zip(names, sigmas.ravel()[:8].tolist(), strict=True)), float(rms_px)
+
+
+def intrinsics(
+    paths: list[Path],
+    board: Board,
+    *,
+    size: tuple[int, int] | None = None,
+    on_progress: Progress = silent,
+) -> Intrinsics:
+    """Calibrate a camera from recordings of a flashing board, one for each view.
+
+    Parameters
+    ----------
+    paths
+        Files of events.
+    board
+        The board.
+    size
+        Width and height of the sensor, for files that do not store them.
+    on_progress
+        Called after each recording.
+
+    Returns
+    -------
+    The camera.
+
+    Raises
+    ------
+    RigError
+        If the sensors differ in size, or the board is found in fewer than three recordings.
+    """
+    views_px, found_in = [], []
+    sizes = set()
+    for k, path in enumerate(paths):
+        header = read_header(path).with_size(size)
+        sizes.add((header.width, header.height))
+        if len(sizes) > 1:
+            raise RigError(f"{path}: found a sensor of another size than before, expected one")
+        for gray in board_images(path, size):
+            view_px = find_board(gray, board)
+            if view_px is not None:
+                views_px.append(view_px)
+                found_in.append(path)
+                break
+        on_progress("looking for the board", k + 1, len(paths))
+    width, height = sizes.pop() if sizes else (0, 0)
+    camera, sigmas, rms_px = calibrate(views_px, board, width or 0, height or 0)
+    return Intrinsics(camera, sigmas, rms_px, tuple(found_in))

@@ -1,0 +1,227 @@
+"""Corners of ArUco markers in gray images, to a fraction of a pixel.
+
+OpenCV counts from the center of the first pixel, we count from its corner, half a pixel more. Its
+AprilTag refinement is the exception: it counts from the corner already.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.storage.atomic import write_bytes
+from tasks.errors import RigError
+from tasks.rig.page import markers
+
+Float64 = NDArray[np.float64]
+Source = Literal["frame", "hf", "ei"]
+SOURCES: tuple[Source, ...] = ("frame", "hf", "ei")
+Refinement = Literal["none", "subpix", "contour", "apriltag"]
+
+_METHODS = {
+    "none": (cv2.aruco.CORNER_REFINE_NONE, 0.5),
+    "subpix": (cv2.aruco.CORNER_REFINE_SUBPIX, 0.5),
+    "contour": (cv2.aruco.CORNER_REFINE_CONTOUR, 0.5),
+    "apriltag": (cv2.aruco.CORNER_REFINE_APRILTAG, 0.0),
+}
+"""OpenCV's method, and what is added to its positions."""
+
+_SMALL_PX = 640  # narrower images are enlarged, so that the markers' cells have enough pixels
+_ENLARGED = 4
+_PERCENTILES = (1.0, 99.0)  # black and white of a gray image
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Detections:
+    """Markers in images, M in all.
+
+    Parameters
+    ----------
+    t_us
+        (M,) int64, time of each marker's image, microseconds on the events' clock.
+    number
+        (M,) int64, the marker's number.
+    corners_px
+        (M, 4, 2) its corners, clockwise from its top left, px; (0, 0) is the corner of the image.
+    score
+        (M,) contrast of the marker: standard deviation of the gray within it, as a share of the
+        largest that there is.
+    source
+        What the images were made of: "frame" (a camera's), "hf" (the high-pass filter) or "ei"
+        (event integration).
+    """
+
+    t_us: NDArray[np.int64]
+    number: NDArray[np.int64]
+    corners_px: Float64
+    score: Float64
+    source: Source
+
+
+@dataclass(frozen=True, slots=True)
+class Detector:
+    """How markers are found.
+
+    Parameters
+    ----------
+    dictionary
+        OpenCV's name of the dictionary.
+    count
+        Numbers of the page's markers are below this; others are mistakes.
+    refinement
+        How corners are refined.
+    enlarged
+        Factor by which an image is enlarged first.
+    """
+
+    dictionary: str
+    count: int
+    refinement: Refinement
+    enlarged: int
+
+    def find(self, gray: NDArray[np.uint8]) -> tuple[NDArray[np.int64], Float64, Float64]:
+        """Find the markers in an image.
+
+        Parameters
+        ----------
+        gray
+            (H, W) codes.
+
+        Returns
+        -------
+        number
+            (M,) their numbers, ascending; one seen twice is left out.
+        corners_px
+            (M, 4, 2) px, from the corner of the image.
+        score
+            (M,) as in `Detections`.
+        """
+        height, width = gray.shape
+        large = gray
+        if self.enlarged > 1:
+            size = width * self.enlarged, height * self.enlarged
+            large = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+        method, shift = _METHODS[self.refinement]
+        parameters = cv2.aruco.DetectorParameters()
+        parameters.cornerRefinementMethod = method
+        finder = cv2.aruco.ArucoDetector(markers(self.dictionary), parameters)
+        quads, numbers, _ = finder.detectMarkers(large)
+        if numbers is None or not len(numbers):
+            return np.empty(0, np.int64), np.empty((0, 4, 2)), np.empty(0)
+        number = np.asarray(numbers, np.int64).ravel()
+        corners = np.asarray(quads, np.float64).reshape(-1, 4, 2)
+        known, counts = np.unique(number, return_counts=True)
+        once = known[(counts == 1) & (known < self.count)]
+        chosen = np.array([np.flatnonzero(number == k)[0] for k in once], np.intp)
+        corners_px = (corners[chosen] + shift) / self.enlarged
+        return once, corners_px, np.array([_contrast(gray, quad) for quad in corners_px])
+
+
+def detector(dictionary: str, count: int, width: int) -> Detector:
+    """Choose how markers are found in images of a width.
+
+    Small images are enlarged four times, with corners where lines through the markers' sides meet;
+    in large ones corners are refined where the image is.
+
+    Parameters
+    ----------
+    dictionary, count
+        As in `Detector`.
+    width
+        Width of the images, px.
+
+    Returns
+    -------
+    The detector.
+    """
+    if width < _SMALL_PX:
+        return Detector(dictionary, count, "contour", _ENLARGED)
+    return Detector(dictionary, count, "subpix", 1)
+
+
+def gray_codes(image: Float64) -> NDArray[np.uint8]:
+    """Stretch an image of any range to 8 bits, from its 1st percentile to its 99th."""
+    black, white = np.percentile(image, _PERCENTILES)
+    if not white > black:
+        return np.zeros(image.shape, np.uint8)
+    return np.round(255 * np.clip((image - black) / (white - black), 0, 1)).astype(np.uint8)
+
+
+def _contrast(gray: NDArray[np.uint8], corners_px: Float64) -> float:
+    low = np.clip(np.floor(corners_px.min(axis=0)), 0, None).astype(int)
+    high = np.ceil(corners_px.max(axis=0)).astype(int)
+    part = gray[low[1] : high[1], low[0] : high[0]]
+    return float(part.std() / 127.5) if part.size else 0.0
+
+
+def write_detections(path: Path, found: Detections) -> None:
+    """Write markers as Parquet, one line for each corner.
+
+    The columns are t_us, id, corner (0 to 3), u_px, v_px, score and source.
+
+    Parameters
+    ----------
+    path
+        The file.
+    found
+        The markers.
+    """
+    import pyarrow as pa  # here, as it loads slowly
+    import pyarrow.parquet as pq
+
+    count = len(found.t_us)
+    table = pa.table(
+        {
+            "t_us": pa.array(np.repeat(found.t_us, 4)),
+            "id": pa.array(np.repeat(found.number, 4)),
+            "corner": pa.array(np.tile(np.arange(4, dtype=np.int64), count)),
+            "u_px": pa.array(found.corners_px[..., 0].ravel()),
+            "v_px": pa.array(found.corners_px[..., 1].ravel()),
+            "score": pa.array(np.repeat(found.score, 4)),
+            "source": pa.array([found.source] * (4 * count), pa.string()),
+        }
+    )
+    data = pa.BufferOutputStream()
+    pq.write_table(table, data, compression="zstd")
+    write_bytes(path, data.getvalue().to_pybytes())
+
+
+def read_detections(path: Path) -> Detections:
+    """Read the markers that `write_detections` wrote.
+
+    Raises
+    ------
+    RigError
+        If the file is missing or damaged, or is not of this kind.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = ("t_us", "id", "corner", "u_px", "v_px", "score", "source")
+    try:
+        table = pq.read_table(path, columns=list(names))
+        columns = {name: table[name].to_numpy() for name in names}
+    except FileNotFoundError:
+        raise RigError(f"{path}: no such file; `eres rig detect` makes it") from None
+    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise RigError(f"{path}: not a file of `eres rig detect`: {reason}") from None
+    whole = len(table) % 4 == 0 and np.array_equal(
+        columns["corner"], np.tile(np.arange(4), len(table) // 4)
+    )
+    sources = set(columns["source"].tolist())
+    if not whole or not sources <= set(SOURCES) or len(sources) > 1:
+        raise RigError(f"{path}: not a file of `eres rig detect`: four corners of each marker")
+    source: Source = next(iter(sources)) if sources else "frame"
+    return Detections(
+        t_us=columns["t_us"][::4].astype(np.int64),
+        number=columns["id"][::4].astype(np.int64),
+        corners_px=np.stack([columns["u_px"], columns["v_px"]], axis=-1).reshape(-1, 4, 2),
+        score=columns["score"][::4].astype(np.float64),
+        source=source,
+    )

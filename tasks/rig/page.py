@@ -1,0 +1,313 @@
+"""`Page`: a picture with ArUco markers around it, as it is printed."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from eres_render.scene.texture_recipes import TextureRecipe
+from eres_render.storage.atomic import write_bytes, write_text
+from eres_render.storage.settings_reader import read_json
+from tasks.errors import RigError
+from tasks.rig.settings import PageSettings
+
+Float64 = NDArray[np.float64]
+
+FILE_NAME = "page.json"
+IMAGE_NAME = "page.png"
+PAPER = 0.8  # reflectance where nothing is printed
+INK = 0.04  # reflectance of black ink
+
+# Procedural pictures: a texture, and how many times larger its scene is than the print.
+PICTURES = {"forest": ("garden_view", 20.0), "pebbles": ("stones", 10.0)}
+
+_BORDER_CELLS = 1  # black around a marker's code
+_WHITE = 0.25  # least white around a marker, of its side
+_INCH_M = 0.0254
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A page: its size, and where its markers and its picture are.
+
+    All positions are in meters from the page's top left corner, x to the right and y down.
+
+    Parameters
+    ----------
+    width_m, height_m
+        Size of the page.
+    dictionary
+        OpenCV's name of the markers' dictionary.
+    dot_m
+        Side of a printed dot, a pixel of the page's image.
+    picture_m
+        Left, top, right and bottom of the picture.
+    markers_m
+        Left and top of each marker; its number in the dictionary is its number here.
+    marker_m
+        Side of a marker.
+    """
+
+    width_m: float
+    height_m: float
+    dictionary: str
+    dot_m: float
+    picture_m: tuple[float, float, float, float]
+    markers_m: tuple[tuple[float, float], ...]
+    marker_m: float
+
+    def __post_init__(self) -> None:
+        for name in ("width_m", "height_m", "dot_m", "marker_m"):
+            if not getattr(self, name) > 0:
+                raise RigError(f"{name}: found {getattr(self, name)}, expected a positive number")
+        markers(self.dictionary)
+
+    def corners(self, number: int) -> Float64:
+        """Return the corners of a marker, (4, 2) m: clockwise from its top left, as in OpenCV."""
+        left, top = self.markers_m[number]
+        unit = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        return np.array([left, top]) + self.marker_m * unit
+
+
+def markers(dictionary: str) -> cv2.aruco.Dictionary:
+    """Return a dictionary of markers by OpenCV's name.
+
+    Raises
+    ------
+    RigError
+        If OpenCV has no such dictionary.
+    """
+    number = getattr(cv2.aruco, dictionary, None) if dictionary.startswith("DICT_") else None
+    if number is None:
+        raise RigError(
+            f"dictionary: found {dictionary!r}, expected one of OpenCV's, such as DICT_4X4_250"
+        )
+    return cv2.aruco.getPredefinedDictionary(number)
+
+
+def lay_out(settings: PageSettings) -> Page:
+    """Place the picture in the middle of a page, and markers around it, all on whole dots.
+
+    Parameters
+    ----------
+    settings
+        The page.
+
+    Returns
+    -------
+    The page. A marker's cells are a whole number of dots, so its side is that of the settings to
+    half a dot a cell.
+
+    Raises
+    ------
+    RigError
+        If there is room for no marker, or for more than the dictionary has.
+    """
+    dictionary = markers(settings.dictionary)
+    dot_m = _INCH_M / settings.dpi
+    cells = dictionary.markerSize + 2 * _BORDER_CELLS
+    width, height = (_dots(side, dot_m) for side in (settings.width_m, settings.height_m))
+    side = cells * max(1, _dots(settings.marker_m / cells, dot_m))
+    pitch = max(_dots(settings.marker_pitch_m, dot_m), round((1 + _WHITE) * side))
+    picture_w, picture_h = (
+        _dots(s, dot_m) for s in (settings.picture_width_m, settings.picture_height_m)
+    )
+    left, top = (width - picture_w) // 2, (height - picture_h) // 2
+    right, bottom = left + picture_w, top + picture_h
+    white = round(_WHITE * side)
+    # Rows above and below the picture start next to it, so that a near camera sees them too.
+    columns = _places(width, side, pitch, white)
+    above = np.arange(top - white - side, white - 1, -pitch)[::-1]
+    below = np.arange(bottom + white, height - side - white + 1, pitch)
+    between = _places_between(top, bottom, side, pitch)
+    rows = [(y, columns) for y in (*above, *below)]
+    outside = columns[(columns + side + white <= left) | (columns >= right + white)]
+    rows += [(y, outside) for y in between]
+    places = [(int(x), int(y)) for y, xs in sorted(rows, key=lambda row: row[0]) for x in xs]
+    available = len(dictionary.bytesList)
+    if not 0 < len(places) <= available:
+        raise RigError(
+            f"page: found room for {len(places)} markers, expected 1 to {available}, the number in "
+            f"{settings.dictionary}; change marker_pitch_m"
+        )
+    return Page(
+        width_m=width * dot_m,
+        height_m=height * dot_m,
+        dictionary=settings.dictionary,
+        dot_m=dot_m,
+        picture_m=(left * dot_m, top * dot_m, right * dot_m, bottom * dot_m),
+        markers_m=tuple((x * dot_m, y * dot_m) for x, y in places),
+        marker_m=side * dot_m,
+    )
+
+
+def _dots(length_m: float, dot_m: float) -> int:
+    return round(length_m / dot_m)
+
+
+def _places(length: int, side: int, pitch: int, white: int) -> NDArray[np.intp]:
+    """Return the starts of all markers that fit along a side, in the middle of it."""
+    count = max((length - side - 2 * white) // pitch + 1, 0)
+    start = (length - (count - 1) * pitch - side) // 2
+    return start + pitch * np.arange(count)
+
+
+def _places_between(low: int, high: int, side: int, pitch: int) -> NDArray[np.intp]:
+    """Return the starts of all markers at the height of the picture."""
+    count = max((high - low - side) // pitch + 1, 0)
+    start = (low + high - (count - 1) * pitch - side) // 2
+    return start + pitch * np.arange(count)
+
+
+def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
+    """Draw a page, as it is sent to the printer.
+
+    Parameters
+    ----------
+    page
+        Its layout.
+    settings
+        Its picture.
+
+    Returns
+    -------
+    image
+        (H, W) codes of 8 bits in sRGB's encoding, of the reflectance over that of the paper.
+
+    Raises
+    ------
+    RigError
+        If the picture is neither procedural nor an image file.
+    """
+    image = np.ones((_dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)), np.float32)
+    left, top, right, bottom = (_dots(edge, page.dot_m) for edge in page.picture_m)
+    image[top:bottom, left:right] = _picture(settings, (bottom - top, right - left), page.dot_m)
+    side = _dots(page.marker_m, page.dot_m)
+    dictionary = markers(page.dictionary)
+    for number, place in enumerate(page.markers_m):
+        x, y = (_dots(one, page.dot_m) for one in place)
+        code = cv2.aruco.generateImageMarker(dictionary, number, side, borderBits=_BORDER_CELLS)
+        image[y : y + side, x : x + side] = np.where(code > 0, 1.0, INK / PAPER)
+    return np.round(255 * _srgb(image)).astype(np.uint8)
+
+
+def _picture(settings: PageSettings, shape: tuple[int, int], dot_m: float) -> NDArray[np.float32]:
+    """Return a picture, linear, with 1 at its brightest."""
+    if settings.picture in PICTURES:
+        kind, magnification = PICTURES[settings.picture]
+        recipe = TextureRecipe(kind, shape[1], magnification * dot_m, settings.seed, shape[0])
+        light = recipe.make()
+    else:
+        codes = cv2.imread(settings.picture, cv2.IMREAD_GRAYSCALE)
+        if codes is None:
+            raise RigError(
+                f"picture: found {settings.picture!r}, expected an image file or one of "
+                f"{', '.join(PICTURES)}"
+            )
+        light = cv2.resize(
+            linear(np.asarray(codes, np.uint8)), shape[::-1], interpolation=cv2.INTER_AREA
+        ).astype(np.float32)
+    return np.clip(light / max(float(np.percentile(light, 99.9)), 1e-6), INK / PAPER, 1.0)
+
+
+def _srgb(light: NDArray[np.float32]) -> NDArray[np.float32]:
+    # IEC 61966-2-1:1999, section 5.2
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return the light of 8-bit codes in sRGB's encoding, 0 to 1."""
+    value = codes / 255.0
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def reflectance(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Return the reflectance of a page from its image."""
+    return PAPER * linear(codes)
+
+
+def write_print(path: Path, image: NDArray[np.uint8], page: Page) -> None:
+    """Write the page's image as PNG or PDF, in its size on paper.
+
+    Parameters
+    ----------
+    path
+        A .png or .pdf file.
+    image
+        (H, W) the page, as `draw` returns it.
+    page
+        The page.
+
+    Raises
+    ------
+    RigError
+        If the extension is another.
+    """
+    dpi = _INCH_M / page.dot_m
+    data = io.BytesIO()
+    if path.suffix == ".pdf":
+        Image.fromarray(image).save(data, "PDF", resolution=dpi, quality=98)
+    elif path.suffix == ".png":
+        Image.fromarray(image).save(data, "PNG", dpi=(dpi, dpi))
+    else:
+        raise RigError(f"{path}: found {path.suffix or 'no'} extension, expected .pdf or .png")
+    write_bytes(path, data.getvalue())
+
+
+def write_page(path: Path, page: Page) -> None:
+    """Write page.json.
+
+    Parameters
+    ----------
+    path
+        The file.
+    page
+        The page.
+    """
+    write_text(path, json.dumps(asdict(page), indent=1) + "\n")
+
+
+def read_page(path: Path) -> Page:
+    """Read page.json.
+
+    Raises
+    ------
+    RigError
+        If it is missing, or a field is.
+    """
+    return read_json(Page, path, RigError)
+
+
+def read_page_image(path: Path, page: Page) -> NDArray[np.uint8]:
+    """Read the image of a page.
+
+    Parameters
+    ----------
+    path
+        The .png file.
+    page
+        The page.
+
+    Returns
+    -------
+    (H, W) as `draw` returns it.
+
+    Raises
+    ------
+    RigError
+        If it cannot be read, or is of another size than the page.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if image is None:
+        raise RigError(f"{path}: cannot be read, expected the page's image, of `eres rig page`")
+    shape = _dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)
+    if image.shape != shape:
+        raise RigError(f"{path}: found {image.shape[::-1]} px, expected {shape[::-1]}, the page's")
+    return np.asarray(image, np.uint8)

@@ -1,0 +1,225 @@
+"""`Recording`: the folder of one recording of a rig, virtual or real.
+
+It holds
+
+- `rig.toml` and the file of the camera that it names, if it does,
+- `page.json` and `page.png`, of `eres rig page`,
+- `events.*`, in any format that `eres info` reads,
+- `slider.csv`: the encoder's readings, `t_us,x_m`, on the clock of the events,
+- optionally `frames.csv`: `t_us_start,t_us_end,file`, the exposures of images in `frames/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera
+from eres_render.storage.atomic import write_text
+from sensor import Events
+from sensor.formats import FORMATS, Header, read_events, read_header
+from tasks.errors import RigError
+from tasks.rig import page as page_files
+from tasks.rig import settings as rig_files
+from tasks.rig import slider as slider_files
+from tasks.rig.page import Page
+from tasks.rig.settings import RigSettings
+from tasks.rig.slider import Slider, read_columns
+
+FRAMES_NAME = "frames.csv"
+FRAMES_FOLDER = "frames"
+
+_FRAME_COLUMNS = ("t_us_start", "t_us_end", "file")
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One image of a frame camera, and when its exposure started and ended."""
+
+    t_start_us: int
+    t_end_us: int
+    file: Path
+
+    @property
+    def t_us(self) -> int:
+        """The middle of the exposure."""
+        return (self.t_start_us + self.t_end_us) // 2
+
+    def codes(self, camera: Camera) -> NDArray[np.uint8]:
+        """Read the image, (H, W).
+
+        Raises
+        ------
+        RigError
+            If it cannot be read, or is of another size than the camera's.
+        """
+        image = cv2.imread(str(self.file), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise RigError(f"{self.file}: cannot be read, expected an image")
+        if image.shape != (camera.height, camera.width):
+            raise RigError(
+                f"{self.file}: found {image.shape[1]}x{image.shape[0]} px, expected "
+                f"{camera.width}x{camera.height}, the camera of {rig_files.FILE_NAME}"
+            )
+        return np.asarray(image, np.uint8)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording; its files are read when they are needed."""
+
+    folder: Path
+
+    @cached_property
+    def settings(self) -> RigSettings:
+        """The rig."""
+        return rig_files.read_rig(self.folder / rig_files.FILE_NAME)
+
+    @cached_property
+    def camera(self) -> Camera:
+        """The camera."""
+        return self.settings.camera_in(self.folder)
+
+    @cached_property
+    def page(self) -> Page:
+        """The print."""
+        return page_files.read_page(self.folder / page_files.FILE_NAME)
+
+    @cached_property
+    def slider(self) -> Slider:
+        """The readings of the encoder."""
+        return slider_files.read_slider(self.folder / slider_files.FILE_NAME)
+
+    @cached_property
+    def events_file(self) -> Path:
+        """The file of events.
+
+        Raises
+        ------
+        RigError
+            If there is none, or more than one.
+        """
+        suffixes = {suffix for one in FORMATS.values() for suffix in one.suffixes}
+        found = [file for file in sorted(self.folder.glob("events.*")) if file.suffix in suffixes]
+        if len(found) != 1:
+            names = ", ".join(file.name for file in found) or "none"
+            raise RigError(f"{self.folder}: found {names}, expected one file events.*")
+        return found[0]
+
+    @cached_property
+    def header(self) -> Header:
+        """The header of the file of events, whose sensor has the camera's size.
+
+        Raises
+        ------
+        RigError
+            If the file has another size.
+        """
+        header = read_header(self.events_file)
+        width, height = self.camera.width, self.camera.height
+        stored = header.width is not None
+        if stored and (header.width, header.height) != (width, height):
+            raise RigError(
+                f"{self.events_file}: found events of {header.width}x{header.height} px, expected "
+                f"{width}x{height}, the camera of {rig_files.FILE_NAME}"
+            )
+        return header
+
+    def events(self) -> Iterator[Events]:
+        """Read the events in parts, and check that the slider's clock is theirs.
+
+        Raises
+        ------
+        RigError
+            If there are no events, or all are before or after the readings of the slider.
+        """
+        size = None if self.header.width is not None else (self.camera.width, self.camera.height)
+        first_us = last_us = None
+        for part in read_events(self.events_file, size=size):
+            if len(part):
+                first_us = int(part.t_us[0]) if first_us is None else first_us
+                last_us = int(part.t_us[-1])
+            yield part
+        if first_us is None or last_us is None:
+            raise RigError(f"{self.events_file}: found no events")
+        start_us, end_us = self.slider.t_us[[0, -1]].tolist()
+        if last_us <= start_us or first_us >= end_us:
+            raise RigError(
+                f"{self.folder}: the clocks disagree: found events from {first_us} to {last_us} "
+                f"us, and readings of the slider from {start_us:.0f} to {end_us:.0f} us"
+            )
+
+    @cached_property
+    def frames(self) -> tuple[Frame, ...]:
+        """The images of the frame camera, in the order of time; none without frames.csv.
+
+        Raises
+        ------
+        RigError
+            If the file lacks an exposure, or one does not end after it started.
+        """
+        file = self.folder / FRAMES_NAME
+        if not file.exists():
+            return ()
+        try:
+            columns = read_columns(file, _FRAME_COLUMNS)
+        except RigError as error:
+            expected = "each frame needs the start and the end of its exposure"
+            raise RigError(f"{error}; {expected}") from None
+        found = []
+        for start, end, name in zip(*(columns[name] for name in _FRAME_COLUMNS), strict=True):
+            try:
+                frame = Frame(int(start), int(end), self.folder / FRAMES_FOLDER / name)
+            except ValueError:
+                raise RigError(
+                    f"{file}: found an exposure from {start!r} to {end!r}, expected whole "
+                    "microseconds"
+                ) from None
+            if frame.t_end_us < frame.t_start_us:
+                raise RigError(f"{file}: found an exposure from {start} to {end} us")
+            found.append(frame)
+        return tuple(sorted(found, key=lambda frame: frame.t_us))
+
+
+def write_frames_table(folder: Path, frames: list[Frame]) -> None:
+    """Write frames.csv into the folder of a recording.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    frames
+        The images in its folder `frames`.
+    """
+    lines = [f"{one.t_start_us},{one.t_end_us},{one.file.name}" for one in frames]
+    write_text(folder / FRAMES_NAME, "\n".join([",".join(_FRAME_COLUMNS), *lines]) + "\n")
+
+
+def open_recording(folder: Path) -> Recording:
+    """Open the folder of a recording.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    The recording, with its rig, page and slider read and checked.
+
+    Raises
+    ------
+    RigError
+        If it is not a folder, or one of these files is missing or wrong.
+    """
+    if not folder.is_dir():
+        raise RigError(f"{folder}: found no folder, expected that of a recording")
+    recording = Recording(folder)
+    _ = recording.settings, recording.page, recording.slider
+    return recording

@@ -1,0 +1,238 @@
+"""`RigSettings`: the page, the slider and the camera of a rig, as rig.toml has them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from eres_render import Camera, Distortion
+from eres_render.calibration import read_camera
+from eres_render.storage.settings_reader import Vector3, read_toml
+from tasks.errors import RigError
+
+FILE_NAME = "rig.toml"
+
+_LEAST_DPI = 350.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageSettings:
+    """The print: a picture with markers around it.
+
+    Parameters
+    ----------
+    width_m, height_m
+        Size of the page, m.
+    picture
+        A procedural picture (`tasks.rig.page.PICTURES`), or the path of an image file.
+    picture_width_m, picture_height_m
+        Size of the picture in the middle of the page, m.
+    marker_m
+        Side of a marker, m.
+    marker_pitch_m
+        Distance from one marker to the next, m.
+    dictionary
+        OpenCV's name of the markers' dictionary.
+    dpi
+        Printed dots per inch.
+    seed
+        Seed of a procedural picture.
+    """
+
+    width_m: float
+    height_m: float
+    picture: str
+    picture_width_m: float
+    picture_height_m: float
+    marker_m: float = 0.014
+    marker_pitch_m: float = 0.026
+    dictionary: str = "DICT_4X4_250"
+    dpi: float = 360.0
+    seed: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("width_m", "height_m", "picture_width_m", "picture_height_m", "marker_m"):
+            _positive(self, name)
+        for side in ("width", "height"):
+            page, picture = getattr(self, f"{side}_m"), getattr(self, f"picture_{side}_m")
+            if not picture <= page:
+                raise RigError(
+                    f"picture_{side}_m: found {picture}, expected at most {page}, the page's"
+                )
+        if not self.marker_pitch_m >= 1.25 * self.marker_m:
+            raise RigError(
+                f"marker_pitch_m: found {self.marker_pitch_m}, expected at least 1.25 marker_m = "
+                f"{1.25 * self.marker_m:g}, for the white around each marker"
+            )
+        if not _LEAST_DPI <= self.dpi < math.inf:
+            raise RigError(f"dpi: found {self.dpi}, expected at least {_LEAST_DPI:g}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SliderSettings:
+    """The strokes of the virtual slider: there and back, once at each speed.
+
+    Parameters
+    ----------
+    travel_m
+        Length of a stroke, m.
+    speeds_mps
+        Speeds of the strokes, m/s.
+    acceleration_mps2
+        Of the start and the end of each stroke, m/s^2.
+    pause_s
+        Time at rest before each stroke and after the last, s.
+    direction
+        Direction of travel in the page's axes (right, down, into the page), of any length.
+    """
+
+    travel_m: float
+    speeds_mps: tuple[float, ...]
+    acceleration_mps2: float = 20.0
+    pause_s: float = 0.02
+    direction: Vector3 = (1.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("travel_m", "acceleration_mps2", "pause_s"):
+            _positive(self, name)
+        if not self.speeds_mps or not all(0 < speed < math.inf for speed in self.speeds_mps):
+            raise RigError(f"speeds_mps: found {self.speeds_mps}, expected positive numbers")
+        for speed in self.speeds_mps:
+            if speed**2 > self.travel_m * self.acceleration_mps2:
+                raise RigError(
+                    f"speeds_mps: found {speed}, which acceleration_mps2 = "
+                    f"{self.acceleration_mps2:g} does not reach within travel_m = {self.travel_m:g}"
+                )
+        if not math.hypot(*self.direction) > 0:
+            raise RigError(f"direction: found {self.direction}, expected a vector that is not 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraSettings:
+    """The intrinsics of the camera: in pixels, or as pixel pitch and focal length.
+
+    Parameters
+    ----------
+    width, height
+        Size of the sensor, px.
+    fx, fy
+        Focal lengths, px; `fy` is `fx` by default.
+    cx, cy
+        Principal point, px, (0, 0) at the corner of the first pixel; by default the middle.
+    pitch_um, focal_mm
+        Pixel pitch in micrometers and focal length in mm, in place of `fx`.
+    k1, k2, p1, p2, k3
+        Distortion of the lens, with OpenCV's coefficients.
+    """
+
+    width: int
+    height: int
+    fx: float | None = None
+    fy: float | None = None
+    cx: float | None = None
+    cy: float | None = None
+    pitch_um: float | None = None
+    focal_mm: float | None = None
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+    def __post_init__(self) -> None:
+        pair = self.pitch_um, self.focal_mm
+        if (self.fx is None) == (None in pair) or (None in pair and pair != (None, None)):
+            raise RigError("camera: expected either fx, or both pitch_um and focal_mm")
+        self.camera()
+
+    def camera(self) -> Camera:
+        """Return the camera."""
+        fx = self.fx
+        if self.pitch_um is not None and self.focal_mm is not None:
+            fx = 1e3 * self.focal_mm / self.pitch_um
+        lens = Distortion(self.k1, self.k2, self.p1, self.p2, self.k3)
+        return Camera(
+            *(self.width, self.height),
+            fx=fx,
+            fy=self.fy,
+            cx=self.cx,
+            cy=self.cy,
+            distortion=lens,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MountSettings:
+    """How the virtual camera is held.
+
+    Parameters
+    ----------
+    middle_m
+        Point of the page, from its top left corner, that the camera faces in the middle of a
+        stroke, m; by default the middle of the page.
+    turn_deg
+        Rotation of the camera about its own axes (right, down, forward), in degrees, from one that
+        faces the page.
+    """
+
+    middle_m: tuple[float, float] | None = None
+    turn_deg: Vector3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigSettings:
+    """The content of rig.toml.
+
+    Parameters
+    ----------
+    page
+        The print.
+    camera
+        The camera's intrinsics.
+    camera_file
+        In place of `camera`: a YAML file in the same folder, of `eres rig intrinsics`, OpenCV or
+        Kalibr.
+    slider, mount
+        The strokes and the mount, for `eres rig render`; a real rig needs neither.
+    """
+
+    page: PageSettings
+    camera: CameraSettings | None = None
+    camera_file: str | None = None
+    slider: SliderSettings | None = None
+    mount: MountSettings = MountSettings()
+
+    def __post_init__(self) -> None:
+        if (self.camera is None) == (self.camera_file is None):
+            raise RigError("expected either camera or camera_file")
+
+    def camera_in(self, folder: Path) -> Camera:
+        """Return the camera.
+
+        Parameters
+        ----------
+        folder
+            The folder of rig.toml.
+        """
+        if self.camera_file is not None:
+            return read_camera(folder / self.camera_file)
+        assert self.camera is not None  # as checked
+        return self.camera.camera()
+
+
+def read_rig(file: Path) -> RigSettings:
+    """Read rig.toml.
+
+    Raises
+    ------
+    RigError
+        If the file cannot be read, or a field is missing, unknown or out of range.
+    """
+    return read_toml(RigSettings, file, RigError)
+
+
+def _positive(settings: object, name: str) -> None:
+    value = getattr(settings, name)
+    if not 0 < value < math.inf:
+        raise RigError(f"{name}: found {value}, expected a positive number")

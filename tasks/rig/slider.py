@@ -1,0 +1,261 @@
+"""`Slider`: where the carriage of a slider was, by its encoder."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eres_render.storage.atomic import write_text
+from tasks.errors import RigError
+from tasks.rig.settings import SliderSettings
+
+Float64 = NDArray[np.float64]
+
+FILE_NAME = "slider.csv"
+
+_COLUMNS = ("t_us", "x_m")
+_LONGEST_GAP = 20.0  # of the median time between two readings, while the carriage moves
+_STEP_US = 500  # between two readings of the virtual encoder
+_MOVES = 0.05  # of the highest speed: slower is at rest
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Slider:
+    """Readings of an encoder; between them the speed is constant.
+
+    Parameters
+    ----------
+    t_us
+        (N,) float64 increasing times, N >= 2, microseconds on the slider's clock.
+    x_m
+        (N,) float64 positions, m.
+
+    Raises
+    ------
+    RigError
+        If there are fewer than two readings, times do not increase, or a reading is not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tasks.rig.slider import Slider
+    >>> there = Slider(np.array([0.0, 1e6]), np.array([0.0, 0.2]))
+    >>> there.position_m(250_000.0), there.speed_mps(250_000.0)
+    (0.05, 0.2)
+    """
+
+    t_us: Float64
+    x_m: Float64
+
+    def __post_init__(self) -> None:
+        if len(self.t_us) < 2 or self.t_us.shape != self.x_m.shape:
+            raise RigError(f"slider: found {len(self.t_us)} readings, expected two or more")
+        if not (np.all(np.isfinite(self.t_us)) and np.all(np.isfinite(self.x_m))):
+            raise RigError("slider: found a reading that is not finite")
+        back = np.flatnonzero(np.diff(self.t_us) <= 0)
+        if back.size:
+            raise RigError(
+                f"slider: t_us: found {self.t_us[back[0] + 1]:g} after {self.t_us[back[0]]:g}, "
+                "expected increasing times"
+            )
+
+    def position_m(self, t_us: ArrayLike) -> Float64:
+        """Return the position at the times (...), m.
+
+        Raises
+        ------
+        RigError
+            If a time is before the first reading or after the last.
+        """
+        t = np.asarray(t_us, dtype=np.float64)
+        if t.size and not (t.min() >= self.t_us[0] and t.max() <= self.t_us[-1]):
+            raise RigError(
+                f"slider: found readings from {self.t_us[0]:.0f} to {self.t_us[-1]:.0f} us, "
+                f"expected {t.min():.0f} to {t.max():.0f} us; do the two clocks agree?"
+            )
+        return np.interp(t, self.t_us, self.x_m)
+
+    def speed_mps(self, t_us: ArrayLike) -> Float64:
+        """Return the velocity along the slider at the times (...), m/s."""
+        t = np.asarray(t_us, dtype=np.float64)
+        k = np.clip(np.searchsorted(self.t_us, t, side="right") - 1, 0, len(self.t_us) - 2)
+        return 1e6 * (np.diff(self.x_m) / np.diff(self.t_us))[k]
+
+    def check_gaps(self) -> None:
+        """Refuse readings that are missing while the carriage moves.
+
+        Raises
+        ------
+        RigError
+            If two readings in a row are many times farther apart than usual, and differ.
+        """
+        steps_us = np.diff(self.t_us)
+        usual_us = float(np.median(steps_us))
+        moved = np.diff(self.x_m) != 0
+        gaps = np.flatnonzero(moved & (steps_us > _LONGEST_GAP * usual_us))
+        if gaps.size:
+            worst = gaps[np.argmax(steps_us[gaps])]
+            raise RigError(
+                f"slider: found no reading from {self.t_us[worst]:.0f} to "
+                f"{self.t_us[worst + 1]:.0f} us while it moved, expected one every "
+                f"{usual_us:.0f} us"
+            )
+
+    def evenly_along(
+        self, count: int, start_us: float, end_us: float, max_speed_mps: float = np.inf
+    ) -> NDArray[np.int64]:
+        """Return times at which the carriage moves, evenly spaced along its way.
+
+        Parameters
+        ----------
+        count
+            Number of times.
+        start_us, end_us
+            The stretch of time.
+        max_speed_mps
+            Leave out faster motion, m/s.
+
+        Returns
+        -------
+        t_us
+            (count,) whole microseconds.
+
+        Raises
+        ------
+        RigError
+            If the carriage does not move in that stretch, at such speeds.
+        """
+        inside = (self.t_us > start_us) & (self.t_us < end_us)
+        t = np.concatenate([[start_us], self.t_us[inside], [end_us]])
+        middle = 0.5 * (t[1:] + t[:-1])
+        speed = np.abs(self.speed_mps(middle))
+        limit = float(np.max(speed[speed <= max_speed_mps], initial=0.0))
+        moves = (speed > _MOVES * limit) & (speed <= max_speed_mps)
+        way = np.concatenate([[0.0], np.cumsum(np.where(moves, speed * np.diff(t), 0.0))])
+        if not way[-1] > 0:
+            raise RigError(
+                f"slider: found no motion from {start_us:.0f} to {end_us:.0f} us, expected some"
+                + ("" if np.isinf(max_speed_mps) else f" of at most {max_speed_mps:g} m/s")
+            )
+        wanted = (np.arange(count) + 0.5) / count * way[-1]
+        return np.round(np.interp(wanted, way, t)).astype(np.int64)
+
+
+def read_slider(file: Path) -> Slider:
+    """Read slider.csv: a line `t_us,x_m`, then one line for each reading.
+
+    Raises
+    ------
+    RigError
+        If the file cannot be read, a column is missing, or a value is not a number.
+    """
+    columns = read_columns(file, _COLUMNS)
+    try:
+        slider = Slider(*(np.array(columns[name], dtype=np.float64) for name in _COLUMNS))
+        slider.check_gaps()
+    except ValueError as error:  # RigError is one, too
+        raise RigError(f"{file}: {error}") from None
+    return slider
+
+
+def write_slider(file: Path, slider: Slider) -> None:
+    """Write slider.csv.
+
+    Parameters
+    ----------
+    file
+        The file.
+    slider
+        The readings, at whole microseconds.
+    """
+    lines = (
+        f"{t:.0f},{x!r}" for t, x in zip(slider.t_us.tolist(), slider.x_m.tolist(), strict=True)
+    )
+    write_text(file, ",".join(_COLUMNS) + "\n" + "\n".join(lines) + "\n")
+
+
+def read_columns(file: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
+    """Read named columns of a CSV file.
+
+    Parameters
+    ----------
+    file
+        The file; its first line has the columns' names.
+    names
+        The columns.
+
+    Returns
+    -------
+    columns
+        The texts of each column.
+
+    Raises
+    ------
+    RigError
+        If the file cannot be read, or a column is missing or has no value in a line.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8") as opened:
+            table = csv.DictReader(opened)
+            found = [name.strip() for name in table.fieldnames or ()]
+            table.fieldnames = found
+            lines = list(table)
+    except OSError as error:
+        raise RigError(f"{file}: cannot be read: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RigError(f"{file}: not a CSV file: {error}") from None
+    for name in names:
+        if name not in found:
+            raise RigError(f"{file}: {name}: no such column, found {', '.join(found) or 'none'}")
+        for number, line in enumerate(lines, start=2):
+            if not (line[name] or "").strip():
+                raise RigError(f"{file}, line {number}: {name}: found no value")
+    return {name: [line[name].strip() for line in lines] for name in names}
+
+
+def strokes(settings: SliderSettings) -> Slider:
+    """Return the way of the virtual slider: there and back at each speed, with pauses.
+
+    Parameters
+    ----------
+    settings
+        Travel, speeds, acceleration and pauses.
+
+    Returns
+    -------
+    slider
+        From 0 s and 0 m, with a reading every 0.5 ms and at each change of the acceleration, whole
+        microseconds apart.
+    """
+    corners_s, accelerations = [0.0], []
+    rest_s = settings.pause_s
+
+    def add(duration_s: float, acceleration: float) -> None:
+        corners_s.append(corners_s[-1] + duration_s)
+        accelerations.append(acceleration)
+
+    for speed in settings.speeds_mps:
+        ramp_s = speed / settings.acceleration_mps2
+        even_s = settings.travel_m / speed - ramp_s
+        for sign in (1.0, -1.0):
+            push = sign * settings.acceleration_mps2
+            add(rest_s, 0.0)
+            add(ramp_s, push)
+            add(even_s, 0.0)
+            add(ramp_s, -push)
+    add(rest_s, 0.0)
+    edges = np.array(corners_s)
+    readings = np.arange(0.0, edges[-1], 1e-6 * _STEP_US)
+    t_us = np.unique(np.round(1e6 * np.concatenate([readings, edges])))
+    # Positions and velocities at the corners, then the parabola between them.
+    a, steps = np.array(accelerations), np.diff(edges)
+    v = np.concatenate([[0.0], np.cumsum(a * steps)])
+    x = np.concatenate([[0.0], np.cumsum(v[:-1] * steps + 0.5 * a * steps**2)])
+    t_s = np.minimum(1e-6 * t_us, edges[-1])
+    k = np.clip(np.searchsorted(edges, t_s, side="right") - 1, 0, len(a) - 1)
+    after = t_s - edges[k]
+    return Slider(t_us, x[k] + v[k] * after + 0.5 * a[k] * after**2)

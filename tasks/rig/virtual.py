@@ -1,0 +1,257 @@
+"""The virtual rig: the page in Mitsuba, seen from a camera on a slider."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from eres_render import Camera, RadianceSequence, load_scene, render_scene
+from eres_render.calibration import write_camera
+from eres_render.progress import Progress, silent
+from eres_render.storage.atomic import write_bytes, write_text
+from eres_render.storage.exr import write_luminance
+from eres_render.trajectory.tum import tum_text
+from tasks.errors import RigError
+from tasks.events.frame_camera import developed, exposed
+from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.rig import page as page_files
+from tasks.rig import settings as rig_files
+from tasks.rig import slider as slider_files
+from tasks.rig.bundle import RigPose
+from tasks.rig.calibration import on_page, write_truth
+from tasks.rig.page import PAPER, Page, draw, lay_out, reflectance
+from tasks.rig.recording import FRAMES_FOLDER, Frame, write_frames_table
+from tasks.rig.settings import RigSettings, SliderSettings, read_rig
+from tasks.rig.slider import Slider, strokes
+
+Float64 = NDArray[np.float64]
+
+LIGHT_FOLDER = "light"
+
+_WALL = 0.6 * PAPER  # reflectance
+_BEHIND_M = 1e-4  # the wall is behind the page
+_MARGIN = 1.2  # of the wall, over what the camera sees of it
+_CLEARANCE_M = 0.01
+
+_XML = """<scene version="3.0.0">
+  <shape type="rectangle" id="page">
+    <transform name="to_world">
+      <scale x="{half_w}" y="{half_h}"/>
+      <rotate x="1" angle="180"/>
+      <translate x="{half_w}" y="{half_h}"/>
+    </transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
+    <emitter type="area"><texture type="bitmap" name="radiance">
+      <string name="filename" value="page.exr"/>
+      <boolean name="raw" value="true"/>
+      <string name="format" value="fp16"/>
+      <string name="wrap_mode" value="clamp"/>
+    </texture></emitter>
+  </shape>
+  <shape type="rectangle" id="wall">
+    <transform name="to_world">
+      <scale value="{wall}"/>
+      <rotate x="1" angle="180"/>
+      <translate x="{half_w}" y="{half_h}" z="{behind}"/>
+    </transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
+    <emitter type="area"><rgb name="radiance" value="{light}"/></emitter>
+  </shape>
+</scene>
+"""
+_TOML = """title = "A page on a wall, before a camera on a slider"
+license = "CC0-1.0"
+length_unit = "m"
+radiance_unit = "W m^-2 sr^-1"
+
+[plane]
+point_m = [{half_w}, {half_h}, 0.0]
+normal = [0.0, 0.0, -1.0]
+half_width_m = {wall}
+
+[camera]
+fov_deg = {fov_deg}
+
+[path]
+kind = "tum"
+file = "camera.txt"
+min_clearance_m = {clearance}
+"""
+
+
+def true_pose(settings: RigSettings, slider: SliderSettings, page: Page, depth_m: float) -> RigPose:
+    """Return where the virtual camera is.
+
+    Parameters
+    ----------
+    settings
+        The rig.
+    slider
+        Its slider.
+    page
+        The page.
+    depth_m
+        Distance of the camera from the page in the middle of a stroke, m.
+
+    Returns
+    -------
+    The pose: in the middle of a stroke, the camera's axis meets the point that the mount faces.
+    """
+    mount = settings.mount
+    turn = Rotation.from_euler("XYZ", mount.turn_deg, degrees=True).as_matrix()
+    x, y = mount.middle_m or (0.5 * page.width_m, 0.5 * page.height_m)
+    axis = turn[:, 2]
+    if not axis[2] > 0:
+        raise RigError(f"mount.turn_deg: found {mount.turn_deg}, expected to see the page")
+    middle = np.array([x, y, 0.0]) - depth_m / axis[2] * axis
+    direction = np.array(slider.direction) / np.linalg.norm(slider.direction)
+    return RigPose(turn, middle - 0.5 * slider.travel_m * direction, direction)
+
+
+def render_rig(
+    rig_file: Path,
+    out: Path,
+    depth_m: float,
+    *,
+    images: int = 20,
+    frame_camera: FrameCameraOptions,
+    spp: int = 16,
+    max_displacement_px: float = 0.5,
+    seed: int = 0,
+    on_progress: Progress = silent,
+) -> RadianceSequence:
+    """Render what the camera of a virtual rig sees on all strokes, as the folder of a recording.
+
+    The events are not in it: `eres simulate DIR/light/continuous --out DIR/events.h5` adds them.
+
+    Parameters
+    ----------
+    rig_file
+        rig.toml, with a slider.
+    out
+        Folder of the recording. An interrupted render continues.
+    depth_m
+        Distance of the camera from the page in the middle of a stroke, m.
+    images
+        Number of images of a frame camera along the way, in addition to one before the start.
+    frame_camera
+        That camera; all images are white where the light is.
+    spp, max_displacement_px
+        As for `eres_render.render_scene`.
+    seed
+        Seed of the samples, and of the images' noise.
+    on_progress
+        Called after each frame.
+
+    Returns
+    -------
+    The light.
+
+    Raises
+    ------
+    RigError
+        If the rig has no slider, or the depth is not positive.
+    """
+    settings = read_rig(rig_file)
+    if settings.slider is None:
+        raise RigError(f"{rig_file}: slider: missing, expected the strokes to render")
+    if not 0 < depth_m < np.inf:
+        raise RigError(f"depth: found {depth_m}, expected a positive number of meters")
+    frame_camera.check()
+    page = lay_out(settings.page)
+    codes = draw(page, settings.page)
+    slider = strokes(settings.slider)
+    pose = true_pose(settings, settings.slider, page, depth_m)
+    camera = settings.camera_in(rig_file.parent)
+    write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
+    if settings.camera_file is not None:
+        write_camera(out / settings.camera_file, camera)
+    page_files.write_page(out / page_files.FILE_NAME, page)
+    page_files.write_print(out / page_files.IMAGE_NAME, codes, page)
+    slider_files.write_slider(out / slider_files.FILE_NAME, slider)
+    write_truth(out, pose)
+    write_page_scene(out / "scene", page, codes, camera, slider, pose)
+    light = render_scene(
+        load_scene(out / "scene"),
+        out / LIGHT_FOLDER,
+        camera=camera,
+        spp=spp,
+        seed=seed,
+        integrator="emission",
+        max_displacement_px=max_displacement_px,
+        continuous=True,
+        on_progress=on_progress,
+    )[0]
+    _write_frames(out, light, slider, images, frame_camera, seed)
+    return light
+
+
+def write_page_scene(
+    folder: Path,
+    page: Page,
+    codes: NDArray[np.uint8],
+    camera: Camera,
+    slider: Slider,
+    pose: RigPose,
+) -> None:
+    """Write the page on its wall, and the camera's path, for `load_scene`.
+
+    Parameters
+    ----------
+    folder
+        Folder of the scene.
+    page, codes
+        The page and its image.
+    camera
+        The camera.
+    slider
+        Its way.
+    pose
+        Where the camera is.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    middle = np.array([0.5 * page.width_m, 0.5 * page.height_m])
+    seen = [on_page(pose, camera, camera.grid(2), x) for x in (slider.x_m.min(), slider.x_m.max())]
+    wall = _MARGIN * max(float(np.abs(np.array(seen) - middle).max()), page.width_m, page.height_m)
+    upward = reflectance(codes)[::-1]  # a rectangle's v runs up, from the texture's first row
+    write_luminance(folder / "page.exr", np.ascontiguousarray(upward, np.float32))
+    facts = {
+        "half_w": middle[0],
+        "half_h": middle[1],
+        "wall": wall,
+        "behind": _BEHIND_M,
+        "light": _WALL,
+        "fov_deg": np.rad2deg(camera.fov_rad),
+        "clearance": _CLEARANCE_M,
+    }
+    facts = {name: repr(float(value)) for name, value in facts.items()}
+    write_text(folder / "scene.xml", _XML.format(**facts))
+    write_text(folder / "scene.toml", _TOML.format(**facts))
+    write_text(folder / "camera.txt", tum_text(1e-6 * slider.t_us, pose.at(slider.x_m)))
+
+
+def _write_frames(
+    out: Path,
+    light: RadianceSequence,
+    slider: Slider,
+    images: int,
+    options: FrameCameraOptions,
+    seed: int,
+) -> None:
+    """Write images of a frame camera: one at rest before the start, the others along the way."""
+    first_us, last_us = 1e6 * light.t_s[0], 1e6 * light.t_s[-1]
+    half_us = round(0.5e6 * options.exposure)
+    middles_us = slider.evenly_along(images, first_us + 2 * half_us, last_us - 2 * half_us)
+    rng = np.random.default_rng(seed)
+    frames = []
+    for k, t_us in enumerate([half_us, *middles_us.tolist()]):
+        frame = Frame(t_us - half_us, t_us + half_us, out / FRAMES_FOLDER / f"{k:06d}.png")
+        radiance = exposed(light, 1e-6 * frame.t_start_us, 1e-6 * frame.t_end_us)
+        codes = developed(radiance / light.white_level, options, rng)
+        write_bytes(frame.file, cv2.imencode(".png", codes)[1].tobytes())
+        frames.append(frame)
+    write_frames_table(out, frames)

@@ -1,0 +1,85 @@
+"""The slider: strokes, readings, gaps and clocks."""
+
+import numpy as np
+import pytest
+
+from tasks.errors import RigError
+from tasks.rig.settings import SliderSettings
+from tasks.rig.slider import Slider, read_slider, strokes, write_slider
+
+SETTINGS = SliderSettings(travel_m=0.2, speeds_mps=(0.2, 0.4), acceleration_mps2=10.0, pause_s=0.05)
+
+
+def test_strokes_go_there_and_back_at_each_speed():
+    """Promise: full travel, its ends at rest, each speed in both directions, no jump in speed."""
+    slider = strokes(SETTINGS)
+    assert slider.x_m.min() == pytest.approx(0.0, abs=1e-12)
+    assert slider.x_m.max() == pytest.approx(0.2, abs=1e-12)
+    assert slider.x_m[-1] == pytest.approx(0.0, abs=1e-12)
+    # a stroke lasts travel / speed + speed / acceleration
+    lasts_s = 5 * 0.05 + 2 * (0.2 / 0.2 + 0.02) + 2 * (0.2 / 0.4 + 0.04)
+    assert slider.t_us[-1] == pytest.approx(1e6 * lasts_s, abs=1)
+    speed = np.diff(slider.x_m) / np.diff(slider.t_us) * 1e6
+    assert speed.max() == pytest.approx(0.4, rel=1e-3)
+    assert speed.min() == pytest.approx(-0.4, rel=1e-3)
+    assert np.abs(np.diff(speed)).max() < 10.0 * 1.1e-3
+    assert np.array_equal(slider.t_us, np.round(slider.t_us))
+
+
+def test_images_are_evenly_spaced_along_the_way():
+    slider = strokes(SETTINGS)
+    t_us = slider.evenly_along(16, 0.0, slider.t_us[-1])
+    speed = slider.speed_mps(t_us)
+    assert (np.sum(speed > 0), np.sum(speed < 0)) == (8, 8)
+    way = np.interp(t_us, slider.t_us[1:], np.cumsum(np.abs(np.diff(slider.x_m))))
+    assert np.allclose(way, (np.arange(16) + 0.5) / 16 * 0.8, atol=2e-3)
+    slow = slider.evenly_along(16, 0.0, slider.t_us[-1], max_speed_mps=0.25)
+    assert np.abs(slider.speed_mps(slow)).max() <= 0.25
+    with pytest.raises(RigError, match=r"no motion .* of at most 1e-06 m/s"):
+        slider.evenly_along(4, 0.0, 40_000.0, max_speed_mps=1e-6)
+
+
+def test_files_keep_every_digit(tmp_path):
+    slider = strokes(SETTINGS)
+    write_slider(tmp_path / "slider.csv", slider)
+    back = read_slider(tmp_path / "slider.csv")
+    assert np.array_equal(back.t_us, slider.t_us)
+    assert np.array_equal(back.x_m, slider.x_m)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("t_us,x_m\n0,0\n", "found 1 readings"),
+        ("t_us\n0\n1\n", "x_m: no such column"),
+        ("t_us,x_m\n0,0\n5,\n", "line 3: x_m: found no value"),
+        ("t_us,x_m\n0,0\n5,a\n", "could not convert"),
+        ("t_us,x_m\n0,0\n5,nan\n", "not finite"),
+        ("t_us,x_m\n5,0\n0,1\n", "expected increasing times"),
+        (
+            "t_us,x_m\n" + "".join(f"{t},{t * 1e-6}\n" for t in [*range(50), *range(500, 550)]),
+            "found no reading from 49 to 500 us while it moved",
+        ),
+    ],
+)
+def test_wrong_readings_are_refused(tmp_path, text, expected):
+    file = tmp_path / "slider.csv"
+    file.write_text(text)
+    with pytest.raises(RigError, match=expected) as refused:
+        read_slider(file)
+    assert "slider.csv" in str(refused.value)
+
+
+def test_a_rest_without_readings_is_no_gap():
+    """Promise: an encoder that only reports motion is fine."""
+    moving = np.arange(100.0)
+    t = np.concatenate([moving, 10_000 + moving])
+    x = np.concatenate([moving, 99 + moving])
+    Slider(t, x).check_gaps()
+
+
+def test_times_without_readings_are_refused():
+    slider = Slider(np.array([0.0, 100.0]), np.array([0.0, 1.0]))
+    assert slider.position_m([50.0]).tolist() == [0.5]
+    with pytest.raises(RigError, match="do the two clocks agree"):
+        slider.position_m([101.0])

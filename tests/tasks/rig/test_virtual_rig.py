@@ -1,0 +1,272 @@
+"""The whole way on a small virtual rig: render, simulate, detect, solve, crop, evaluate."""
+
+import math
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eres_render.trajectory.tum import read_tum
+from sensor import SensorModel
+from sensor.formats import load_events, write_events
+from tasks.cli import main
+from tasks.errors import RigError
+from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.events.simulation import simulate_sequence
+from tasks.rig.bundle import Unknowns
+from tasks.rig.calibration import (
+    compare,
+    read_calibration,
+    read_truth,
+    solve_recording,
+    write_calibration,
+)
+from tasks.rig.crop import common_boxes, crop, homography, read_crop
+from tasks.rig.detect import detect
+from tasks.rig.evaluate import RigEvaluation, evaluate_rig
+from tasks.rig.recording import open_recording
+from tasks.rig.virtual import render_rig
+
+RIG = """
+camera = {width = 200, height = 150, fx = 260.0, cx = 104.0, cy = 71.0}
+
+[page]
+width_m = 0.16
+height_m = 0.12
+picture = "pebbles"
+picture_width_m = 0.04
+picture_height_m = 0.025
+marker_m = 0.012
+marker_pitch_m = 0.018
+dictionary = "DICT_4X4_100"
+
+[slider]
+travel_m = 0.03
+speeds_mps = [0.06]
+direction = [1.0, 0.02, -0.01]
+
+[mount]
+turn_deg = [1.0, -0.8, 0.5]
+"""
+DEPTH_M = 0.14
+CUTOFF_HZ = 100.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A rendered recording with events of a sensor that is 3.2 ms late."""
+    out = tmp_path_factory.mktemp("rig")
+    (out / "rig.toml").write_text(RIG)
+    light = render_rig(
+        *(out / "rig.toml", out / "near", DEPTH_M),
+        images=10,
+        frame_camera=FrameCameraOptions(exposure=0.001, full_well=math.inf, read_noise=0.0),
+        spp=4,
+        max_displacement_px=1.0,
+    )
+    model = SensorModel(
+        width=200, height=150, cutoff_hz=CUTOFF_HZ, dark_level=1e-3 * light.white_level
+    )
+    simulate_sequence(light, model, out / "near" / "events.h5")
+    return out / "near"
+
+
+@pytest.fixture(scope="module")
+def recording(folder):
+    return open_recording(folder)
+
+
+@pytest.fixture(scope="module")
+def frames_solved(recording):
+    found = detect(recording, "frame", images=10)
+    return solve_recording(recording, found, Unknowns(corner_bias=True), 2.0)
+
+
+def error(solved, recording):
+    return compare(solved.pose.pose(), read_truth(recording), recording.camera, solved.x_m)
+
+
+def test_frames_give_the_rig(recording, frames_solved):
+    """Promise: from frames, image truth to two hundredths of a pixel and flow to one."""
+    found = error(frames_solved, recording)
+    assert found.image_px < 0.02
+    assert found.flow_px < 0.01
+    assert found.position_mm < 0.2
+    assert frames_solved.inliers > 0.8 * frames_solved.markers
+
+
+def test_events_alone_give_it_too(recording):
+    """Promise: markers are found in images of the high-pass filter, and the rig to 0.2 px (this
+    one has only 15 px a marker)."""
+    found = detect(recording, "hf", images=10)
+    solved = solve_recording(recording, found, Unknowns(latency=True, corner_bias=True), 2.0)
+    assert error(solved, recording).image_px < 0.2
+    assert 0 < solved.latency_ms < 1e3 / (math.pi * CUTOFF_HZ)  # the filter itself is early
+
+
+def test_integrated_events_measure_the_cutoff(recording):
+    """Promise: the latency of images by event integration is 2 / (2 pi f), to 10 %."""
+    found = detect(recording, "ei", images=10)
+    solved = solve_recording(recording, found, Unknowns(latency=True, corner_bias=True), 2.0)
+    assert solved.latency_ms == pytest.approx(1e3 / (math.pi * CUTOFF_HZ), rel=0.1)
+
+
+def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
+    """Promise: without truth.json the calibration is the same, to the bit."""
+    copied = tmp_path / "near"
+    shutil.copytree(folder, copied, ignore=shutil.ignore_patterns("light", "scene", "truth.json"))
+    real = open_recording(copied)
+    assert read_truth(real) is None
+    found = detect(real, "frame", images=10)
+    solved = solve_recording(real, found, Unknowns(corner_bias=True), 2.0)
+    assert solved.pose == frames_solved.pose
+    assert solved.covariance == frames_solved.covariance
+
+
+def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
+    """Promise: a crop's events, poses and homographies belong together, and methods beat doing
+    nothing on it."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    calibration = read_calibration(file)
+    assert calibration.of(recording) == frames_solved
+    (out,) = crop([recording], calibration, tmp_path / "crops")
+    cropped = read_crop(out)
+    events, whole = load_events(out / "events.h5"), load_events(folder / "events.h5")
+    box = cropped.box
+    assert (events.width, events.height) == (box.width, box.height)
+    counts = abs(whole.polarity_sum())[box.top : box.bottom, box.left : box.right]
+    assert np.array_equal(abs(events.polarity_sum()), counts)
+    # A point of the page, by the pose, and by the homography: the same pixel.
+    t_s, poses = read_tum(out / "poses.txt")
+    table = np.loadtxt(out / "homographies.csv", delimiter=",", skiprows=1)
+    assert np.allclose(table[:, 0], 1e6 * t_s)
+    for k in (0, len(t_s) // 3, len(t_s) - 1):
+        point = np.array([0.07, 0.05, 0.0])
+        by_pose = cropped.camera().project((point - poses[k][:3, 3]) @ poses[k][:3, :3])
+        h = table[k, 1:].reshape(3, 3) @ [0.07, 0.05, 1.0]
+        assert by_pose == pytest.approx(h[:2] / h[2], abs=1e-6)
+    settings = RigEvaluation(
+        windows=2, features=4, flow=("contrast_maximization", "initial_flow"), tracking=()
+    )
+    rows = evaluate_rig(tmp_path / "crops", settings)
+    assert {row.task for row in rows} == {"flow", "video"}
+    assert {round(row.speed, 3) for row in rows} == {0.06}
+    median = {
+        method: np.median([row.value for row in rows if row.method == method])
+        for method in {row.method for row in rows}
+    }
+    assert median["contrast_maximization"] < median["initial_flow"]
+    assert median["high_pass_filter"] > median["blank"]
+
+
+def test_common_field_of_two_distances(recording, frames_solved):
+    """Promise: the far camera's box shows no more of the page than the near one's, and at most two
+    pixels less on each side."""
+    near = frames_solved.pose.pose()
+    far = type(near)(near.R_world_cam, near.origin_m - [0, 0, 0.1], near.direction)
+    camera = recording.camera
+    boxes = common_boxes([camera, camera], [near, far], frames_solved.x_m)
+    for x in frames_solved.x_m:
+        inner, outer = (
+            np.linalg.inv(homography(camera, pose, x)) @ np.c_[box.corners(), np.ones(4)].T
+            for pose, box in zip((far, near), reversed(boxes), strict=True)
+        )
+        (low, high), (left, right) = (
+            ((h[:2] / h[2]).min(axis=1), (h[:2] / h[2]).max(axis=1)) for h in (inner, outer)
+        )
+        pixel_m = 0.24 / camera.fx
+        assert np.all(low > left - 0.01 * pixel_m - 3 * pixel_m * 0.02)
+        assert np.all(low < left + 3 * pixel_m)
+        assert np.all(high > right - 3 * pixel_m)
+
+
+def run(monkeypatch, *arguments):
+    monkeypatch.setattr(sys, "argv", ["eres", *map(str, arguments)])
+    try:
+        main()
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+def test_commands(folder, tmp_path, monkeypatch, capsys):
+    """Promise: detect, solve and crop by commands; errors are one line, with exit code 1."""
+    corners = folder / "corners.parquet"
+    corners.unlink(missing_ok=True)
+    calibration = tmp_path / "calibration.json"
+    detected = ("rig", "detect", folder, "--out", corners, "--source", "frame", "--images", 10)
+    assert run(monkeypatch, *detected) == 0
+    assert run(monkeypatch, *detected) == 1
+    assert "exists already" in capsys.readouterr().err
+    assert run(monkeypatch, "rig", "solve", folder, "--out", calibration) == 0
+    assert "against the truth" in capsys.readouterr().out
+    crops = tmp_path / "crops"
+    assert (
+        run(monkeypatch, "rig", "crop", folder, "--calibration", calibration, "--out", crops) == 0
+    )
+    assert (crops / "near" / "crop.json").exists()
+    other = tmp_path / "other"
+    other.mkdir()
+    assert run(monkeypatch, "rig", "crop", other, "--calibration", calibration, "--out", crops) == 1
+    assert "rig.toml: no such file" in capsys.readouterr().err
+
+
+def test_bad_recordings_are_refused(folder, tmp_path):
+    """Promise: clocks that disagree, frames without exposure, another camera, a missing file: each
+    error names the file."""
+
+    def copy(name):
+        out = tmp_path / name
+        shutil.copytree(folder, out, ignore=shutil.ignore_patterns("light", "scene", "*.parquet"))
+        return out
+
+    late = copy("late")
+    table = (late / "slider.csv").read_text().splitlines()
+    moved = [f"{int(line.split(',')[0]) + 10**7},{line.split(',')[1]}" for line in table[1:]]
+    (late / "slider.csv").write_text("\n".join([table[0], *moved]) + "\n")
+    with pytest.raises(RigError, match="the clocks disagree"):
+        detect(open_recording(late), "hf", images=4)
+
+    unexposed = copy("unexposed")
+    text = (unexposed / "frames.csv").read_text().replace("t_us_start,t_us_end", "t_us,other")
+    (unexposed / "frames.csv").write_text(text)
+    with pytest.raises(RigError, match="each frame needs the start and the end"):
+        detect(open_recording(unexposed), "frame", images=4)
+
+    another = copy("another")
+    (another / "rig.toml").write_text(RIG.replace("width = 200", "width = 220"))
+    with pytest.raises(RigError, match="found events of 200x150 px, expected 220x150"):
+        detect(open_recording(another), "hf", images=4)
+    with pytest.raises(RigError, match="found 200x150 px, expected 220x150"):
+        detect(open_recording(another), "frame", images=4)
+
+    eventless = copy("eventless")
+    (eventless / "events.h5").unlink()
+    with pytest.raises(RigError, match=r"found none, expected one file events\.\*"):
+        detect(open_recording(eventless), "hf", images=4)
+
+    blind = copy("blind")
+    empty = load_events(blind / "events.h5")
+    kept = empty.where(np.arange(len(empty)) % 997 == 0)
+    (blind / "events.h5").unlink()
+    write_events(blind / "events.h5", kept)
+    with pytest.raises(RigError, match=r"found none of \d+ markers in 4 images"):
+        detect(open_recording(blind), "hf", images=4)
+
+    with pytest.raises(RigError, match="found no folder"):
+        open_recording(Path(tmp_path / "nowhere"))
+
+
+def test_a_calibration_of_another_camera_is_refused(folder, recording, frames_solved, tmp_path):
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    text = file.read_text().replace('"width": 200', '"width": 346')
+    file.write_text(text)
+    with pytest.raises(RigError, match="found a camera of 346x150 px"):
+        read_calibration(file).of(recording)
+    file.write_text(text.replace(str(folder), "/elsewhere"))
+    with pytest.raises(RigError, match="solve it too"):
+        read_calibration(file).of(recording)
