@@ -31,7 +31,7 @@ from tasks.learned.correlation import Correlation  # noqa: E402
 from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent  # noqa: E402
 from tasks.learned.eraft_network import ERAFT, cells, padded  # noqa: E402
 from tasks.learned.forward_flow import carried_forward  # noqa: E402
-from tasks.methods import code_of, load_method  # noqa: E402
+from tasks.methods import check_method, code_of, load_method  # noqa: E402
 from tasks.methods.networks import digest_of  # noqa: E402
 
 DATA = Path(__file__).parents[1] / "data"
@@ -344,8 +344,11 @@ def test_sizes_are_checked_before_anything_runs(saved, monkeypatch):
     small.check_size(2, 2)
     with pytest.raises(WeightsError, match="e2vid: found a sensor of 1x9 px, expected at least 2"):
         small.check_size(1, 9)
-    flow = eraft.load(saved({"model": eraft_state(5)}))
+    file = saved({"model": eraft_state(5)}, "eraft.tar")
+    flow = eraft.load(file)
     flow.check_size(128, 128)
+    with pytest.raises(WeightsError, match="eraft: found a sensor of 64x64 px"):
+        check_method("dense_flow", "eraft", {"eraft": str(file)}, [(640, 640), (64, 64)])
     with pytest.raises(
         WeightsError, match="eraft: found a sensor of 128x127 px, expected at least"
     ):
