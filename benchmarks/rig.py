@@ -82,7 +82,7 @@ def light_of(out: Path, width: int, depth_m: float, travel_m: float) -> Radiance
         *(settings, out, depth_m),
         images=IMAGES,
         frame_camera=FrameCameraOptions(exposure=0.001),
-        spp=4,
+        spp=4 if width < 640 else 1,
         max_displacement_px=0.5 if width < 640 else 1.0,
     )
 

@@ -185,8 +185,8 @@ def detect(
     threshold
         Contrast threshold of ei, log units; by default that of the simulated sensor.
     refinement
-        How corners are refined, as in OpenCV; by default contour below 640 px, in images enlarged
-        four times, and subpix above.
+        How corners are refined, as in OpenCV; by default contour. Images of less than 640 px are
+        enlarged four times.
     overwrite
         Replace an existing file.
     """

@@ -125,8 +125,7 @@ class Detector:
 def detector(dictionary: str, count: int, width: int) -> Detector:
     """Choose how markers are found in images of a width.
 
-    Small images are enlarged four times, with corners where lines through the markers' sides meet;
-    in large ones corners are refined where the image is.
+    Corners are where lines through the markers' sides meet. Small images are enlarged four times.
 
     Parameters
     ----------
@@ -141,7 +140,7 @@ def detector(dictionary: str, count: int, width: int) -> Detector:
     """
     if width < _SMALL_PX:
         return Detector(dictionary, count, "contour", _ENLARGED)
-    return Detector(dictionary, count, "subpix", 1)
+    return Detector(dictionary, count, "contour", 1)
 
 
 def gray_codes(image: Float64) -> NDArray[np.uint8]:

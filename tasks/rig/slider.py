@@ -44,7 +44,7 @@ class Slider:
     >>> import numpy as np
     >>> from tasks.rig.slider import Slider
     >>> there = Slider(np.array([0.0, 1e6]), np.array([0.0, 0.2]))
-    >>> there.position_m(250_000.0), there.speed_mps(250_000.0)
+    >>> float(there.position_m(250_000.0)), float(there.speed_mps(250_000.0))
     (0.05, 0.2)
     """
 
