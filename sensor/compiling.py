@@ -57,6 +57,24 @@ def compiler(*folders: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
     return compiled
 
 
+def is_cached(kernel: object) -> bool:
+    """Return whether code of a kernel is in the cache, for arguments of any types.
+
+    Parameters
+    ----------
+    kernel
+        A kernel from `compiler`; anything else is not cached.
+
+    Returns
+    -------
+    bool
+    """
+    if not isinstance(kernel, Dispatcher):
+        return False
+    cached: Any = kernel
+    return bool(cached._cache._cache_file._load_index())
+
+
 def _compile_once(kernel: Any) -> None:
     """Let one process at a time compile a kernel; the next finds it in the cache.
 

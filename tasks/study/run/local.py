@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from eres_render.cores import cores
 from eres_render.progress import Progress
+from tasks.study.run.compile_ahead import compiling_ahead
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.jobs import QueuedJob
 
@@ -25,13 +26,17 @@ class ThisProcess:
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
         """As `Scheduler.compute`."""
-        for k, queued in enumerate(jobs):
+        tasks = [each for queued in jobs for each in queued.job.evaluate.items()]
+        with compiling_ahead(tasks):
+            for k, queued in enumerate(jobs):
 
-            def on_job(stage: str, done: float, of: float, /, k: int = k) -> None:
-                begin, share = _STAGES.get(stage, (0.0, 0.0))
-                on_progress(f"{stage} {done:g}/{of:g}", k + begin + share * done / of, len(jobs))
+                def on_job(stage: str, done: float, of: float, /, k: int = k) -> None:
+                    begin, share = _STAGES.get(stage, (0.0, 0.0))
+                    on_progress(
+                        f"{stage} {done:g}/{of:g}", k + begin + share * done / of, len(jobs)
+                    )
 
-            on_progress(f"loading {queued.job.scene.name}", k, len(jobs))
-            computed = compute_job(queued.job, on_job, with_highlights=queued.with_highlights)
-            yield queued, computed
+                on_progress(f"loading {queued.job.scene.name}", k, len(jobs))
+                computed = compute_job(queued.job, on_job, with_highlights=queued.with_highlights)
+                yield queued, computed
         on_progress("done", len(jobs), len(jobs))
