@@ -53,7 +53,7 @@ def dataset(
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
     camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
 ) -> None:
-    """Make a dataset of random scenes for training: frames, events, flow, depth, objects, poses.
+    """Make a dataset of random scenes, to train networks.
 
     Each sequence is a folder: frames of linear radiance, the scene, and for each cutoff a DSEC file
     of events with the truth. `tasks.datasets.EventDataset` reads them. Surfaces glow with a fixed

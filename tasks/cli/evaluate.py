@@ -46,11 +46,11 @@ def evaluate(
     frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
     flow: OmitArgPrefixes[FlowOptions] = USUAL_FLOW,
 ) -> None:
-    """Score methods of one task: on one sensor on one rendered sequence, or on a recording.
+    """Score methods on a simulated sensor or on a recording.
 
-    A recording is a file of events of any format. Optical flow starts from zero there. Without
-    frames its score is how much sharper it makes the events; with frames the distance from tracks
-    of corners, and images are compared with the frames.
+    The sensor sees one rendered sequence. A recording is a file of events of any format. Optical
+    flow starts from zero there. Without frames its score is how much sharper it makes the events;
+    with frames the distance from tracks of corners, and images are compared with the frames.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def simulate(
     bus: OmitArgPrefixes[BusOptions] = NO_BUS,
     imu: OmitArgPrefixes[ImuOptions] = NO_IMU,
 ) -> None:
-    """Simulate a sensor on frames, and write its events to a file.
+    """Simulate a sensor on frames, and write its events.
 
     The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. The dark
     level is a thousandth of their white. If the sensor's shape differs from the frames', the sensor

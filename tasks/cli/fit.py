@@ -28,11 +28,12 @@ def fit(
     overwrite: bool = False,
     reading: OmitArgPrefixes[Reading] = AS_STORED,
 ) -> None:
-    """Estimate a sensor's electronics from a recording, and write them as a profile.
+    """Estimate a sensor's electronics from a recording.
 
-    Noise and hot pixels come from a stretch in which nothing moves; contrast thresholds from frames
-    on the clock of the events; cutoff and latency from steps of the light at known times. Each
-    number has a 95 % interval. `eres simulate --profile` takes the profile.
+    They are written as a profile. Noise and hot pixels come from a stretch in which nothing moves;
+    contrast thresholds from frames on the clock of the events; cutoff and latency from steps of the
+    light at known times. Each number has a 95 % interval. `eres simulate --profile` takes the
+    profile.
 
     Parameters
     ----------

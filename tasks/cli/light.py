@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 def bake(
     scene: Annotated[Positional[str], arg(metavar="SCENE", help="name or folder of a scene")],
 ) -> None:
-    """Bake a scene's lightmaps into its folder, next to scene.xml.
+    """Bake a scene's lightmaps into its folder.
 
-    Without them the first render bakes into the cache. Both need LLVM or a GPU; machines without
-    can use lightmaps from the folder.
+    They are next to scene.xml. Without them the first render bakes into the cache. Both need LLVM
+    or a GPU; machines without can use lightmaps from the folder.
     """
     from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
@@ -56,7 +56,7 @@ def render(
     seed: int = 0,
     warmup: float | None = None,
 ) -> None:
-    """Render HDR frames along a camera path, with times, poses and the path itself.
+    """Render HDR frames along a camera path.
 
     Writes clips, or one continuous sequence. A clip is a warm-up for the sensor, then a 50 ms
     window, every 0.5 s of the path. Each is a folder: half-float OpenEXR frames of linear radiance,
@@ -165,9 +165,10 @@ def stereo(
     baseline: float,
     trajectory: Path | None = None,
 ) -> None:
-    """Write the path of a second camera on the same rig, to the right of the scene's.
+    """Write the path of a second camera on the same rig.
 
-    Give it to `eres render --trajectory` to render what the second camera sees.
+    It is to the right of the scene's. Give it to `eres render --trajectory` to render what the
+    second camera sees.
 
     Parameters
     ----------
@@ -202,7 +203,7 @@ def truth(
     flow_png: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Write ground truth of a sequence: depth, optical flow, visibility, moving objects, poses.
+    """Write ground truth: depth, flow, visibility, objects, poses.
 
     Depth is along the camera's axis, in meters (EXR channel Z); flow is in pixels from each time to
     the next (EXR channels u, v, valid, occluded). If objects move, masks hold the number of the
@@ -252,10 +253,11 @@ def images(
     seed: int = 0,
     camera: OmitArgPrefixes[FrameCameraOptions] = USUAL_CAMERA,
 ) -> None:
-    """Take images with a frame camera along a sequence: exposure, noise, gray PNG of 8 bits.
+    """Take images with a frame camera along a sequence.
 
-    An image is the mean of the rendered light over its exposure, in sRGB's encoding; white is the
-    sequence's white. images.json has the start and the end of each exposure on the events' clock.
+    They have exposure and noise and are gray PNG of 8 bits. An image is the mean of the rendered
+    light over its exposure, in sRGB's encoding; white is the sequence's white. images.json has the
+    start and the end of each exposure on the events' clock.
 
     Parameters
     ----------
@@ -285,7 +287,7 @@ def convergence(
     duration: float = 0.01,
     trajectory: Path | None = None,
 ) -> None:
-    """Show how many samples per pixel and how many frames are enough for a scene.
+    """Show how many samples and frames are enough for a scene.
 
     Renders one stretch from the middle of the path with more and more samples, and with smaller and
     smaller motion from frame to frame, each with random numbers common to all frames and with fresh

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from rich.table import Column
 from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
@@ -11,7 +12,7 @@ from tasks.cli.table import Table
 
 
 def doctor() -> int:
-    """Show this machine: renderers that work, cores, versions, and places of code and cache.
+    """Show which renderers work, cores, versions and folders.
 
     The exit code is 1 if no renderer works.
     """
@@ -42,7 +43,9 @@ def sensors(
         Positional[str | None], arg(metavar="PROFILE", help="show all of one profile")
     ] = None,
 ) -> None:
-    """List event cameras, for `eres simulate --sensor`, and profiles of electronics, for --profile.
+    """List event cameras, and profiles of their electronics.
+
+    Cameras are for `eres simulate --sensor`, profiles for `--profile`.
 
     The cameras are those of the paper's Table 1. With the name or file of a profile, list what it
     knows, with units, 95 % intervals and sources, and what is unknown.
@@ -114,7 +117,7 @@ def methods() -> None:
     """List the methods of each task."""
     from tasks.registry import TASKS
 
-    table = Table("task", "method", "where", "note", box=None)
+    table = Table("task", "method", "where", Column("note", no_wrap=True), box=None)
     for task, spec in TASKS.items():
         for name, where in spec.methods.items():
             note = "needs --weights" if name in spec.networks else ""

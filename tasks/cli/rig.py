@@ -1,4 +1,4 @@
-"""A camera on a motorized slider in front of a printed page: virtual, and real."""
+"""Calibrate and study a camera on a motorized slider."""
 
 from __future__ import annotations
 

@@ -37,10 +37,10 @@ def study(
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
     weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
 ) -> None:
-    """Ask which resolution serves a task best: render, simulate, evaluate, report.
+    """Ask which resolution serves a task best.
 
-    Prints the scores next to the paper's and writes report.html into the run's folder. The same
-    command resumes a run that was stopped.
+    Renders, simulates, evaluates and reports. Prints the scores next to the paper's and writes
+    report.html into the run's folder. The same command resumes a run that was stopped.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def study(
 
 
 def report(run: RunFolder) -> None:
-    """Write the report.html, figures and tables.csv of a run again."""
+    """Write report.html, figures and tables of a run again."""
     from tasks.study.report import write_report
 
     terminal.out.print(str(write_report(run)), soft_wrap=True)

@@ -22,10 +22,10 @@ def video(
     options: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,
     reading: OmitArgPrefixes[Reading] = AS_STORED,
 ) -> None:
-    """Make images of events alone: PNG files at regular times, and timestamps.txt with these times.
+    """Make images of a file of events, at regular times.
 
-    A high-pass filter needs seconds to fill the image. Each image is stretched from its 1st
-    percentile to its 99th.
+    Writes PNG files, and timestamps.txt with their times. A high-pass filter needs seconds to fill
+    the image. Each image is stretched from its 1st percentile to its 99th.
 
     Parameters
     ----------

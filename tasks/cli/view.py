@@ -27,7 +27,7 @@ def view(
     reading: OmitArgPrefixes[Reading] = AS_STORED,
     look: OmitArgPrefixes[Look] = ALL_OF_IT,
 ) -> None:
-    """Look at events and rendered clips: a video, a picture, a page that plays them, or Rerun.
+    """Look at events and clips: video, picture, page or Rerun.
 
     Several sources are side by side. Each pixel has the color of the sum of its polarities in the
     window. The caption has the size and cutoff of the sensor, if the file knows them, and the rate.

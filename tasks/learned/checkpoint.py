@@ -55,6 +55,17 @@ def read_checkpoint(file: Path) -> Any:
 def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:
     """Return a state dict.
 
+    Parameters
+    ----------
+    found
+        What was read.
+    file
+        The file that it was read from, for errors.
+
+    Returns
+    -------
+    Tensors by name.
+
     Raises
     ------
     WeightsError
@@ -77,6 +88,15 @@ def held(found: Any) -> str:
 
 def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> None:
     """Put weights into a network that was made on the device "meta".
+
+    Parameters
+    ----------
+    network
+        The network.
+    state
+        Tensors by name.
+    file
+        The file that they were read from, for errors.
 
     Raises
     ------

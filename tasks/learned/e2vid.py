@@ -43,7 +43,12 @@ class E2vid:
         return self._network.options.num_bins
 
     def check_size(self, width: int, height: int) -> None:
-        """Check that the network can run on a sensor of a size, in px.
+        """Check that the network can run on a sensor.
+
+        Parameters
+        ----------
+        width, height
+            Size of the sensor, px.
 
         Raises
         ------
@@ -90,7 +95,19 @@ class E2vid:
 
 
 def reflected(grid: Tensor, multiple: int) -> Tensor:
-    """Pad by reflection to multiples of a side, the larger half on the left and at the top."""
+    """Pad by reflection to multiples of a side, the larger half on the left and at the top.
+
+    Parameters
+    ----------
+    grid
+        (..., H, W).
+    multiple
+        The padded height and width are multiples of it.
+
+    Returns
+    -------
+    The padded grid.
+    """
     height, width = grid.shape[-2:]
     more = (-width % multiple, -height % multiple)
     sides = [side for total in more for side in ((total + 1) // 2, total // 2)]
@@ -130,7 +147,18 @@ def load(file: Path) -> E2vid:
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
-    """Return the options of which a network has these weights.
+    """Return the options of the network that these weights are of.
+
+    Parameters
+    ----------
+    state
+        Tensors by name.
+    file
+        The file that they were read from, for errors.
+
+    Returns
+    -------
+    The options.
 
     Raises
     ------

@@ -39,7 +39,12 @@ class ERaft:
         self._network, self.bins = network.eval(), bins
 
     def check_size(self, width: int, height: int) -> None:
-        """Check that the network can run on a sensor of a size, in px.
+        """Check that the network can run on a sensor.
+
+        Parameters
+        ----------
+        width, height
+            Size of the sensor, px.
 
         Raises
         ------

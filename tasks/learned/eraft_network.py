@@ -83,7 +83,17 @@ def padded(grid: Tensor) -> Tensor:
 
 
 def cells(height: int, width: int) -> Tensor:
-    """Return the coordinates of cells, (1, 2, height, width), x first."""
+    """Return the coordinates of cells.
+
+    Parameters
+    ----------
+    height, width
+        Their number.
+
+    Returns
+    -------
+    (1, 2, height, width), x first.
+    """
     y, x = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     return torch.stack([x, y])[None].float()
 

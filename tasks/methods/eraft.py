@@ -21,9 +21,13 @@ class Network(Protocol):
 
     bins: int
 
-    def check_size(self, width: int, height: int) -> None: ...
+    def check_size(self, width: int, height: int) -> None:
+        """As `ERaft.check_size`."""
+        ...
 
-    def flow(self, old: NDArray[np.float32], new: NDArray[np.float32]) -> NDArray[np.float32]: ...
+    def flow(self, old: NDArray[np.float32], new: NDArray[np.float32]) -> NDArray[np.float32]:
+        """As `ERaft.flow`."""
+        ...
 
 
 def estimate(sample: DenseFlowSample, *, network: Network) -> NDArray[np.float32]:

@@ -48,7 +48,19 @@ class TrueLight:
         return self.sequence.t_s / self.speed
 
     def log_image(self, k: int, width: int, height: int) -> Float64:
-        """Return log intensity of frame k at a sensor's resolution, (height, width)."""
+        """Return the log intensity of a frame at a sensor's resolution.
+
+        Parameters
+        ----------
+        k
+            Number of the frame.
+        width, height
+            Size of the sensor, px.
+
+        Returns
+        -------
+        (height, width).
+        """
         seen = integrate(self.sequence.frame(k), height, width)
         if seen is None:
             raise TaskError(f"frame {k}: found radiance that is negative or not finite")

@@ -37,32 +37,7 @@ _BEHIND_M = 1e-4  # the wall is behind the page
 _MARGIN = 1.2  # of the wall, over what the camera sees of it
 _CLEARANCE_M = 0.01
 
-_XML = """<scene version="3.0.0">
-  <shape type="rectangle" id="page">
-    <transform name="to_world">
-      <scale x="{half_w}" y="{half_h}"/>
-      <rotate x="1" angle="180"/>
-      <translate x="{half_w}" y="{half_h}"/>
-    </transform>
-    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
-    <emitter type="area"><texture type="bitmap" name="radiance">
-      <string name="filename" value="page.exr"/>
-      <boolean name="raw" value="true"/>
-      <string name="format" value="fp16"/>
-      <string name="wrap_mode" value="clamp"/>
-    </texture></emitter>
-  </shape>
-  <shape type="rectangle" id="wall">
-    <transform name="to_world">
-      <scale value="{wall}"/>
-      <rotate x="1" angle="180"/>
-      <translate x="{half_w}" y="{half_h}" z="{behind}"/>
-    </transform>
-    <bsdf type="diffuse"><rgb name="reflectance" value="0"/></bsdf>
-    <emitter type="area"><rgb name="radiance" value="{light}"/></emitter>
-  </shape>
-</scene>
-"""
+_XML = (Path(__file__).parent / "page_scene.xml").read_text()  # with numbers to fill in
 _TOML = """title = "A page on a wall, before a camera on a slider"
 license = "CC0-1.0"
 length_unit = "m"

@@ -50,9 +50,16 @@ class ClipFrames:
         return self.sequence.t_offset_us + int(first), self.sequence.t_offset_us + int(last)
 
     def times_us(self, start_us: int, end_us: int) -> list[int]:
-        """Return from when each frame is shown in a span [start_us, end_us), ascending.
+        """Return the times from which frames are shown.
 
-        The first is the frame at the start, or the first of all.
+        Parameters
+        ----------
+        start_us, end_us
+            The span [start_us, end_us) in which they are shown.
+
+        Returns
+        -------
+        Ascending times. The first frame is the one at the start, or the first of all.
         """
         times_us = np.ceil(self._times_s / self._speed * 1e6).astype(int)
         times_us += self.sequence.t_offset_us

@@ -4,7 +4,9 @@ import ast
 import io
 import json
 import sys
+import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.table import Table
@@ -14,11 +16,32 @@ from light_scenes import small_carpet_folder
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks import cli, convergence
 from tasks.cli import terminal
+from tasks.rig.calibration import SolvedRecording, StoredPose
 from tasks.row import write_rows
 
 ROOT = Path(__file__).parents[2]
 SCREENS = {"40": (40, True), "80": (80, True), "pipe": (80, False)}
 OWN = "my_group.my_own_methods_of_this_year:photometric_flow_with_everything"
+
+
+SOLVED = SolvedRecording(
+    recording="/recordings/a_recording_with_a_name_that_is_longer_than_the_screen",
+    source="hf",
+    width=346,
+    height=260,
+    pose=StoredPose(
+        ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), (0.0,) * 3, (1.0, 0.0, 0.0), 1.0
+    ),
+    latency_ms=1.5,
+    corner_bias_px=0.1,
+    estimated=("x",),
+    covariance=((1.0,),),
+    rms_px=0.5,
+    markers=20,
+    inliers=19,
+    images=5,
+    x_m=(0.0, 0.2),
+)
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +101,7 @@ def run(*args, screen="80"):
 def every_table(clip, finished_run, screen):
     """Return the output of every command with a table, and the words of each table."""
     sequence, events = clip
+    folder = Path(tempfile.mkdtemp(dir=events.parent))
     outcome = convergence.Outcome(convergence.USUAL, 123, 4_567_890, 12.345)
     fast = {"converge": lambda *_, **__: iter([outcome, outcome])}
     with pytest.MonkeyPatch.context() as patch:
@@ -85,6 +109,13 @@ def every_table(clip, finished_run, screen):
             patch.setattr(convergence, name, function)
         patch.setattr("tasks.study.run.run_study", lambda *_: [])
         patch.setattr("tasks.study.report.write_report", lambda run: run / "report.html")
+        patch.setattr(
+            "tasks.rig.recording.open_recording", lambda path: SimpleNamespace(folder=path)
+        )
+        patch.setattr("tasks.rig.calibration.solve_recording", lambda *_: SOLVED)
+        patch.setattr("tasks.rig.calibration.read_truth", lambda _: None)
+        patch.setattr("tasks.rig.markers.read_detections", lambda _: None)
+        patch.setattr("tasks.rig.evaluate.evaluate_rig", lambda *_, **__: paper_rows(samples=1))
         for args in (
             ("doctor",),
             ("scenes",),
@@ -95,6 +126,10 @@ def every_table(clip, finished_run, screen):
             ("evaluate", sequence, "--task", "tracking", "--resolution", 32),
             ("study", "--out", finished_run),
             ("claims", finished_run),
+            ("fit", events, "--still", 0, 0.05, "--out", folder / "profile.toml"),
+            ("sensors", "dvs128"),
+            ("rig", "solve", sequence, "--out", folder / "calibration.json"),
+            ("rig", "evaluate", folder, "--out", folder),
             ("info", sequence),
             ("info", events),
         ):

@@ -126,7 +126,18 @@ class Medians(Generic[Key]):
         return resampled_medians(values, cell.sample, cell.scene)
 
     def difference(self, one: Key, other: Key) -> NDArray[np.float64]:
-        """Return the median of the differences between the values of two cells, () or (draws,)."""
+        """Return the median of the differences between the values of two cells.
+
+        Parameters
+        ----------
+        one, other
+            The cells.
+
+        Returns
+        -------
+        median
+            () or (draws,).
+        """
         return self.of(lambda values: values[one] - values[other], (one, other))
 
     def _values(self, key: Key) -> NDArray[np.float64]:
