@@ -129,7 +129,7 @@ def read_luminance(path: Path, *, intact: bool = False) -> NDArray[np.float32]:
     RenderError
         If the file is missing, truncated or not an image with a channel Y.
     """
-    with nullcontext() if intact else _silence(), _open(path) as file:
+    with _open(path, silent=not intact) as file:
         return np.asarray(file.channels()["Y"].pixels, dtype=np.float32)
 
 
@@ -145,7 +145,7 @@ def read_channels(path: Path) -> dict[str, NDArray[np.float32]]:
     RenderError
         If the file is missing, truncated or not an image.
     """
-    with _silence(), _open(path, expected="a whole image", separate=True) as file:
+    with _open(path, expected="a whole image", separate=True) as file:
         return {name: np.asarray(one.pixels, np.float32) for name, one in file.channels().items()}
 
 
@@ -157,7 +157,7 @@ def read_attributes(path: Path) -> dict[str, str]:
     RenderError
         If the file is missing or not an image.
     """
-    with _silence(), _open(path, header_only=True) as file:
+    with _open(path, header_only=True) as file:
         return {k: v for k, v in file.header().items() if isinstance(v, str)}
 
 
@@ -175,7 +175,7 @@ def check_readable(path: Path) -> None:
 
 @functools.cache  # once a process: a scene with many images takes about a second
 def _check_readable(path: Path, changed_ns: int, size: int) -> None:
-    with _silence(), _open(path, expected="a whole image") as file:
+    with _open(path, expected="a whole image") as file:
         file.channels()
 
 
@@ -206,12 +206,20 @@ def _open(
     header_only: bool = False,
     expected: str = "an image with a channel Y",
     separate: bool = False,
+    silent: bool = True,
 ) -> Iterator[OpenEXR.File]:
-    """Open an image; errors of the library become a RenderError that names the file."""
+    """Open an image; errors of the library become a RenderError that names the file.
+
+    While it is open, the process is silent, as the library prints its errors. What other threads
+    print meanwhile is lost, so a missing file, which is common, is not opened.
+    """
     if not path.is_file():
         raise RenderError(f"{path}: missing")
     try:
-        with OpenEXR.File(str(path), separate_channels=separate, header_only=header_only) as file:
+        with (
+            _silence() if silent else nullcontext(),
+            OpenEXR.File(str(path), separate_channels=separate, header_only=header_only) as file,
+        ):
             yield file
     except (RuntimeError, ValueError, KeyError, TypeError) as error:
         found = f"{path.stat().st_size} bytes that OpenEXR cannot read"

@@ -8,6 +8,9 @@ import numpy as np
 import OpenEXR
 import pytest
 
+from eres_render import RenderError
+from eres_render.storage import exr
+
 SCENE = """<scene version="3.0.0"><sensor type="perspective"><float name="fov" value="50"/></sensor>
 <emitter type="constant"/><shape type="rectangle" id="wall"><bsdf type="diffuse">
 <texture type="bitmap" name="reflectance"><string name="filename" value="red.exr"/></texture>
@@ -39,3 +42,11 @@ def test_a_damaged_image_is_named(tmp_path, damage):
     assert (run.returncode, run.stdout) == (1, ""), run.stderr
     (line,) = run.stderr.splitlines()
     assert line.startswith(f"error: {image}: found {len(data)} bytes that OpenEXR cannot read")
+
+
+def test_what_others_print_while_a_missing_image_is_looked_for_is_not_lost(tmp_path, monkeypatch):
+    """Promise: a render looks for its next frames in threads, and silences the process, as OpenEXR
+    prints its errors, only for files that exist."""
+    monkeypatch.setattr(exr, "_silence", lambda: pytest.fail("the process was silent"))
+    with pytest.raises(RenderError, match=r"lost\.exr: missing"):
+        exr.read_luminance(tmp_path / "lost.exr")

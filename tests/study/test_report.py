@@ -261,7 +261,7 @@ def test_a_run_of_one_task_needs_no_selector(tmp_path: Path) -> None:
     page = html_of(tmp_path, paper_rows(samples=1))
     assert "<select" not in page
     assert '<div class="plots" hidden>' not in page
-    assert "no optical flow and no pose tracking" in page
+    assert "none of: optical flow, dense optical flow, pose tracking" in page
 
 
 def test_previews_that_are_too_large_are_refused(tmp_path: Path) -> None:

@@ -75,7 +75,8 @@ def compile_methods(methods: Sequence[str]) -> None:
 
 def _any_is_cached(methods: Iterable[str]) -> bool:
     for method in methods:
-        load_method(*method.split(":"))
+        task, name = method.split(":")
+        load_method(task, name)
     places = ("tasks.methods.", "tasks.numerics.")
     modules = [module for name, module in sys.modules.items() if name.startswith(places)]
     return any(is_cached(value) for module in modules for value in vars(module).values())
