@@ -53,7 +53,18 @@ class SequenceError(RenderError):
 
 
 class BackendError(RenderError):
-    """No Mitsuba variant on this machine can carry out a request."""
+    """No Mitsuba variant on this machine can carry out a request.
+
+    Examples
+    --------
+    >>> import os
+    >>> from eres_render import Renderer, load_scene
+    >>> os.environ["ERES_VARIANT"] = "fastest"
+    >>> Renderer(load_scene("carpet"))
+    Traceback (most recent call last):
+    eres_render.errors.BackendError: ERES_VARIANT: found 'fastest', expected one of ...
+    >>> del os.environ["ERES_VARIANT"]
+    """
 
 
 def nearest(name: str, known: Collection[str]) -> str:

@@ -92,6 +92,14 @@ class Renderer:
         If no Mitsuba variant works here, or lightmaps are missing and cannot be baked here.
     SceneError
         If Mitsuba refuses the scene, it cannot be baked or one of its objects cannot move.
+
+    Examples
+    --------
+    >>> from eres_render import Renderer, load_scene
+    >>> scene = load_scene("carpet")
+    >>> renderer = Renderer(scene, width=64, spp=4)
+    >>> renderer.frame(scene.trajectory().pose(1.0)).shape
+    (64, 64)
     """
 
     def __init__(

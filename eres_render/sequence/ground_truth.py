@@ -360,6 +360,16 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
     ------
     SceneError
         If the scene is missing, or its surfaces have changed since the sequence was rendered.
+
+    Examples
+    --------
+    After `eres render carpet --resolution 128 --spp 4 --samples 1 --out clips`:
+
+    >>> from eres_render import ground_truth, open_sequence
+    >>> truth = ground_truth(open_sequence("clips/clip_000"))
+    >>> flow = truth.flow(0.25, 0.3, width=64)
+    >>> flow.flow_px.shape, bool(flow.valid.any())
+    ((64, 64, 2), True)
     """
     manifest = sequence.manifest
     scene = load_scene(sequence.scene_source)

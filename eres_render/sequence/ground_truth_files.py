@@ -76,6 +76,17 @@ def write_truth(
     RenderError
         If the folder holds ground truth or a sequence, cannot be written, or a flow does not fit
         into a PNG.
+
+    Examples
+    --------
+    After `eres render carpet --resolution 128 --spp 4 --samples 1 --out clips`:
+
+    >>> from pathlib import Path
+    >>> from eres_render import ground_truth, open_sequence, write_truth
+    >>> truth = ground_truth(open_sequence("clips/clip_000"))
+    >>> files = write_truth(truth, Path("truth"), [0.25, 0.3], width=64)
+    >>> sorted(str(file.relative_to("truth")) for file in files)
+    ['camera.json', 'depth/000000.exr', 'depth/000001.exr', 'flow/000000.exr', 'poses.txt']
     """
     for name, side in (("width", width), ("height", height)):
         if side is not None and side < 1:
@@ -175,6 +186,14 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     ------
     RenderError
         If `step_s` is not positive.
+
+    Examples
+    --------
+    After `eres render carpet --resolution 128 --spp 4 --samples 1 --out clips`:
+
+    >>> from eres_render import open_sequence, window_times
+    >>> window_times(open_sequence("clips/clip_000"), 0.025)
+    array([0.25 , 0.275, 0.3  ])
     """
     if not step_s > 0:
         raise RenderError(f"step_s: found {step_s}, expected a positive number of seconds")

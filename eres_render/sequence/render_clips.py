@@ -128,6 +128,19 @@ def clip_in_progress(
     RenderError
         If the folder holds a sequence with other settings, or cannot be written; finished frames
         stay.
+
+    Examples
+    --------
+    A sensor sees frames as they are rendered; the folder has them afterwards:
+
+    >>> from pathlib import Path
+    >>> from eres_render import Clip, Renderer, clip_in_progress, load_scene, open_sequence
+    >>> from sensor import SensorModel, simulate
+    >>> renderer = Renderer(load_scene("carpet"), width=64, spp=4)
+    >>> with clip_in_progress(renderer, Clip(0, 0.2, 0.25, 0.3), Path("clip"), 0.5) as frames:
+    ...     events = simulate(frames, frames.t_s, SensorModel(width=64, height=64))
+    >>> len(events) > 0, len(open_sequence("clip")) == len(frames)
+    (True, True)
     """
     t_s = frame_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     manifest = _manifest(renderer, clip, t_s, max_displacement_px)
@@ -211,6 +224,15 @@ def render_clip(
     ------
     RenderError
         As `clip_in_progress`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from eres_render import Clip, Renderer, load_scene, render_clip
+    >>> renderer = Renderer(load_scene("carpet"), width=64, spp=4)
+    >>> sequence = render_clip(renderer, Clip(0, 0.24, 0.25, 0.26), Path("short"), 0.5)
+    >>> sequence.window_s, sequence.frame(0).shape
+    ((0.25, 0.26), (64, 64))
     """
     where = out_dir, max_displacement_px
     with clip_in_progress(renderer, clip, *where, "zip", on_progress, frame_times) as sequence:
@@ -271,6 +293,15 @@ def render_scene(
     ------
     RenderError
         As `Renderer`, `clips` and `render_clip`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from eres_render import load_scene, render_scene
+    >>> carpet = load_scene("carpet")
+    >>> sequences = render_scene(carpet, Path("clips"), resolution=64, spp=1, samples=1)
+    >>> [sequence.folder.name for sequence in sequences]
+    ['clip_000']
     """
     scene.trajectory(camera)  # a bad path is refused before anything is loaded or baked
     if continuous:

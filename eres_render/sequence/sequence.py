@@ -52,6 +52,19 @@ class RadianceSequence:
     """A complete sequence on disk; frames are read on demand.
 
     Iterating yields the frames in order, (H, W) float32 each; all cores decode the next ones.
+
+    Examples
+    --------
+    After `eres render carpet --resolution 128 --spp 4 --samples 1 --out clips`:
+
+    >>> from eres_render import open_sequence
+    >>> sequence = open_sequence("clips/clip_000")
+    >>> sequence.manifest.scene, sequence.window_s
+    ('carpet', (0.25, 0.3))
+    >>> sequence.T_world_cam.shape == (len(sequence), 4, 4)
+    True
+    >>> all(frame.shape == (128, 128) for frame in sequence)
+    True
     """
 
     folder: Path
@@ -159,6 +172,15 @@ def open_sequence(path: str | Path) -> RadianceSequence:
     SequenceError
         If the manifest, the poses or a frame is missing, or they contradict each other. Frames are
         checked when they are read.
+
+    Examples
+    --------
+    After `eres render carpet --resolution 128 --spp 4 --samples 1 --out clips`:
+
+    >>> from eres_render import open_sequence
+    >>> sequence = open_sequence("clips/clip_000")
+    >>> sequence.frame(0).shape, float(sequence.t_s[-1])
+    ((128, 128), 0.3)
     """
     folder = Path(path)
     if folder.is_file():
