@@ -17,7 +17,7 @@ _LOW_HIGH = (2.5, 97.5)  # percent
 class Estimate(NamedTuple):
     """A number with its 95 % interval.
 
-    Attributes
+    Parameters
     ----------
     value, low, high
         The estimate, and the ends of the interval.

@@ -14,7 +14,7 @@ from tasks.fitting.estimate import Estimate
 class Measured(NamedTuple):
     """A field of a profile, as measured.
 
-    Attributes
+    Parameters
     ----------
     value
         An estimate in the given unit, a number that was not estimated, or the name of a

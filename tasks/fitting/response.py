@@ -29,7 +29,7 @@ _ABSORBED_RANGE = (0.75, 1.25)
 class Response(NamedTuple):
     """How the photoreceptor answers a step of the light.
 
-    Attributes
+    Parameters
     ----------
     photoreceptor
         "two_pole" or "one_pole", whichever fits better.

@@ -19,7 +19,7 @@ _PASSES = 20
 class Noise(NamedTuple):
     """What a still stretch shows.
 
-    Attributes
+    Parameters
     ----------
     leak_hz, shot_noise_hz
         Rates of a pixel that is not hot: shot noise fires ON and OFF equally, leakage ON alone.

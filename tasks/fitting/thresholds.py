@@ -27,7 +27,7 @@ _SATURATED = 0.98  # of the brightest value
 class Changes(NamedTuple):
     """Changes of the light of a pixel from an event near a frame to the next such event.
 
-    Attributes
+    Parameters
     ----------
     before, after
         (N,) light in these frames, white at 1.
