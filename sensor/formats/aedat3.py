@@ -24,7 +24,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from sensor.errors import EventError, EventFormatError
+from sensor.errors import EventFormatError
 from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import Header
@@ -144,12 +144,8 @@ def _parts(path: Path, header: Header, sort: bool) -> Iterator[Events]:
                 )
             last_us = int(t_us[-1])
             x, y = ((word >> 17).astype(np.uint16), (word >> 2 & 0x7FFF).astype(np.uint16))
-            p = np.where(word & 2, 1, -1).astype(np.int8)
-            try:  # sorted times: only the places are still unchecked
-                Events(np.zeros_like(t_us), x, y, p, none.width, none.height)
-            except EventError as error:
-                raise EventFormatError(f"byte {at}: {error}") from error
-            yield Events.trusted(t_us, x, y, p, like=none)
+            on = word & 2 > 0
+            yield batching.with_checked_places(t_us, x, y, on, f"byte {at}", none)
 
 
 def _read_packet(

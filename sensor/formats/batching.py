@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sensor.errors import EventFormatError
+from sensor.errors import EventError, EventFormatError
 from sensor.events import Events, concatenate
 
 PART_EVENTS = 1 << 20  # events in memory at a time
@@ -82,3 +83,41 @@ def by_time(parts: Iterable[Events]) -> Iterator[Events]:
     for start in range(0, len(order), PART_EVENTS):
         part = order[start : start + PART_EVENTS]
         yield Events.trusted(*events.columns.part(part), like=events)
+
+
+def with_checked_places(
+    t_us: NDArray[np.int64],
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    on: NDArray[np.bool_],
+    where: str,
+    like: Events,
+) -> Events:
+    """Return read events, after a check of all but their times, which may be unsorted.
+
+    Parameters
+    ----------
+    t_us, x, y
+        (N,) times, columns and rows.
+    on
+        (N,) whether an event is brighter.
+    where
+        Where in the file they are, for errors.
+    like
+        Events of the same sensor.
+
+    Returns
+    -------
+    The events.
+
+    Raises
+    ------
+    EventFormatError
+        A place is outside the sensor.
+    """
+    p = np.where(on, 1, -1).astype(np.int8)
+    try:
+        Events(np.zeros_like(t_us), x, y, p, like.width, like.height)
+    except EventError as error:
+        raise EventFormatError(f"{where}: {error}") from error
+    return Events.trusted(t_us, x, y, p, like=like)

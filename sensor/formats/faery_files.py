@@ -18,7 +18,7 @@ from typing import IO
 
 import numpy as np
 
-from sensor.errors import EventError, EventFormatError
+from sensor.errors import EventFormatError
 from sensor.events import Events, no_events
 from sensor.formats import batching, faery_process
 from sensor.formats.header import Header
@@ -175,9 +175,5 @@ def _checked(found: np.ndarray, header: Header, first: int, sort: bool, none: Ev
     if len(backwards) and not sort:
         raise _backwards(first + int(backwards[0]) + 1)
     x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
-    p = np.where(found["on"] > 0, 1, -1).astype(np.int8)
-    try:  # sorted times: only the places are still unchecked
-        Events(np.zeros_like(t_us), x, y, p, none.width, none.height)
-    except EventError as error:
-        raise EventFormatError(f"events from {first}: {error}") from error
-    return Events.trusted(t_us, x, y, p, like=none)
+    on, where = found["on"] > 0, f"events from {first}"
+    return batching.with_checked_places(t_us, x, y, on, where, none)

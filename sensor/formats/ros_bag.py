@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from sensor.errors import EventError, EventFormatError
+from sensor.errors import EventFormatError
 from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import Header
@@ -184,9 +184,5 @@ def _parts(path: Path, header: Header, sort: bool, topic: str | None) -> Iterato
                 )
             last_us = int(t_us[-1])
             x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
-            p = np.where(found["on"] > 0, 1, -1).astype(np.int8)
-            try:  # sorted times: only the places are still unchecked
-                Events(np.zeros_like(t_us), x, y, p, none.width, none.height)
-            except EventError as error:
-                raise EventFormatError(f"message {number}: {error}") from error
-            yield Events.trusted(t_us, x, y, p, like=none)
+            on, where = found["on"] > 0, f"message {number}"
+            yield batching.with_checked_places(t_us, x, y, on, where, none)
