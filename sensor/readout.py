@@ -129,6 +129,68 @@ class ReadoutReport:
         )
 
 
+class Sender:
+    """A bus that gets the events of one stream part by part.
+
+    Parameters
+    ----------
+    readout
+        The bus.
+    """
+
+    def __init__(self, readout: Readout) -> None:
+        self._readout = readout
+        self._tally = fifo.Tally(np.zeros(fifo.COUNTS_SIZE, np.int64), np.zeros(fifo.DELAYS_SIZE))
+        self._waiting: _Queue | None = None
+        self._held: Events | None = None
+        self._end_us = -fifo.END_OF_TIME_US
+
+    def push(self, part: Events) -> Events:
+        """Take the next events of the pixels; return events that have left since.
+
+        The last microsecond is kept, as events that still wait may share it.
+
+        Raises
+        ------
+        EventError
+            The part has another sensor than the one before it, or starts before its end.
+        """
+        if self._waiting is None or self._held is None:
+            self._waiting, self._held = _Queue(self._readout, part.height), part[:0].copy()
+        held = self._held
+        if (part.width, part.height) != (held.width, held.height):
+            raise EventError(
+                f"read_out: found a part of {part.width}x{part.height} px after one of "
+                f"{held.width}x{held.height}, expected the parts of one stream"
+            )
+        if len(part) and part.t_us[0] < self._end_us:
+            raise EventError(
+                f"read_out: found a part that begins at {part.t_us[0]} us after one that ends "
+                f"at {self._end_us} us, expected consecutive parts of one stream"
+            )
+        self._end_us = int(part.t_us[-1]) if len(part) else self._end_us
+        sent = concatenate([held, self._waiting.take(part, self._tally)])
+        # Events that are still waiting may share the microsecond of the last one.
+        final = int(np.searchsorted(sent.t_us, sent.t_us[-1])) if len(sent) else 0
+        self._held = sent[final:].copy()
+        return _in_order(sent[:final])
+
+    def finish(self) -> Events | None:
+        """Return the events that leave after the last part; None if there was no part."""
+        if self._waiting is None or self._held is None:
+            return None
+        held, self._held = self._held, self._held[:0]
+        return _in_order(concatenate([held, self._waiting.drain(held, self._tally)]))
+
+    @property
+    def report(self) -> ReadoutReport:
+        """Counts and delays of the events so far."""
+        fired, dropped, left, delayed = self._tally.counts.tolist()
+        total_us, max_us = self._tally.delay_us.tolist()
+        mean_us = total_us / left if left else 0.0
+        return ReadoutReport(fired, dropped, delayed, mean_us * 1e-6, max_us * 1e-6)
+
+
 class ReadOut:
     """The sent events: iterate over the parts once, then read `report`.
 
@@ -137,8 +199,7 @@ class ReadOut:
 
     def __init__(self, events: Iterable[Events], readout: Readout) -> None:
         self._source = events
-        self._readout = readout
-        self._tally = fifo.Tally(np.zeros(fifo.COUNTS_SIZE, np.int64), np.zeros(fifo.DELAYS_SIZE))
+        self._sender = Sender(readout)
         self._begun = False
         self._parts = self._run()
 
@@ -154,30 +215,10 @@ class ReadOut:
 
     def _run(self) -> Iterator[Events]:
         self._begun = True
-        waiting: _Queue | None = None
-        held: Events | None = None
-        end_us = -fifo.END_OF_TIME_US
         for part in self._source:
-            if waiting is None or held is None:
-                waiting, held = _Queue(self._readout, part.height), part[:0].copy()
-            if (part.width, part.height) != (held.width, held.height):
-                raise EventError(
-                    f"read_out: found a part of {part.width}x{part.height} px after one of "
-                    f"{held.width}x{held.height}, expected the parts of one stream"
-                )
-            if len(part) and part.t_us[0] < end_us:
-                raise EventError(
-                    f"read_out: found a part that begins at {part.t_us[0]} us after one that ends "
-                    f"at {end_us} us, expected consecutive parts of one stream"
-                )
-            end_us = int(part.t_us[-1]) if len(part) else end_us
-            sent = concatenate([held, waiting.take(part, self._tally)])
-            # Events that are still waiting may share the microsecond of the last one.
-            final = int(np.searchsorted(sent.t_us, sent.t_us[-1])) if len(sent) else 0
-            held = sent[final:].copy()
-            yield _in_order(sent[:final])
-        if waiting is not None and held is not None:
-            yield _in_order(concatenate([held, waiting.drain(held, self._tally)]))
+            yield self._sender.push(part)
+        if (last := self._sender.finish()) is not None:
+            yield last
 
     @property
     def report(self) -> ReadoutReport:
@@ -193,10 +234,7 @@ class ReadOut:
                 "ReadOut.report: found parts that are still unread, expected all of them to be "
                 "read first: `for events in parts: ...`, then `parts.report`"
             )
-        fired, dropped, left, delayed = self._tally.counts.tolist()
-        total_us, max_us = self._tally.delay_us.tolist()
-        mean_us = total_us / left if left else 0.0
-        return ReadoutReport(fired, dropped, delayed, mean_us * 1e-6, max_us * 1e-6)
+        return self._sender.report
 
 
 def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:

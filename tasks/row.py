@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eres_render.storage.atomic import write_bytes
+from sensor.model import PHOTORECEPTORS
 from tasks.errors import ResultError
 
 if TYPE_CHECKING:
@@ -53,6 +54,12 @@ class Row:
     variant: str = ""  # of the task, such as "61 px patch" or "sigma 2 mm"; "" is the usual one
     item: int = 0  # feature or trial within the sample
     failure: str = ""  # reason of a failure; the value is then that of the starting point
+    photoreceptor: str = "two_pole"  # as in `sensor.SensorModel`; ideal pixels are any of them
+    sensor: str = ""  # name of the sensor; "" is a square with the study's pixels
+    illuminance_lux: float = 0.0  # light on the scene; 0 where the light is given as a cutoff
+    speed_m_s: float = 0.0  # mean speed of the camera; 0 where it is given as a factor
+    bus_mev_s: float = math.inf  # capacity of the bus, million events per second; inf = no bus
+    dropped: float = 0.0  # share of the window's events that the bus lost
 
     def __post_init__(self) -> None:
         if self.width <= 0:
@@ -68,10 +75,21 @@ class Row:
             )
         if not (self.speed > 0 and math.isfinite(self.speed)):
             raise ResultError(f"Row.speed: found {self.speed}, expected a positive number")
+        if self.photoreceptor not in PHOTORECEPTORS:
+            expected = " or ".join(map(repr, PHOTORECEPTORS))
+            raise ResultError(
+                f"Row.photoreceptor: found {self.photoreceptor!r}, expected {expected}"
+            )
 
 
 _ARROW_TYPES = {"str": "string", "int": "int64", "float": "double"}
 _COLUMNS = {f.name: _ARROW_TYPES[str(f.type)] for f in fields(Row)}
+_LATER = {  # older files lack these columns
+    one.name: one.default
+    for one in fields(Row)
+    if one.name
+    in ("photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped")
+}
 
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
@@ -106,7 +124,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Read a Parquet file of rows.
+    """Read a Parquet file of rows. Columns that an older version did not write have their defaults.
 
     Raises
     ------
@@ -138,15 +156,17 @@ def read_rows(path: Path) -> list[Row]:
         reason = str(error).splitlines()[0]
         raise ResultError(f"{path}: not a complete Parquet file of rows: {reason}") from None
     _check_columns(path, table.schema)
-    for name in _COLUMNS:
+    for name in table.column_names:
         if missing := table[name].null_count:
             raise ResultError(
                 f"{path}, field {name}: found {missing} of {len(table)} rows without a value"
             )
+    columns = (
+        table[name].to_pylist() if name in table.column_names else [_LATER[name]] * len(table)
+        for name in _COLUMNS
+    )
     rows = []
-    for number, values in enumerate(
-        zip(*(table[name].to_pylist() for name in _COLUMNS), strict=True)
-    ):
+    for number, values in enumerate(zip(*columns, strict=True)):
         try:
             rows.append(Row(*values))
         except ResultError as error:
@@ -157,6 +177,8 @@ def read_rows(path: Path) -> list[Row]:
 def _check_columns(path: Path, schema: pa.Schema) -> None:
     found = {field.name: str(field.type) for field in schema}
     for name in _COLUMNS | found:
+        if name in _LATER and name not in found:
+            continue
         if found.get(name) != _COLUMNS.get(name):
             raise ResultError(
                 f"{path}, field {name}: found {found.get(name, 'no such column')}, "

@@ -159,6 +159,10 @@ class GroundTruth:
             distortion=whole.distortion,
         )
 
+    def of_camera(self, camera: Camera) -> GroundTruth:
+        """Return the ground truth of another camera on the same path."""
+        return GroundTruth(self.trajectory, camera, self._distance, self.plane, self.objects)
+
     def pose(self, t_s: float) -> Float64:
         """Return T_world_cam, (4, 4), at a time on the path in seconds."""
         return self.trajectory.pose(t_s)

@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Column
 from tyro.conf import Positional, arg
 
+from sensor.model import Photoreceptor
 from tasks.cli import terminal
 from tasks.cli.app import RunFolder
 from tasks.cli.table import Table
@@ -33,6 +34,8 @@ def study(
     samples: Annotated[int | None, _AS_IN_STUDY] = None,
     spp: Annotated[int | None, _AS_IN_STUDY] = None,
     resolution: Annotated[int | None, _AS_IN_STUDY] = None,
+    photoreceptor: Annotated[tuple[Photoreceptor, ...], _AS_IN_STUDY] = (),
+    trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None,
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
     weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
@@ -51,13 +54,17 @@ def study(
         "paper": three scenes, 20 samples of each, the methods of the paper; takes more
         than an hour on 2 cores.
     scenes
-        Names or folders of scenes.
+        Names or folders of scenes, or a Mitsuba file (.xml) with --trajectory.
     samples
         Number of samples along each path.
     spp
         Samples per pixel of the render.
     resolution
         Side of the rendered frames, px; finer sensors are left out.
+    photoreceptor
+        two_pole, one_pole or v2e, or several of them, which see the same frames.
+    trajectory
+        File of poses in TUM format, in place of the path of the one scene.
     method
         Methods in addition to the study's: names (`eres methods` lists them), or your own as
         package.module:function.
@@ -84,10 +91,26 @@ def study(
     chosen = find_preset(preset or "quick") if file is None else read_study(file)
     given = {"samples": samples, "spp": spp, "resolution": resolution}
     rendering = replace(chosen.render, **{k: v for k, v in given.items() if v is not None})
-    widths = tuple(w for w in chosen.simulate.widths if w <= rendering.resolution)
-    sensors = replace(chosen.simulate, widths=widths)
+    finest = rendering.resolution
+    sensors = replace(
+        chosen.simulate,
+        widths=tuple(w for w in chosen.simulate.widths if w <= finest),
+        sensors=tuple(s for s in chosen.simulate.sensors if max(s.width, s.height) <= finest),
+        photoreceptors=photoreceptor or chosen.simulate.photoreceptors,
+    )
     looked_at = scenes or chosen.scenes
-    asked = replace(chosen, scenes=looked_at, render=rendering, simulate=sensors)
+    paths = {k: v for k, v in (chosen.trajectories or {}).items() if k in looked_at}
+    if trajectory is not None:
+        if len(looked_at) > 1:
+            raise StudyError(f"trajectory: found {len(looked_at)} scenes, expected one")
+        paths = {looked_at[0]: str(trajectory)}
+    asked = replace(
+        chosen,
+        scenes=looked_at,
+        render=rendering,
+        simulate=sensors,
+        trajectories=paths or None,
+    )
     for name in method:
         asked = with_method(asked, name)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
@@ -116,10 +139,10 @@ def _show_scores(run: Path) -> None:
     from tasks.cli.comparison import to_rich
     from tasks.row import read_rows
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.scores import by_threshold
-    from tasks.study.results.words import join_words
+    from tasks.study.results.scores import by_photoreceptor
+    from tasks.study.results.words import join_words, photoreceptor_label
 
-    scores, *others = by_threshold(read_rows(run / "rows.parquet"))
+    (scores, *others), *readings = by_photoreceptor(read_rows(run / "rows.parquet")).values()
     for table in main_tables(scores):
         terminal.out.print(to_rich(table), crop=False)
     if others:
@@ -129,6 +152,13 @@ def _show_scores(run: Path) -> None:
             "and in tables.csv",
             highlight=False,
         )
+    if readings:
+        words = [
+            photoreceptor_label(one.photoreceptor) for one in (scores, *(r[0] for r in readings))
+        ]
+        terminal.out.print(
+            f"photoreceptor with {words[0]}; {join_words(words[1:])} in the report", highlight=False
+        )
 
 
 def _show_claims(run: Path) -> None:
@@ -136,7 +166,8 @@ def _show_claims(run: Path) -> None:
     from tasks.study.claims.judge import judge_all
     from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
-    from tasks.study.results.scores import by_threshold
+    from tasks.study.results.scores import by_photoreceptor
+    from tasks.study.results.words import photoreceptor_label
 
     marks = {
         Status.HOLDS: "[green]holds[/green]",
@@ -144,8 +175,9 @@ def _show_claims(run: Path) -> None:
         Status.UNDECIDED: "[yellow]undecided[/yellow]",
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
-    found = by_threshold(read_rows(run / "rows.parquet"))
-    verdicts = judge_all(found[0], read_scaling(run / "scaling"))
+    found, *others = by_photoreceptor(read_rows(run / "rows.parquet")).values()
+    scaling = read_scaling(run / "scaling")
+    verdicts = judge_all(found[0], scaling)
     for verdict in verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
         terminal.out.print(
@@ -162,3 +194,11 @@ def _show_claims(run: Path) -> None:
     )
     if note := threshold_note(found):
         terminal.out.print(note, highlight=False)
+    for scores, *_ in others:
+        name = photoreceptor_label(scores.photoreceptor)
+        changed = [
+            f"{there.number} {marks[there.status]}"
+            for here, there in zip(verdicts, judge_all(scores, scaling), strict=True)
+            if here.status != there.status
+        ]
+        terminal.out.print(f"With {name}: {', '.join(changed) or 'the same verdicts'}")

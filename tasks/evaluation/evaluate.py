@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from eres_render import GroundTruth, RadianceSequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
 from sensor import Events, stream_bank
+from sensor.readout import Sender
 from tasks.evaluation.frames_ahead import frames_ahead
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.base import Score, Scorer
@@ -87,7 +89,7 @@ def evaluate(
 
 
 class _Sensor:
-    """One sensor with its scorers and its number of events."""
+    """One sensor with its bus, its scorers and its number of events."""
 
     def __init__(
         self,
@@ -99,6 +101,8 @@ class _Sensor:
         self.setting = setting
         self.fired = 0
         self._in_window = 0
+        self._dropped = 0  # of the events in the window
+        self._sender = None if setting.readout is None else Sender(setting.readout)
         self._watch = watch
         self._scorers: dict[str, Scorer] = {
             name: load(TASKS[name].scorer)(reference, setting, task)
@@ -108,13 +112,32 @@ class _Sensor:
 
     @property
     def event_rate_hz(self) -> float:
-        """Events per second in the window."""
+        """Events per second that the pixels fire in the window."""
         return self._in_window / self.setting.seconds
 
+    @property
+    def dropped(self) -> float:
+        """Share of the window's events that the bus lost."""
+        return self._dropped / self._in_window if self._dropped else 0.0
+
     def push(self, events: Events) -> None:
-        """Add the next events, those of the warm-up included."""
+        """Add the next events that the pixels fire, those of the warm-up included."""
+        start_us, end_us = self.setting.start_us, self.setting.end_us
         self.fired += len(events)
-        self._in_window += len(events.between(self.setting.start_us, self.setting.end_us))
+        first, last = np.searchsorted(events.t_us, [start_us, end_us])
+        self._in_window += int(last - first)
+        if self._sender is None:
+            self._receive(events)
+            return
+        # The window is a part of its own, so that its lost events can be counted.
+        self._receive(self._sender.push(events[:first]))
+        before = self._sender.report.dropped
+        self._receive(self._sender.push(events[first:last]))
+        self._dropped += self._sender.report.dropped - before
+        self._receive(self._sender.push(events[last:]))
+
+    def _receive(self, events: Events) -> None:
+        """Pass on events that have left the sensor."""
         for scorer in self._scorers.values():
             scorer.push(events)
         if self._watch:
@@ -122,6 +145,8 @@ class _Sensor:
 
     def scores(self) -> list[tuple[str, Score]]:
         """Return the scores of all tasks, each with its task, after the last event."""
+        if self._sender is not None and (last := self._sender.finish()) is not None:
+            self._receive(last)
         return [(task, score) for task, one in self._scorers.items() for score in one.scores()]
 
 
@@ -190,7 +215,8 @@ def _score(
 
 
 def _row(sequence: RadianceSequence, sensor: _Sensor, task: str, score: Score) -> Row:
-    model = sensor.setting.model
+    setting = sensor.setting
+    model, readout = setting.model, setting.readout
     return Row(
         scene=sequence.manifest.scene,
         task=task,
@@ -198,7 +224,7 @@ def _row(sequence: RadianceSequence, sensor: _Sensor, task: str, score: Score) -
         width=model.width,
         cutoff_hz=model.cutoff_hz,
         contrast_threshold=model.contrast_threshold,
-        speed=sensor.setting.speed,
+        speed=setting.speed,
         sample=sequence.manifest.clip if score.sample is None else score.sample,
         metric=TASKS[task].metric.name,
         value=score.value,
@@ -206,6 +232,12 @@ def _row(sequence: RadianceSequence, sensor: _Sensor, task: str, score: Score) -
         variant=score.variant,
         item=score.item,
         failure=score.failure,
+        photoreceptor=model.photoreceptor,
+        sensor=setting.name,
+        illuminance_lux=setting.illuminance_lux,
+        speed_m_s=setting.speed_m_s,
+        bus_mev_s=math.inf if readout is None else readout.max_rate_hz / 1e6,
+        dropped=sensor.dropped,
     )
 
 

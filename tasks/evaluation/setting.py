@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sensor import SensorModel
+from sensor import Readout, SensorModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,12 +19,22 @@ class Setting:
         Factor by which the scene moves faster than it was rendered.
     start_us, end_us
         The window [start_us, end_us), in the time of the sensor's events.
+    name
+        As `sensor` in `Row`.
+    readout
+        The bus on which the events leave; None if all leave when they fire.
+    illuminance_lux, speed_m_s
+        As in `Row`.
     """
 
     model: SensorModel
     speed: float
     start_us: int
     end_us: int
+    name: str = ""
+    readout: Readout | None = None
+    illuminance_lux: float = 0.0
+    speed_m_s: float = 0.0
 
     @property
     def seconds(self) -> float:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
+from eres_render.errors import nearest
 from eres_render.storage.settings_reader import FloatOrInf
-from sensor.model import Photoreceptor
+from sensor.model import Photoreceptor, SensorModel
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
 from tasks.methods import task_of
 from tasks.registry import TASKS
+from tasks.study.sensors import Light, NamedSensor, light_of, square, with_pixels
 
 # Fields that the stored study has only where they are given.
-_LEFT_OUT_AT_NONE = ("weights", "e2vid_window_s", "e2vid_events_per_px")
+_LEFT_OUT_IF_NOT_GIVEN = (
+    *("weights", "e2vid_window_s", "e2vid_events_per_px"),
+    *("sensors", "illuminance_lux", "speeds_m_s", "bus_mev_s", "trajectories"),
+)
 
 LEAST_RESOLUTION = 62
 """Side of frames, px, in which `sensor.statistics.slopes_by_pixel_size` has room for its blocks."""
@@ -52,12 +57,12 @@ class Render:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulate:
-    """The sensors: each width with each cutoff and contrast threshold, at each speed.
+    """The sensors: each of them in each light at each speed.
 
     Parameters
     ----------
     widths
-        Sensor sides, px.
+        Sides of square sensors, px.
     cutoffs_hz
         Photoreceptor cutoffs; inf is an ideal photoreceptor.
     contrast_thresholds
@@ -68,8 +73,22 @@ class Simulate:
         Dark level as a fraction of the scene's white level.
     warmup_time_constants
         Warm-up before a window, in time constants of the slowest filter at the highest speed.
-    photoreceptor
-        "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`; None is "two_pole".
+    photoreceptors
+        Each is "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`.
+    sensors
+        Sensors with a name, in addition to the widths; see `tasks.study.sensors`.
+    illuminance_lux
+        Light on the scene, in place of `cutoffs_hz`, which follow from it.
+    speeds_m_s
+        Mean speeds of the camera, in place of `speeds`, which follow from them on each scene.
+    bus_mev_s
+        Capacity of the bus of every sensor, million events per second; None for no bus. At most
+        `tasks.events.sensor_options.BusOptions.fifo` events wait.
+
+    Raises
+    ------
+    StudyError
+        If `illuminance_lux` and `cutoffs_hz` are both given and contradict each other.
     """
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
@@ -78,23 +97,114 @@ class Simulate:
     speeds: tuple[float, ...] = (1.0, 4 / 3, 2.0)
     dark_fraction: float = field(default=1e-3, metadata=MAY_BE_ZERO)
     warmup_time_constants: float = field(default=6.0, metadata=MAY_BE_ZERO)
-    photoreceptor: Photoreceptor | None = None
+    photoreceptors: tuple[Photoreceptor, ...] = ("two_pole",)
+    sensors: tuple[NamedSensor, ...] = ()
+    illuminance_lux: tuple[FloatOrInf, ...] | None = None
+    speeds_m_s: tuple[float, ...] | None = None
+    bus_mev_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if min(self.illuminance_lux or (0.0,)) <= 0:  # not given, or for `Study` to refuse
+            return
+        cutoffs_hz = tuple(light.cutoff_hz for light in self.lights)
+        usual = {one.name: one.default for one in fields(self)}["cutoffs_hz"]
+        if self.cutoffs_hz not in (cutoffs_hz, usual):
+            raise StudyError(
+                f"found both cutoffs_hz = {self.cutoffs_hz} and illuminance_lux, expected one of "
+                "them"
+            )
+        object.__setattr__(self, "cutoffs_hz", cutoffs_hz)
+
+    @property
+    def lights(self) -> tuple[Light, ...]:
+        """The lights on the scene."""
+        if self.illuminance_lux is None:
+            return tuple(map(Light, self.cutoffs_hz))
+        return tuple(map(light_of, self.illuminance_lux))
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """Widths and heights of all sensors, px."""
+        squares = [(width, width) for width in self.widths]
+        return [*squares, *((one.width, one.height) for one in self.sensors)]
 
     @property
     def warmup_s(self) -> float:
         """Warm-up before each window, seconds of the path."""
-        return self.warmup_time_constants * max(self.speeds) / (2 * math.pi * min(self.cutoffs_hz))
+        named = (model.cutoff_hz for one in self.sensors for model in one.in_light)
+        slowest_hz = min(*self.cutoffs_hz, *named, math.inf)
+        return self.warmup_time_constants * max(self.speeds) / (2 * math.pi * slowest_hz)
+
+    @property
+    def decides(self) -> dict[str, object]:
+        """What names results. Fields that came later count only where they are used."""
+        found = {one.name: getattr(self, one.name) for one in fields(self)}
+        readings = found.pop("photoreceptors")
+        if readings != ("two_pole",):
+            found["photoreceptor"] = readings[0] if len(readings) == 1 else readings
+        return {name: value for name, value in found.items() if value != ()}
+
+    def models(self) -> Iterator[tuple[NamedSensor, Light, SensorModel]]:
+        """Yield each sensor in each light, with each photoreceptor and threshold; white is 1.
+
+        Ideal pixels come once, as they are the same with any photoreceptor.
+        """
+        lights = self.lights
+        squares = [square(width, lights, self.dark_fraction) for width in self.widths]
+        for sensor in (*squares, *self.sensors):
+            own = sensor.own
+            thresholds = (None,) if "contrast_thresholds" in own else self.contrast_thresholds
+            kinds = (None,) if "photoreceptors" in own else self.photoreceptors
+            for light, model in zip(lights, sensor.in_light, strict=True):
+                for kind in kinds[:1] if math.isinf(model.cutoff_hz) else kinds:
+                    for threshold in thresholds:
+                        yield sensor, light, with_pixels(model, threshold, kind)
+
+    def at_factors(self, base_speed_m_s: float) -> Simulate:
+        """Return the same sensors with speeds as factors on the base speed of a scene."""
+        if self.speeds_m_s is None:
+            return self
+        return replace(self, speeds=tuple(speed / base_speed_m_s for speed in self.speeds_m_s))
+
+    def first(self) -> Simulate:
+        """Return the smallest sensor alone, in the first light at the first speed."""
+        width, height = min(self.sizes, key=math.prod)
+        named = [one for one in self.sensors if (one.width, one.height) == (width, height)][:1]
+        lux, speeds_m_s = self.illuminance_lux, self.speeds_m_s
+        return replace(
+            self,
+            widths=() if named else (width,),
+            cutoffs_hz=self.cutoffs_hz[:1],
+            contrast_thresholds=self.contrast_thresholds[:1],
+            speeds=self.speeds[:1],
+            photoreceptors=self.photoreceptors[:1],
+            sensors=tuple(replace(one, in_light=one.in_light[:1]) for one in named),
+            illuminance_lux=lux and lux[:1],
+            speeds_m_s=speeds_m_s and speeds_m_s[:1],
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
     """A study: which scenes, under which light, seen by which sensors, for which tasks.
 
+    Parameters
+    ----------
+    name
+        Its name.
+    scenes
+        Names or folders of scenes, or Mitsuba files (.xml).
+    render, simulate, evaluate
+        What is rendered, which sensors see it, and what is done with their events.
+    trajectories
+        Files of poses in TUM format, in place of the paths of scenes, by the scenes' names.
+
     Raises
     ------
     StudyError
         If a list of sensor settings is empty or holds a value twice, a sensor is finer than the
-        frames, or a number is not in its range.
+        frames, sensors contradict each other, a bus carries nothing, or a number is not in its
+        range.
     """
 
     name: str
@@ -102,29 +212,85 @@ class Study:
     render: Render = field(default_factory=Render)
     simulate: Simulate = field(default_factory=Simulate)
     evaluate: Evaluate = field(default_factory=Evaluate)
+    trajectories: dict[str, str] | None = None
 
     def __post_init__(self) -> None:
         _check_numbers("render", self.render)
         _check_numbers("simulate", self.simulate)
         for task, settings in self.evaluate.items():
             _check_numbers(f"evaluate.{task}", settings)
-        sensors = self.simulate
-        for name in ("widths", "cutoffs_hz", "contrast_thresholds", "speeds"):
-            values = getattr(sensors, name)
-            if not values:
-                raise StudyError(f"simulate.{name}: found none, expected one or more")
-            if len(set(values)) < len(values):
-                raise StudyError(f"simulate.{name}: found {values}, expected each of them once")
+        _check_list("scenes", self.scenes)
+        for scene in self.trajectories or {}:
+            if scene not in self.scenes:
+                raise StudyError(
+                    f"trajectories: found {scene!r}, expected one of scenes; "
+                    f"{nearest(scene, self.scenes)}"
+                )
+        for name in (
+            *("cutoffs_hz", "contrast_thresholds", "speeds", "photoreceptors"),
+            *(("widths",) if self.simulate.widths or not self.simulate.sensors else ()),
+            *(
+                name
+                for name in ("illuminance_lux", "speeds_m_s")
+                if getattr(self.simulate, name) is not None
+            ),
+        ):
+            _check_list(f"simulate.{name}", getattr(self.simulate, name))
         if self.render.resolution < LEAST_RESOLUTION:
             raise StudyError(
                 f"render.resolution: found {self.render.resolution} px, expected at least "
                 f"{LEAST_RESOLUTION}, which the scaling statistics need"
             )
-        if max(sensors.widths) > self.render.resolution:
+        if max(self.simulate.widths, default=0) > self.render.resolution:
             raise StudyError(
-                f"simulate.widths: found {max(sensors.widths)} px, finer than render.resolution = "
-                f"{self.render.resolution} px"
+                f"simulate.widths: found {max(self.simulate.widths)} px, finer than "
+                f"render.resolution = {self.render.resolution} px"
             )
+        self._check_sensors()
+        self._check_buses()
+
+    def _check_sensors(self) -> None:
+        """Refuse named sensors that frames or rows cannot hold."""
+        of_width = {width: f"the square of {width} px" for width in self.simulate.widths}
+        for sensor in self.simulate.sensors:
+            at = f"simulate.sensors: found {sensor.name!r}"
+            if max(sensor.width, sensor.height) > self.render.resolution:
+                raise StudyError(
+                    f"{at} of {sensor.width}x{sensor.height} px, finer than render.resolution = "
+                    f"{self.render.resolution} px"
+                )
+            if sensor.width in of_width:
+                raise StudyError(
+                    f"{at} and {of_width[sensor.width]}, both {sensor.width} px wide, expected one "
+                    "sensor of each width; compare them in two studies"
+                )
+            of_width[sensor.width] = repr(sensor.name)
+        if self.simulate.sensors:
+            _check_list("simulate.sensors", tuple(one.name for one in self.simulate.sensors))
+
+    def _check_buses(self) -> None:
+        """Refuse a bus that sends less than an event in a window."""
+        fastest = max(self.simulate.speeds) if self.simulate.speeds_m_s is None else 1.0
+        window_s = self.render.window_s / fastest
+        least_mev_s = 1e-6 / window_s
+        buses = {"bus_mev_s": self.simulate.bus_mev_s} | {
+            f"sensors: {one.name!r}: bus": one.readout.max_rate_hz / 1e6
+            for one in self.simulate.sensors
+            if one.readout is not None
+        }
+        for name, found_mev_s in buses.items():
+            if found_mev_s is not None and found_mev_s < least_mev_s:
+                raise StudyError(
+                    f"simulate.{name}: found {found_mev_s:g} Mev/s, which carries no event in a "
+                    f"window of {1e3 * window_s:g} ms, expected at least {least_mev_s:g}"
+                )
+
+
+def _check_list(place: str, values: tuple[Any, ...]) -> None:
+    if not values:
+        raise StudyError(f"{place}: found none, expected one or more")
+    if len(set(values)) < len(values):
+        raise StudyError(f"{place}: found {values}, expected each of them once")
 
 
 def _check_numbers(section: str, values: Any) -> None:
@@ -209,7 +375,7 @@ def to_json(study: Study) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if is_dataclass(value):
         named = {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
-        return {k: v for k, v in named.items() if k not in _LEFT_OUT_AT_NONE or v is not None}
+        return {k: v for k, v in named.items() if k not in _LEFT_OUT_IF_NOT_GIVEN or v}
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

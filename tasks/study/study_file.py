@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import field, make_dataclass, replace
+from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Any
 
-from eres_render.storage.settings_reader import FloatOrInf, read_toml, read_typed
-from sensor import cutoff_in_light
+from eres_render.storage.settings_reader import read_toml, read_typed
+from sensor.errors import SensorError
+from sensor.presets import find_sensor
 from tasks.errors import StudyError
 from tasks.evaluation.settings import Evaluate
 from tasks.registry import TASKS, load
-from tasks.study.settings import Study, with_weights
+from tasks.study.sensors import read_sensor
+from tasks.study.settings import Simulate, Study, with_weights
 
 
 def read_study(file: Path) -> Study:
     """Read a study.
 
-    The tables and fields are those of `Study`; a field that is left out has its default. Under
-    `[simulate]`, `illuminance_lux` can replace `cutoffs_hz`: the cutoff is then proportional to the
-    light. `[weights]` has the files of networks' weights, by the names of their methods. Paths of
-    scenes and of weights are relative to the file.
+    The tables and fields are those of `Study`; a field that is left out has its default, except
+    for `widths`, of which there are none with `sensors`. An entry of `sensors` is the name of a
+    camera, a file, or a table, see `tasks.study.sensors.read_sensor`. `bus` is a camera whose bus
+    all sensors have, in place of `bus_mev_s`. `[weights]` has the files of networks' weights, by
+    the names of their methods. All paths are relative to the file.
 
     Raises
     ------
@@ -39,19 +41,77 @@ def read_study(file: Path) -> Study:
     ('small', ('carpet',))
     """
     table = {"name": file.stem, **read_toml(dict[str, Any], file, StudyError)}
-    sensors = table.get("simulate")
-    if isinstance(sensors, dict) and "illuminance_lux" in sensors:
-        if "cutoffs_hz" in sensors:
-            raise StudyError(f"{file}: simulate: found both cutoffs_hz and illuminance_lux")
-        table["simulate"] = {**sensors, "cutoffs_hz": _cutoffs_hz(sensors, file)}
-        del table["simulate"]["illuminance_lux"]
+    if isinstance(table.get("simulate"), dict):
+        table["simulate"] = _simulate(table["simulate"], file)
     table["evaluate"] = _evaluate(table.get("evaluate", {}), file)
-    weights = read_typed(dict[str, str], table.pop("weights", {}), file, StudyError, "weights")
+    weights, paths = (
+        read_typed(dict[str, str], table.pop(name, {}), file, StudyError, name)
+        for name in ("weights", "trajectories")
+    )
+    if isinstance(table.get("scenes"), list):
+        table["scenes"] = [_placed(name, file) for name in table["scenes"]]
+    if paths:
+        table["trajectories"] = {
+            _placed(name, file): str(file.parent / one) for name, one in paths.items()
+        }
     study = read_typed(Study, table, file, StudyError)
-    at = {name: str((file.parent / one).absolute()) for name, one in weights.items()}
-    study = with_weights(study, at)
-    scenes = [str(file.parent / name) if "/" in name else name for name in study.scenes]
-    return replace(study, scenes=tuple(scenes))
+    return with_weights(
+        study, {name: str((file.parent / one).absolute()) for name, one in weights.items()}
+    )
+
+
+def _placed(scene: Any, file: Path) -> Any:
+    """Return a scene's name, or its path if it is a folder with a "/" or a Mitsuba file."""
+    is_path = isinstance(scene, str) and ("/" in scene or scene.endswith(".xml"))
+    return str(file.parent / scene) if is_path else scene
+
+
+def _simulate(given: dict[str, Any], file: Path) -> dict[str, Any]:
+    """Return the fields of `Simulate`, with cameras, buses and old names resolved."""
+    table = dict(given)
+    for one, other in _ONE_OF:
+        if one in table and other in table:
+            raise StudyError(
+                f"{file}: simulate: found both {one} and {other}, expected one of them"
+            )
+    if "photoreceptor" in table:  # the field of older versions
+        table["photoreceptors"] = [table.pop("photoreceptor")]
+    if "bus" in table:
+        table["bus_mev_s"] = _bus_mev_s(table.pop("bus"), file)
+    if "sensors" not in table:
+        return table
+    table.setdefault("widths", [])
+    found = table.pop("sensors")
+    if not isinstance(found, list):
+        raise StudyError(f"{file}: simulate.sensors: found {found!r}, expected a list")
+    squares = read_typed(Simulate, {**table, "widths": []}, file, StudyError, "simulate")
+    table["sensors"] = [
+        read_sensor(one, squares.lights, squares.dark_fraction, file, f"simulate.sensors[{i}]")
+        for i, one in enumerate(found)
+    ]
+    return table
+
+
+_ONE_OF = (
+    ("cutoffs_hz", "illuminance_lux"),
+    ("speeds", "speeds_m_s"),
+    ("photoreceptor", "photoreceptors"),
+    ("bus", "bus_mev_s"),
+)
+
+
+def _bus_mev_s(camera: Any, file: Path) -> float:
+    """Return the capacity of a camera's bus, million events per second."""
+    place = f"{file}: simulate.bus"
+    if not isinstance(camera, str):
+        raise StudyError(f"{place}: found {camera!r}, expected a camera; bus_mev_s takes a number")
+    try:
+        found = find_sensor(camera).max_bandwidth_mev_s
+    except SensorError as error:
+        raise StudyError(f"{place}: {error}") from None
+    if found is None:
+        raise StudyError(f"{place}: the bus of {camera!r} is unknown, expected bus_mev_s = NUMBER")
+    return float(found)
 
 
 def _evaluate(sections: Any, file: Path) -> Evaluate:
@@ -60,11 +120,3 @@ def _evaluate(sections: Any, file: Path) -> Evaluate:
     defaults = [(task, kind, field(default_factory=kind)) for task, kind in kinds.items()]
     table = make_dataclass("Evaluate", defaults)
     return Evaluate(**vars(read_typed(table, sections, file, StudyError, "evaluate")))
-
-
-def _cutoffs_hz(sensors: dict[str, Any], file: Path) -> list[float]:
-    place, kind = "simulate.illuminance_lux", tuple[FloatOrInf, ...]
-    found = read_typed(kind, sensors["illuminance_lux"], file, StudyError, place)
-    if not all(lux > 0 for lux in found):
-        raise StudyError(f"{file}: {place}: found {found}, expected positive numbers")
-    return [lux if math.isinf(lux) else cutoff_in_light(lux) for lux in found]

@@ -25,7 +25,7 @@ from tasks.study.results.headline import headline
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import shown_series, sigma_mm
-from tasks.study.results.scores import by_threshold
+from tasks.study.results.scores import by_photoreceptor
 from tasks.study.results.words import MISSING, capitalized, cutoff_label, join_words
 
 _PAGE_WIDTH = 100
@@ -117,14 +117,14 @@ def _wrapped(text: str) -> str:
 def choices_of(run_dir: Path) -> dict[Series, Choices]:
     """Choose widths for each method on the default variant of each task.
 
-    Only rows of the first contrast threshold count.
+    Only rows of the first photoreceptor and contrast threshold count.
 
     Raises
     ------
     ResultError
-        As `tasks.row.read_rows` and `tasks.study.results.scores.by_threshold` raise it.
+        As `tasks.row.read_rows` and `tasks.study.results.scores.by_photoreceptor` raise it.
     """
-    scores = by_threshold(read_rows(run_dir / "rows.parquet"))[0]
+    (scores, *_), *_ = by_photoreceptor(read_rows(run_dir / "rows.parquet")).values()
     usual = [s for s in shown_series(scores) if not s.variant or sigma_mm(s.variant) is not None]
     return {series: choose_all(scores, series) for series in usual}
 

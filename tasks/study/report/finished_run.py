@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import Scaling, read_scaling
-from tasks.study.results.scores import Scores, by_threshold
+from tasks.study.results.scores import Scores, by_photoreceptor
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +37,15 @@ class FinishedRun:
         Versions, machine and command of the run, by name.
     config
         Resolved study.
+    others
+        Scores of each contrast threshold by photoreceptor, of those that the page does not use.
     """
 
     folder: Path
     found: Sequence[Scores]
     environment: Mapping[str, str]
     config: Mapping[str, Any]
+    others: Mapping[str, Sequence[Scores]] = field(default_factory=dict)
 
     @property
     def scores(self) -> Scores:
@@ -138,9 +141,9 @@ def read_run(folder: Path) -> FinishedRun:
         A file is missing or damaged, or all rows are do-nothing rows.
     """
     rows_file = folder / "rows.parquet"
-    found = by_threshold(read_rows(rows_file))
+    (_, found), *others = by_photoreceptor(read_rows(rows_file)).items()
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)
     config = read_json(dict[str, Any], folder / "study.json", ResultError)
     if not found[0].series():
         raise ResultError(f"{rows_file}: found only do-nothing rows, expected rows of a method")
-    return FinishedRun(folder, found, environment, config)
+    return FinishedRun(folder, found, environment, config, dict(others))

@@ -14,6 +14,7 @@ from tasks.errors import ResultError
 from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.report.plot import COLORS
+from tasks.study.report.sections.photoreceptor import compare_photoreceptors
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
@@ -64,6 +65,10 @@ SECTIONS = (
     Section("claims", "Claims", "The paper's claims", "claims.html"),
     Section("choice", "Choice", "Which resolution to choose", "choice.html"),
     Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),
+    Section(
+        *("photoreceptor", "Photoreceptor", "Photoreceptor", "photoreceptor.html"),
+        compare_photoreceptors,
+    ),
     Section("previews", "Previews", "Events of each sensor", "previews.html"),
     Section("costs", "Timings", "Timings of this run", "timings.html"),
     Section("provenance", "Provenance", "Provenance", "provenance.html"),
@@ -102,8 +107,9 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
             f"{run_dir}: found {len(page) / 1e6:.1f} MB of report, expected at most "
             f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
         )
-    tables = [comparison_table(one, series) for one in run.found for series in one.series()]
-    write_bytes(run_dir / "tables.csv", to_csv(tables).encode())
+    for name, found in {"tables": run.found, **_named_tables(run)}.items():
+        tables = [comparison_table(one, series) for one in found for series in one.series()]
+        write_bytes(run_dir / f"{name}.csv", to_csv(tables).encode())
     for series in filter(is_main, run.series):
         for kind, image in figure_files(tradeoff_plots(run.scores, series)).items():
             name = re.sub(r"\W+", "_", series.method)
@@ -111,6 +117,11 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     report = run_dir / "report.html"
     write_bytes(report, page)
     return report
+
+
+def _named_tables(run: FinishedRun) -> dict[str, Sequence[Scores]]:
+    """Return the scores of the photoreceptors that the page does not use, by name of a table."""
+    return {f"tables_{name}": found for name, found in run.others.items()}
 
 
 def _page(run: FinishedRun, sections: Sequence[Section]) -> str:

@@ -46,6 +46,7 @@ class Line:
     width: int | None
     entries: tuple[Entry, ...]
     nothing: bool = False
+    sensor: str = ""  # its name; "" for a square
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +178,14 @@ def _block(
             ]
         )
         nothings.append([Entry(cell, None) for cell in nothing])
-    lines = [Line(width, tuple(column[i] for column in columns)) for i, width in enumerate(widths)]
+    lines = [
+        Line(
+            width,
+            tuple(column[i] for column in columns),
+            sensor=scores.sensor_names.get(width, ""),
+        )
+        for i, width in enumerate(widths)
+    ]
     if all(_same([entry.cell.median for entry in column]) for column in nothings):
         idle_lines = [Line(None, tuple(column[0] for column in nothings), nothing=True)]
     else:
@@ -276,9 +284,9 @@ def line_label(line: Line, series: Series) -> str:
     Returns
     -------
     str
-        Width, or name of the do-nothing method.
+        Width, after the sensor's name if it has one; or name of the do-nothing method.
     """
     if not line.nothing:
-        return f"{line.width} px"
+        return f"{line.sensor}, {line.width} px" if line.sensor else f"{line.width} px"
     label = TASKS[series.task].label(TASKS[series.task].baseline)
     return label if line.width is None else f"{label}, {line.width} px"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row
+from tasks.study.results.asked import MetersPerSecond, light_of, speed_of
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CONTRAST_THRESHOLD, every_published, published
+
+Value = TypeVar("Value", bound=Hashable)
 
 
 class Condition(NamedTuple):
@@ -26,8 +29,8 @@ class Condition(NamedTuple):
 
     scene: str
     width: int  # px
-    cutoff_hz: float
-    speed: float  # factor on the base speed
+    cutoff_hz: float  # `CutoffInLux` where the study asks in lux
+    speed: float  # factor on the base speed; `MetersPerSecond` where the study asks in m/s
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,18 +97,59 @@ class Cell:
         return resampled_medians(self.event_rates_hz, self.sample, self.scene)
 
 
-def by_threshold(rows: Iterable[Row]) -> list[Scores]:
-    """Return the scores of each contrast threshold, in the order of the rows.
+def by_photoreceptor(rows: Iterable[Row]) -> dict[str, list[Scores]]:
+    """Return the scores of each photoreceptor, at each contrast threshold.
+
+    A camera that has a photoreceptor or a threshold of its own is among the scores of all.
+
+    Parameters
+    ----------
+    rows
+        The rows of a run.
+
+    Returns
+    -------
+    dict
+        Scores of each threshold, in the order of the rows, by photoreceptor; "two_pole" is first,
+        the others are in the order of the rows.
 
     Raises
     ------
     ResultError
         As `Scores` raises it.
     """
-    found: dict[float, list[Row]] = {}
-    for row in _some(rows):
-        found.setdefault(row.contrast_threshold, []).append(row)
+    found = _divided(_some(rows), lambda row: row.photoreceptor)
+    order = sorted(found, key=lambda name: name != "two_pole")
+    return {name: by_threshold(found[name]) for name in order}
+
+
+def by_threshold(rows: Iterable[Row]) -> list[Scores]:
+    """Return the scores of each contrast threshold of one photoreceptor, in the order of the rows.
+
+    Raises
+    ------
+    ResultError
+        As `Scores` raises it.
+    """
+    found = _divided(_some(rows), lambda row: row.contrast_threshold)
     return [Scores(of_one) for of_one in found.values()]
+
+
+def _divided(rows: list[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
+    """Group rows by a value of their sensors; a camera with one value of its own is in all."""
+    values: dict[str, set[Value]] = {}
+    for row in rows:
+        if row.sensor:
+            values.setdefault(row.sensor, set()).add(value_of(row))
+    own = {name for name, found in values.items() if len(found) == 1}
+    keys = list(dict.fromkeys(value_of(row) for row in rows if row.sensor not in own))
+    if not keys:
+        return {value_of(rows[0]): rows}
+    groups: dict[Value, list[Row]] = {key: [] for key in keys}
+    for row in rows:
+        for key in keys if row.sensor in own else (value_of(row),):
+            groups[key].append(row)
+    return groups
 
 
 def _some(rows: Iterable[Row]) -> list[Row]:
@@ -124,34 +168,52 @@ class Scores:
     Parameters
     ----------
     rows
-        Result rows of one contrast threshold, in any order. A row counts as missing if its value is
-        not finite.
+        Result rows of one photoreceptor and contrast threshold, in any order; cameras can have
+        their own. A row counts as missing if its value is not finite.
 
     Attributes
     ----------
     contrast_threshold
-        Contrast threshold of all rows, log units.
+        Contrast threshold of all square sensors, log units; of the first camera without any.
+    photoreceptor
+        Their photoreceptor.
+    sensor_names
+        Names of the sensors that have one, by width in px.
 
     Raises
     ------
     ResultError
         There are no rows, a task or metric is unknown, two rows of a cell have the same sample and
-        item, or the rows have several contrast thresholds.
+        item, the rows have several contrast thresholds or photoreceptors, or two sensors have the
+        same width.
     """
 
     def __init__(self, rows: Iterable[Row]) -> None:
         rows = _some(rows)
-        self.contrast_threshold = rows[0].contrast_threshold
+        first = next((row for row in rows if not row.sensor), rows[0])
+        self.contrast_threshold = first.contrast_threshold
+        self.photoreceptor = first.photoreceptor
+        names: dict[int, str] = {}
         self._rows: dict[Series, dict[Condition, _Values]] = {}
         cells: dict[tuple[str | int | float, ...], _Values] = {}
         for row in rows:
-            if row.contrast_threshold != self.contrast_threshold:
+            if names.setdefault(row.width, row.sensor) != row.sensor:
+                raise ResultError(
+                    f"rows: found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} "
+                    "px, expected one of each width"
+                )
+            if not row.sensor and row.contrast_threshold != self.contrast_threshold:
                 raise ResultError(
                     f"rows: found contrast thresholds {self.contrast_threshold:g} and "
                     f"{row.contrast_threshold:g}, expected one"
                 )
+            if not row.sensor and row.photoreceptor != self.photoreceptor:
+                raise ResultError(
+                    f"rows: found photoreceptors {self.photoreceptor} and {row.photoreceptor}, "
+                    "expected one"
+                )
             key = (row.task, row.method, row.metric, row.variant)
-            where = (row.scene, row.width, row.cutoff_hz, row.speed)
+            where = (row.scene, row.width, light_of(row), speed_of(row))
             values = cells.get(key + where)
             if values is None:
                 _check_known(row)
@@ -163,6 +225,7 @@ class Scores:
                     f"{Condition(*where)}, expected one"
                 )
             values[row.sample, row.item] = row
+        self.sensor_names = {width: name for width, name in sorted(names.items()) if name}
         self._expected: dict[tuple[Series, str], list[tuple[int, int]]] = {}
         for series, conditions in self._rows.items():
             for scene in {condition.scene for condition in conditions}:
@@ -304,9 +367,10 @@ class Scores:
         float or None
             None if the paper has no such score, as at any other contrast threshold than its own.
         """
-        if self.contrast_threshold != CONTRAST_THRESHOLD:
-            return None
         scene, width, cutoff_hz, speed = condition
+        squares = self.contrast_threshold == CONTRAST_THRESHOLD and width not in self.sensor_names
+        if not squares or isinstance(speed, MetersPerSecond):
+            return None
         return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
 
     def failures(self, series: Series) -> Counter[str]:
@@ -363,7 +427,7 @@ def paper_scores() -> Scores:
 
 
 def base_speed(scores: Scores, series: Series) -> float:
-    """Return the speed factor nearest to 1.
+    """Return the speed factor nearest to 1, or the lowest speed in m/s.
 
     Parameters
     ----------
@@ -375,9 +439,12 @@ def base_speed(scores: Scores, series: Series) -> float:
     Returns
     -------
     float
-        Factor on the base speed.
+        As in `Condition`.
     """
-    return min(scores.speeds(series), key=lambda speed: abs(math.log(speed)))
+    speeds = scores.speeds(series)
+    if isinstance(speeds[0], MetersPerSecond):
+        return speeds[0]
+    return min(speeds, key=lambda speed: abs(math.log(speed)))
 
 
 def beats(cell: Cell, nothing: Cell, series: Series) -> bool | None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from tasks.study.results.asked import CutoffInLux, MetersPerSecond
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 
 MISSING = "–"
 
 
 def cutoff_label(cutoff_hz: float) -> str:
-    """Name a cutoff as in the paper (ideal, day, night), or by its frequency."""
+    """Name a light as in the paper (ideal, day, night), in lux where it is given so, or in Hz."""
+    if isinstance(cutoff_hz, CutoffInLux):
+        return f"{cutoff_hz.illuminance_lux:g} lux"
     return {math.inf: "ideal", 200.0: "day", 50.0: "night"}.get(cutoff_hz, f"{cutoff_hz:g} Hz")
 
 
@@ -28,16 +31,24 @@ def speed_label(scene: str, speed: float) -> str:
     scene
         Name of the scene.
     speed
-        Factor on the base speed.
+        As in `Condition`.
 
     Returns
     -------
     str
-        Factor to two digits, with m/s if the paper states them.
+        Factor to two digits, with m/s if the paper states them; m/s alone where it is given so.
     """
+    if isinstance(speed, MetersPerSecond):
+        return f"{speed:g} m/s"
     base = BASE_SPEED_M_PER_S.get(scene)
     in_m_per_s = "" if base is None else f" ({base * speed:.1f} m/s)"
     return f"speed {speed:.2g}{in_m_per_s}"
+
+
+def photoreceptor_label(photoreceptor: str) -> str:
+    """Name a photoreceptor in words."""
+    words = {"two_pole": "two poles", "one_pole": "one pole", "v2e": "the pole of v2e"}
+    return words[photoreceptor]
 
 
 def rate_label(event_rate_hz: float | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -11,7 +12,10 @@ from eres_render.progress import Progress
 from eres_render.rendering.backend import release_memory
 from eres_render.sequence.monte_carlo_noise import warn_of_noise
 from eres_render.trajectory.frame_times import warn_if_far_apart
+from sensor.optics import crop_to_aspect
+from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
+from tasks.evaluation.setting import Setting
 from tasks.evaluation.timings import timings_file
 from tasks.row import Row
 from tasks.study.config import digest
@@ -71,17 +75,37 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
     ):
         settings = job.settings(sequence.white_level)
         highlights = Highlights(job, settings) if with_highlights else None
-        result = evaluate(
-            sequence,
-            light.truth(sequence),
-            settings,
-            job.evaluate,
-            on_progress,
-            highlights.push if highlights else None,
-        )
-        shown = highlights.result(result.reference) if highlights else {}
-    files = {f"costs/{job.key}.json": timings_file(result.timings), **shown}
-    return ComputedJob(result.rows, files, environment(light.renderer.variant))
+        rows: list[Row] = []
+        files: dict[str, bytes] = {}
+        reference = None
+        for seen, of_shape in _by_shape(settings, sequence).items():
+            result = evaluate(
+                *central_part(sequence, light.truth(sequence), *seen),
+                of_shape,
+                job.evaluate,
+                on_progress,
+                highlights.push if highlights else None,
+            )
+            rows += result.rows
+            place = f"{job.key}_{seen[0]}x{seen[1]}" if files else job.key
+            files[f"costs/{place}.json"] = timings_file(result.timings)
+            reference = reference or result.reference
+        if highlights and reference:
+            files |= highlights.result(reference)
+    return ComputedJob(job.with_every_reading(rows), files, environment(light.renderer.variant))
+
+
+def _by_shape(
+    settings: Sequence[Setting], sequence: RadianceSequence
+) -> dict[tuple[int, int], list[Setting]]:
+    """Group sensors by width and height of the part of the frames that they see."""
+    found: dict[tuple[int, int], list[Setting]] = {}
+    for setting in settings:
+        size = setting.model.height, setting.model.width
+        rows, columns = crop_to_aspect(sequence.height, sequence.width, *size)
+        seen = columns.stop - columns.start, rows.stop - rows.start
+        found.setdefault(seen, []).append(setting)
+    return found
 
 
 class _SceneLight:

@@ -6,7 +6,6 @@ from the paper preset on two cores of a virtual AMD EPYC server, with LLVM and l
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -67,10 +66,10 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     seconds = 0.0
     for job, n, px in zip(jobs, frames, pixels, strict=True):
         seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        for width in job.simulate.widths:
-            one_s = n * width**2 * 1e-9 * _SIMULATE_NS_PER_PX
-            one_s += sum(task.score_s(width) for task in job.evaluate.values())
-            seconds += _settings(job) * one_s
+        for sensor, _, _ in job.simulate.models():
+            one_s = n * sensor.width * sensor.height * 1e-9 * _SIMULATE_NS_PER_PX
+            one_s += sum(task.score_s(sensor.width) for task in job.evaluate.values())
+            seconds += len(job.simulate.speeds) * one_s
     disk = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
     return WorkEstimate(len(jobs), sum(frames), disk, seconds / cores)
 
@@ -79,11 +78,3 @@ def _frames(job: Job) -> int:
     seconds = job.clip.t_window_end_s - job.clip.t_start_s
     motion_px_s = _IMAGE_MOTION_PX_S * job.render.resolution / 1280
     return 2 + round(seconds * motion_px_s / job.render.max_displacement_px)
-
-
-def _settings(job: Job) -> int:
-    """Return the number of sensors of each width."""
-    sensors = job.simulate
-    return math.prod(
-        len(axis) for axis in (sensors.cutoffs_hz, sensors.contrast_thresholds, sensors.speeds)
-    )

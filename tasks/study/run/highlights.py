@@ -15,8 +15,8 @@ from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling
 class Highlights:
     """Collects the highlights of a job's scene from the events of its sensors.
 
-    Only sensors of the first contrast threshold are used: pictures at the first speed, intervals
-    between events at the lowest and the highest speed.
+    Of each sensor only the first photoreceptor and contrast threshold are used: pictures at the
+    first speed, intervals between events at the lowest and the highest speed.
 
     Parameters
     ----------
@@ -29,14 +29,13 @@ class Highlights:
     def __init__(self, job: Job, settings: list[Setting]) -> None:
         speeds = job.simulate.speeds
         self._job = job
+        firsts = {(*_sensor_of(s), s.speed): s for s in reversed(settings)}
+        self._used = set(firsts.values())
         self._previews = {
-            (s.model.width, s.model.cutoff_hz): np.zeros((s.model.height, s.model.width), np.int64)
-            for s in settings
+            _sensor_of(s): np.zeros((s.model.height, s.model.width), np.int64) for s in settings
         }
         self._histograms = {
-            (s.model.width, s.model.cutoff_hz, s.speed): interval_histogram(
-                s.model.width, (s.start_us, s.end_us)
-            )
+            (*_sensor_of(s), s.speed): interval_histogram(s.model, (s.start_us, s.end_us))
             for s in settings
             if s.speed in (min(speeds), max(speeds))
         }
@@ -51,13 +50,12 @@ class Highlights:
         events
             Its events, those of the warm-up included.
         """
-        sensors = self._job.simulate
-        if setting.model.contrast_threshold != sensors.contrast_thresholds[0]:
+        if setting not in self._used:
             return
-        key = setting.model.width, setting.model.cutoff_hz
+        key = _sensor_of(setting)
         if histogram := self._histograms.get((*key, setting.speed)):
             histogram.add(events)
-        if setting.speed == sensors.speeds[0]:
+        if setting.speed == self._job.simulate.speeds[0]:
             last = events.between(setting.end_us - round(PREVIEW_S * 1e6), setting.end_us)
             self._previews[key] += last.polarity_sum()
 
@@ -70,3 +68,7 @@ class Highlights:
             **{f"previews/{name}": data for name, data in previews.items()},
             **{f"scaling/{name}": data for name, data in scaling_files(scaling, slope).items()},
         }
+
+
+def _sensor_of(setting: Setting) -> tuple[int, float]:
+    return setting.model.width, setting.model.cutoff_hz

@@ -11,13 +11,15 @@ from itertools import chain
 import numpy as np
 
 from eres_render import Clip, Scene, clips, continuous_stretch
-from sensor import SensorModel
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings
+from tasks.events.sensor_options import BusOptions
 from tasks.methods import code_of
 from tasks.registry import TASKS
+from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
+from tasks.study.sensors import in_radiance
 
 _log = logging.getLogger(__name__)
 
@@ -49,7 +51,7 @@ class Job:
         return digest(
             {
                 **self._stretch,
-                "simulate": self.simulate,
+                "simulate": self.simulate.decides,
                 "evaluate": evaluate,
                 "methods": code_of(methods, weights),
                 "versions": STAGE_VERSIONS,
@@ -73,29 +75,29 @@ class Job:
     def settings(self, white_level: float) -> list[Setting]:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
-        photoreceptor = sensors.photoreceptor or "two_pole"
+        bus = None if sensors.bus_mev_s is None else BusOptions(bus=repr(sensors.bus_mev_s))
+        speeds_m_s = sensors.speeds_m_s or (0.0,) * len(sensors.speeds)
         return [
             Setting(
-                SensorModel(
-                    width=width,
-                    height=width,
-                    contrast_threshold=contrast_threshold,
-                    cutoff_hz=cutoff_hz,
-                    dark_level=sensors.dark_fraction * white_level,
-                    photoreceptor=photoreceptor,
-                    cutoff_reference=(
-                        white_level if photoreceptor == "v2e" and cutoff_hz < math.inf else None
-                    ),
-                ),
+                in_radiance(model, white_level),
                 speed,
                 round(self.clip.t_window_start_s / speed * 1e6),
                 round(self.clip.t_window_end_s / speed * 1e6),
+                name=sensor.name,
+                readout=sensor.readout or (bus and bus.readout()),
+                illuminance_lux=light.illuminance_lux,
+                speed_m_s=speed_m_s,
             )
-            for width in sensors.widths
-            for cutoff_hz in sensors.cutoffs_hz
-            for contrast_threshold in sensors.contrast_thresholds
-            for speed in sensors.speeds
+            for sensor, light, model in sensors.models()
+            for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
         ]
+
+    def with_every_reading(self, rows: Iterable[Row]) -> list[Row]:
+        """Return rows of all photoreceptors; those of ideal pixels are the same for each."""
+        own = {one.name for one in self.simulate.sensors if "photoreceptors" in one.own}
+        others, found = self.simulate.photoreceptors[1:], list(rows)
+        ideal = [row for row in found if math.isinf(row.cutoff_hz) and row.sensor not in own]
+        return found + [replace(row, photoreceptor=one) for one in others for row in ideal]
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +137,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         The study asks for more samples than the path has, a stretch is longer than the path, or no
         method suits the scene.
     """
+    study = replace(study, simulate=_at_factors(study.simulate, scene))
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
@@ -143,6 +146,19 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         for stretches in sorted(planned)
         for job in _jobs_on(stretches, planned[stretches], study, scene)
     ]
+
+
+def _at_factors(simulate: Simulate, scene: Scene) -> Simulate:
+    """Return the sensors with their speeds as factors on the scene's base speed."""
+    if simulate.speeds_m_s is None:
+        return simulate
+    base_m_s = round(scene.trajectory().mean_speed_mps(scene.duration_s), 9)  # by quadrature
+    if base_m_s == 0:
+        raise StudyError(
+            f"simulate.speeds_m_s: found a camera at rest in {scene.name}, expected speeds, which "
+            "are factors on the speed of what moves"
+        )
+    return simulate.at_factors(base_m_s)
 
 
 def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettings]]:
@@ -163,7 +179,9 @@ def _jobs_on(
     stretches: Stretches, tasks: Mapping[str, TaskSettings], study: Study, scene: Scene
 ) -> Iterator[Job]:
     """Yield the jobs on some stretches; the warm-up is longer at a higher speed."""
-    simulate = replace(study.simulate, speeds=stretches.speeds or study.simulate.speeds)
+    simulate = study.simulate
+    if stretches.speeds:
+        simulate = replace(simulate, speeds=stretches.speeds, speeds_m_s=None)
     if stretches.continuous_s:
         run_in_s, duration_s = stretches.continuous_s
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
@@ -223,7 +241,7 @@ def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
 
 
 def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
-    sensors, clip = study.simulate, job.clip
+    clip = job.clip
     if clip.t_window_end_s > clip.t_window_start_s + study.render.window_s:  # continuous
         end_s = clip.t_start_s + study.render.window_s
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
@@ -232,13 +250,7 @@ def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
     return replace(
         job,
         clip=clip,
-        simulate=replace(
-            sensors,
-            widths=(min(sensors.widths),),
-            cutoffs_hz=sensors.cutoffs_hz[:1],
-            contrast_thresholds=sensors.contrast_thresholds[:1],
-            speeds=sensors.speeds[:1],
-        ),
+        simulate=job.simulate.first(),
         evaluate={
             task: study.evaluate[task].trial(of_task, window_s) for task, of_task in names.items()
         },

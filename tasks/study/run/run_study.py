@@ -9,7 +9,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from eres_render import load_scene
+from eres_render import Scene, load_scene
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import write_bytes
 from eres_render.storage.settings_reader import read_json
@@ -64,8 +64,8 @@ def run_study(
         As the stages raise them. Files under their final names are complete even then.
     """
     with open_scheduler(scheduler) as computing:
-        check_methods(study.evaluate, ((width, width) for width in study.simulate.widths))
-        scenes = [load_scene(name) for name in study.scenes]
+        check_methods(study.evaluate, study.simulate.sizes)
+        scenes = _scenes(study)
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
         highlighted = {
             job.scene.name: job for job in reversed(work.values())
@@ -97,6 +97,26 @@ def run_study(
     rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)
     return rows
+
+
+def _scenes(study: Study) -> list[Scene]:
+    """Load the scenes, each with the path that the study gives it.
+
+    Raises
+    ------
+    StudyError
+        Two scenes have the same name, by which rows and files name them.
+    """
+    paths = study.trajectories or {}
+    scenes = [load_scene(name, paths.get(name)) for name in study.scenes]
+    names = [scene.name for scene in scenes]
+    for scene, source in zip(scenes, study.scenes, strict=True):
+        if names.count(scene.name) > 1:
+            raise StudyError(
+                f"scenes: found several named {scene.name!r}, such as {source}, expected different "
+                "names of folders or files"
+            )
+    return scenes
 
 
 def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progress) -> None:

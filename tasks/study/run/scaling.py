@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
+from sensor import SensorModel
 from sensor.statistics import (
     IntervalHistogram,
     SlopesBySize,
@@ -30,13 +31,13 @@ _BIN_EDGES_US = log_bin_edges_us()
 _SATURATED = 0.99  # quantile of |L_t| that is drawn in full color
 
 
-def interval_histogram(side_px: int, window_us: tuple[int, int]) -> IntervalHistogram:
-    """Return an empty histogram of the times between events of a square sensor.
+def interval_histogram(sensor: SensorModel, window_us: tuple[int, int]) -> IntervalHistogram:
+    """Return an empty histogram of the times between events of a sensor.
 
     Parameters
     ----------
-    side_px
-        Side of the sensor.
+    sensor
+        The sensor.
     window_us
         Start and end of the window.
 
@@ -44,8 +45,8 @@ def interval_histogram(side_px: int, window_us: tuple[int, int]) -> IntervalHist
     -------
     A histogram over evenly spread rows of the sensor.
     """
-    every_row = max(1, side_px // _ROWS_USED)
-    return IntervalHistogram(side_px, side_px, _BIN_EDGES_US, window_us, every_row)
+    every_row = max(1, sensor.height // _ROWS_USED)
+    return IntervalHistogram(sensor.width, sensor.height, _BIN_EDGES_US, window_us, every_row)
 
 
 def measure_scaling(

@@ -1,0 +1,75 @@
+"""The part of square frames that a sensor of another shape sees, as a sequence of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render import Camera, GroundTruth, RadianceSequence
+from sensor.optics import crop_to_aspect
+
+
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class _CentralPart(RadianceSequence):
+    """A sequence whose frames are a crop of those of another, which may still be rendering."""
+
+    whole: RadianceSequence
+    rows: slice
+    columns: slice
+
+    def __iter__(self) -> Iterator[NDArray[np.float32]]:
+        return (frame[self.rows, self.columns] for frame in self.whole)
+
+    def frame(self, i: int) -> NDArray[np.float32]:
+        """Read frame i: (H, W) float32 linear radiance."""
+        return self.whole.frame(i)[self.rows, self.columns]
+
+
+def central_part(
+    sequence: RadianceSequence, truth: GroundTruth, width: int, height: int
+) -> tuple[RadianceSequence, GroundTruth]:
+    """Return the largest central part of a sequence with the shape of a sensor, and its truth.
+
+    Parameters
+    ----------
+    sequence
+        The frames.
+    truth
+        Ground truth of their camera.
+    width, height
+        Size of the sensor, px.
+
+    Returns
+    -------
+    sequence, truth
+        The frames' pixels that the sensor sees, and ground truth of the camera that has only these.
+        They are the arguments themselves if the sensor sees all.
+    """
+    whole = sequence.camera
+    rows, columns = crop_to_aspect(whole.height, whole.width, height, width)
+    seen = columns.stop - columns.start, rows.stop - rows.start
+    if seen == (whole.width, whole.height):
+        return sequence, truth
+    camera = Camera(
+        *seen,
+        fx=whole.fx,
+        fy=whole.fy,
+        cx=whole.cx - columns.start,
+        cy=whole.cy - rows.start,
+        distortion=whole.distortion,
+    )
+    manifest = replace(
+        sequence.manifest,
+        width=camera.width,
+        height=camera.height,
+        fov_rad=camera.fov_rad,
+        intrinsics=(camera.fx, camera.fy, camera.cx, camera.cy),
+    )
+    values = {one.name: getattr(sequence, one.name) for one in fields(RadianceSequence)}
+    part = _CentralPart(
+        **{**values, "manifest": manifest}, whole=sequence, rows=rows, columns=columns
+    )
+    return part, truth.of_camera(camera)

@@ -1,0 +1,98 @@
+"""Compare what each photoreceptor says about resolution, and about the paper's claims."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tasks.registry import TASKS
+from tasks.study.claims.judge import judge_all
+from tasks.study.claims.verdict import Verdict
+from tasks.study.report.finished_run import FinishedRun
+from tasks.study.report.table import Table, Text
+from tasks.study.results.metrics import Series
+from tasks.study.results.perturbation import is_main
+from tasks.study.results.readings import Lead, leads
+from tasks.study.results.words import (
+    MISSING,
+    cutoff_label,
+    photoreceptor_label,
+    speed_label,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the section shows.
+
+    Attributes
+    ----------
+    names
+        The photoreceptors in words, that of the page first.
+    tables
+        A table of leads for each main method.
+    verdicts
+        Verdicts on claims that are not the same with all photoreceptors.
+    """
+
+    names: list[str]
+    tables: list[Table]
+    verdicts: Table
+
+
+def compare_photoreceptors(run: FinishedRun) -> Readings | None:
+    """Compare the photoreceptors of a run; None if it has one.
+
+    Parameters
+    ----------
+    run
+        The run. The first contrast threshold of each photoreceptor counts.
+
+    Returns
+    -------
+    Readings or None
+        Tables with a column for each photoreceptor.
+    """
+    if not run.others:
+        return None
+    readings = {run.scores.photoreceptor: run.scores}
+    readings |= {name: found[0] for name, found in run.others.items()}
+    names = [photoreceptor_label(name) for name in readings]
+    heads = [Text(name, "" if i else "this page") for i, name in enumerate(names)]
+    tables = [
+        _table(series, found, heads)
+        for series in run.series
+        if is_main(series) and (found := leads(readings, series))
+    ]
+    verdicts = [run.verdicts, *(judge_all(one[0], run.scaling) for one in run.others.values())]
+    return Readings(names, tables, _verdicts(verdicts, heads))
+
+
+def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
+    metric = TASKS[series.task].metric
+    fine, coarse = found[0].widths
+    blocks: dict[Text, dict[Text, list[list[Text]]]] = {}
+    for lead in found:
+        cells = [
+            [
+                Text(MISSING)
+                if one is None or choice is None
+                else Text(one.text(metric.decimals), f"enough: {choice.enough} px")
+            ]
+            for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
+        ]
+        paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
+        head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed_label(lead.scene, lead.speed)}")
+        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, [Text(paper)]]
+    caption = f"{series.title}: lead of {fine} over {coarse} px, {metric.unit}"
+    label = f"Photoreceptors, {series.title}"
+    return Table("sweep", label, caption, [Text(""), *heads, Text("paper")], blocks)
+
+
+def _verdicts(found: list[list[Verdict]], heads: list[Text]) -> Table:
+    rows = {
+        Text(f"{of_claim[0].number}", of_claim[0].title): [[Text(one.status)] for one in of_claim]
+        for of_claim in zip(*found, strict=True)
+        if len({one.status for one in of_claim}) > 1
+    }
+    caption = "Claims with another verdict"
+    return Table("sweep", caption, caption, [Text("claim"), *heads], {Text(""): rows})

@@ -1,0 +1,50 @@
+"""Lights and speeds as a study asks for them: numbers that conditions are sorted and named by.
+
+A light in lux is its cutoff in Hz, and sorts among cutoffs. A speed in m/s is no factor on the base
+speed, and equals none: conditions of the paper, which are factors, have no such speed.
+"""
+
+from __future__ import annotations
+
+from sensor.model import cutoff_in_light
+from tasks.row import Row
+
+
+class CutoffInLux(float):
+    """The photoreceptor cutoff, Hz, of a light that is given in lux.
+
+    Attributes
+    ----------
+    illuminance_lux
+        The illuminance of the scene.
+    """
+
+    illuminance_lux: float
+
+    def __new__(cls, illuminance_lux: float) -> CutoffInLux:
+        cutoff_hz = super().__new__(cls, cutoff_in_light(illuminance_lux))
+        cutoff_hz.illuminance_lux = illuminance_lux
+        return cutoff_hz
+
+
+class MetersPerSecond(float):
+    """The mean speed of the camera, m/s, in place of a factor on its base speed."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MetersPerSecond) and float(self) == float(other)
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    def __hash__(self) -> int:
+        return hash((MetersPerSecond, float(self)))
+
+
+def light_of(row: Row) -> float:
+    """Return the light of a row: its cutoff in Hz, as lux if it is given so."""
+    return CutoffInLux(row.illuminance_lux) if row.illuminance_lux else row.cutoff_hz
+
+
+def speed_of(row: Row) -> float:
+    """Return the speed of a row: the factor on the base speed, or m/s if it is given so."""
+    return MetersPerSecond(row.speed_m_s) if row.speed_m_s else row.speed

@@ -1,0 +1,96 @@
+"""Compare what each photoreceptor says: the lead of the finest sensor, and the choice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from tasks.registry import TASKS
+from tasks.study.results.choice import Choice, choose
+from tasks.study.results.intervals import Estimate, estimate
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Condition, Scores
+
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """By how much the finest sensor is better than the next finest, with each photoreceptor.
+
+    Attributes
+    ----------
+    scene, cutoff_hz, speed
+        Condition, as in `tasks.study.results.scores.Condition`.
+    widths
+        Widths of the two sensors, px, the finest first.
+    found
+        The lead with its interval, by photoreceptor; None if samples are missing.
+    choices
+        The width that is enough, by photoreceptor; None if samples are missing.
+    paper
+        The paper's lead; None if it lacks one of the two.
+    """
+
+    scene: str
+    cutoff_hz: float
+    speed: float
+    widths: tuple[int, int]
+    found: Mapping[str, Estimate | None]
+    choices: Mapping[str, Choice | None]
+    paper: float | None
+
+
+def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
+    """Return the leads of a series in every light but the ideal, where readings are the same.
+
+    Parameters
+    ----------
+    readings
+        Scores by photoreceptor; the first sets scenes, widths, lights and speeds.
+    series
+        Method and task.
+
+    Returns
+    -------
+    list of Lead
+        None for a series with a single width.
+    """
+    first = next(iter(readings.values()))
+    if len(first.widths(series)) < 2:
+        return []
+    coarse, fine = first.widths(series)[-2:]
+    sign = TASKS[series.task].metric.sign
+    found = []
+    for scene, cutoff_hz, speed in dict.fromkeys(
+        (at.scene, at.cutoff_hz, at.speed) for at in first.conditions(series)
+    ):
+        if math.isinf(cutoff_hz):
+            continue
+        places = {width: Condition(scene, width, cutoff_hz, speed) for width in (fine, coarse)}
+        paper = [first.published(series, where) for where in places.values()]
+        found.append(
+            Lead(
+                *(scene, cutoff_hz, speed, (fine, coarse)),
+                {name: _lead(one, series, places, sign) for name, one in readings.items()},
+                {
+                    name: choose(one, series, scene, cutoff_hz, speed)
+                    for name, one in readings.items()
+                },
+                _difference(paper, sign),
+            )
+        )
+    return found
+
+
+def _lead(
+    scores: Scores, series: Series, places: Mapping[int, Condition], sign: float
+) -> Estimate | None:
+    cells = {width: scores.cell(series, where) for width, where in places.items()}
+    if not all(cell.complete for cell in cells.values()):
+        return None
+    return estimate(lambda medians: medians.difference(*places), cells, sign=sign)
+
+
+def _difference(values: Sequence[float | None], sign: float) -> float | None:
+    one, other = values
+    return None if one is None or other is None else sign * (one - other)

@@ -1,0 +1,257 @@
+"""The sensors of a study: squares of its widths, and cameras and sensors by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from eres_render.errors import nearest
+from eres_render.storage.settings_reader import read_toml, read_typed
+from sensor.errors import SensorError
+from sensor.model import Photoreceptor, SensorModel, cutoff_in_light
+from sensor.presets import find_sensor
+from sensor.profiles import find_profile
+from tasks.errors import StudyError, TaskError
+from tasks.events.sensor_options import BusOptions, PixelOptions
+
+if TYPE_CHECKING:
+    from sensor import Readout
+
+
+class Light(NamedTuple):
+    """Light on the scene: the cutoff of square sensors, and the illuminance if it is given so."""
+
+    cutoff_hz: float
+    illuminance_lux: float = 0.0
+
+
+def light_of(illuminance_lux: float) -> Light:
+    """Return the light of an illuminance in lux; inf is light for ideal pixels."""
+    if math.isinf(illuminance_lux):
+        return Light(math.inf)
+    return Light(cutoff_in_light(illuminance_lux), illuminance_lux)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NamedSensor:
+    """A sensor with a name: a camera, or one of your own.
+
+    Parameters
+    ----------
+    name
+        Name in rows and tables.
+    in_light
+        The sensor in each light of the study. Dark level and cutoff reference are shares of the
+        white level.
+    own
+        Which of the study's lists do not apply, as the sensor has a value of its own:
+        "contrast_thresholds", "photoreceptors".
+    readout
+        Its bus; None for that of the study.
+    """
+
+    name: str
+    in_light: tuple[SensorModel, ...]
+    own: tuple[str, ...] = ()
+    readout: Readout | None = None
+
+    @property
+    def width(self) -> int:
+        """Width, px."""
+        return self.in_light[0].width
+
+    @property
+    def height(self) -> int:
+        """Height, px."""
+        return self.in_light[0].height
+
+
+def square(width: int, lights: Sequence[Light], dark_fraction: float) -> NamedSensor:
+    """Return a square of ideal pixels in each light.
+
+    Parameters
+    ----------
+    width
+        Its side, px.
+    lights
+        The lights.
+    dark_fraction
+        Dark level, a share of the white level.
+
+    Returns
+    -------
+    The sensor, without a name.
+    """
+    plain = SensorModel(width=width, height=width, dark_level=dark_fraction)
+    models = tuple(replace(plain, cutoff_hz=light.cutoff_hz) for light in lights)
+    return NamedSensor(name="", in_light=models)
+
+
+def with_pixels(
+    model: SensorModel, contrast_threshold: float | None, photoreceptor: Photoreceptor | None
+) -> SensorModel:
+    """Return a sensor with another contrast threshold and another photoreceptor.
+
+    Parameters
+    ----------
+    model
+        The sensor; its cutoff reference is a share of the white level.
+    contrast_threshold
+        C of ON and OFF events, log units; None to keep those of the sensor.
+    photoreceptor
+        Its photoreceptor; None to keep that of the sensor.
+
+    Returns
+    -------
+    The sensor.
+    """
+    if contrast_threshold is not None:
+        model = replace(model, contrast_threshold=contrast_threshold, contrast_threshold_off=None)
+    if photoreceptor is None:
+        return model
+    white = photoreceptor == "v2e" and model.cutoff_hz < math.inf
+    return replace(model, photoreceptor=photoreceptor, cutoff_reference=1.0 if white else None)
+
+
+def in_radiance(model: SensorModel, white_level: float) -> SensorModel:
+    """Return a sensor whose levels of light are shares of the white level, in units of radiance."""
+    dark_level, reference = model.dark_level, model.cutoff_reference
+    assert dark_level is not None, "the study has a dark fraction"
+    return replace(
+        model,
+        dark_level=dark_level * white_level,
+        cutoff_reference=None if reference is None else reference * white_level,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Body:
+    """What the table of a sensor says in addition to `PixelOptions` and `BusOptions`."""
+
+    name: str | None = None
+    sensor: str | None = None
+    width: int | None = None
+    height: int | None = None
+    threshold: float | None = None
+
+
+_TABLES = (_Body, PixelOptions, BusOptions)
+_FROM_LIGHT = ("cutoff", "illuminance")  # fields of `PixelOptions` that the study's light decides
+
+
+def read_sensor(
+    found: Any, lights: Sequence[Light], dark_fraction: float, file: Path, place: str
+) -> NamedSensor:
+    """Read a sensor from an entry of `simulate.sensors`.
+
+    Parameters
+    ----------
+    found
+        The name of a camera, a TOML file, or a table: `sensor`, or `width` and `height`; `name`,
+        `threshold`, and the options of `eres simulate` for pixels and bus.
+    lights
+        The lights of the study.
+    dark_fraction
+        Dark level, a share of the white level.
+    file, place
+        The place of the entry, for error messages. Files are relative to it.
+
+    Returns
+    -------
+    The sensor.
+
+    Raises
+    ------
+    StudyError
+        A camera or a profile does not exist, or values contradict each other.
+    """
+    name = None
+    if isinstance(found, str) and found.endswith(".toml"):
+        name, file, place = Path(found).stem, file.parent / found, ""
+        found = read_toml(dict[str, Any], file, StudyError)
+    table = {"sensor": found} if isinstance(found, str) else found
+    where = f"{file}: {place}" if place else str(file)
+    if not isinstance(table, dict):
+        raise StudyError(f"{where}: found {found!r}, expected a camera, a file or a table")
+    body, pixel, bus = _options(table, file, place)
+    try:
+        plain = replace(_plain(body), dark_level=dark_fraction)
+        models = tuple(_lit(plain, body, _in_file(pixel, file), light) for light in lights)
+        readout = bus.readout()
+    except (SensorError, TaskError) as error:
+        raise StudyError(f"{where}: {error}") from None
+    known = {} if pixel.profile is None else find_profile(_in_file(pixel, file).profile or "").known
+    own = []
+    if {body.threshold, pixel.threshold_off} != {None} or {"threshold_on", "threshold_off"} & {
+        *known
+    }:
+        own.append("contrast_thresholds")
+    if pixel.photoreceptor or pixel.cutoff_follows_light or "photoreceptor" in known:
+        own.append("photoreceptors")
+    return NamedSensor(
+        name=body.name or name or body.sensor or f"{plain.width}x{plain.height}",
+        in_light=models,
+        own=tuple(own),
+        readout=readout,
+    )
+
+
+def _options(
+    table: dict[str, Any], file: Path, place: str
+) -> tuple[_Body, PixelOptions, BusOptions]:
+    """Read the table of a sensor, each field by the class that has it."""
+    names = {one.name: kind for kind in _TABLES for one in fields(kind)}
+    known = [name for name in names if name not in _FROM_LIGHT]
+    parts: dict[type, dict[str, Any]] = {kind: {} for kind in _TABLES}
+    for name, value in table.items():
+        if name not in known:
+            at = f"{place}.{name}" if place else name
+            why = ": the light of the study decides it" if name in _FROM_LIGHT else ""
+            raise StudyError(f"{file}: {at}: unknown{why}; {nearest(name, known)}")
+        number = name == "bus" and type(value) in (int, float)  # million events per second
+        parts[names[name]][name] = str(value) if number else value
+    body, pixel, bus = (
+        read_typed(kind, part, file, StudyError, place) for kind, part in parts.items()
+    )
+    return body, pixel, bus
+
+
+def _in_file(pixel: PixelOptions, file: Path) -> PixelOptions:
+    """Return pixels whose profile, if it is a file, is relative to another file."""
+    if pixel.profile is None or not pixel.profile.endswith(".toml"):
+        return pixel
+    return replace(pixel, profile=str(file.parent / pixel.profile))
+
+
+def _plain(body: _Body) -> SensorModel:
+    if (body.sensor is None) == (body.width is None) or (body.height and body.width is None):
+        found = [name for name in ("sensor", "width", "height") if getattr(body, name) is not None]
+        raise TaskError(
+            f"found {' and '.join(found) or 'no size'}, expected sensor = NAME, as in "
+            "`eres sensors`, or width and height in px"
+        )
+    if body.sensor is not None:
+        return find_sensor(body.sensor).model
+    assert body.width is not None, "checked above"
+    height = body.width if body.height is None else body.height
+    return SensorModel(width=body.width, height=height)
+
+
+def _lit(plain: SensorModel, body: _Body, pixel: PixelOptions, light: Light) -> SensorModel:
+    """Return a sensor in a light; the white level is 1."""
+    if light.illuminance_lux:
+        pixel = replace(pixel, illuminance=light.illuminance_lux)
+    else:
+        follows = pixel.cutoff_follows_light and light.cutoff_hz < math.inf
+        pixel = replace(pixel, cutoff=light.cutoff_hz, cutoff_follows_light=follows)
+    model = pixel.applied_to(plain, white_level=1.0)
+    if body.threshold is None:
+        return model
+    return replace(
+        model,
+        contrast_threshold=body.threshold,
+        contrast_threshold_off=pixel.threshold_off,
+    )
