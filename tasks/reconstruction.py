@@ -20,9 +20,10 @@ class ReconstructionSample:
     log_keyframe
         (H, W) float64, L_0: log intensity at the window's start, at the frames' resolution.
     polarity_sum
-        (h, w) float64, sum of polarities per pixel over the window, at the sensor's resolution.
+        (h, w) float64, sum of polarities per pixel over the window, at the sensor's resolution. OFF
+        events count C_OFF / C_ON, where these differ.
     contrast_threshold
-        C, known in simulation, log units.
+        C of ON events, known in simulation, log units.
 
     Examples
     --------

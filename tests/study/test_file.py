@@ -83,7 +83,7 @@ def test_old_words_are_read(tmp_path):
         ),
         (
             'scenes = ["carpet"]\n[simulate]\nilluminance_lux = [0]',
-            r"simulate.illuminance_lux: found \(0.0,\), expected positive numbers",
+            r"simulate.illuminance_lux: found 0.0, expected a positive number",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncutoffs_hz = [1]\nilluminance_lux = [1]',

@@ -102,3 +102,13 @@ def test_importing_rows_does_not_load_pyarrow():
     code = "import sys, tasks.cli, tasks.row; print('pyarrow' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
+
+
+def test_rows_of_an_older_version_have_the_defaults_of_later_columns(rows, file):
+    """Promise: a finished run stays readable; its sensors are squares with two poles, without a
+    bus."""
+    later = ["photoreceptor", "sensor", "illuminance_lux", "speed_m_s", "bus_mev_s", "dropped"]
+    pq.write_table(pq.read_table(file).drop_columns(later), file)
+    found = read_rows(file)
+    assert found == rows
+    assert {row.photoreceptor for row in found} == {"two_pole"}

@@ -120,16 +120,25 @@ def test_a_study_names_a_photoreceptor(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "v2e"')
     study = read_study(file)
-    assert study.simulate.photoreceptor == "v2e"
+    assert study.simulate.photoreceptors == ("v2e",)
     models = [one.model for one in jobs_of(study, load_scene("carpet"))[0].settings(2.0)]
     assert {model.photoreceptor for model in models} == {"v2e"}
     references = {model.cutoff_hz: model.cutoff_reference for model in models}
     assert references == {math.inf: None, 200.0: 2.0, 50.0: 2.0}
     assert {model.dark_level for model in models} == {2e-3}
     plain = Study(name="mine", scenes=("carpet",)).simulate
-    without = {k: getattr(plain, k) for k in plain.__slots__ if k != "photoreceptor"}
-    assert digest({"simulate": plain}) == digest({"simulate": without})
-    assert digest({"simulate": Simulate(photoreceptor="v2e")}) != digest({"simulate": plain})
+    without = {
+        name: getattr(plain, name)
+        for name in (
+            *("widths", "cutoffs_hz", "contrast_thresholds", "speeds"),
+            *("dark_fraction", "warmup_time_constants"),
+        )
+    }
+    assert digest(plain.decides) == digest(without)
+    older = {**without, "photoreceptor": "v2e"}
+    assert digest(Simulate(photoreceptors=("v2e",)).decides) == digest(older)
+    both = Simulate(photoreceptors=("two_pole", "v2e"))
+    assert digest(both.decides) not in (digest(older), digest(without))
     file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "three_pole"')
-    with pytest.raises(ValueError, match=r"photoreceptor: found 'three_pole', expected 'two"):
+    with pytest.raises(ValueError, match=r"photoreceptors.*: found 'three_pole', expected 'two"):
         read_study(file)

@@ -21,14 +21,20 @@ class ReconstructionScorer:
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Reconstruction) -> None:
         self._reference, self._setting, self._task = reference, setting, task
-        self._sum = np.zeros((setting.model.height, setting.model.width), np.int64)
+        model = setting.model
+        self._off_weight = model.off_threshold / model.contrast_threshold
+        kind = np.int64 if self._off_weight == 1 else np.float64
+        self._sum = np.zeros((model.height, model.width), kind)
         self._events = 0
 
     def push(self, events: Events) -> None:
-        """Add up the window's polarities."""
+        """Add up the window's polarities, in units of the threshold of ON events."""
         window = events.between(self._setting.start_us, self._setting.end_us)
         if len(window):
             self._sum += window.polarity_sum()
+            if self._off_weight != 1:  # each OFF event is a change of its own threshold
+                off = window.where(window.p < 0).polarity_sum()
+                self._sum += (self._off_weight - 1) * off
             self._events += len(window)
 
     def scores(self) -> Iterator[Score]:

@@ -11,6 +11,7 @@ from itertools import chain
 import numpy as np
 
 from eres_render import Clip, Scene, clips, continuous_stretch
+from sensor.model import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings
@@ -20,6 +21,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 from tasks.study.sensors import in_radiance
+from tasks.tracking import PATH_S
 
 _log = logging.getLogger(__name__)
 
@@ -187,13 +189,28 @@ def _jobs_on(
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
     else:
         before_s = stretches.windows_before * study.render.window_s
-        found = _spread_clips(study.render, scene, simulate.warmup_s + before_s)
+        found = _spread_clips(study.render, scene, simulate, before_s)
+    if "tracking" in tasks:
+        _check_tracked(study.render, simulate)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
 
 
-def _spread_clips(render: Render, scene: Scene, warmup_s: float) -> list[Clip]:
+def _check_tracked(render: Render, simulate: Simulate) -> None:
+    """Refuse speeds at which the window ends before the path that is tracked."""
+    most = render.window_s / PATH_S
+    if max(simulate.speeds) > most * (1 + 1e-9):
+        raise StudyError(
+            f"simulate.speeds: found {max(simulate.speeds):.3g} times the base speed, with windows "
+            f"shorter than the {1e3 * PATH_S:g} ms of pose tracking, expected at most {most:.3g}, "
+            "or no methods in evaluate.tracking"
+        )
+
+
+def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:
     """Return the study's samples, spread evenly over the path; all that fit if it says None."""
+    warmup_s = simulate.warmup_s + before_s
+    _check_fit(render, scene, simulate, warmup_s)
     fitting = clips(scene, every_s=render.every_s, window_s=render.window_s, warmup_s=warmup_s)
     count = len(fitting) if render.samples is None else render.samples
     if not 1 <= count <= len(fitting):
@@ -202,6 +219,26 @@ def _spread_clips(render: Render, scene: Scene, warmup_s: float) -> list[Clip]:
             f"path of {scene.name}"
         )
     return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
+
+
+def _check_fit(render: Render, scene: Scene, simulate: Simulate, warmup_s: float) -> None:
+    """Refuse a warm-up longer than the time between samples, and a path without room for one."""
+    room_s = 0.5 * render.every_s
+    if warmup_s > room_s:
+        least = min(simulate.cutoffs_hz) * warmup_s / room_s
+        raise StudyError(
+            f"simulate: {scene.name} needs {warmup_s:.3g} s of path before each window, "
+            f"{simulate.warmup_time_constants:g} time constants of {min(simulate.cutoffs_hz):g} Hz "
+            f"at speed {max(simulate.speeds):.3g}, expected at most {room_s:g} s, half of "
+            f"render.every_s: at least {least:.3g} Hz ({least / cutoff_in_light(1.0):.3g} lux), or "
+            f"every_s = {2 * warmup_s:.3g}"
+        )
+    most_s = 2 * (scene.duration_s - render.window_s)
+    if render.every_s > most_s:
+        raise StudyError(
+            f"render.every_s: found {render.every_s:g} s, with which no sample fits the path of "
+            f"{scene.name}, {scene.duration_s:g} s long, expected at most {most_s:.3g}"
+        )
 
 
 def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Job]:

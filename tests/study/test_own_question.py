@@ -1,0 +1,255 @@
+"""A question of one's own: cameras, lux, m/s and buses, from a TOML file to rows and words."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from eres_render import load_scene
+from sensor import cutoff_in_light
+from tasks.errors import StudyError
+from tasks.row import Row
+from tasks.study.config import Study
+from tasks.study.results.comparison import line_label, main_tables
+from tasks.study.results.scores import Scores, by_photoreceptor
+from tasks.study.results.words import cutoff_label, speed_label
+from tasks.study.run import run_study
+from tasks.study.run.jobs import jobs_of
+from tasks.study.study_file import read_study
+
+QUIET = """
+[evaluate.flow]
+methods = []
+[evaluate.tracking]
+methods = []
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    (folder / "mine.toml").write_text(text)
+    return folder / "mine.toml"
+
+
+def read(folder: Path, simulate: str, rest: str = "") -> Study:
+    text = f'scenes = ["carpet"]\n[simulate]\n{simulate}\n{rest}'
+    return read_study(written(folder, text))
+
+
+def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
+    """Promise: a name, a TOML file and a table each give a sensor; profiles and files are relative
+    to the file that names them; what a sensor says replaces the study's lists."""
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "pixel.toml").write_text(
+        'title = "mine"\n[threshold_on]\nvalue = 0.3\nunit = "log"\nsource = "measured"\n'
+        '[threshold_off]\nvalue = 0.4\nunit = "log"\nsource = "measured"'
+    )
+    (tmp_path / "parts" / "wide.toml").write_text(
+        'width = 200\nheight = 100\nprofile = "pixel.toml"\nbus = 0.5'
+    )
+    sensors = """
+    sensors = ["davis346", "parts/wide.toml", {name = "noisy", width = 320, leak = 0.1}]
+    contrast_thresholds = [0.2, 0.5]
+    """
+    simulate = read(tmp_path, sensors).simulate
+    assert simulate.widths == ()
+    assert simulate.sizes == [(346, 260), (200, 100), (320, 320)]
+    davis, wide, noisy = simulate.sensors
+    assert (davis.name, wide.name, noisy.name) == ("davis346", "wide", "noisy")
+    assert davis.in_light[0].fill_factor == 0.22
+    assert noisy.in_light[0].leak_hz == 0.1
+    assert wide.readout is not None
+    assert wide.readout.max_rate_hz == 5e5
+    found = {(s.name, m.contrast_threshold, m.off_threshold) for s, _, m in simulate.models()}
+    assert found == {
+        *((name, C, C) for name in ("davis346", "noisy") for C in (0.2, 0.5)),
+        ("wide", 0.3, 0.4),
+    }
+
+
+def test_light_in_lux_decides_the_cutoff_by_the_profile(tmp_path) -> None:
+    """Physics: bandwidth is proportional to light: 3 Hz per lux, or as the profile measured."""
+    (tmp_path / "fast.toml").write_text(
+        'title = "mine"\n[cutoff]\nvalue = 1\nunit = "kHz"\nsource = "measured"\n'
+        '[illuminance]\nvalue = 100\nunit = "lux"\nsource = "measured"'
+    )
+    sensors = 'illuminance_lux = [inf, 20]\nsensors = [{width = 64, profile = "fast.toml"}]'
+    simulate = read(tmp_path, f"{sensors}\nwidths = [32]").simulate
+    assert simulate.cutoffs_hz == (math.inf, cutoff_in_light(20))
+    found = {
+        (model.width, light.illuminance_lux): m
+        for _, light, m in simulate.models()
+        for model in [m]
+    }
+    assert found[32, 20.0].cutoff_hz == cutoff_in_light(20)
+    assert found[64, 20.0].cutoff_hz == pytest.approx(200.0)
+    assert math.isinf(found[64, 0.0].cutoff_hz)
+
+
+def test_speeds_in_m_per_s_are_factors_on_each_scene(tmp_path) -> None:
+    """Carpet has 0.9 m/s at factor 1, rocks 0.7: 1.8 m/s are 2 there and 2.571 here."""
+    study = read(tmp_path, "speeds_m_s = [1.8]", QUIET)
+    for name, factor in (("carpet", 2.0), ("rocks", 1.8 / 0.7)):
+        (setting, *_) = jobs_of(study, load_scene(name))[0].settings(1.0)
+        assert setting.speed == pytest.approx(factor)
+        assert setting.speed_m_s == 1.8
+
+
+def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
+    assert read(tmp_path, "bus_mev_s = 0.5").simulate.bus_mev_s == 0.5
+    assert read(tmp_path, 'bus = "davis346"').simulate.bus_mev_s == 12.0
+    (setting, *_) = jobs_of(read(tmp_path, "bus_mev_s = 0.5"), load_scene("carpet"))[0].settings(1)
+    assert setting.readout is not None
+    assert setting.readout.max_rate_hz == 5e5
+
+
+@pytest.mark.parametrize(
+    ("simulate", "message"),
+    [
+        (
+            "illuminance_lux = [1]\ncutoffs_hz = [1]",
+            "found both cutoffs_hz and illuminance_lux, exp",
+        ),
+        ("speeds = [1]\nspeeds_m_s = [1]", "found both speeds and speeds_m_s"),
+        ('bus = "davis346"\nbus_mev_s = 1', "found both bus and bus_mev_s"),
+        ('bus = "davis364"', "simulate.bus: .*did you mean 'davis346'"),
+        ('bus = "atis"', "simulate.bus: the bus of 'atis' is unknown, expected bus_mev_s"),
+        ("bus_mev_s = 0", "simulate.bus_mev_s: found 0.0, expected a positive number"),
+        ("bus_mev_s = 1e-6", "carries no event in a window of 25 ms, expected at least 4e-05"),
+        (
+            'sensors = ["davis364"]',
+            r"sensors\[0\]: sensor: found 'davis364'; did you mean 'davis346'",
+        ),
+        ("sensors = [3]", r"simulate.sensors\[0\]: found 3, expected a camera, a file or a table"),
+        ('sensors = [{sensor = "atis", width = 3}]', "found sensor and width, expected sensor ="),
+        ("sensors = [{leak = 3}]", "found no size, expected sensor = NAME"),
+        ('sensors = [{width = 9, profile = "davis34"}]', "did you mean 'davis346'"),
+        ("sensors = [{width = 9, leek = 1}]", r"sensors\[0\].leek: unknown; did you mean 'leak'"),
+        ("sensors = [{width = 9, cutoff = 1}]", "unknown: the light of the study decides it"),
+        ('sensors = [{width = 9, leak = "a"}]', r"simulate.sensors\[0\].leak: found 'a', expected"),
+        ('sensors = ["gen3-cd", "dvxplorer"]', "'dvxplorer' and 'gen3-cd', both 640 px wide"),
+        ('sensors = ["davis346"]\nwidths = [346]', "and the square of 346 px, both 346 px wide"),
+        ('sensors = ["none.toml"]', "none.toml: no such file"),
+        ('photoreceptors = ["v2e", "v2e"]', "photoreceptors: found .*expected each of them once"),
+        ('photoreceptors = ["v2"]', r"photoreceptors\[0\]: found 'v2', expected 'two_pole' or"),
+    ],
+)
+def test_contradictions_are_refused_by_field_with_what_would_do(tmp_path, simulate, message):
+    with pytest.raises(StudyError, match=message):
+        read(tmp_path, simulate)
+
+
+def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
+    with pytest.raises(StudyError, match="'gen4-cd' of 1280x720 px, finer than render"):
+        read(tmp_path, 'sensors = ["gen4-cd"]', "[render]\nresolution = 640")
+
+
+@pytest.mark.parametrize(
+    ("simulate", "rest", "message"),
+    [
+        (
+            "cutoffs_hz = [1]",
+            "",
+            r"needs 1.91 s of path .* 7.64 Hz \(2.55 lux\), or every_s",
+        ),
+        ("speeds = [4]", "", "pose tracking, expected at most 3.57, or no methods"),
+        ("", "[render]\nevery_s = 30", "no sample fits the path of carpet, 10 s long, .* 19.9"),
+        ("", "[render]\nsamples = 21", "found 21, expected 1 to 20"),
+    ],
+)
+def test_what_no_frame_can_give_is_refused_before_rendering(tmp_path, simulate, rest, message):
+    with pytest.raises(StudyError, match=message):
+        jobs_of(read(tmp_path, simulate, rest), load_scene("carpet"))
+
+
+POSES = """
+0.0 0.00 0 1  1 0 0 0
+0.2 0.05 0 1  1 0 0 0
+0.4 0.10 0 1  1 0 0 0
+"""
+GALLERY = """<scene version="3.0.0">
+  <sensor type="perspective"><float name="fov" value="50"/></sensor>
+  <emitter type="constant"><rgb name="radiance" value="0.5"/></emitter>
+  <shape type="rectangle" id="floor">
+    <transform name="to_world"><scale value="3"/></transform>
+    <bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
+      <transform name="to_uv"><scale value="60"/></transform>
+    </texture></bsdf>
+  </shape>
+</scene>
+"""
+
+
+def own_study(folder: Path) -> Study:
+    """A Mitsuba file with a path, a slow bus, a flat sensor, lux and m/s."""
+    (folder / "gallery.xml").write_text(GALLERY)
+    (folder / "poses.txt").write_text(POSES)
+    text = f"""
+    scenes = ["gallery.xml"]
+    [trajectories]
+    "gallery.xml" = "poses.txt"
+    [render]
+    resolution = 64
+    spp = 4
+    every_s = 0.3
+    max_displacement_px = 1.0
+    [simulate]
+    widths = [32]
+    sensors = [{{name = "flat", width = 60, height = 30, bus = 0.01, fifo = 50}}]
+    illuminance_lux = [inf, 100]
+    speeds_m_s = [0.5]
+    photoreceptors = ["two_pole", "v2e"]
+    {QUIET}
+    """
+    return read_study(written(folder, text))
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory) -> list[Row]:
+    folder = tmp_path_factory.mktemp("own")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ERES_CACHE", str(folder / "cache"))
+        return run_study(own_study(folder), folder / "run")
+
+
+def test_rows_say_what_was_asked(rows) -> None:
+    """Promise: sensor, lux, m/s, bus and reading are in each row; the path's 0.25 m/s make 0.5
+    m/s a factor of 2."""
+    assert {(r.sensor, r.width, r.bus_mev_s) for r in rows} == {
+        ("", 32, math.inf),
+        ("flat", 60, 0.01),
+    }
+    assert {(r.cutoff_hz, r.illuminance_lux) for r in rows} == {(math.inf, 0.0), (300.0, 100.0)}
+    assert {r.speed_m_s for r in rows} == {0.5}
+    assert {r.speed for r in rows} == {pytest.approx(2.0, rel=1e-6)}
+    assert {r.scene for r in rows} == {"gallery"}
+    by_kind = [[r for r in rows if r.photoreceptor == kind] for kind in ("two_pole", "v2e")]
+    assert len(by_kind[0]) == len(by_kind[1]) == len(rows) / 2
+
+
+def test_what_a_bus_drops_does_not_reach_the_methods(rows) -> None:
+    """Physics: a bus of 10 000 events/s and a queue of 50 carry 300 events in 25 ms, of
+    thousands: what is left of the image is nearly that of no events."""
+    flat = [r for r in rows if r.sensor == "flat" and math.isinf(r.cutoff_hz)]
+    sent = {r.event_rate_hz * (1 - r.dropped) * 0.025 for r in flat}
+    assert 200 < max(sent) <= 301
+    assert all(r.dropped > 0.5 for r in flat)
+    assert {r.dropped for r in rows if not r.sensor} == {0.0}
+    values = {r.method: r.value for r in flat}
+    free = {r.method: r.value for r in rows if not r.sensor and math.isinf(r.cutoff_hz)}
+    gains = [one["event_integration"] - one["no_events"] for one in (values, free)]
+    assert gains[0] < 0.5 * gains[1]
+
+
+def test_words_are_those_of_the_question(rows) -> None:
+    """Promise: tables say lux, m/s and the sensor's name, not Hz and factors."""
+    (scores,) = by_photoreceptor(rows)["two_pole"]
+    assert isinstance(scores, Scores)
+    (series,) = scores.series()
+    assert [cutoff_label(hz) for hz in scores.cutoffs_hz(series)] == ["ideal", "100 lux"]
+    assert [speed_label("gallery", speed) for speed in scores.speeds(series)] == ["0.5 m/s"]
+    (table,) = main_tables(scores)
+    labels = [line_label(line, series) for line in table.blocks[0].lines]
+    assert labels[:2] == ["32 px", "flat, 60 px"]
+    assert all(e.paper is None for line in table.blocks[0].lines for e in line.entries)

@@ -1,0 +1,128 @@
+"""Several photoreceptors in one study: the same frames, one page, the others beside it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from eres_render import load_scene
+from finished_runs import make_run, page_of
+from study_rows import EI, nothing_rows, paper_rows
+from tasks.errors import ResultError
+from tasks.row import Row
+from tasks.study.config import Simulate, Study
+from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
+from tasks.study.results.readings import leads
+from tasks.study.results.scores import Scores, by_photoreceptor, by_threshold
+from tasks.study.run.jobs import Job, jobs_of
+
+GAIN_DB = 2.0
+"""What v2e adds at 1280 px in all light but the ideal."""
+
+
+def of_v2e(rows: list[Row]) -> list[Row]:
+    def gains(row: Row) -> bool:
+        return row.width == 1280 and row.method == EI.method and row.cutoff_hz < math.inf
+
+    return [
+        replace(row, photoreceptor="v2e", value=row.value + GAIN_DB * gains(row)) for row in rows
+    ]
+
+
+def both_rows(samples: int = 7) -> list[Row]:
+    rows = paper_rows(EI, samples=samples, scenes=["carpet"])
+    rows += nothing_rows(rows, 12.0)
+    return of_v2e(rows) + rows
+
+
+@pytest.fixture(scope="module")
+def job() -> Job:
+    sensors = Simulate(widths=(64, 128), photoreceptors=("two_pole", "v2e"), speeds=(1.0,))
+    study = Study(name="both", scenes=("carpet",), simulate=sensors)
+    return jobs_of(study, load_scene("carpet"))[0]
+
+
+def test_one_job_has_every_reading_and_ideal_pixels_once(job) -> None:
+    """Promise: both readings see the same frames; an ideal pixel, the same in both, is simulated
+    once: 2 widths x (1 ideal + 2 cutoffs x 2 readings)."""
+    models = [setting.model for setting in job.settings(2.0)]
+    assert len(models) == 2 * (1 + 2 * 2)
+    assert {(m.cutoff_hz, m.photoreceptor) for m in models} == {
+        (math.inf, "two_pole"),
+        *((hz, kind) for hz in (200.0, 50.0) for kind in ("two_pole", "v2e")),
+    }
+    assert {m.cutoff_reference for m in models if m.photoreceptor == "v2e"} == {2.0}
+    assert {m.cutoff_reference for m in models if m.photoreceptor == "two_pole"} == {None}
+
+
+def test_rows_of_ideal_pixels_are_those_of_every_reading(job) -> None:
+    ideal, day = paper_rows(EI, samples=1)[0], paper_rows(EI, samples=1)[3]
+    assert (ideal.cutoff_hz, day.cutoff_hz) == (math.inf, 200.0)
+    found = job.with_every_reading([ideal, day])
+    assert found == [ideal, day, replace(ideal, photoreceptor="v2e")]
+
+
+def test_readings_are_apart_and_two_poles_come_first() -> None:
+    """Promise: whatever the order of the rows; no score mixes readings."""
+    found = by_photoreceptor(both_rows())
+    assert list(found) == ["two_pole", "v2e"]
+    for name, (scores,) in found.items():
+        assert scores.photoreceptor == name
+        assert scores.widths(EI) == list(WIDTHS)
+    with pytest.raises(ResultError, match="found photoreceptors v2e and two_pole, expected one"):
+        Scores(both_rows())
+
+
+def test_a_camera_with_its_own_pixels_is_among_all_readings_and_thresholds() -> None:
+    """Promise: it is compared with squares of each photoreceptor and threshold, not left out."""
+    plain = paper_rows(EI, samples=1, scenes=["carpet"])
+    own = [
+        replace(r, width=304, sensor="atis", photoreceptor="v2e", contrast_threshold=0.13)
+        for r in plain
+        if r.width == 346
+    ]
+    squares = plain + [replace(r, contrast_threshold=0.4) for r in plain]
+    rows = squares + [replace(r, photoreceptor="one_pole") for r in squares] + own
+    found = by_photoreceptor(rows)
+    assert list(found) == ["two_pole", "one_pole"]
+    for thresholds in found.values():
+        assert [one.contrast_threshold for one in thresholds] == [0.2, 0.4]
+        assert all(one.sensor_names == {304: "atis"} for one in thresholds)
+        assert all(304 in one.widths(EI) for one in thresholds)
+    (alone,) = by_threshold(own)
+    assert (alone.contrast_threshold, alone.photoreceptor) == (0.13, "v2e")
+
+
+def test_leads_by_reading_are_beside_the_papers() -> None:
+    """Analytic case: 1280 px has 2 dB more with v2e; the paper's lead by day is 1.25 dB."""
+    readings = {name: found[0] for name, found in by_photoreceptor(both_rows()).items()}
+    found = leads(readings, EI)
+    assert {one.cutoff_hz for one in found} == {*CUTOFFS_HZ} - {math.inf}
+    day = next(one for one in found if (one.cutoff_hz, one.speed) == (200.0, 1.0))
+    assert day.paper == pytest.approx(1.25, abs=0.01)
+    two, v2e = day.found["two_pole"], day.found["v2e"]
+    assert two is not None
+    assert v2e is not None
+    assert two.value == pytest.approx(day.paper)
+    assert v2e.value - two.value == pytest.approx(GAIN_DB)
+
+
+def test_the_page_is_about_two_poles_and_shows_the_other_reading(tmp_path, eres) -> None:
+    """Promise: the section and a table of its own have v2e; the rest is that of two poles."""
+    run, alone = tmp_path / "both", tmp_path / "alone"
+    for folder, rows in ((run, both_rows()), (alone, both_rows()[len(both_rows()) // 2 :])):
+        folder.mkdir()
+        make_run(folder, rows)
+    page, lone = page_of(run), page_of(alone)
+    assert (run / "tables.csv").read_text() == (alone / "tables.csv").read_text()
+    assert (run / "tables_v2e.csv").read_text() != (run / "tables.csv").read_text()
+    assert not (alone / "tables_v2e.csv").exists()
+    assert 'id="photoreceptor"' in page
+    assert 'id="photoreceptor"' not in lone
+    assert "the pole of v2e" in page
+    assert "lead of 1280 over 640 px" in page
+    code, out, _ = eres("claims", run)
+    assert code == 0
+    assert "With the pole of v2e: " in out
