@@ -94,7 +94,8 @@ def evaluate_sequence(
         cutoff_hz=cutoff_hz,
         dark_level=DARK_FRACTION * sequence.white_level,
     )
-    setting = Setting(model, speed, *(round(t_s / speed * 1e6) for t_s in sequence.window_s))
+    start_us, end_us = (round(t_s / speed * 1e6) for t_s in sequence.window_s)
+    setting = Setting(model, speed, start_us, end_us)
     options = {"weights": dict(weights)} if weights else {}
     tasks = {task: load(spec.settings)(methods=names, **options)}
     return evaluate(sequence, truth, [setting], tasks, on_progress).rows

@@ -69,6 +69,11 @@ class NamedSensor:
         return self.in_light[0].height
 
 
+def bus_of(bus_mev_s: float) -> Readout | None:
+    """Return the bus of a capacity in million events per second, with the usual queue."""
+    return BusOptions(bus=repr(bus_mev_s)).readout()
+
+
 def square(width: int, lights: Sequence[Light], dark_fraction: float) -> NamedSensor:
     """Return a square of ideal pixels in each light.
 
@@ -213,10 +218,11 @@ def _options(
             raise StudyError(f"{file}: {at}: unknown{why}; {nearest(name, known)}")
         number = name == "bus" and type(value) in (int, float)  # million events per second
         parts[names[name]][name] = str(value) if number else value
-    body, pixel, bus = (
-        read_typed(kind, part, file, StudyError, place) for kind, part in parts.items()
+    return (
+        read_typed(_Body, parts[_Body], file, StudyError, place),
+        read_typed(PixelOptions, parts[PixelOptions], file, StudyError, place),
+        read_typed(BusOptions, parts[BusOptions], file, StudyError, place),
     )
-    return body, pixel, bus
 
 
 def _in_file(pixel: PixelOptions, file: Path) -> PixelOptions:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eres_render.errors import nearest
 from eres_render.storage.settings_reader import FloatOrInf
@@ -14,7 +14,10 @@ from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
 from tasks.methods import task_of
 from tasks.registry import TASKS
-from tasks.study.sensors import Light, NamedSensor, light_of, square, with_pixels
+from tasks.study.sensors import Light, NamedSensor, bus_of, light_of, square, with_pixels
+
+if TYPE_CHECKING:
+    from sensor import Readout
 
 # Fields that the stored study has only where they are given.
 _LEFT_OUT_IF_NOT_GIVEN = (
@@ -121,6 +124,11 @@ class Simulate:
         if self.illuminance_lux is None:
             return tuple(map(Light, self.cutoffs_hz))
         return tuple(map(light_of, self.illuminance_lux))
+
+    @property
+    def readout(self) -> Readout | None:
+        """The bus of sensors that have none of their own; None for no bus."""
+        return None if self.bus_mev_s is None else bus_of(self.bus_mev_s)
 
     @property
     def sizes(self) -> list[tuple[int, int]]:

@@ -196,7 +196,7 @@ def own_study(folder: Path) -> Study:
     max_displacement_px = 1.0
     [simulate]
     widths = [32]
-    sensors = [{{name = "flat", width = 60, height = 30, bus = 0.01, fifo = 50}}]
+    sensors = [{{name = "flat", width = 60, height = 30, bus = 0.002, fifo = 50}}]
     illuminance_lux = [inf, 100]
     speeds_m_s = [0.5]
     photoreceptors = ["two_pole", "v2e"]
@@ -218,22 +218,22 @@ def test_rows_say_what_was_asked(rows) -> None:
     m/s a factor of 2."""
     assert {(r.sensor, r.width, r.bus_mev_s) for r in rows} == {
         ("", 32, math.inf),
-        ("flat", 60, 0.01),
+        ("flat", 60, 0.002),
     }
     assert {(r.cutoff_hz, r.illuminance_lux) for r in rows} == {(math.inf, 0.0), (300.0, 100.0)}
     assert {r.speed_m_s for r in rows} == {0.5}
-    assert {r.speed for r in rows} == {pytest.approx(2.0, rel=1e-6)}
+    assert [*{r.speed for r in rows}] == pytest.approx([2.0], rel=1e-6)
     assert {r.scene for r in rows} == {"gallery"}
     by_kind = [[r for r in rows if r.photoreceptor == kind] for kind in ("two_pole", "v2e")]
     assert len(by_kind[0]) == len(by_kind[1]) == len(rows) / 2
 
 
 def test_what_a_bus_drops_does_not_reach_the_methods(rows) -> None:
-    """Physics: a bus of 10 000 events/s and a queue of 50 carry 300 events in 25 ms, of
-    thousands: what is left of the image is nearly that of no events."""
+    """Physics: a bus of 2000 events/s and a queue of 50 take 50 + 50 events of a window of 25 ms,
+    which is far less than pixels fire, so reconstruction gains less than without a bus."""
     flat = [r for r in rows if r.sensor == "flat" and math.isinf(r.cutoff_hz)]
     sent = {r.event_rate_hz * (1 - r.dropped) * 0.025 for r in flat}
-    assert 200 < max(sent) <= 301
+    assert 49 < max(sent) <= 101
     assert all(r.dropped > 0.5 for r in flat)
     assert {r.dropped for r in rows if not r.sensor} == {0.0}
     values = {r.method: r.value for r in flat}

@@ -23,18 +23,19 @@ class ReconstructionScorer:
         self._reference, self._setting, self._task = reference, setting, task
         model = setting.model
         self._off_weight = model.off_threshold / model.contrast_threshold
-        kind = np.int64 if self._off_weight == 1 else np.float64
-        self._sum = np.zeros((model.height, model.width), kind)
+        size = model.height, model.width
+        self._sum = np.zeros(size, np.int64)
+        # Of OFF events; a single 0 where they count like ON events.
+        self._off_sum = np.zeros((1, 1) if self._off_weight == 1 else size, np.int64)
         self._events = 0
 
     def push(self, events: Events) -> None:
-        """Add up the window's polarities, in units of the threshold of ON events."""
+        """Add up the window's polarities."""
         window = events.between(self._setting.start_us, self._setting.end_us)
         if len(window):
             self._sum += window.polarity_sum()
-            if self._off_weight != 1:  # each OFF event is a change of its own threshold
-                off = window.where(window.p < 0).polarity_sum()
-                self._sum += (self._off_weight - 1) * off
+            if self._off_weight != 1:
+                self._off_sum += window.where(window.p < 0).polarity_sum()
             self._events += len(window)
 
     def scores(self) -> Iterator[Score]:
@@ -42,7 +43,7 @@ class ReconstructionScorer:
         reference = self._reference
         sample = ReconstructionSample(
             reference.log_start,
-            self._sum.astype(np.float64),
+            self._sum + (self._off_weight - 1) * self._off_sum,
             self._setting.model.contrast_threshold,
         )
         for name in self._task.methods:

@@ -15,7 +15,6 @@ from sensor.model import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings
-from tasks.events.sensor_options import BusOptions
 from tasks.methods import code_of
 from tasks.registry import TASKS
 from tasks.row import Row
@@ -77,7 +76,7 @@ class Job:
     def settings(self, white_level: float) -> list[Setting]:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
-        bus = None if sensors.bus_mev_s is None else BusOptions(bus=repr(sensors.bus_mev_s))
+        bus = sensors.readout
         speeds_m_s = sensors.speeds_m_s or (0.0,) * len(sensors.speeds)
         return [
             Setting(
@@ -86,7 +85,7 @@ class Job:
                 round(self.clip.t_window_start_s / speed * 1e6),
                 round(self.clip.t_window_end_s / speed * 1e6),
                 name=sensor.name,
-                readout=sensor.readout or (bus and bus.readout()),
+                readout=sensor.readout or bus,
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
             )
