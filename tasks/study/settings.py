@@ -15,7 +15,7 @@ from tasks.methods import task_of
 from tasks.registry import TASKS
 
 # Fields that the stored study has only where they are given.
-_LEFT_OUT_AT_NONE = ("weights", "e2vid_window_s", "e2vid_events_per_px")
+_LEFT_OUT_AT_NONE = ("question", "weights", "e2vid_window_s", "e2vid_events_per_px")
 
 LEAST_RESOLUTION = 62
 """Side of frames, px, in which `sensor.statistics.slopes_by_pixel_size` has room for its blocks."""
@@ -90,6 +90,17 @@ class Simulate:
 class Study:
     """A study: which scenes, under which light, seen by which sensors, for which tasks.
 
+    Parameters
+    ----------
+    name
+        Name of the study.
+    scenes
+        Names or folders of scenes.
+    question
+        What the study asks, the title of its report; None is a general question.
+    render, simulate, evaluate
+        How scenes are rendered, which sensors see them, and how their events are scored.
+
     Raises
     ------
     StudyError
@@ -99,6 +110,7 @@ class Study:
 
     name: str
     scenes: tuple[str, ...]
+    question: str | None = None
     render: Render = field(default_factory=Render)
     simulate: Simulate = field(default_factory=Simulate)
     evaluate: Evaluate = field(default_factory=Evaluate)

@@ -58,13 +58,13 @@ def _others(run: FinishedRun) -> Sequence[Scores] | None:
 
 SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html"),
-    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
-    Section("tables", "Tables", "Ours and the paper's", "comparison.html"),
-    Section("convergence", "Failures", "Failures", "failures.html"),
-    Section("claims", "Claims", "The paper's claims", "claims.html"),
-    Section("choice", "Choice", "Which resolution to choose", "choice.html"),
-    Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),
     Section("previews", "Previews", "Events of each sensor", "previews.html"),
+    Section("choice", "Choice", "Which resolution to choose", "choice.html"),
+    Section("tables", "Tables", "All scores", "comparison.html"),
+    Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),
+    Section("convergence", "Failures", "Failures", "failures.html"),
+    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
+    Section("claims", "Claims", "The paper's claims", "claims.html"),
     Section("costs", "Timings", "Timings of this run", "timings.html"),
     Section("provenance", "Provenance", "Provenance", "provenance.html"),
 )
@@ -105,7 +105,8 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     tables = [comparison_table(one, series) for one in run.found for series in one.series()]
     write_bytes(run_dir / "tables.csv", to_csv(tables).encode())
     for series in filter(is_main, run.series):
-        for kind, image in figure_files(tradeoff_plots(run.scores, series)).items():
+        plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)
+        for kind, image in figure_files(plots).items():
             name = re.sub(r"\W+", "_", series.method)
             write_bytes(run_dir / "figures" / f"tradeoff_{name}.{kind}", image)
     report = run_dir / "report.html"
@@ -116,7 +117,6 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
 def _page(run: FinishedRun, sections: Sequence[Section]) -> str:
     collected = [(section, section.data(run)) for section in sections]
     return TEMPLATES.get_template("page.html").render(
-        title="Which event-camera resolution is enough?",
         colors=COLORS,
         run=run,
         sections=[(section, data) for section, data in collected if data is not None],

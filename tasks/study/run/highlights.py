@@ -7,15 +7,17 @@ import numpy as np
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
+from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.previews import PREVIEW_S, preview_files
+from tasks.study.run.pictures import central_area
+from tasks.study.run.previews import preview_files
 from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling_files
 
 
 class Highlights:
     """Collects the highlights of a job's scene from the events of its sensors.
 
-    Only sensors of the first contrast threshold are used: pictures at the first speed, intervals
+    Only sensors of the first contrast threshold are used: films at the first speed, intervals
     between events at the lowest and the highest speed.
 
     Parameters
@@ -29,10 +31,11 @@ class Highlights:
     def __init__(self, job: Job, settings: list[Setting]) -> None:
         speeds = job.simulate.speeds
         self._job = job
-        self._previews = {
-            (s.model.width, s.model.cutoff_hz): np.zeros((s.model.height, s.model.width), np.int64)
-            for s in settings
-        }
+        self._films = {}
+        for s in settings:
+            *_, side = central_area(s.model.height, s.model.width)
+            sums = np.zeros((FILM_PICTURES, side, side), np.int16)
+            self._films[s.model.width, s.model.cutoff_hz] = sums
         self._histograms = {
             (s.model.width, s.model.cutoff_hz, s.speed): interval_histogram(
                 s.model.width, (s.start_us, s.end_us)
@@ -58,13 +61,22 @@ class Highlights:
         if histogram := self._histograms.get((*key, setting.speed)):
             histogram.add(events)
         if setting.speed == sensors.speeds[0]:
-            last = events.between(setting.end_us - round(PREVIEW_S * 1e6), setting.end_us)
-            self._previews[key] += last.polarity_sum()
+            start_us = setting.end_us - round(FILM_S * 1e6)
+            last = events.between(start_us, setting.end_us)
+            top, left, side = central_area(setting.model.height, setting.model.width)
+            y, x = last.y.astype(np.int64) - top, last.x.astype(np.int64) - left
+            inside = (y >= 0) & (y < side) & (x >= 0) & (x < side)
+            k = (last.t_us[inside] - start_us) * FILM_PICTURES // (setting.end_us - start_us)
+            np.add.at(self._films[key], (k, y[inside], x[inside]), last.p[inside])
 
     def result(self, reference: ReferenceFrames) -> dict[str, bytes]:
         """Return the files by path in the run's folder, after the last event."""
-        keyframe = reference.end / np.float32(np.exp(reference.log_white))
-        previews = preview_files(self._job, keyframe, self._previews)
+        sequence, speed = reference.sequence, self._job.simulate.speeds[0]
+        ago_s = FILM_S * speed * np.arange(FILM_PICTURES)[::-1] / FILM_PICTURES
+        shown = np.searchsorted(sequence.t_s, sequence.window_s[1] - ago_s)
+        white = np.float32(np.exp(reference.log_white))
+        frames = [sequence.frame(int(i)) / white for i in shown]
+        previews = preview_files(self._job, frames, self._films)
         scaling, slope = measure_scaling(reference.sequence, reference.dark_level, self._histograms)
         return {
             **{f"previews/{name}": data for name, data in previews.items()},

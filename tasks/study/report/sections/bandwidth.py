@@ -9,10 +9,10 @@ from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.bandwidth import Load, bus_loads
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores, base_speed
-from tasks.study.results.words import MISSING, rate_label
+from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, speed_label
 
 
-def buses(scores: Scores, series: Series) -> list[Table]:
+def buses(scores: Scores, series: Series, base: BaseSpeeds = PACKAGED) -> list[Table]:
     """Collect the bus loads of one series.
 
     Parameters
@@ -21,6 +21,8 @@ def buses(scores: Scores, series: Series) -> list[Table]:
         Scores of a run.
     series
         Series that the event rates belong to.
+    base
+        Speed of the camera at factor 1.
 
     Returns
     -------
@@ -29,11 +31,13 @@ def buses(scores: Scores, series: Series) -> list[Table]:
         speed.
     """
     speeds = list(dict.fromkeys([base_speed(scores, series), max(scores.speeds(series))]))
-    tables = [_table(scores, series, scene, speeds) for scene in scores.scenes(series)]
+    tables = [_table(scores, series, scene, speeds, base) for scene in scores.scenes(series)]
     return [table for table in tables if table]
 
 
-def _table(scores: Scores, series: Series, scene: str, speeds: Sequence[float]) -> Table | None:
+def _table(
+    scores: Scores, series: Series, scene: str, speeds: Sequence[float], base: BaseSpeeds
+) -> Table | None:
     cutoffs_hz, widths = scores.cutoffs_hz(series), scores.widths(series)
     found: dict[SensorPreset, dict[tuple[float, float], Load]] = {}
     for hz in cutoffs_hz:
@@ -53,7 +57,7 @@ def _table(scores: Scores, series: Series, scene: str, speeds: Sequence[float]) 
         for one in cameras
     }
     heads = [Text("camera"), Text("bus [Mev/s]"), *map(cutoff_text, cutoffs_hz)]
-    caption = f"{scene}, at speed {' → '.join(f'{speed:.2g}' for speed in speeds)}"
+    caption = f"{scene}, at {' → '.join(speed_label(scene, speed, base) for speed in speeds)}"
     return Table("buses", f"Buses, {scene}", caption, heads, {Text(""): rows})
 
 
