@@ -9,8 +9,7 @@ from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.pictures import central_area
-from tasks.study.run.previews import preview_files
+from tasks.study.run.previews import add_events, no_events, preview_files
 from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling_files
 
 
@@ -33,9 +32,7 @@ class Highlights:
         self._job = job
         self._films = {}
         for s in settings:
-            *_, side = central_area(s.model.height, s.model.width)
-            sums = np.zeros((FILM_PICTURES, side, side), np.int16)
-            self._films[s.model.width, s.model.cutoff_hz] = sums
+            self._films[s.model.width, s.model.cutoff_hz] = no_events(s.model)
         self._histograms = {
             (s.model.width, s.model.cutoff_hz, s.speed): interval_histogram(
                 s.model.width, (s.start_us, s.end_us)
@@ -61,13 +58,7 @@ class Highlights:
         if histogram := self._histograms.get((*key, setting.speed)):
             histogram.add(events)
         if setting.speed == sensors.speeds[0]:
-            start_us = setting.end_us - round(FILM_S * 1e6)
-            last = events.between(start_us, setting.end_us)
-            top, left, side = central_area(setting.model.height, setting.model.width)
-            y, x = last.y.astype(np.int64) - top, last.x.astype(np.int64) - left
-            inside = (y >= 0) & (y < side) & (x >= 0) & (x < side)
-            k = (last.t_us[inside] - start_us) * FILM_PICTURES // (setting.end_us - start_us)
-            np.add.at(self._films[key], (k, y[inside], x[inside]), last.p[inside])
+            add_events(self._films[key], events, setting.end_us)
 
     def result(self, reference: ReferenceFrames) -> dict[str, bytes]:
         """Return the files by path in the run's folder, after the last event."""

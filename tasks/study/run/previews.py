@@ -9,17 +9,48 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.study.results.previews import FILM_PICTURES
+from sensor import Events, SensorModel
+from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.pictures import central_crop, drawn_over, film, png
+from tasks.study.run.pictures import central_area, central_crop, drawn_over, film, png
 
 _GAMMA = 2.2
+
+Sums = NDArray[np.int16]
+"""(`FILM_PICTURES`, side, side) sums of polarities in the center of a sensor."""
+
+
+def no_events(sensor: SensorModel) -> Sums:
+    """Return the sums of a film without events."""
+    *_, side = central_area(sensor.height, sensor.width)
+    return np.zeros((FILM_PICTURES, side, side), np.int16)
+
+
+def add_events(sums: Sums, events: Events, end_us: int) -> None:
+    """Add events to the sums of a film.
+
+    Parameters
+    ----------
+    sums
+        The sums, changed in place.
+    events
+        Events of the whole sensor; those outside of the film's time do not count.
+    end_us
+        End of the film, in the time of the events.
+    """
+    start_us = end_us - round(FILM_S * 1e6)
+    last = events.between(start_us, end_us)
+    top, left, side = central_area(events.height, events.width)
+    y, x = last.y.astype(np.int64) - top, last.x.astype(np.int64) - left
+    inside = (y >= 0) & (y < side) & (x >= 0) & (x < side)
+    picture = (last.t_us[inside] - start_us) * FILM_PICTURES // (end_us - start_us)
+    np.add.at(sums, (picture, y[inside], x[inside]), last.p[inside])
 
 
 def preview_files(
     job: Job,
     frames: Sequence[NDArray[np.float32]],
-    polarity_sums: Mapping[tuple[int, float], NDArray[np.int16]],
+    sums: Mapping[tuple[int, float], Sums],
 ) -> dict[str, bytes]:
     """Draw a job's previews; all show the same part of the scene.
 
@@ -29,9 +60,8 @@ def preview_files(
         The job.
     frames
         (H, W) radiance at the end of each picture of a film, in units of white.
-    polarity_sums
-        (`FILM_PICTURES`, h, w) sums in the center of the image at the first speed, by width and
-        cutoff.
+    sums
+        Sums of the films at the first speed, by width and cutoff.
 
     Returns
     -------
@@ -56,8 +86,8 @@ def preview_files(
     ]
     caption = "radiance at the window's end"
     add("frame", job.render.resolution, "inf", caption, "png", png(grounds[-1]))
-    for (width, cutoff_hz), sums in polarity_sums.items():
-        pictures = [drawn_over(grounds[i], sums[i]) for i in range(FILM_PICTURES)]
+    for (width, cutoff_hz), of_one in sums.items():
+        pictures = [drawn_over(*both) for both in zip(grounds, of_one, strict=True)]
         add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", film(pictures))
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
     return files
