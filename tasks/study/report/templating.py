@@ -10,7 +10,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
 from tasks.study.report.sections import (
-    bandwidth,
     choice,
     failures,
     matrix,
@@ -44,7 +43,7 @@ TEMPLATES.globals |= {
     "TRACKING": perturbation.TRACKING,
 }
 for _module in (
-    *(bandwidth, choice, failures, matrix, scaling, threshold, timings, tradeoff),
+    *(choice, failures, matrix, scaling, threshold, timings, tradeoff),
     *(comparison, perturbation, scores, verdict, words),
 ):
     TEMPLATES.filters |= {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.choice import Choice, Choices
-from tasks.study.results.words import PACKAGED, BaseSpeeds, rate_label, share_text, speed_label
+from tasks.study.results.words import PACKAGED, BaseSpeeds, rate_label, speed_label
 
 
 def choice_tables(choices: Choices, base: BaseSpeeds = PACKAGED) -> list[Table]:
@@ -41,15 +41,6 @@ def choice_facts(choice: Choice) -> list[str]:
         facts.append(f"tied: {choice.tied} px")
     if choice.paper is not None:
         facts.append(f"paper: {choice.paper} px")
-    if all(bus.enough is None for bus in choice.on_buses):
-        facts.append("on any bus: none")
-    else:
-        for bus in choice.on_buses:
-            text = "none"
-            if bus.enough is not None:
-                share = share_text(choice.event_rates_hz[bus.enough] / bus.capacity_hz)
-                text = f"{bus.enough} px at {share}"
-            facts.append(f"{bus.capacity_hz / 1e6:g} Mev/s bus: {text}")
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {scored(choice.nothing)}")
     return facts

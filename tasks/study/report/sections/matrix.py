@@ -17,7 +17,6 @@ from tasks.study.results.words import (
     capitalized,
     cutoff_label,
     rate_label,
-    share_text,
     speed_label,
 )
 
@@ -100,13 +99,14 @@ def _answer(
     if choice is None:
         return Answer(where, MISSING, "samples are missing", "", None, 0, "[]")
     rate_hz = choice.event_rates_hz[choice.enough]
-    kind = "over" if rate_hz > run.bus_hz else ""
+    share = rate_hz / run.bus_hz
+    tied = choice.tied if choice.tied and choice.tied < choice.enough else None
     return Answer(
         where=where,
         width=str(choice.enough),
-        facts=f"{rate_label(rate_hz)} Mev/s · {share_text(rate_hz / run.bus_hz)}",
-        kind=kind if choice.worthwhile else "struck",
-        tied=choice.tied if choice.tied is not None and choice.tied < choice.enough else None,
+        facts=f"{rate_label(rate_hz)} M/s · {'<1' if share < 0.01 else round(100 * share)}\u202f%",
+        kind="struck" if not choice.worthwhile else "over" if share > 1 else "",
+        tied=tied if choice.worthwhile else None,
         fineness=round(100 * widths.index(choice.enough) / max(len(widths) - 1, 1)),
         on_buses=_on_buses(choice),
     )

@@ -193,23 +193,24 @@ const plots = [...document.querySelectorAll(".plot")].map((root) => new Plot(roo
 const answers = document.querySelector(".matrix"), widths = answers.dataset.widths.split(" ").map(Number);
 const cells = [...answers.querySelectorAll("td")].map((cell) => {
   const [width, facts, tied] = ["b", "small", "i"].map((name) => cell.querySelector(name));
-  const asked = { width: width.textContent, facts: facts.textContent, kind: cell.className, fine: cell.style.getPropertyValue("--fine") };
-  return { cell, width, facts, tied, asked, buses: JSON.parse(cell.dataset.buses) };
+  const asked = { width: width.textContent, facts: facts.textContent, fine: cell.style.getPropertyValue("--fine") };
+  return { cell, width, facts, tied, asked, over: cell.classList.contains("over"), buses: JSON.parse(cell.dataset.buses) };
 });
 function answer() {
-  for (const { cell, width, facts, tied, asked, buses } of cells) {
+  for (const { cell, width, facts, tied, asked, over, buses } of cells) {
     const found = bus.value ? buses.findLast(([capacity]) => capacity <= Number(bus.value)) : undefined;
     let shown = asked;
-    if (bus.value && asked.kind !== "struck" && buses.length) {
+    if (bus.value && !cell.classList.contains("struck") && buses.length) {
       const [, px, rate] = found ?? [0, null, 0];
-      shown = px === null ? { width: "none", facts: "no sensor fits the bus", kind: "", fine: "0%" } : {
-        width: px, facts: `${Number(rate.toPrecision(3))} Mev/s · ${Math.max(1, Math.round((100 * rate) / Number(bus.value)))}\u202f%`,
-        kind: "", fine: `${(100 * widths.indexOf(px)) / Math.max(widths.length - 1, 1)}%`,
+      const share = (100 * rate) / Number(bus.value);
+      shown = px === null ? { width: "none", facts: "fits this bus", fine: "0%" } : {
+        width: px, facts: `${Number(rate.toPrecision(3))} M/s · ${share < 1 ? "<1" : Math.round(share)}\u202f%`,
+        fine: `${(100 * widths.indexOf(px)) / Math.max(widths.length - 1, 1)}%`,
       };
     }
     width.textContent = shown.width;
     facts.textContent = shown.facts;
-    cell.className = shown.kind;
+    cell.classList.toggle("over", shown === asked && over);
     cell.style.setProperty("--fine", shown.fine);
     if (tied) tied.hidden = shown !== asked;
   }
