@@ -248,6 +248,20 @@ def test_the_pictures_are_explained(tmp_path: Path) -> None:
     assert "<figcaption>128 px of events</figcaption>" in page
 
 
+def test_films_move_next_to_old_pictures(tmp_path: Path) -> None:
+    """Promise: a film is a WebP strip that the page moves and the reader can stop; pictures of
+    older runs stay still."""
+    run = make_run(tmp_path, paper_rows(samples=1))
+    add_previews(run, films=True)
+    page = without_space(page_of(run))
+    assert re.search(
+        r'src="data:image/webp;base64,[^"]*" alt="128 px of events" class="film"', page
+    )
+    assert page.count('class="pixels"') == len(WIDTHS)
+    assert 'id="play" checked' in page
+    assert "the events of 5 ms over the frame at their end; a film shows 40 ms in a second" in page
+
+
 def test_a_run_without_previews_says_so(tmp_path: Path) -> None:
     """Previews are optional; the report says that they are absent."""
     assert "This run has no previews." in html_of(tmp_path, paper_rows())
