@@ -16,6 +16,7 @@ from tasks.study.results.words import (
     MISSING,
     capitalized,
     cutoff_label,
+    join_words,
     rate_label,
     speed_label,
 )
@@ -60,8 +61,12 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """All answers: lights as groups of columns, scenes as blocks of rows."""
+    """All answers: lights as groups of columns, scenes as blocks of rows.
 
+    `near` are the differences that do not matter, in the units of the metrics.
+    """
+
+    near: str
     widths: Sequence[int]
     lights: Sequence[Text]
     blocks: Mapping[str, Block]
@@ -87,7 +92,9 @@ def matrix(run: FinishedRun) -> Matrix:
             if scene in scores.scenes(one)
         }
         blocks[scene] = Block([speed_label(scene, one, run.base_speeds) for one in speeds], rows)
-    return Matrix(widths, [*map(cutoff_text, cutoffs_hz)], blocks)
+    metrics = dict.fromkeys(TASKS[one.task].metric for one in series)
+    near = join_words([f"{metric.negligible:g} {metric.unit}" for metric in metrics], "or")
+    return Matrix(near, widths, [*map(cutoff_text, cutoffs_hz)], blocks)
 
 
 def _answer(

@@ -200,7 +200,8 @@ function answer() {
   for (const { cell, width, facts, tied, asked, over, buses } of cells) {
     const found = bus.value ? buses.findLast(([capacity]) => capacity <= Number(bus.value)) : undefined;
     let shown = asked;
-    if (bus.value && !cell.classList.contains("struck") && buses.length) {
+    if (bus.value && cell.classList.contains("struck")) shown = { ...asked, facts: "on any bus" };
+    else if (bus.value && buses.length) {
       const [, px, rate] = found ?? [0, null, 0];
       const share = (100 * rate) / Number(bus.value);
       shown = px === null ? { width: "none", facts: "fits this bus", fine: "0%" } : {
