@@ -131,9 +131,9 @@ def test_the_answer_follows_from_the_rows(tmp_path: Path) -> None:
     assert len(found) == 3 * 3
     at = {where: told for (_, _, where), told in found.items()}
     assert {(scene, task) for scene, task, _ in found} == {("carpet", "Reconstruction")}
-    assert at["ideal, 0.9 m/s"] == ("1280", "2097 M/s · 175\u202f%", "over")
-    assert at["night, 0.9 m/s"] == ("346", "41.4 M/s · 3\u202f%", "")
-    assert at["night, 1.8 m/s"] == ("128", "4.19 M/s · <1\u202f%", "")
+    assert at["ideal, 0.9 m/s"] == ("1280", "2097 · 175\u202f%", "over")
+    assert at["night, 0.9 m/s"] == ("346", "41.4 · 3\u202f%", "")
+    assert at["night, 1.8 m/s"] == ("128", "4.19 · <1\u202f%", "")
 
 
 def test_each_scene_has_its_answers_and_speeds(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_a_width_that_the_samples_do_not_settle_is_tied(tmp_path: Path) -> None:
         for i, d in enumerate(lead)
     ]
     (told,) = answers_of(html_of(tmp_path, rows)).values()
-    assert told == ("640", "tied 128 1.00 M/s · <1\u202f%", "")
+    assert told == ("640", "tied 128 1.00 · <1\u202f%", "")
     few = html_of(tmp_path, [r for r in rows if r.sample < 5])
     assert "tied" not in next(iter(answers_of(few).values())).rest
     assert "not known: 5 samples a scene, too few" in few

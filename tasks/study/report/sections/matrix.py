@@ -83,7 +83,7 @@ def matrix(run: FinishedRun) -> Matrix:
     blocks = {}
     for scene in run.scenes:
         rows = {
-            Text(capitalized(TASKS[one.task].title), one.name): [
+            Text(capitalized(TASKS[one.task].title), TASKS[one.task].label(one.method)): [
                 _answer(run, one, (scene, hz, speed), widths)
                 for hz in cutoffs_hz
                 for speed in speeds
@@ -111,7 +111,7 @@ def _answer(
     return Answer(
         where=where,
         width=str(choice.enough),
-        facts=f"{rate_label(rate_hz)} M/s · {'<1' if share < 0.01 else round(100 * share)}\u202f%",
+        facts=f"{rate_label(rate_hz)} · {'<1' if share < 0.01 else round(100 * share)}\u202f%",
         kind="struck" if not choice.worthwhile else "over" if share > 1 else "",
         tied=tied if choice.worthwhile else None,
         fineness=round(100 * widths.index(choice.enough) / max(len(widths) - 1, 1)),

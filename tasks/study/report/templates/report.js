@@ -205,7 +205,7 @@ function answer() {
       const [, px, rate] = found ?? [0, null, 0];
       const share = (100 * rate) / Number(bus.value);
       shown = px === null ? { width: "none", facts: "fits this bus", fine: "0%" } : {
-        width: px, facts: `${Number(rate.toPrecision(3))} M/s · ${share < 1 ? "<1" : Math.round(share)}\u202f%`,
+        width: px, facts: `${Number(rate.toPrecision(3))} · ${share < 1 ? "<1" : Math.round(share)}\u202f%`,
         fine: `${(100 * widths.indexOf(px)) / Math.max(widths.length - 1, 1)}%`,
       };
     }
