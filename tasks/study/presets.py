@@ -10,12 +10,14 @@ from tasks.study.settings import Render, Study
 PRESETS = {
     "quick": Study(
         name="quick",
+        question="Which resolution does a carpet need?",
         scenes=("carpet",),
         render=Render(spp=4, max_displacement_px=1.0, samples=3),
         evaluate=Evaluate(flow=Flow(features=5), tracking=Tracking(max_events=50_000)),
     ),
     "paper": Study(
         name="paper",
+        question="Are high-resolution event cameras really needed?",
         scenes=("carpet", "rocks", "room"),
         evaluate=Evaluate(
             flow=Flow(

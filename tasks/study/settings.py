@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Fields that the stored study has only where they are given.
 _LEFT_OUT_IF_NOT_GIVEN = (
-    *("weights", "e2vid_window_s", "e2vid_events_per_px"),
+    *("question", "weights", "e2vid_window_s", "e2vid_events_per_px"),
     *("sensors", "illuminance_lux", "speeds_m_s", "bus_mev_s", "trajectories"),
 )
 
@@ -199,11 +199,13 @@ class Study:
     Parameters
     ----------
     name
-        Its name.
+        Name of the study.
     scenes
         Names or folders of scenes, or Mitsuba files (.xml).
+    question
+        What the study asks, the title of its report; None is a general question.
     render, simulate, evaluate
-        What is rendered, which sensors see it, and what is done with their events.
+        How scenes are rendered, which sensors see them, and how their events are scored.
     trajectories
         Files of poses in TUM format, in place of the paths of scenes, by the scenes' names.
 
@@ -217,6 +219,7 @@ class Study:
 
     name: str
     scenes: tuple[str, ...]
+    question: str | None = None
     render: Render = field(default_factory=Render)
     simulate: Simulate = field(default_factory=Simulate)
     evaluate: Evaluate = field(default_factory=Evaluate)

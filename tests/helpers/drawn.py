@@ -4,9 +4,9 @@ import re
 from types import SimpleNamespace
 
 from tasks.study.report.templating import TEMPLATES
-from tasks.study.results.choice import Choice, Choices
+from tasks.study.results.choice import Choice
 from tasks.study.results.comparison import ComparisonTable
-from tasks.study.results.metrics import Series
+from tasks.study.results.words import PACKAGED
 
 
 def section(template: str, **data: object) -> str:
@@ -25,11 +25,6 @@ def macro(name: str, *values: object, **named: object) -> str:
     return without_space(getattr(module, name)(*values, **named)).strip()
 
 
-def answer_html(choices: Choices, series: Series, *, named: bool = False) -> str:
-    """Draw the answer of one series."""
-    return macro("answer", series, choices, named=named)
-
-
 def choice_cell(choice: Choice | None) -> str:
     """Draw a cell of a table of choices."""
     return macro("choice_cell", choice)
@@ -38,4 +33,5 @@ def choice_cell(choice: Choice | None) -> str:
 def comparison_html(table: ComparisonTable) -> str:
     """Draw our medians and the paper's."""
     template = TEMPLATES.get_template("comparison.html")
-    return without_space(template.make_module({"run": SimpleNamespace(series=[])}).scores(table))
+    run = SimpleNamespace(series=[], base_speeds=PACKAGED)
+    return without_space(template.make_module({"run": run}).scores(table))

@@ -11,6 +11,8 @@ from tasks.evaluation.timings import JobTimings, MethodTimings
 from tasks.row import Row, write_rows
 from tasks.study.report import write_report
 from tasks.study.results.paper import WIDTHS
+from tasks.study.results.previews import FILM_PICTURES
+from tasks.study.run.pictures import film
 
 
 def make_run(folder: Path, rows: list[Row]) -> Path:
@@ -28,7 +30,7 @@ def page_of(folder: Path, **options) -> str:
         return write_report(folder, **options).read_text()
 
 
-def add_previews(folder: Path) -> None:
+def add_previews(folder: Path, *, films: bool = False) -> None:
     (folder / "previews").mkdir()
     index = []
     for width in WIDTHS:
@@ -37,6 +39,10 @@ def add_previews(folder: Path) -> None:
         entry = {"file": file, "scene": "carpet", "width": width, "cutoff_hz": "inf", "speed": 1.0}
         index.append({**entry, "kind": "events", "caption": f"{width} px of events"})
     index.append({**index[0], "kind": "frame", "caption": "the radiance"})
+    if films:
+        pictures = [np.full((8, 8, 3), 20 * i, np.uint8) for i in range(FILM_PICTURES)]
+        (folder / "previews" / "film.webp").write_bytes(film(pictures))
+        index.append({**index[0], "file": "film.webp", "cutoff_hz": "50"})
     (folder / "previews" / "index.json").write_text(json.dumps(index))
 
 

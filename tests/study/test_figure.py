@@ -4,12 +4,16 @@ import math
 
 import cv2
 import numpy as np
+import pytest
 
 from study_rows import CM, EI, nothing_rows, paper_rows
 from tasks.row import Row
 from tasks.study.report.figures import figure, figure_files
+from tasks.study.report.plot import Line, Panel, Point, plot, width_keys
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.results.scores import Scores
+
+BUS_HZ = 600e6
 
 
 def scores(nothing_db: float) -> Scores:
@@ -29,17 +33,17 @@ def scores(nothing_db: float) -> Scores:
 
 def test_the_files_are_whole_and_the_same_each_time() -> None:
     """A PNG that decodes, a complete SVG, and no date or random name in them."""
-    files = figure_files(tradeoff_plots(scores(12.0), EI))
+    files = figure_files(tradeoff_plots(scores(12.0), EI, BUS_HZ))
     assert set(files) == {"png", "svg"}
     assert cv2.imdecode(np.frombuffer(files["png"], np.uint8), cv2.IMREAD_COLOR) is not None
     assert files["svg"].rstrip().endswith(b"</svg>")
-    assert figure_files(tradeoff_plots(scores(12.0), EI)) == files
+    assert figure_files(tradeoff_plots(scores(12.0), EI, BUS_HZ)) == files
 
 
 def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
     """Below, amid and above the scores: no mark within 4 points of the label's box."""
     for nothing_db in (8.0, 9.0, 12.0, 16.0):
-        drawn = figure(tradeoff_plots(scores(nothing_db), EI))
+        drawn = figure(tradeoff_plots(scores(nothing_db), EI, BUS_HZ))
         drawn.draw_without_rendering()
         for axes in drawn.axes:
             legend = axes.get_legend()
@@ -57,9 +61,43 @@ def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
 def test_errors_have_a_logarithmic_axis_and_say_which_way_is_better() -> None:
     """Errors span decades and less is better; PSNR is in dB already and more is better."""
     rows = paper_rows(CM, samples=1)
-    flow = figure(tradeoff_plots(Scores(rows + nothing_rows(rows, 3.5)), CM)).axes[0]
+    flow = figure(tradeoff_plots(Scores(rows + nothing_rows(rows, 3.5)), CM, BUS_HZ)).axes[0]
     assert flow.get_yscale() == "log"
     assert flow.get_ylabel() == "RNEPE [px], less is better"
-    psnr = figure(tradeoff_plots(scores(12.0), EI)).axes[0]
+    psnr = figure(tradeoff_plots(scores(12.0), EI, BUS_HZ)).axes[0]
     assert psnr.get_yscale() == "linear"
     assert psnr.get_ylabel() == "PSNR [dB]"
+
+
+def test_the_bus_is_a_line_and_what_does_not_fit_is_shaded() -> None:
+    """Promise: in every panel a line is at the capacity of the bus, the part above it is shaded up
+    to the edge, and all marks are still inside: 1280 px fire 2097 Mev/s, the bus carries 600."""
+    for axes in figure(tradeoff_plots(scores(12.0), EI, BUS_HZ)).axes:
+        (line,) = (one for one in axes.get_lines() if list(one.get_xdata()) == [600, 600])
+        assert line.get_linestyle() == "-"
+        (shade,) = axes.patches
+        low, high = axes.get_xlim()
+        assert shade.get_extents().transformed(axes.transData.inverted()).x0 == pytest.approx(600)
+        assert shade.get_x() + shade.get_width() == pytest.approx(high)
+        assert low < 2 * 128**3 / 1e6 < 2 * 1280**3 / 1e6 < high
+        assert "bus 600 Mev/s" in [text.get_text() for text in axes.texts]
+
+
+def test_a_panel_has_its_own_axis_where_a_tenth_of_a_db_would_not_show() -> None:
+    """Promise: ideal light spans 12 dB and night 0.4 dB: 0.1 dB is 1/120 of a shared axis, so each
+    panel has its own. Two panels of 4 dB share one, and so do panels of 12 dB, as an axis of their
+    own shows no more."""
+
+    def own(*spans_db: float) -> bool:
+        panels = [
+            Panel(f"{i}", "", [Line([Point(1.0, 20.0, []), Point(2.0, 20.0 + span, [])])])
+            for i, span in enumerate(spans_db)
+        ]
+        return plot("", "", "", width_keys([128]), panels, deciding=0.1).own_axes
+
+    assert own(12.0, 0.4)
+    assert not own(4.0, 3.0)
+    assert not own(12.0, 11.0)
+    assert not own(0.4)
+    night = figure(tradeoff_plots(scores(12.0), EI, BUS_HZ)).axes
+    assert night[0].get_ylim() == night[1].get_ylim()

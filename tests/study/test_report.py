@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -20,7 +21,6 @@ from tasks.study.report import write_report
 from tasks.study.report.page import MAX_BYTES, SECTIONS, Section
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS, published
-from tasks.study.run.previews import PREVIEW_S
 
 ROOT = Path(__file__).parents[2]
 
@@ -51,10 +51,27 @@ def plots_of(page: str) -> list[dict]:
     return [json.loads(plot) for plot in found]
 
 
-def answer_of(page: str) -> str:
-    found = re.search(r'<p class="answer">(.*?)</p>', page)
-    assert found
-    return html.unescape(re.sub(r"<[^>]*>", "", found[1])).replace("\xa0", " ")
+class Told(NamedTuple):
+    """A cell of the answer, as the page shows it."""
+
+    width: str
+    rest: str
+    kind: str
+
+
+def answers_of(page: str) -> dict[tuple[str, str, str], Told]:
+    """Return the cells of the answer by scene, task, and light and speed."""
+    (table,) = re.findall(r'<table class="matrix".*?</table>', page, re.DOTALL)
+    found = {}
+    for body in re.findall(r"<tbody.*?</tbody>", table, re.DOTALL):
+        scene = re.search(r'<th scope="rowgroup">(.*?)</th>', body)[1]
+        for task, cells in re.findall(r'<th scope="row">(.*?) <small>.*?</th>(.*?)</tr>', body):
+            each = r'<td class="(.*?)".*?data-label="(.*?)".*?><b>(.*?)</b>(.*?)</td>'
+            for kinds, where, width, rest in re.findall(each, cells):
+                kind = kinds.removesuffix("group").strip()
+                words = html.unescape(re.sub(r"<[^>]*>", " ", rest)).split()
+                found[scene, task, where] = Told(width, " ".join(words), kind)
+    return found
 
 
 def test_a_run_with_scores_that_are_no_numbers_still_has_a_report(tmp_path: Path) -> None:
@@ -108,39 +125,84 @@ def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
 
 def test_the_answer_follows_from_the_rows(tmp_path: Path) -> None:
     """The paper's medians: 1280 px wins in ideal light; at night 346 px is within 0.1 dB of the
-    best at speed 1, and 128 px at speed 2. Each sentence names its light and its speed."""
-    answer = answer_of(html_of(tmp_path, paper_rows()))
-    assert answer == (
-        "On carpet, in ideal light and speed 1, it takes all 1280 px (12.09 dB better than doing "
-        "nothing). At night and speed 1, 346 px is enough (within 0.1 dB of the best, which is "
-        "3.72 dB better than doing nothing), with 51 times fewer events than 1280 px. At night and "
-        "speed 2, 128 px is enough (within 0.1 dB of the best, which is 2.33 dB better than doing "
-        "nothing), with 1000 times fewer events than 1280 px."
-    )
+    best at speed 1, and 128 px at speed 2. Events are those of the width, and the share is that of
+    the fastest bus of real cameras: 1280^3 events are 2097 Mev/s, of 1200."""
+    found = answers_of(html_of(tmp_path, paper_rows()))
+    assert len(found) == 3 * 3
+    at = {where: told for (_, _, where), told in found.items()}
+    assert {(scene, task) for scene, task, _ in found} == {("carpet", "Reconstruction")}
+    assert at["ideal, 0.9 m/s"] == ("1280", "2097 · 175\u202f%", "over")
+    assert at["night, 0.9 m/s"] == ("346", "41.4 · 3\u202f%", "")
+    assert at["night, 1.8 m/s"] == ("128", "4.19 · <1\u202f%", "")
 
 
-def test_the_answer_names_the_scenes_where_there_are_several(tmp_path: Path) -> None:
-    """Carpet, and room with 1 dB more, without do-nothing rows: the report names both and no
-    gain."""
-    carpet = [r for r in paper_rows() if r.method != "no_events"]
-    room = [replace(r, scene="room", value=r.value + 1) for r in carpet]
-    answer = answer_of(html_of(tmp_path, carpet + room))
-    assert answer.startswith(
-        "In ideal light and speed 1, it takes all 1280 px on carpet and room. At night and speed "
-        "1, 346 px is enough on carpet and room (within 0.1 dB of the best), with 51 times fewer "
-        "events than 1280 px. At night and speed 2, 128 px is enough on carpet and room (within"
-    )
+def test_each_scene_has_its_answers_and_speeds(tmp_path: Path) -> None:
+    """Promise: a scene is a block with its own speeds in m/s; a task that is on one scene only has
+    no row on the other, and a speed that only one method has, here 10, no column."""
+    rows = [r for s in ("carpet", "rocks") for r in task_rows(EI, scenes=[s])]
+    found = answers_of(html_of(tmp_path, rows + task_rows(CM, scenes=["carpet"])))
+    assert {(scene, task) for scene, task, _ in found} == {
+        *(("carpet", "Reconstruction"), ("carpet", "Optical flow"), ("rocks", "Reconstruction"))
+    }
+    where = {scene: [at for s, _, at in found if s == scene] for scene, *_ in found}
+    assert where["carpet"][:3] == ["ideal, 0.9 m/s", "ideal, 1.2 m/s", "ideal, 1.8 m/s"]
+    assert where["rocks"][-3:] == ["night, 0.7 m/s", "night, 0.93 m/s", "night, 1.4 m/s"]
+    assert len(found) == 3 * 3 * 3
 
 
-def test_scores_below_doing_nothing_recommend_nothing(tmp_path: Path) -> None:
-    """If the image without events is better, the answer says that no resolution helps."""
+def test_the_answer_is_in_the_words_of_the_study(tmp_path: Path) -> None:
+    """Promise: title and kicker are question and name of the study, and a scene of the user's own
+    has its speeds in m/s, from study.json; without a question the title asks in general."""
+    rows = [replace(r, scene="hall") for r in paper_rows()]
+    run = make_run(tmp_path, rows)
+    study = {"name": "robot", "question": "Is 640 px <too> much?", "base_m_per_s": {"hall": 6.0}}
+    (run / "study.json").write_text(json.dumps(study))
+    page = without_space(page_of(run))
+    assert "<title>Is 640 px &lt;too&gt; much?</title>" in page
+    assert "<h1>Is 640 px &lt;too&gt; much?</h1>" in page
+    assert "Study robot · hall · 7 samples a scene" in page
+    assert ("hall", "Reconstruction", "day, 12 m/s") in answers_of(page)
+    assert "hall</span>" not in page.split("<h1>")[0]
+    assert "<h1>Which event-camera resolution is enough?</h1>" in html_of(tmp_path, rows)
+
+
+def test_the_bus_of_the_study_is_that_of_the_page(tmp_path: Path) -> None:
+    """Promise: shares and limits are of the study's own bus where it has one."""
+    run = make_run(tmp_path, paper_rows())
+    (run / "study.json").write_text(json.dumps({"simulate": {"bus_mev_s": 50}}))
+    page = without_space(page_of(run))
+    assert answers_of(page)["carpet", "Reconstruction", "night, 0.9 m/s"].rest.endswith("83\u202f%")
+    assert {plot["limit"]["x"] for plot in plots_of(page)} == {50.0}
+    assert ">50 Mev/s, no limit<" in page
+
+
+def test_a_width_that_the_samples_do_not_settle_is_tied(tmp_path: Path) -> None:
+    """640 px lead 128 px by 1 dB in five samples and trail in four: tied. With five samples there
+    is no interval, and the page says so."""
+    lead = (2.0, 2.0, 2.0, 2.0, 2.0, -1.0, -1.0, -1.0, -1.0)
+    rows = [
+        Row("x", *EI[:2], w, 50.0, 0.2, 1.0, i, "psnr_db", 20.0 + (w == 640) * d, 1e6)
+        for w in (128, 640)
+        for i, d in enumerate(lead)
+    ]
+    (told,) = answers_of(html_of(tmp_path, rows)).values()
+    assert told == ("640", "tied 128 1.00 · <1\u202f%", "")
+    few = html_of(tmp_path, [r for r in rows if r.sample < 5])
+    assert "tied" not in next(iter(answers_of(few).values())).rest
+    assert "not known: 5 samples a scene, too few" in few
+
+
+def test_scores_below_doing_nothing_are_struck(tmp_path: Path) -> None:
+    """If the image without events is as good, the width is struck, and a reader hears why."""
     page = html_of(tmp_path, paper_rows(nothing_db=15.0))
-    assert "At night and speed 2, no resolution beats doing nothing." in answer_of(page)
+    told = answers_of(page)["carpet", "Reconstruction", "night, 1.8 m/s"]
+    assert told.kind == "struck"
+    assert told.rest.startswith("doing nothing is as good")
     assert 'class="worthless"' in page
 
 
 def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
-    """One width lost one sample: answer and table say that the condition is not fully measured."""
+    """One width lost one sample: answer and table say that samples are missing."""
     lost = (240, 50.0, 2.0, 3)
     rows = [
         r
@@ -148,8 +210,23 @@ def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
         if (r.width, r.cutoff_hz, r.speed, r.sample) != lost or r.method == "no_events"
     ]
     page = html_of(tmp_path, rows)
-    assert "At night and speed 2, not all samples are measured." in answer_of(page)
+    told = answers_of(page)["carpet", "Reconstruction", "night, 1.8 m/s"]
+    assert told == ("–", "samples are missing", "")
     assert "– (6 of 7)" in page
+
+
+def test_claims_are_one_line_where_none_can_be_judged(tmp_path: Path) -> None:
+    """Promise: for sensors that the paper does not have, the section of claims is one paragraph and
+    the page has no number of the paper; with its sensors only claims that are judged are listed."""
+    page = html_of(tmp_path, [replace(r, width=r.width + 1, scene="hall") for r in paper_rows()])
+    (claims,) = re.findall(r'<section id="claims".*?</section>', page, re.DOTALL)
+    assert re.fullmatch(r"<section .*?</h2><p>None can be judged: [^<]*</p></section>", claims)
+    assert "paper:" not in page
+    assert "Δ" not in page
+    own = html_of(tmp_path, paper_rows())
+    listed = own.count("<small>claim ")
+    assert 0 < listed == own.count('<div class="status ') < 21
+    assert 'class="status not-measured"' not in own
 
 
 def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:
@@ -165,9 +242,24 @@ def test_the_pictures_are_explained(tmp_path: Path) -> None:
     add_previews(run)
     page = without_space(page_of(run))
     assert "Blue: brighter, red: darker" in page
-    assert f"over the last {PREVIEW_S * 1e3:g} ms" in page
+    assert "over the last 10 ms" in page
+    assert 'id="play"' not in page
     assert "<figcaption>the radiance, tone-mapped</figcaption>" in page
     assert "<figcaption>128 px of events</figcaption>" in page
+
+
+def test_films_move_next_to_old_pictures(tmp_path: Path) -> None:
+    """Promise: a film is a WebP strip that the page moves and the reader can stop; pictures of
+    older runs stay still."""
+    run = make_run(tmp_path, paper_rows(samples=1))
+    add_previews(run, films=True)
+    page = without_space(page_of(run))
+    assert re.search(
+        r'src="data:image/webp;base64,[^"]*" alt="128 px of events" class="film"', page
+    )
+    assert page.count('class="pixels"') == len(WIDTHS)
+    assert 'id="play" checked' in page
+    assert "the events of 5 ms over the frame at their end; a film shows 40 ms in a second" in page
 
 
 def test_a_run_without_previews_says_so(tmp_path: Path) -> None:
@@ -246,7 +338,9 @@ def test_every_task_has_its_place(tmp_path: Path) -> None:
     assert [int(value) for value, _ in options] == list(range(len(options)))
     assert page.count('<div class="plots" hidden>') == len(options) - 1
     assert page.count('<div class="plot">') == len(plots_of(page)) == len(options) + 1  # the sweep
-    assert page.count('<p class="answer several">') == 4
+    assert {task for _, task, _ in answers_of(page)} == {
+        *("Reconstruction", "Video reconstruction", "Optical flow", "Pose tracking")
+    }
     for _, name in options:
         assert len(re.findall(rf"<summary>[^<]* by {re.escape(name)}</summary>", page)) == 2
     assert "2 mm: 100\u202f%, 20 mm: 0\u202f%" in page

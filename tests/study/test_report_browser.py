@@ -17,7 +17,7 @@ sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not 
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
 )
-PHONE, DESK = (390, 844), (1280, 2000)
+PHONE, DESK, WALL = (390, 844), (1280, 2000), (1920, 1080)
 OPEN_ALL = "document.querySelectorAll('details').forEach((one) => (one.open = true))"
 
 # The focused element and whether its focus is visible; null after all had the focus.
@@ -42,14 +42,15 @@ STOPS = """[...document.querySelectorAll("a, button, input, select, summary, .sc
 def some_rows() -> list[Row]:
     """Return a sample of each task of Fig. 3."""
     every = (EI, EPF, EPPT)
-    rows = [r for one in every for r in task_rows(one, samples=1, scenes=["carpet"])]
+    options = {"samples": 1, "scenes": ["carpet"], "rate": lambda width, _: float(width**3)}
+    rows = [r for one in every for r in task_rows(one, **options)]
     return rows + nothing_rows(rows, 1.0)
 
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = make_run(tmp_path_factory.mktemp("run"), some_rows())
-    add_previews(folder)
+    add_previews(folder, films=True)
     (folder / "costs").mkdir()
     (folder / "costs" / "part.json").write_bytes(timings_file(JOB))
     page_of(folder)
@@ -77,7 +78,7 @@ def page(chromium: sync_api.Browser, report: Path) -> Iterator[sync_api.Page]:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [PHONE, DESK])
+@pytest.mark.parametrize("size", [PHONE, DESK, WALL])
 def test_it_opens_without_complaint_and_network(
     chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str
 ) -> None:
@@ -110,7 +111,7 @@ def test_tab_reaches_everything(page: sync_api.Page) -> None:
         reached.append(focused)
     assert [one for one in reached if not (one["seen"] and one["name"])] == []
     kinds = [one["kind"] for one in reached]
-    assert kinds.count("select") == 1
+    assert kinds.count("select") == 2
     assert kinds.count("point") == 3
     assert len(reached) == count
 
@@ -126,14 +127,14 @@ def test_arrow_keys_read_the_points(page: sync_api.Page) -> None:
         page.keyboard.press("ArrowRight")
     assert page.evaluate("document.activeElement.ariaLabel") == lines[0]
     assert len(set(lines)) == 15
-    assert lines[0].startswith("128 px, ideal, speed 1 (0.9 m/s), PSNR 15.39 dB")
+    assert lines[0].startswith("128 px, ideal, 0.9 m/s, PSNR 15.39 dB")
     page.keyboard.press("Escape")
     assert page.locator(".tip:visible").count() == 0
 
 
 def test_a_series_is_hidden_and_a_panel_zoomed(page: sync_api.Page) -> None:
     """Promise: without 1280 px the axis of the others is larger, and each panel can have its own
-    axis; ticks are those of the data in the page."""
+    axis or that of all; ticks are those of the data in the page."""
     plot = page.locator(".plot").first
 
     def ticks() -> list[list[str]]:
@@ -141,13 +142,13 @@ def test_a_series_is_hidden_and_a_panel_zoomed(page: sync_api.Page) -> None:
         return plot.locator(".panel svg").evaluate_all(f"{texts}.map(text => text.textContent))")
 
     first = ticks()
-    assert first[0] == first[1] == first[2]
+    assert first[0] != first[2]  # ideal light spans 9 dB, night less than 1
     plot.get_by_role("checkbox", name="1280 px").click()
     assert plot.locator(".mark").count() == 3 * 12
     assert ticks()[0] != first[0]
-    plot.get_by_role("checkbox", name="Zoom each panel").click()
-    ideal, _, night = ticks()
-    assert ideal != night
+    plot.get_by_role("checkbox", name="Own axis for each panel").click()
+    ideal, day, night = ticks()
+    assert ideal == day == night
 
 
 def test_the_picker_and_a_preview_by_keyboard(page: sync_api.Page) -> None:
@@ -166,6 +167,71 @@ def test_the_picker_and_a_preview_by_keyboard(page: sync_api.Page) -> None:
     page.keyboard.press("Escape")
     assert not page.evaluate("document.getElementById('zoom').open")
     assert page.evaluate("document.activeElement.matches('.shot')")
+
+
+def test_the_answer_for_a_bus_by_keyboard(page: sync_api.Page) -> None:
+    """Promise: for a bus of 12 Mev/s the answer has the widths that it carries, with their rates
+    and shares, and each plot against event rates moves its line; "no limit" restores all."""
+    cell = page.locator(".matrix td[data-label='ideal, 0.9 m/s']").first
+    lines = page.locator(".plots:not([hidden]) line.limit")
+    usual, at = cell.inner_text(), lines.first.get_attribute("x1")
+    assert usual.split() == ["1280", "2097", "·", "175\u202f%"]
+    page.focus("#bus")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowDown")
+    assert page.locator("#bus").input_value() == "12"
+    assert cell.inner_text().split() == ["128", "2.1", "·", "17\u202f%"]
+    assert cell.evaluate("one => one.style.getPropertyValue('--fine')") == "0%"
+    assert float(lines.first.get_attribute("x1")) < float(at)
+    assert page.locator(".plots:not([hidden]) text.halo").first.text_content() == "bus 12 Mev/s"
+    page.keyboard.press("ArrowUp")
+    assert cell.inner_text().split()[0] == "none"
+    page.keyboard.press("Home")
+    assert cell.inner_text() == usual
+
+
+def test_tables_fill_the_page_and_are_cards_on_a_phone(
+    chromium: sync_api.Browser, report: Path
+) -> None:
+    """Promise: tables are as wide as the page; on a phone no table scrolls sideways, and each cell
+    says its light and speed."""
+    wide = "all => all.filter((one) => one.checkVisibility()).map((one) => one.offsetWidth)"
+    for size in (PHONE, DESK, WALL):
+        page = chromium.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
+        page.goto(report.as_uri())
+        page.evaluate(OPEN_ALL)
+        boxes = page.locator(".scroll:has(table)").evaluate_all(wide)
+        tables = page.locator(".scroll > table").evaluate_all(wide)
+        if size == PHONE:
+            assert tables == boxes
+            said = "getComputedStyle(document.querySelector('.matrix td'), '::before').content"
+            assert page.evaluate(said) == '"ideal, 0.9 m/s"'
+        assert all(table >= box for table, box in zip(tables, boxes, strict=True))
+        page.close()
+
+
+def test_films_stop(page: sync_api.Page) -> None:
+    """Promise: films move until the reader stops them, with the keyboard, and not at all for one
+    who asks for less motion."""
+    moving = "getComputedStyle(document.querySelector('img.film')).animationName"
+    assert page.evaluate(moving) == "film"
+    page.focus("#play")
+    page.keyboard.press("Space")
+    assert page.evaluate(moving) == "none"
+    page.keyboard.press("Space")
+    page.emulate_media(reduced_motion="reduce")
+    assert page.evaluate(moving) == "none"
+
+
+def test_it_prints(page: sync_api.Page) -> None:
+    """Promise: on paper nothing is wider than the page, dark screens print dark ink on white, and
+    the controls are left out."""
+    page.emulate_media(media="print", color_scheme="dark")
+    page.set_viewport_size({"width": 690, "height": 980})  # A4 without its margins
+    assert page.evaluate("document.documentElement.scrollWidth") <= 690
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert page.locator("nav").is_hidden()
+    assert page.pdf(format="A4").startswith(b"%PDF")
 
 
 def test_a_screen_reader_finds_names(page: sync_api.Page) -> None:

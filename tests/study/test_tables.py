@@ -95,14 +95,33 @@ def test_speeds_select_the_layout() -> None:
     scores = Scores(grid() + [replace(r, speed=4 / 3) for r in grid()])
     assert [b.speed for b in comparison_table(scores, EI, [1.0]).blocks] == [1.0]
     assert [b.speed for b in comparison_table(scores, EI).blocks] == [1.0, 4 / 3]
-    assert "speed 1.3 (1.2 m/s)" in comparison_html(comparison_table(scores, EI))
+    assert "<small>1.2 m/s</small>" in comparison_html(comparison_table(scores, EI))
 
 
 def test_a_scene_outside_the_paper_has_no_paper_numbers() -> None:
-    """Your own scene gets the same table, with dashes for the paper and no m/s."""
+    """Your own scene gets the same table, without the paper and, as here, with no speed in m/s."""
     table = comparison_table(Scores([replace(r, scene="<mine>") for r in grid()]), EI)
     assert table.blocks[0].lines[0].entries[0].paper is None
-    assert "&lt;mine&gt; <small>speed 1</small>" in comparison_html(table)
+    page = comparison_html(table)
+    assert "&lt;mine&gt; <small>speed 1</small>" in page
+    assert "paper" not in page
+
+
+@pytest.mark.parametrize(
+    ("change", "shown"),
+    [({}, True), ({"width": 160}, False), ({"cutoff_hz": 80.0}, False), ({"width": 240}, True)],
+)
+def test_the_paper_is_shown_only_next_to_its_own_sensors(change: dict, shown: bool) -> None:
+    """Promise: columns and footnote of the paper are there only if every width and every light of
+    the table is one of the paper's, even if it has numbers for some of them."""
+    rows = grid() + [replace(r, **change) for r in grid() if change and r.width == 128]
+    table = comparison_table(Scores(rows), EI)
+    assert table.blocks[0].lines[0].entries[0].paper == 15.389
+    heads = [column.head for column in table.columns]
+    assert heads == (["ours", "paper", "Δ", "M/s"] if shown else ["ours", "M/s"])
+    assert ("paper" in terminal_text(rows)) is shown
+    assert ('class="paper"' in comparison_html(table)) is shown
+    assert table.footnote.startswith("paper: its Table 6" if shown else "bold: best of")
 
 
 def test_every_rendering_has_the_same_numbers() -> None:

@@ -21,23 +21,20 @@ from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS
 from tasks.row import read_rows
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
-from tasks.study.results.headline import headline
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import shown_series, sigma_mm
 from tasks.study.results.scores import by_photoreceptor
-from tasks.study.results.words import MISSING, capitalized, cutoff_label, join_words
+from tasks.study.results.words import MISSING, cutoff_label, join_words
 
 _PAGE_WIDTH = 100
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
 
 
 def overview(found: Mapping[Series, Choices]) -> str:
-    """Return the headline of the first series and a table with one line per series."""
-    first, choices = next(iter(found.items()))
+    """Return a table with one line per series."""
     lines = [(one, _scenes(choices)) for one, choices in found.items()]
-    said = [f"{capitalized(first.title)}. {headline(choices, first)}", _rule_text(found)]
-    return "\n\n".join([*map(_wrapped, said), _table(found, lines)])
+    return f"{_wrapped(_rule_text(found))}\n\n{_table(found, lines)}"
 
 
 def details(found: Mapping[Series, Choices]) -> str:
@@ -110,8 +107,7 @@ def _scenes(choices: Choices) -> list[str]:
 
 
 def _wrapped(text: str) -> str:
-    whole = text.replace(" px**", "\xa0px**")  # fill does not break lines at this space
-    return fill(whole, _PAGE_WIDTH, break_on_hyphens=False).replace("\xa0", " ")
+    return fill(text, _PAGE_WIDTH, break_on_hyphens=False)
 
 
 def choices_of(run_dir: Path) -> dict[Series, Choices]:

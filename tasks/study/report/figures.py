@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis as MatplotlibAxis
 from matplotlib.figure import Figure
 
-from tasks.study.report.plot import COLORS, Axis, Panel, Plot
+from tasks.study.report.plot import COLORS, Axis, Limit, Panel, Plot
 
+_BEYOND = "#b3261e"
 _STYLE = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -57,16 +58,21 @@ def figure(plots: Mapping[str, Plot]) -> Figure:
     """Draw a row of panels for each plot; `plots` is as in `figure_files`."""
     columns = max(len(plot.panels) for plot in plots.values())
     drawn = Figure(figsize=(3.3 * columns, 3.1 * len(plots)), layout="constrained")
-    grid = drawn.subplots(len(plots), columns, sharex="row", sharey="row", squeeze=False)
+    grid = drawn.subplots(len(plots), columns, sharex="row", squeeze=False)
     for row, (name, plot) in zip(grid, plots.items(), strict=True):
         row[0].set_ylabel(plot.y.label)
         for axes in row[len(plot.panels) :]:
             axes.set_axis_off()
+        for axes in row[1 : 1 if plot.own_axes else len(plot.panels)]:
+            axes.sharey(row[0])
+            axes.tick_params(labelleft=False)
         for axes, panel in zip(row, plot.panels, strict=False):
             _draw(axes, name, plot, panel)
         for axes in row[: len(plot.panels)]:  # the row shares its limits, so draw all of it first
             _set_ticks(axes.xaxis, plot.x, *axes.get_xlim())
             _set_ticks(axes.yaxis, plot.y, *axes.get_ylim())
+            if plot.limit is not None:
+                _shade(axes, plot.limit, below=plot.labels_below)
     return drawn
 
 
@@ -81,6 +87,8 @@ def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
     if panel.references:
         legend = axes.legend(axes.lines[:1], [panel.reference_label], borderpad=0.1)
         legend.set_loc("upper right" if below else "lower right")
+    if plot.limit is not None:
+        axes.axvline(plot.limit.x, color=_BEYOND, linewidth=1)
     for key, line in zip(plot.keys, panel.lines, strict=True):
         marks = [(point.x, point.y) for point in line.points]
         if not marks:
@@ -91,6 +99,19 @@ def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
         place = {"xytext": (0, -6 if below else 6), "va": "top" if below else "bottom"}
         style = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "weight": "bold"}
         axes.annotate(key.label, marks[0], color=color, **place, **style)  # type: ignore[arg-type]
+
+
+def _shade(axes: Axes, limit: Limit, *, below: bool) -> None:
+    """Shade what is above a limit; its label is on the side of the series labels."""
+    low, high = axes.get_xlim()
+    axes.axvspan(limit.x, high, color=_BEYOND, alpha=0.09, linewidth=0)
+    axes.set_xlim(low, high)
+    place = {"xytext": (-2, 4 if below else -4), "va": "bottom" if below else "top", "ha": "right"}
+    style = {"textcoords": "offset points", "rotation": 90, "fontsize": 7}
+    at = limit.x, 0 if below else 1
+    axes.annotate(
+        limit.label, at, xycoords=("data", "axes fraction"), color=_BEYOND, **place, **style
+    )  # type: ignore[arg-type]
 
 
 def _set_ticks(drawn: MatplotlibAxis, axis: Axis, low: float, high: float) -> None:

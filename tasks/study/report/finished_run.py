@@ -9,18 +9,20 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from eres_render.storage.settings_reader import read_json
+from eres_render.storage.settings_reader import read_json, read_typed
 from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Verdict
+from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.choice import Choices, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import Scaling, read_scaling
 from tasks.study.results.scores import Scores, by_photoreceptor
+from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,25 @@ class FinishedRun:
         )
 
     @property
+    def question(self) -> str:
+        """Return the question of the study."""
+        return self.config.get("question") or "Which event-camera resolution is enough?"
+
+    @cached_property
+    def base_speeds(self) -> BaseSpeeds:
+        """Return the base speed of the camera by scene, m/s; older runs know the packaged ones."""
+        found, file = self.config.get("base_m_per_s", {}), self.folder / "study.json"
+        own = read_typed(dict[str, float], found, file, ResultError, "base_m_per_s")
+        return {**PACKAGED, **own}
+
+    @cached_property
+    def bus_hz(self) -> float:
+        """Return the capacity of the study's bus, or of the fastest of real cameras, events/s."""
+        own = self.config.get("simulate", {}).get("bus_mev_s")
+        finest = max(max(self.scores.widths(one)) for one in self.series)
+        return 1e6 * own if own else usual_bus_hz(finest)
+
+    @property
     def firsts(self) -> list[Series]:
         """Return the first series of each task."""
         return list({one.task: one for one in reversed(self.series)}.values())[::-1]
@@ -106,7 +127,7 @@ class FinishedRun:
         return judge_all(self.scores, self.scaling)
 
     def picture(self, name: str, reason: str) -> str:
-        """Read a PNG file of the run and encode it in base64.
+        """Read a PNG or WebP file of the run as a data URL.
 
         Parameters
         ----------
@@ -118,7 +139,7 @@ class FinishedRun:
         Returns
         -------
         str
-            Content in base64.
+            The URL.
 
         Raises
         ------
@@ -127,9 +148,10 @@ class FinishedRun:
         """
         path = self.folder / name
         try:
-            return base64.b64encode(path.read_bytes()).decode()
+            content = base64.b64encode(path.read_bytes()).decode()
         except FileNotFoundError:
             raise ResultError(f"{path}: no such file, but {reason}") from None
+        return f"data:image/{path.suffix[1:]};base64,{content}"
 
 
 def read_run(folder: Path) -> FinishedRun:

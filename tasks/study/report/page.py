@@ -59,17 +59,17 @@ def _others(run: FinishedRun) -> Sequence[Scores] | None:
 
 SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html"),
-    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
-    Section("tables", "Tables", "Ours and the paper's", "comparison.html"),
-    Section("convergence", "Failures", "Failures", "failures.html"),
-    Section("claims", "Claims", "The paper's claims", "claims.html"),
+    Section("previews", "Previews", "Events of each sensor", "previews.html"),
     Section("choice", "Choice", "Which resolution to choose", "choice.html"),
+    Section("tables", "Tables", "All scores", "comparison.html"),
     Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),
     Section(
         *("photoreceptor", "Photoreceptor", "Photoreceptor", "photoreceptor.html"),
         compare_photoreceptors,
     ),
-    Section("previews", "Previews", "Events of each sensor", "previews.html"),
+    Section("convergence", "Failures", "Failures", "failures.html"),
+    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
+    Section("claims", "Claims", "The paper's claims", "claims.html"),
     Section("costs", "Timings", "Timings of this run", "timings.html"),
     Section("provenance", "Provenance", "Provenance", "provenance.html"),
 )
@@ -111,7 +111,8 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
         tables = [comparison_table(one, series) for one in found for series in one.series()]
         write_bytes(run_dir / f"{name}.csv", to_csv(tables).encode())
     for series in filter(is_main, run.series):
-        for kind, image in figure_files(tradeoff_plots(run.scores, series)).items():
+        plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)
+        for kind, image in figure_files(plots).items():
             name = re.sub(r"\W+", "_", series.method)
             write_bytes(run_dir / "figures" / f"tradeoff_{name}.{kind}", image)
     report = run_dir / "report.html"
@@ -127,7 +128,6 @@ def _named_tables(run: FinishedRun) -> dict[str, Sequence[Scores]]:
 def _page(run: FinishedRun, sections: Sequence[Section]) -> str:
     collected = [(section, section.data(run)) for section in sections]
     return TEMPLATES.get_template("page.html").render(
-        title="Which event-camera resolution is enough?",
         colors=COLORS,
         run=run,
         sections=[(section, data) for section, data in collected if data is not None],

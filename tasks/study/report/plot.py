@@ -36,6 +36,9 @@ MARKS: Sequence[Outline] = (
     [(0, 5.2), (5, -3.8), (-5, -3.8)],
 )
 
+_VISIBLE = 1 / 60  # of the height of a panel, about 4 px
+_MUCH = 1.5
+
 Tick = tuple[float, str]
 
 
@@ -115,8 +118,24 @@ class Panel:
 
 
 @dataclass(frozen=True, slots=True)
+class Limit:
+    """A limit on x; the drawer shades what is above it."""
+
+    x: float
+    label: str
+
+
+@dataclass(frozen=True, slots=True)
 class Plot:
-    """Panels that share axes and series. `labels_below` puts series labels below first points."""
+    """Panels that share the x axis and the series.
+
+    Attributes
+    ----------
+    labels_below
+        Whether series labels are below the first points.
+    own_axes
+        Whether each panel has its own y axis.
+    """
 
     title: str
     x: Axis
@@ -124,6 +143,8 @@ class Plot:
     keys: Sequence[Key]
     panels: Sequence[Panel]
     labels_below: bool
+    limit: Limit | None
+    own_axes: bool
 
 
 def plot(
@@ -136,6 +157,8 @@ def plot(
     log_y: bool = False,
     include_y: Sequence[float] = (),
     labels_below: bool = False,
+    limit: Limit | None = None,
+    deciding: float = 0.0,
 ) -> Plot:
     """Make a plot with a logarithmic x axis and compute the ticks of both axes.
 
@@ -153,23 +176,50 @@ def plot(
         Values that the y axis must reach.
     labels_below
         Whether series labels are below the first points.
+    limit
+        Limit on x.
+    deciding
+        Difference of y that decides between points. Each panel has its own y axis if a shared one
+        hides this difference in one of them.
 
     Returns
     -------
     Plot
         Description for both drawers.
     """
-    lines = [line for panel in panels for line in panel.lines]
-    shown = [(point.x, point.y) for line in lines for point in line.points]
-    shown += [place for line in lines for place in line.path or ()]
-    widths = [x for x, _ in shown] or [1.0]
-    heights = [y for _, y in shown] + [y for panel in panels for y in panel.references]
-    reached = [*heights, *include_y] or [1.0]
+    shown = [place for panel in panels for place in _places(panel)]
+    include_x = () if limit is None else (limit.x,)
+    widths = [*(x for x, _ in shown), *include_x] or [1.0]
+    of_panels = [[*(y for _, y in _places(one)), *one.references] for one in panels]
+    reached = [*(y for heights in of_panels for y in heights), *include_y] or [1.0]
     log_y = log_y and min(reached) > 0
     y_ticks = (_log_ticks if log_y else _even_ticks)(min(reached), max(reached))
-    x_axis = Axis(x_label, True, (), _log_ticks(min(widths), max(widths)), most=6)
+    x_axis = Axis(x_label, True, include_x, _log_ticks(min(widths), max(widths)), most=6)
     y_axis = Axis(y_label, log_y, include_y, y_ticks, most=9)
-    return Plot(title, x_axis, y_axis, keys, panels, labels_below)
+    own_axes = _hides(of_panels, deciding, log_y)
+    return Plot(title, x_axis, y_axis, keys, panels, labels_below, limit, own_axes)
+
+
+def _places(panel: Panel) -> list[Place]:
+    found = [(point.x, point.y) for line in panel.lines for point in line.points]
+    return found + [place for line in panel.lines for place in line.path or ()]
+
+
+def _hides(of_panels: Sequence[Sequence[float]], deciding: float, log: bool) -> bool:
+    """Return whether a difference takes less than `_VISIBLE` of an axis that the panels share.
+
+    Panels count only if an axis of their own shows the difference much larger.
+    """
+    scaled = [[math.log10(y) if log else y for y in heights] for heights in of_panels if heights]
+    if not scaled or not deciding:
+        return False
+    shared = max(map(max, scaled)) - min(map(min, scaled))
+    for heights in scaled:
+        least = min(heights)
+        step = math.log10(1 + deciding / 10**least) if log else deciding
+        if step < _VISIBLE * shared and max(heights) - least < shared / _MUCH:
+            return True
+    return False
 
 
 def width_keys(widths: Iterable[int], *, labeled: bool = False) -> list[Key]:

@@ -10,17 +10,18 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
 from tasks.study.report.sections import (
-    bandwidth,
     choice,
     failures,
+    matrix,
     scaling,
     threshold,
     timings,
     tradeoff,
 )
-from tasks.study.results import comparison, headline, perturbation, scores, words
+from tasks.study.results import comparison, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
+from tasks.study.results.previews import FILM_PICTURES, FILM_S
 
 TEMPLATES = Environment(
     loader=PackageLoader("tasks.study.report"),
@@ -31,6 +32,10 @@ TEMPLATES = Environment(
 )
 TEMPLATES.globals |= {
     "CAPACITIES_MEV_S": [f"{capacity / 1e6:g}" for capacity in capacities_hz()],
+    "FILM_TEXT": (
+        f"Each picture has the events of {1e3 * FILM_S / FILM_PICTURES:g} ms over the frame at "
+        f"their end; a film shows {1e3 * FILM_S:g} ms in a second."
+    ),
     "TASKS": TASKS,
     "MIN_SAMPLES": MIN_SAMPLES_FOR_INTERVAL,
     "MISSING": words.MISSING,
@@ -38,8 +43,8 @@ TEMPLATES.globals |= {
     "TRACKING": perturbation.TRACKING,
 }
 for _module in (
-    *(bandwidth, choice, failures, scaling, threshold, timings, tradeoff),
-    *(comparison, headline, perturbation, scores, verdict, words),
+    *(choice, failures, matrix, scaling, threshold, timings, tradeoff),
+    *(comparison, perturbation, scores, verdict, words),
 ):
     TEMPLATES.filters |= {
         name: one

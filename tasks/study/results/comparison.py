@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from tasks.registry import TASKS
 from tasks.study.results.metrics import Series
-from tasks.study.results.paper import CONTRAST_THRESHOLD, source
+from tasks.study.results.paper import CONTRAST_THRESHOLD, CUTOFFS_HZ, WIDTHS, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
 from tasks.study.results.words import (
@@ -86,22 +86,24 @@ class ComparisonTable:
 
     @property
     def source(self) -> str | None:
-        """Return the name of the paper's table, or None if there is none."""
-        if self.contrast_threshold != CONTRAST_THRESHOLD:
-            return None
-        return source(self.series.task, self.series.method)
+        """Return the name of the paper's table; None if it lacks these sensors and scenes."""
+        lines = [line for block in self.blocks for line in block.lines]
+        widths = {line.width for line in lines if line.width}
+        known = widths <= {*WIDTHS} and {*self.cutoffs_hz} <= {*CUTOFFS_HZ}
+        found = any(entry.paper is not None for line in lines for entry in line.entries)
+        return source(self.series.task, self.series.method) if known and found else None
 
     @property
     def footnote(self) -> str:
         """Return the explanation of columns and marks."""
         label = self.source
-        paper = f"paper: its {label}; Δ: ours minus the paper's" if label else "not in the paper"
+        paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
         if self.contrast_threshold != CONTRAST_THRESHOLD:
-            paper += f" at a contrast threshold of {self.contrast_threshold:g}"
+            paper = f"not in the paper at a contrast threshold of {self.contrast_threshold:g}; "
         share = TASKS[self.series.task].share_column
         last = f"{share.head}: {share.meaning}" if share else "M/s: million events per second"
         return (
-            f"{paper}; bold: best of the column; struck out: no better than doing nothing; {last}; "
+            f"{paper}bold: best of the column; struck out: no better than doing nothing; {last}; "
             f"{MISSING}: not measured, or samples are missing (n of N)"
         )
 

@@ -7,6 +7,10 @@ from typing import Literal
 
 from eres_render.storage.settings_reader import FloatOrInf
 
+FILM_PICTURES = 8
+FILM_S = 0.04
+"""Pictures of a film, and the time that it shows, at the end of the window."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preview:
@@ -15,7 +19,8 @@ class Preview:
     Parameters
     ----------
     file
-        Name of the PNG file in the same folder.
+        Name of the file in the same folder: a PNG picture, or a WebP film of `FILM_PICTURES` square
+        pictures side by side. Runs of older versions have no films.
     scene, speed, width, cutoff_hz
         The scene, the factor on the base speed, and the sensor (px, Hz).
     """
@@ -27,3 +32,8 @@ class Preview:
     width: int
     cutoff_hz: FloatOrInf
     caption: str
+
+    @property
+    def shows_film(self) -> bool:
+        """Whether the file is a film."""
+        return self.file.endswith(".webp")

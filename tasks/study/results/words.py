@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from tasks.study.results.asked import CutoffInLux, MetersPerSecond
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 
 MISSING = "–"
+
+BaseSpeeds = Mapping[str, float]
+"""Speed of the camera at factor 1, m/s, by scene."""
+
+PACKAGED: BaseSpeeds = BASE_SPEED_M_PER_S
 
 
 def cutoff_label(cutoff_hz: float) -> str:
@@ -23,7 +28,7 @@ def cutoff_detail(cutoff_hz: float) -> str:
     return "no cutoff" if math.isinf(cutoff_hz) else f"cutoff {cutoff_hz:g} Hz"
 
 
-def speed_label(scene: str, speed: float) -> str:
+def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
     """Format a speed.
 
     Parameters
@@ -32,17 +37,21 @@ def speed_label(scene: str, speed: float) -> str:
         Name of the scene.
     speed
         As in `Condition`.
+    base
+        Speed of the camera at factor 1.
 
     Returns
     -------
     str
-        Factor to two digits, with m/s if the paper states them; m/s alone where it is given so.
+        Speed in m/s to two digits, or as it is given; the factor where no base speed is known, or
+        the camera rests.
     """
     if isinstance(speed, MetersPerSecond):
         return f"{speed:g} m/s"
-    base = BASE_SPEED_M_PER_S.get(scene)
-    in_m_per_s = "" if base is None else f" ({base * speed:.1f} m/s)"
-    return f"speed {speed:.2g}{in_m_per_s}"
+    fast = base.get(scene, 0.0) * speed
+    if not fast:
+        return f"speed {speed:.2g}"
+    return f"{fast:.2g} m/s" if fast < 10 else f"{fast:.0f} m/s"
 
 
 def photoreceptor_label(photoreceptor: str) -> str:

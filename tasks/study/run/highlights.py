@@ -7,16 +7,17 @@ import numpy as np
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
+from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.previews import PREVIEW_S, preview_files
+from tasks.study.run.previews import add_events, no_events, preview_files
 from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling_files
 
 
 class Highlights:
     """Collects the highlights of a job's scene from the events of its sensors.
 
-    Of each sensor only the first photoreceptor and contrast threshold are used: pictures at the
-    first speed, intervals between events at the lowest and the highest speed.
+    Of each sensor only the first photoreceptor and contrast threshold are used: films at the first
+    speed, intervals between events at the lowest and the highest speed.
 
     Parameters
     ----------
@@ -31,9 +32,7 @@ class Highlights:
         self._job = job
         firsts = {(*_sensor_of(s), s.speed): s for s in reversed(settings)}
         self._used = set(firsts.values())
-        self._previews = {
-            _sensor_of(s): np.zeros((s.model.height, s.model.width), np.int64) for s in settings
-        }
+        self._films = {_sensor_of(s): no_events(s.model) for s in settings}
         self._histograms = {
             (*_sensor_of(s), s.speed): interval_histogram(s.model, (s.start_us, s.end_us))
             for s in settings
@@ -56,13 +55,16 @@ class Highlights:
         if histogram := self._histograms.get((*key, setting.speed)):
             histogram.add(events)
         if setting.speed == self._job.simulate.speeds[0]:
-            last = events.between(setting.end_us - round(PREVIEW_S * 1e6), setting.end_us)
-            self._previews[key] += last.polarity_sum()
+            add_events(self._films[key], events, setting.end_us)
 
     def result(self, reference: ReferenceFrames) -> dict[str, bytes]:
         """Return the files by path in the run's folder, after the last event."""
-        keyframe = reference.end / np.float32(np.exp(reference.log_white))
-        previews = preview_files(self._job, keyframe, self._previews)
+        sequence, speed = reference.sequence, self._job.simulate.speeds[0]
+        ago_s = FILM_S * speed * np.arange(FILM_PICTURES)[::-1] / FILM_PICTURES
+        shown = np.searchsorted(sequence.t_s, sequence.window_s[1] - ago_s)
+        white = np.float32(np.exp(reference.log_white))
+        frames = [sequence.frame(int(i)) / white for i in shown]
+        previews = preview_files(self._job, frames, self._films)
         scaling, slope = measure_scaling(reference.sequence, reference.dark_level, self._histograms)
         return {
             **{f"previews/{name}": data for name, data in previews.items()},

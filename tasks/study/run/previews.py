@@ -1,66 +1,93 @@
-"""Pictures for the report: a frame, and each sensor's events in the center of the image."""
+"""Previews for the report: a frame and films of each sensor's events, in the image center."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sensor import Events, SensorModel
+from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, central_crop, png
+from tasks.study.run.pictures import central_area, central_crop, drawn_over, film, png
 
-PREVIEW_S = 0.01  # events of the window's last 10 ms make a picture
 _GAMMA = 2.2
+
+Sums = NDArray[np.int16]
+"""(`FILM_PICTURES`, side, side) sums of polarities in the center of a sensor."""
+
+
+def no_events(sensor: SensorModel) -> Sums:
+    """Return the sums of a film without events."""
+    *_, side = central_area(sensor.height, sensor.width)
+    return np.zeros((FILM_PICTURES, side, side), np.int16)
+
+
+def add_events(sums: Sums, events: Events, end_us: int) -> None:
+    """Add events to the sums of a film.
+
+    Parameters
+    ----------
+    sums
+        The sums, changed in place.
+    events
+        Events of the whole sensor; those outside of the film's time do not count.
+    end_us
+        End of the film, in the time of the events.
+    """
+    start_us = end_us - round(FILM_S * 1e6)
+    last = events.between(start_us, end_us)
+    top, left, side = central_area(events.height, events.width)
+    y, x = last.y.astype(np.int64) - top, last.x.astype(np.int64) - left
+    inside = (y >= 0) & (y < side) & (x >= 0) & (x < side)
+    picture = (last.t_us[inside] - start_us) * FILM_PICTURES // (end_us - start_us)
+    np.add.at(sums, (picture, y[inside], x[inside]), last.p[inside])
 
 
 def preview_files(
     job: Job,
-    keyframe: NDArray[np.float32],
-    polarity_sums: Mapping[tuple[int, float], NDArray[np.int64]],
+    frames: Sequence[NDArray[np.float32]],
+    sums: Mapping[tuple[int, float], Sums],
 ) -> dict[str, bytes]:
-    """Draw a job's pictures; all show the same part of the scene.
+    """Draw a job's previews; all show the same part of the scene.
 
     Parameters
     ----------
     job
         The job.
-    keyframe
-        (H, W) radiance at the window's end, in units of white.
-    polarity_sums
-        (h, w) sums over the window's last 10 ms at the first speed, by width and cutoff.
+    frames
+        (H, W) radiance at the end of each picture of a film, in units of white.
+    sums
+        Sums of the films at the first speed, by width and cutoff.
 
     Returns
     -------
-    Files by name: PNG pictures and, last, `SCENE.json`, which describes them.
+    Files by name: a PNG picture, WebP films and, last, `SCENE.json`, which describes them.
     """
     scene, speed = job.scene.name, job.simulate.speeds[0]
     files: dict[str, bytes] = {}
     index: list[dict[str, Any]] = []
 
-    def add(picture: NDArray[np.uint8], entry: dict[str, Any]) -> None:
-        file = "_".join([scene, entry["kind"], str(entry["width"]), str(entry["cutoff_hz"])])
-        files[f"{file}.png"] = png(picture)
-        index.append({"file": f"{file}.png", "scene": scene, "speed": speed, **entry})
+    def add(kind: str, width: int, cutoff_hz: str, caption: str, end: str, data: bytes) -> None:
+        file = f"{scene}_{kind}_{width}_{cutoff_hz}.{end}"
+        files[file] = data
+        entry = {"file": file, "scene": scene, "speed": speed, "kind": kind, "width": width}
+        index.append({**entry, "cutoff_hz": cutoff_hz, "caption": caption})
 
-    light = central_crop(np.clip(keyframe, 0, 1) ** (1 / _GAMMA) * 255).astype(np.uint8)
-    add(
-        np.repeat(light[..., None], 3, axis=2),
-        {
-            "kind": "frame",
-            "width": job.render.resolution,
-            "cutoff_hz": "inf",
-            "caption": "radiance at the window's end",
-        },
-    )
-    for (width, cutoff_hz), total in polarity_sums.items():
-        colors = np.array([DARKER, NONE, BRIGHTER], np.uint8)
-        caption = f"{width} px, last {PREVIEW_S * 1e3:g} ms"
-        add(
-            colors[np.sign(central_crop(total)) + 1],
-            {"kind": "events", "width": width, "cutoff_hz": f"{cutoff_hz:g}", "caption": caption},
+    grounds = [
+        np.repeat(
+            (central_crop(np.clip(frame, 0, 1)) ** (1 / _GAMMA) * 255).astype(np.uint8)[..., None],
+            *(3, 2),
         )
+        for frame in frames
+    ]
+    caption = "radiance at the window's end"
+    add("frame", job.render.resolution, "inf", caption, "png", png(grounds[-1]))
+    for (width, cutoff_hz), of_one in sums.items():
+        pictures = [drawn_over(*both) for both in zip(grounds, of_one, strict=True)]
+        add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", film(pictures))
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
     return files

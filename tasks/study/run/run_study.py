@@ -30,10 +30,11 @@ def run_study(
 ) -> list[Row]:
     """Render, simulate and score every job of a study, except for those that `out` already has.
 
-    Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study),
-    `environment.json` (versions and machines, and the command of the last start), `previews/` and
-    `scaling/` (pictures and scaling statistics of each scene's first clip), `costs/` (timings of
-    each job), and `parts/` (rows of each job, with which a stopped run continues).
+    Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study, and the mean
+    speed of each scene's camera at factor 1), `environment.json` (versions and machines, and the
+    command of the last start), `previews/` and `scaling/` (pictures and scaling statistics of each
+    scene's first clip), `costs/` (timings of each job), and `parts/` (rows of each job, with which
+    a stopped run continues).
 
     Parameters
     ----------
@@ -82,7 +83,10 @@ def run_study(
             _log.info("%s", estimate_work([queued.job for queued in to_do], computing.cores).text())
             new = trials(study, [queued.job for queued in to_do], [work[key] for key in rows_of])
             _try_own_methods(new, computing, on_progress)
-        write_bytes(out / "study.json", _json(to_json(study)))
+        speeds = {
+            one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes
+        }
+        write_bytes(out / "study.json", _json({**to_json(study), "base_m_per_s": speeds}))
         environments = [_environment_so_far(out / "environment.json")] if rows_of else []
         counted = _counted(on_progress, len(work) - len(to_do), len(work))
         for queued, computed in computing.compute(to_do, counted):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from tasks.study.report.table import Table, Text, cutoff_text
 from tasks.study.results.choice import Choice, Choices
-from tasks.study.results.headline import times_text
-from tasks.study.results.words import rate_label, share_text, speed_label
+from tasks.study.results.words import PACKAGED, BaseSpeeds, rate_label, speed_label
 
 
-def choice_tables(choices: Choices) -> list[Table]:
+def choice_tables(choices: Choices, base: BaseSpeeds = PACKAGED) -> list[Table]:
     """Make the table of each scene from the choices of one series."""
     cutoffs_hz = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
     heads = [Text(""), *map(cutoff_text, cutoffs_hz)]
@@ -16,7 +15,7 @@ def choice_tables(choices: Choices) -> list[Table]:
     for scene in dict.fromkeys(scene for scene, _, _ in choices):
         speeds = dict.fromkeys(speed for where, _, speed in choices if where == scene)
         rows = {
-            Text(speed_label(scene, speed)): [choices[scene, hz, speed] for hz in cutoffs_hz]
+            Text(speed_label(scene, speed, base)): [choices[scene, hz, speed] for hz in cutoffs_hz]
             for speed in speeds
         }
         tables.append(Table("choice", f"Choice, {scene}", scene, heads, {Text(""): rows}))
@@ -36,21 +35,17 @@ def choice_facts(choice: Choice) -> list[str]:
         facts.append("the best")
     else:
         saving = choice.saving(choice.best)
-        fewer = "" if saving is None else f", {times_text(saving)} times the events"
+        fewer = "" if saving is None else f", {_times_text(saving)} times the events"
         facts.append(f"best {choice.best} px: {scored(choice.loss)} better{fewer}")
     if choice.tied is not None and choice.tied != choice.enough:
         facts.append(f"tied: {choice.tied} px")
     if choice.paper is not None:
         facts.append(f"paper: {choice.paper} px")
-    if all(bus.enough is None for bus in choice.on_buses):
-        facts.append("on any bus: none")
-    else:
-        for bus in choice.on_buses:
-            text = "none"
-            if bus.enough is not None:
-                share = share_text(choice.event_rates_hz[bus.enough] / bus.capacity_hz)
-                text = f"{bus.enough} px at {share}"
-            facts.append(f"{bus.capacity_hz / 1e6:g} Mev/s bus: {text}")
     if choice.nothing is not None and not choice.worthwhile:
         facts.append(f"doing nothing: {scored(choice.nothing)}")
     return facts
+
+
+def _times_text(ratio: float) -> str:
+    """Format a ratio to two digits, or to whole numbers from 10 on."""
+    return f"{ratio:.2g}" if ratio < 10 else f"{ratio:.0f}"

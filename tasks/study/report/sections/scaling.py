@@ -7,7 +7,7 @@ import numpy as np
 from tasks.metric import number_text
 from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, width_keys
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
-from tasks.study.results.words import cutoff_detail, cutoff_label
+from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_detail, cutoff_label, speed_label
 
 
 def slope_plot(one: Scaling) -> Plot:
@@ -34,7 +34,7 @@ def _law_text(slopes: Slopes) -> str:
     return f"γ = {exponent} [{low}, {high}]"
 
 
-def interval_plot(one: Scaling) -> Plot:
+def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     """Plot histograms: most light at base speed, least light at base and at highest speed."""
     settings = one.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
@@ -56,7 +56,8 @@ def interval_plot(one: Scaling) -> Plot:
                 said = [f"{width} px", f"mode: {mode_us * 1e-3:.2g} ms", f"{share[k]:.2g}\u202f%"]
                 points.append(Point(float(middles_ms[k]), share[k], said))
             lines.append(Line(points, list(zip(middles_ms.tolist(), share, strict=True))))
-        detail = f"{cutoff_detail(cutoff_hz)}, speed {speed:.2g}; marks: the mode"
+        fast = speed_label(one.scene, speed, base)
+        detail = f"{cutoff_detail(cutoff_hz)}, {fast}; marks: the mode"
         panels.append(Panel(f"(c) {cutoff_label(cutoff_hz)}", detail, lines))
     title = f"Intervals between events, {one.scene}"
     axes = "time between a pixel’s events [ms]", "share of the intervals [% per bin]"

@@ -11,12 +11,14 @@ from tasks.study.report.table import Cell, Rows, Table, Text, cutoff_text
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores, base_speed, beats
-from tasks.study.results.words import MISSING, rate_label, share_text
+from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, share_text
 
 Comparison = tuple[Plot, Table, Table]
 
 
-def compare_thresholds(found: Sequence[Scores], series: Series) -> dict[str, Comparison]:
+def compare_thresholds(
+    found: Sequence[Scores], series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
+) -> dict[str, Comparison]:
     """Compare scores of one series, scene by scene.
 
     Parameters
@@ -25,6 +27,10 @@ def compare_thresholds(found: Sequence[Scores], series: Series) -> dict[str, Com
         Scores of each contrast threshold; the first sets scenes, widths and cutoffs.
     series
         Method and task.
+    bus_hz
+        Capacity of a bus, events/s.
+    base
+        Speed of the camera at factor 1.
 
     Returns
     -------
@@ -33,10 +39,18 @@ def compare_thresholds(found: Sequence[Scores], series: Series) -> dict[str, Com
     """
     ascending = sorted(found, key=lambda scores: scores.contrast_threshold)
     first = found[0]
-    return {scene: _compare(ascending, first, series, scene) for scene in first.scenes(series)}
+    at = bus_hz, base
+    return {scene: _compare(ascending, first, series, scene, *at) for scene in first.scenes(series)}
 
 
-def _compare(ascending: list[Scores], first: Scores, series: Series, scene: str) -> Comparison:
+def _compare(
+    ascending: list[Scores],
+    first: Scores,
+    series: Series,
+    scene: str,
+    bus_hz: float,
+    base: BaseSpeeds,
+) -> Comparison:
     metric = TASKS[series.task].metric
     speed, widths = base_speed(first, series), first.widths(series)
     panels: list[Panel] = []
@@ -44,12 +58,13 @@ def _compare(ascending: list[Scores], first: Scores, series: Series, scene: str)
     blocks: dict[Text, Rows] = {}
     for hz in first.cutoffs_hz(series):
         where = [Condition(scene, width, hz, speed) for width in widths]
-        lines = [Line([p for s in ascending if (p := score_point(s, series, at))]) for at in where]
-        panels.append(Panel(*cutoff_text(hz)[:2], lines))
-        choices[cutoff_text(hz)] = [
+        points = [[score_point(s, series, at, base) for s in ascending] for at in where]
+        light = cutoff_text(hz)
+        panels.append(Panel(*light[:2], [Line([*filter(None, of_one)]) for of_one in points]))
+        choices[light] = [
             choose(s, series, scene, hz, speed) if s.widths(series) else None for s in ascending
         ]
-        blocks[cutoff_text(hz)] = {
+        blocks[light] = {
             Text(f"{at.width} px"): [[_score(scores, series, at)] for scores in ascending]
             for at in where
         }
@@ -62,7 +77,7 @@ def _compare(ascending: list[Scores], first: Scores, series: Series, scene: str)
     )
     by_threshold = f"by contrast threshold, {scene}"
     return (
-        score_plot(f"Scores {by_threshold}", series, width_keys(widths), panels),
+        score_plot(f"Scores {by_threshold}", series, width_keys(widths), panels, bus_hz),
         Table("choice", f"Choice {by_threshold}", "", [Text(""), *heads], {Text(""): choices}),
         Table("sweep", f"Numbers {by_threshold}", caption, [Text("sensor"), *heads], blocks),
     )

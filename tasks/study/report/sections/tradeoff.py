@@ -5,15 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tasks.registry import TASKS
-from tasks.study.report.plot import Key, Line, Panel, Plot, Point, plot, width_keys
+from tasks.study.report.plot import Key, Limit, Line, Panel, Plot, Point, plot, width_keys
 from tasks.study.report.table import cutoff_text
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores
-from tasks.study.results.words import cutoff_label, rate_label, share_text, speed_label
+from tasks.study.results.words import (
+    PACKAGED,
+    BaseSpeeds,
+    cutoff_label,
+    rate_label,
+    share_text,
+    speed_label,
+)
 
 
-def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
+def tradeoff_plots(
+    scores: Scores, series: Series, bus_hz: float, base: BaseSpeeds = PACKAGED
+) -> dict[str, Plot]:
     """Plot one series: a panel per cutoff, a point per condition that has all samples.
 
     Parameters
@@ -22,6 +31,10 @@ def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
         Scores of a run.
     series
         Method and task.
+    bus_hz
+        Capacity of a bus, events/s.
+    base
+        Speed of the camera at factor 1.
 
     Returns
     -------
@@ -31,12 +44,14 @@ def tradeoff_plots(scores: Scores, series: Series) -> dict[str, Plot]:
     keys = width_keys(scores.widths(series), labeled=True)
     found = {}
     for scene in scores.scenes(series):
-        panels = [_panel(scores, series, scene, cutoff) for cutoff in scores.cutoffs_hz(series)]
-        found[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels)
+        panels = [_panel(scores, series, scene, hz, base) for hz in scores.cutoffs_hz(series)]
+        found[scene] = score_plot(f"{scene}, {series.title}", series, keys, panels, bus_hz)
     return found
 
 
-def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence[Panel]) -> Plot:
+def score_plot(
+    title: str, series: Series, keys: Sequence[Key], panels: Sequence[Panel], bus_hz: float
+) -> Plot:
     """Plot scores of one series against event rates; errors have a logarithmic axis.
 
     Parameters
@@ -49,6 +64,8 @@ def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence
         One key per sensor width.
     panels
         One panel per cutoff; x is Mev/s, y is the score in the unit of the metric.
+    bus_hz
+        Capacity of a bus, events/s.
 
     Returns
     -------
@@ -59,15 +76,20 @@ def score_plot(title: str, series: Series, keys: Sequence[Key], panels: Sequence
     errors = not metric.higher_is_better
     better = ", less is better" if errors else ""
     axes = "event rate [Mev/s]", f"{metric.label} [{metric.unit}]{better}"
-    # errors rise with speed, so labels of first points are below them
-    return plot(title, *axes, keys, panels, log_y=errors, labels_below=errors)
+    return plot(
+        *(title, *axes, keys, panels),
+        log_y=errors,
+        labels_below=errors,  # as errors rise with speed
+        limit=Limit(bus_hz / 1e6, f"bus {bus_hz / 1e6:g} Mev/s"),
+        deciding=metric.negligible,
+    )
 
 
-def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Panel:
+def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: BaseSpeeds) -> Panel:
     lines, baselines = [], set()
     for width in scores.widths(series):
         where = [Condition(scene, width, cutoff_hz, s) for s in scores.speeds(series, scene)]
-        lines.append(Line([p for at in where if (p := score_point(scores, series, at))]))
+        lines.append(Line([p for at in where if (p := score_point(scores, series, at, base))]))
         idle = [scores.baseline(series, at).median for at in where]
         baselines |= {round(median, 3) for median in idle if median is not None}
     texts = [TASKS[series.task].metric.text(score) for score in sorted(baselines)]
@@ -77,7 +99,9 @@ def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float) -> Pane
     return Panel(*cutoff_text(cutoff_hz)[:2], lines, sorted(baselines), label)
 
 
-def score_point(scores: Scores, series: Series, where: Condition) -> Point | None:
+def score_point(
+    scores: Scores, series: Series, where: Condition, base: BaseSpeeds = PACKAGED
+) -> Point | None:
     """Make one point.
 
     Parameters
@@ -88,6 +112,8 @@ def score_point(scores: Scores, series: Series, where: Condition) -> Point | Non
         Method and task.
     where
         Condition of the point.
+    base
+        Speed of the camera at factor 1.
 
     Returns
     -------
@@ -101,7 +127,7 @@ def score_point(scores: Scores, series: Series, where: Condition) -> Point | Non
     interval = estimate(lambda medians: medians[where], {where: cell})
     lines = [
         f"{where.width} px",
-        f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed)}",
+        f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed, base)}",
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",
     ]

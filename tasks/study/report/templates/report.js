@@ -1,7 +1,10 @@
-// Draws each .plot from its JSON, shows the plots of the chosen method, and enlarges previews.
+// Draws each .plot from its JSON, answers for a bus, shows the plots of the chosen method, and
+// enlarges previews.
 
 const HEIGHT = 310, LEFT = 46, RIGHT = 12, TOP = 12, BOTTOM = 268; // of a panel; BOTTOM is the x axis
 const ROOM = 12, LABEL_ROOM = 26; // above and below the data, without and with series labels
+
+const bus = document.getElementById("bus");
 
 function svg(parent, name, attributes, text) {
   const element = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -68,11 +71,17 @@ class Plot {
     for (const one of this.figures) {
       one.width = one.box.clientWidth;
       const shared = this.zoom?.control.checked ? [one.panel] : every;
-      if (one.width) this.drawPanel(one, domain(this.data.x, widths, 0.06), this.heights(shared));
+      if (one.width) this.drawPanel(one, domain(this.data.x, widths, 0.06), this.heights(shared), this.limit());
     }
   }
 
-  drawPanel(one, xDomain, yDomain) {
+  // The limit on x: the bus that the reader chose, or that of the data.
+  limit() {
+    const { limit } = this.data;
+    return limit && bus?.value ? { x: Number(bus.value), label: `bus ${bus.value} Mev/s` } : limit;
+  }
+
+  drawPanel(one, xDomain, yDomain, limit) {
     const { panel, box, tip, width } = one;
     const { title, keys, x: xAxis, y: yAxis, labels_below: below } = this.data;
     const right = width - RIGHT;
@@ -80,7 +89,8 @@ class Plot {
     const up = (at) => BOTTOM - ((at - yDomain[0]) / (yDomain[1] - yDomain[0])) * (BOTTOM - TOP);
     const x = (value) => across(scaled(xAxis, value)), y = (value) => up(scaled(yAxis, value));
     const dashed = panel.references.length ? `Dashed line: ${panel.reference_label}. ` : "";
-    const label = `${title}, ${panel.label} (${panel.detail}): ${yAxis.label} against ${xAxis.label}. ${dashed}Arrow keys move from point to point.`;
+    const shaded = limit ? `Shaded: beyond the ${limit.label}. ` : "";
+    const label = `${title}, ${panel.label} (${panel.detail}): ${yAxis.label} against ${xAxis.label}. ${dashed}${shaded}Arrow keys move from point to point.`;
     const root = svg(null, "svg", { viewBox: `0 0 ${width} ${HEIGHT}`, height: HEIGHT, role: "group", "aria-label": label });
     const line = (kind, x1, x2, y1, y2, opacity = 1) => svg(root, "line", { class: kind, x1, x2, y1, y2, "stroke-opacity": opacity });
     const text = (words, x, y, anchor = "middle") => svg(root, "text", { x, y, "text-anchor": anchor }, words);
@@ -99,7 +109,13 @@ class Plot {
     if (panel.references.length) {
       const at = below ? TOP + 11 : BOTTOM - 9; // on the side without series labels
       line("baseline", right - 30, right - 6, at, at);
-      text(panel.reference_label, right - 36, at + 4, "end");
+      text(panel.reference_label, right - 36, at + 4, "end").setAttribute("class", "halo");
+    }
+    if (limit && x(limit.x) < right) {
+      const from = Math.max(x(limit.x), LEFT), upright = `translate(${from - 4} ${below ? BOTTOM - 5 : TOP + 5}) rotate(-90)`;
+      svg(root, "rect", { class: "beyond", x: from, y: TOP, width: right - from, height: BOTTOM - TOP });
+      line("limit", from, from, TOP, BOTTOM);
+      svg(root, "text", { class: "halo", transform: upright, "text-anchor": below ? "start" : "end" }, limit.label);
     }
     const places = [];
     keys.forEach((key, series) => {
@@ -171,7 +187,37 @@ class Plot {
   }
 }
 
-document.querySelectorAll(".plot").forEach((root) => new Plot(root));
+const plots = [...document.querySelectorAll(".plot")].map((root) => new Plot(root));
+
+// Shows in each cell of the answer the width that is enough on the chosen bus.
+const answers = document.querySelector(".matrix"), widths = answers.dataset.widths.split(" ").map(Number);
+const cells = [...answers.querySelectorAll("td")].map((cell) => {
+  const [width, facts, tied] = ["b", "small", "i"].map((name) => cell.querySelector(name));
+  const asked = { width: width.textContent, facts: facts.textContent, fine: cell.style.getPropertyValue("--fine") };
+  return { cell, width, facts, tied, asked, over: cell.classList.contains("over"), buses: JSON.parse(cell.dataset.buses) };
+});
+function answer() {
+  for (const { cell, width, facts, tied, asked, over, buses } of cells) {
+    const found = bus.value ? buses.findLast(([capacity]) => capacity <= Number(bus.value)) : undefined;
+    let shown = asked;
+    if (bus.value && cell.classList.contains("struck")) shown = { ...asked, facts: "on any bus" };
+    else if (bus.value && buses.length) {
+      const [, px, rate] = found ?? [0, null, 0];
+      const share = (100 * rate) / Number(bus.value);
+      shown = px === null ? { width: "none", facts: "fits this bus", fine: "0%" } : {
+        width: px, facts: `${Number(rate.toPrecision(3))} · ${share < 1 ? "<1" : Math.round(share)}\u202f%`,
+        fine: `${(100 * widths.indexOf(px)) / Math.max(widths.length - 1, 1)}%`,
+      };
+    }
+    width.textContent = shown.width;
+    facts.textContent = shown.facts;
+    cell.classList.toggle("over", shown === asked && over);
+    cell.style.setProperty("--fine", shown.fine);
+    if (tied) tied.hidden = shown !== asked;
+  }
+}
+bus.addEventListener("change", () => (answer(), plots.forEach((plot) => plot.draw())));
+answer(); // a browser may restore an earlier choice
 
 const pick = document.getElementById("pick");
 const choose = () =>

@@ -1,0 +1,108 @@
+"""Films of the previews: the events of each sensor over the frames, in a bounded file."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from eres_render.storage.settings_reader import read_typed
+from sensor import Events, SensorModel
+from tasks.errors import ResultError
+from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
+from tasks.study.run.pictures import (
+    BRIGHTER,
+    DARKER,
+    MOST_FILM_BYTES,
+    central_area,
+    drawn_over,
+    film,
+)
+from tasks.study.run.previews import add_events, no_events, preview_files
+
+END_US = 5_000_000
+SIDE = 320  # px of a preview
+
+
+def some_events(width: int, height: int, count: int) -> Events:
+    """Events of all pixels, some before and after the film."""
+    random = np.random.default_rng(5)
+    t_us = np.sort(random.integers(END_US - 60_000, END_US + 5_000, count))
+    x, y = random.integers(0, width, count), random.integers(0, height, count)
+    p = random.choice([-1, 1], count)
+    columns = t_us, x.astype(np.uint16), y.astype(np.uint16), p.astype(np.int8)
+    return Events(*columns, width=width, height=height)
+
+
+@pytest.mark.parametrize(("width", "height"), [(64, 64), (80, 60)])
+def test_each_event_is_in_the_picture_of_its_time(width: int, height: int) -> None:
+    """A slow reference, event by event; a film of two parts of the events is that of all."""
+    events = some_events(width, height, 4000)
+    top, left, side = central_area(height, width)
+    expected = np.zeros((FILM_PICTURES, side, side), int)
+    for t_us, x, y, p in zip(events.t_us, events.x, events.y, events.p, strict=True):
+        for picture in range(FILM_PICTURES):
+            start_us = END_US - 1e6 * FILM_S * (1 - picture / FILM_PICTURES)
+            shown = start_us <= t_us < start_us + 1e6 * FILM_S / FILM_PICTURES
+            if shown and top <= y < top + side and left <= x < left + side:
+                expected[picture, y - top, x - left] += p
+    assert np.abs(expected).sum() > 100
+    sums = no_events(SensorModel(width=width, height=height))
+    half = END_US - 30_000
+    for part in (events.between(0, half), events.between(half, 2 * END_US)):
+        add_events(sums, part, END_US)
+    np.testing.assert_array_equal(sums, expected)
+
+
+def test_events_are_drawn_over_the_frame() -> None:
+    """Blue where brighter, red where darker, a fifth of the frame behind; else the frame alone."""
+    ground = np.full((SIDE, SIDE, 3), 100, np.uint8)
+    sums = np.zeros((4, 4), np.int16)
+    sums[0, 1], sums[3, 2] = 3, -1
+    drawn = drawn_over(ground, sums)
+    square = SIDE // 4
+    for row in range(4):
+        for column in range(4):
+            color = {(0, 1): BRIGHTER, (3, 2): DARKER}.get((row, column))
+            expected = [100] * 3 if color is None else [round(0.8 * c + 20) for c in color]
+            part = drawn[row * square : (row + 1) * square, column * square : (column + 1) * square]
+            assert (part == expected).all()
+
+
+def test_a_film_is_a_strip_and_small() -> None:
+    """Promise: the pictures are side by side in their order, and noise, which hardly compresses,
+    takes no more bytes than the limit."""
+    flat = [np.full((SIDE, SIDE, 3), 30 * i, np.uint8) for i in range(FILM_PICTURES)]
+    strip = np.asarray(Image.open(io.BytesIO(film(flat))))
+    assert strip.shape == (SIDE, FILM_PICTURES * SIDE, 3)
+    middles = strip[SIDE // 2, SIDE // 2 :: SIDE]
+    np.testing.assert_allclose(middles, np.array([one[0, 0] for one in flat]), atol=4)
+    random = np.random.default_rng(1)
+    gray = random.integers(60, 190, (FILM_PICTURES, SIDE // 2, SIDE // 2)).astype(np.uint8)
+    noise = [np.repeat(one.repeat(2, 0).repeat(2, 1)[..., None], 3, 2) for one in gray]
+    assert 20_000 < len(film(noise)) <= MOST_FILM_BYTES
+
+
+def test_the_files_of_a_scene_are_listed() -> None:
+    """A frame and a film for each sensor, with entries that the report reads; the frame is the last
+    one, tone-mapped with a gamma of 2.2."""
+    job = SimpleNamespace(
+        scene=SimpleNamespace(name="hall"),
+        simulate=SimpleNamespace(speeds=(1.5,)),
+        render=SimpleNamespace(resolution=64),
+    )
+    frames = [np.full((64, 64), i / 10, np.float32) for i in range(FILM_PICTURES)]
+    sensors = [(width, cutoff_hz) for width in (16, 64) for cutoff_hz in (np.inf, 50.0)]
+    sums = {one: no_events(SensorModel(width=one[0], height=one[0])) for one in sensors}
+    files = preview_files(job, frames, sums)
+    entries = read_typed(tuple[Preview, ...], json.loads(files["hall.json"]), Path(), ResultError)
+    assert [one.file for one in entries] + ["hall.json"] == list(files)
+    assert [one.shows_film for one in entries] == [False, True, True, True, True]
+    assert {(one.scene, one.speed) for one in entries} == {("hall", 1.5)}
+    frame = np.asarray(Image.open(io.BytesIO(files["hall_frame_64_inf.png"])))
+    assert (frame == int(255 * 0.7 ** (1 / 2.2))).all()
