@@ -19,12 +19,16 @@ class Setting:
         Factor by which the scene moves faster than it was rendered.
     start_us, end_us
         The window [start_us, end_us), in the time of the sensor's events.
+    distance
+        How many times farther from the plane the camera is than in the frames, with a focal length
+        that is as many times longer: the image is the same, the pose is not.
     """
 
     model: SensorModel
     speed: float
     start_us: int
     end_us: int
+    distance: float = 1.0
 
     @property
     def seconds(self) -> float:

@@ -15,7 +15,10 @@ from tasks.methods import task_of
 from tasks.registry import TASKS
 
 # Fields that the stored study has only where they are given.
-_LEFT_OUT_AT_NONE = ("weights", "e2vid_window_s", "e2vid_events_per_px")
+_LEFT_OUT_AT_NONE = (
+    *("weights", "e2vid_window_s", "e2vid_events_per_px"),
+    *("height", "same_lens", "tracking_window_s"),
+)
 
 LEAST_RESOLUTION = 62
 """Side of frames, px, in which `sensor.statistics.slopes_by_pixel_size` has room for its blocks."""
@@ -28,7 +31,9 @@ class Render:
     Parameters
     ----------
     resolution
-        Side of the rendered frames, px.
+        Width of the rendered frames, px.
+    height
+        Their height, px; None is square. Sensors have the frames' shape, to a pixel.
     spp
         Samples per pixel.
     max_displacement_px
@@ -48,6 +53,11 @@ class Render:
     every_s: float = 0.5
     samples: int | None = None
     seed: int = field(default=0, metadata=MAY_BE_ZERO)
+    height: int | None = None
+
+    def height_at(self, width: int) -> int:
+        """Return the height of a sensor of some width, px."""
+        return round(width * (self.height or self.resolution) / self.resolution)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +80,10 @@ class Simulate:
         Warm-up before a window, in time constants of the slowest filter at the highest speed.
     photoreceptor
         "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`; None is "two_pole".
+    same_lens
+        Whether all widths are one camera at several distances from a plane that it faces: half the
+        width is twice as far away. Images are the same as with larger pixels; poses are not. None
+        is no.
     """
 
     widths: tuple[int, ...] = (128, 240, 346, 640, 1280)
@@ -79,6 +93,7 @@ class Simulate:
     dark_fraction: float = field(default=1e-3, metadata=MAY_BE_ZERO)
     warmup_time_constants: float = field(default=6.0, metadata=MAY_BE_ZERO)
     photoreceptor: Photoreceptor | None = None
+    same_lens: bool | None = None
 
     @property
     def warmup_s(self) -> float:
@@ -115,11 +130,13 @@ class Study:
                 raise StudyError(f"simulate.{name}: found none, expected one or more")
             if len(set(values)) < len(values):
                 raise StudyError(f"simulate.{name}: found {values}, expected each of them once")
-        if self.render.resolution < LEAST_RESOLUTION:
-            raise StudyError(
-                f"render.resolution: found {self.render.resolution} px, expected at least "
-                f"{LEAST_RESOLUTION}, which the scaling statistics need"
-            )
+        sides = {"resolution": self.render.resolution, "height": self.render.height}
+        for name, side in sides.items():
+            if side is not None and side < LEAST_RESOLUTION:
+                raise StudyError(
+                    f"render.{name}: found {side} px, expected at least {LEAST_RESOLUTION}, which "
+                    "the scaling statistics need"
+                )
         if max(sensors.widths) > self.render.resolution:
             raise StudyError(
                 f"simulate.widths: found {max(sensors.widths)} px, finer than render.resolution = "

@@ -14,6 +14,7 @@ from tasks.errors import ResultError
 from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.report.plot import COLORS
+from tasks.study.report.sections.slider import slider_section
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
@@ -60,6 +61,7 @@ SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html"),
     Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
     Section("tables", "Tables", "Ours and the paper's", "comparison.html"),
+    Section("slider", "Slider", "On the slider, beside the paper", "slider.html", slider_section),
     Section("convergence", "Failures", "Failures", "failures.html"),
     Section("claims", "Claims", "The paper's claims", "claims.html"),
     Section("choice", "Choice", "Which resolution to choose", "choice.html"),

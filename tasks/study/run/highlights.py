@@ -35,7 +35,7 @@ class Highlights:
         }
         self._histograms = {
             (s.model.width, s.model.cutoff_hz, s.speed): interval_histogram(
-                s.model.width, (s.start_us, s.end_us)
+                s.model.width, s.model.height, (s.start_us, s.end_us)
             )
             for s in settings
             if s.speed in (min(speeds), max(speeds))

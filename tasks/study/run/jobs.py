@@ -21,6 +21,9 @@ from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 
 _log = logging.getLogger(__name__)
 
+_CHECKED = 101  # poses of a path
+_FACING = 1e-9  # 1 - cosine between the axis of the camera and the normal
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
@@ -74,11 +77,12 @@ class Job:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
         photoreceptor = sensors.photoreceptor or "two_pole"
+        whole_px = self.render.resolution
         return [
             Setting(
                 SensorModel(
                     width=width,
-                    height=width,
+                    height=self.render.height_at(width),
                     contrast_threshold=contrast_threshold,
                     cutoff_hz=cutoff_hz,
                     dark_level=sensors.dark_fraction * white_level,
@@ -90,6 +94,7 @@ class Job:
                 speed,
                 round(self.clip.t_window_start_s / speed * 1e6),
                 round(self.clip.t_window_end_s / speed * 1e6),
+                whole_px / width if sensors.same_lens else 1.0,
             )
             for width in sensors.widths
             for cutoff_hz in sensors.cutoffs_hz
@@ -132,9 +137,11 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     Raises
     ------
     StudyError
-        The study asks for more samples than the path has, a stretch is longer than the path, or no
-        method suits the scene.
+        The study asks for more samples than the path has, a stretch is longer than the path, no
+        method suits the scene, or cameras of one lens do not face its plane.
     """
+    if study.simulate.same_lens:
+        _check_facing(scene)
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
@@ -143,6 +150,17 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         for stretches in sorted(planned)
         for job in _jobs_on(stretches, planned[stretches], study, scene)
     ]
+
+
+def _check_facing(scene: Scene) -> None:
+    """Refuse a scene in which a camera that is farther away would see another image."""
+    plane, path = scene.plane, scene.trajectory()
+    if plane is not None:
+        axes = path.pose(np.linspace(0.0, path.duration_s, _CHECKED))[:, :3, 2]
+        if np.all(axes @ plane.normal < _FACING - 1.0):
+            return
+    found = "a scene with depth" if plane is None else "a camera that turns away from the plane"
+    raise StudyError(f"simulate.same_lens: {scene.name}: found {found}, expected one that faces it")
 
 
 def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettings]]:
@@ -169,7 +187,8 @@ def _jobs_on(
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
     else:
         before_s = stretches.windows_before * study.render.window_s
-        found = _spread_clips(study.render, scene, simulate.warmup_s + before_s)
+        render = replace(study.render, window_s=stretches.window_s or study.render.window_s)
+        found = _spread_clips(render, scene, simulate.warmup_s + before_s)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
 

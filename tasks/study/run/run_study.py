@@ -64,7 +64,9 @@ def run_study(
         As the stages raise them. Files under their final names are complete even then.
     """
     with open_scheduler(scheduler) as computing:
-        check_methods(study.evaluate, ((width, width) for width in study.simulate.widths))
+        check_methods(
+            study.evaluate, ((w, study.render.height_at(w)) for w in study.simulate.widths)
+        )
         scenes = [load_scene(name) for name in study.scenes]
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
         highlighted = {

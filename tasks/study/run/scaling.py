@@ -30,13 +30,13 @@ _BIN_EDGES_US = log_bin_edges_us()
 _SATURATED = 0.99  # quantile of |L_t| that is drawn in full color
 
 
-def interval_histogram(side_px: int, window_us: tuple[int, int]) -> IntervalHistogram:
-    """Return an empty histogram of the times between events of a square sensor.
+def interval_histogram(width: int, height: int, window_us: tuple[int, int]) -> IntervalHistogram:
+    """Return an empty histogram of the times between events of a sensor.
 
     Parameters
     ----------
-    side_px
-        Side of the sensor.
+    width, height
+        Size of the sensor, px.
     window_us
         Start and end of the window.
 
@@ -44,8 +44,8 @@ def interval_histogram(side_px: int, window_us: tuple[int, int]) -> IntervalHist
     -------
     A histogram over evenly spread rows of the sensor.
     """
-    every_row = max(1, side_px // _ROWS_USED)
-    return IntervalHistogram(side_px, side_px, _BIN_EDGES_US, window_us, every_row)
+    every_row = max(1, height // _ROWS_USED)
+    return IntervalHistogram(width, height, _BIN_EDGES_US, window_us, every_row)
 
 
 def measure_scaling(
