@@ -109,9 +109,10 @@ def _readings(scores: Scores, series: Series, scene: str) -> Iterator[tuple[floa
     for hz in scores.cutoffs_hz(series):
         if math.isinf(hz):
             continue
-        lead = Number(margin(_MIDDLE, _FULL, hz, _FAST), above=0, unit="")
+        lead = margin(_MIDDLE, _FULL, hz, _FAST)
         try:
-            yield hz, lead(on)
+            on.require(lead.cells)
+            yield hz, Number(lead, above=0, unit="")(on)
         except NotMeasured:
             yield hz, Reading("not measured", Status.NOT_MEASURED)
 
