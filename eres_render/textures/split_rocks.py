@@ -77,10 +77,9 @@ def _facets(
 
 def _cracks(facet: NDArray[np.int32], width: float) -> Float32:
     """Return how much of a texel is crack, 0 to 1: 1 between facets, less beside."""
-    edge = np.zeros(facet.shape, np.uint8)
-    edge[:, 1:] |= facet[:, 1:] != facet[:, :-1]
-    edge[1:] |= facet[1:] != facet[:-1]
-    if width > 1:
-        side = 2 * int(0.5 * width) + 1
-        edge = cv2.dilate(edge, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
-    return cv2.GaussianBlur(edge.astype(np.float32), (0, 0), 0.7)
+    edge = np.zeros(facet.shape, np.float32)
+    edge[:, 1:] += facet[:, 1:] != facet[:, :-1]
+    edge[1:] += facet[1:] != facet[:-1]
+    side = 2 * int(0.5 * width) + 1
+    wide = cv2.dilate(edge, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    return np.asarray(cv2.GaussianBlur(np.minimum(wide, 1.0), (0, 0), 0.7), np.float32)

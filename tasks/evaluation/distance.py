@@ -48,6 +48,12 @@ def longer_lens(camera: Camera, times: float) -> Camera:
     -------
     The camera, with the same size and principal point.
     """
-    size = camera.width, camera.height
-    focal = {"fx": times * camera.fx, "fy": times * camera.fy}
-    return Camera(*size, **focal, cx=camera.cx, cy=camera.cy, distortion=camera.distortion)
+    return Camera(
+        camera.width,
+        camera.height,
+        fx=times * camera.fx,
+        fy=times * camera.fy,
+        cx=camera.cx,
+        cy=camera.cy,
+        distortion=camera.distortion,
+    )

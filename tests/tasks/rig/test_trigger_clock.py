@@ -38,7 +38,7 @@ def test_edges_give_offset_and_drift(tmp_path):
 
 
 def test_edges_of_the_file_of_events(tmp_path):
-    """Promise: without `t_us`, the rising edges in order, to a microsecond; one gives the offset."""
+    """Promise: without `t_us`, the rising edges in order; one edge gives the offset."""
     up_us = np.round(on_events(EDGES_US)).astype(np.int64)
     both = np.sort(np.concatenate([up_us, up_us + 50]))
     edges = Triggers(both, np.zeros(8, np.uint8), np.tile([1, -1], 4).astype(np.int8))
