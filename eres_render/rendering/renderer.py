@@ -74,7 +74,8 @@ class Renderer:
         with a ray for every sample, where "baked" looks most of them up: see
         `eres_render.rendering.lookup`), "path" (path tracing in every frame, which is noisy: see
         `measure_noise`) or "emission" (only what surfaces emit themselves: no shadows, no reflected
-        light and no noise of it; one ray for each sample). By default baked if possible, else path.
+        light and no noise of it; one ray for each sample). By default "emission" if nothing
+        reflects light, baked if possible, else path.
         Scenes with moving objects need "path" or "emission".
     on_progress
         Called while light is baked, if it must be.
@@ -498,14 +499,18 @@ def _check_path(
 
 
 def _best_integrator(scene: Scene, variant: str) -> Integrator:
-    """Return "baked" if the light of all surfaces is baked or can be, else "path", and log why."""
+    """Return "emission" where nothing reflects, "baked" if the light of all surfaces is baked or
+    can be, else "path", and log why."""
     if scene.settings.objects:
         _log.info("path tracing every frame of %s, as objects move in it", scene.name)
         return "path"
     if has_lightmaps(scene):
         return "baked"
     mi_scene = load_mi_scene(scene)  # kept: its meshes must not outlive it
-    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in surfaces(mi_scene))
+    reflecting = surfaces(mi_scene)
+    if not reflecting:
+        return "emission"
+    reasons = ((shape.id(), reason_not_to_bake(shape)) for shape in reflecting)
     reason = next((f"shape {name!r} {reason}" for name, reason in reasons if reason), "")
     if not reason and variant.startswith("scalar"):
         reason = f"{variant} cannot bake"

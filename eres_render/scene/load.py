@@ -34,6 +34,12 @@ def scene_root() -> Path:
     return installed if installed.is_dir() else package.parent / "scenes"
 
 
+def _packaged(name: str) -> Path | None:
+    """Return the folder of a packaged scene or of a print before the slider, None if neither."""
+    folders = (scene_root() / name, scene_root() / "slider" / name)
+    return next((f for f in folders if name.isidentifier() and (f / "scene.toml").is_file()), None)
+
+
 def list_scenes() -> list[str]:
     """Return the names of the packaged scenes.
 
@@ -52,7 +58,8 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
     Parameters
     ----------
     name_or_path
-        Name of a packaged scene, path of a folder with a scene.xml and a scene.toml, or path of any
+        Name of a packaged scene, or of a print before a camera on a slider ("forest", "pebbles",
+        "split_rocks"), path of a folder with a scene.xml and a scene.toml, or path of any
         Mitsuba file (.xml) with exactly one camera, which gives the field of view.
     trajectory_file
         Poses T_world_cam in TUM format, in place of the path in scene.toml. The camera passes
@@ -83,8 +90,8 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
     eres_render.errors.SceneError: no scene, folder or .xml file named 'carpets': ...
     """
     path = Path(name_or_path)
-    if str(name_or_path) in list_scenes():
-        scene = _load_folder(scene_root() / name_or_path, str(name_or_path))
+    if packaged := _packaged(str(name_or_path)):
+        scene = _load_folder(packaged, str(name_or_path))
     elif path.suffix == ".xml" and path.is_file():
         scene = _load_xml(path.resolve())
     elif path.is_dir():

@@ -13,8 +13,10 @@ from eres_render.storage.cache import cache_dir
 from eres_render.storage.digest import digest
 from eres_render.storage.exr import to_half, write_channels
 from eres_render.textures.carpet import bokhara
+from eres_render.textures.forest import forest
 from eres_render.textures.fractal_noise import Float32
 from eres_render.textures.nature import garden_view
+from eres_render.textures.split_rocks import split_rocks
 from eres_render.textures.stones import pebble_bed
 
 
@@ -38,6 +40,8 @@ TEXTURES: dict[str, Texture] = {
     "carpet": Texture(3, bokhara),
     "stones": Texture(3, pebble_bed),
     "garden_view": Texture(2, garden_view),
+    "forest": Texture(1, forest),
+    "split_rocks": Texture(1, split_rocks),
     **{name: Texture(1, partial(paint, name)) for name in PIECES},
 }
 

@@ -52,7 +52,8 @@ def study(
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
         "paper": three scenes, 20 samples of each, the methods of the paper; takes more
-        than an hour on 2 cores.
+        than an hour on 2 cores. "slider": three prints before a camera on a slider, from
+        three distances at three speeds, as in the paper's real data.
     scenes
         Names or folders of scenes, or a Mitsuba file (.xml) with --trajectory.
     samples
@@ -90,6 +91,8 @@ def study(
         )
     chosen = find_preset(preset or "quick") if file is None else read_study(file)
     given = {"samples": samples, "spp": spp, "resolution": resolution}
+    if resolution is not None and chosen.render.height is not None:
+        given["height"] = chosen.render.height_at(resolution)
     rendering = replace(chosen.render, **{k: v for k, v in given.items() if v is not None})
     finest = rendering.resolution
     sensors = replace(

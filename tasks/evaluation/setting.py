@@ -25,6 +25,9 @@ class Setting:
         The bus on which the events leave; None if all leave when they fire.
     illuminance_lux, speed_m_s
         As in `Row`.
+    distance
+        How many times farther from the plane the camera is than in the frames, with a focal length
+        that is as many times longer: the image is the same, the pose is not.
     """
 
     model: SensorModel
@@ -35,6 +38,7 @@ class Setting:
     readout: Readout | None = None
     illuminance_lux: float = 0.0
     speed_m_s: float = 0.0
+    distance: float = 1.0
 
     @property
     def seconds(self) -> float:

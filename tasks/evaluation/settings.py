@@ -31,12 +31,15 @@ class Stretches(NamedTuple):
         Factors on the base speed, in place of the study's.
     scenes
         Names of the scenes; all by default.
+    window_s
+        Length of the scored windows, seconds of the path; 0 for the study's.
     """
 
     continuous_s: tuple[float, ...] = ()
     speeds: tuple[float, ...] = ()
     scenes: tuple[str, ...] = ()
     windows_before: int = 0
+    window_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,6 +217,9 @@ class Tracking(TaskSettings):
         the path.
     seed
         Seed of the initial paths and of the choice of pixels.
+    tracking_window_s
+        Length of the window, seconds of the path, where the study's is too short: the path and the
+        largest delay must fit at every speed. None for the study's.
     """
 
     methods: tuple[str, ...] = ("photometric_tracking", "initial_path")
@@ -221,6 +227,10 @@ class Tracking(TaskSettings):
     max_events: int = 100_000
     max_delay_us: int = field(default=10_000, metadata=MAY_BE_ZERO)
     seed: int = field(default=0, metadata=MAY_BE_ZERO)
+    tracking_window_s: float | None = None
+
+    def plan(self) -> Mapping[Stretches, Self]:
+        return {Stretches(window_s=self.tracking_window_s or 0.0): self}
 
     def score_s(self, width: int) -> float:
         us_per_event = 7  # of the most that a method gets, at any width

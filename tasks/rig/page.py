@@ -26,7 +26,11 @@ PAPER = 0.8  # reflectance where nothing is printed
 INK = 0.04  # reflectance of black ink
 
 # Procedural pictures: a texture, and how many times larger its scene is than the print.
-PICTURES = {"forest": ("garden_view", 20.0), "pebbles": ("stones", 10.0)}
+PICTURES = {
+    "forest": ("forest", 20.0),
+    "pebbles": ("stones", 10.0),
+    "split_rocks": ("split_rocks", 10.0),
+}
 
 _BORDER_CELLS = 1  # black around a marker's code
 _WHITE = 0.25  # least white around a marker, of its side

@@ -6,6 +6,8 @@ It holds
 - `page.json` and `page.png`, of `eres rig page`,
 - `events.*`, in any format that `eres info` reads,
 - `slider.csv`: the encoder's readings, `t_us,x_m`, on the clock of the events,
+- optionally `triggers.csv`: `slider_us,t_us`, edges on the clocks of slider and events, if these
+  differ,
 - optionally `frames.csv`: `t_us_start,t_us_end,file`, the exposures of images in `frames/`.
 """
 
@@ -23,8 +25,9 @@ from numpy.typing import NDArray
 from eres_render import Camera
 from eres_render.storage.atomic import write_text
 from sensor import Events
-from sensor.formats import FORMATS, Header, read_events, read_header
+from sensor.formats import FORMATS, Header, read_events, read_header, read_triggers
 from tasks.errors import RigError
+from tasks.rig import clock
 from tasks.rig import page as page_files
 from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
@@ -93,8 +96,12 @@ class Recording:
 
     @cached_property
     def slider(self) -> Slider:
-        """The readings of the encoder."""
-        return slider_files.read_slider(self.folder / slider_files.FILE_NAME)
+        """The readings of the encoder, on the clock of the events."""
+        slider = slider_files.read_slider(self.folder / slider_files.FILE_NAME)
+        edges = self.folder / clock.FILE_NAME
+        if not edges.exists():
+            return slider
+        return clock.on_clock_of_events(slider, edges, lambda: read_triggers(self.events_file))
 
     @cached_property
     def events_file(self) -> Path:

@@ -178,7 +178,9 @@ def write_slider(file: Path, slider: Slider) -> None:
     write_text(file, ",".join(_COLUMNS) + "\n" + "\n".join(lines) + "\n")
 
 
-def read_columns(file: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
+def read_columns(
+    file: Path, names: tuple[str, ...], *, optional: tuple[str, ...] = ()
+) -> dict[str, list[str]]:
     """Read named columns of a CSV file.
 
     Parameters
@@ -187,11 +189,13 @@ def read_columns(file: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
         The file; its first line has the columns' names.
     names
         The columns.
+    optional
+        Columns that the file may lack.
 
     Returns
     -------
     columns
-        The texts of each column.
+        The texts of each column that there is.
 
     Raises
     ------
@@ -208,6 +212,7 @@ def read_columns(file: Path, names: tuple[str, ...]) -> dict[str, list[str]]:
         raise RigError(f"{file}: cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
         raise RigError(f"{file}: not a CSV file: {error}") from None
+    names = (*names, *(name for name in optional if name in found))
     for name in names:
         if name not in found:
             raise RigError(f"{file}: {name}: no such column, found {', '.join(found) or 'none'}")

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 from eres_render.errors import nearest
+from sensor import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.settings import Evaluate, Flow, Tracking, Video
-from tasks.study.settings import Render, Study
+from tasks.study.results.paper_slider import PAPER_SIGMA_MM
+from tasks.study.results.slider import FIELD_PX, PRINTS
+from tasks.study.settings import Render, Simulate, Study
+
+SLIDER_LUX = (300.0, 67.0, 17.0)
+"""Light on the prints in the preset "slider"; the paper does not say its own."""
 
 PRESETS = {
     "quick": Study(
@@ -39,6 +47,42 @@ PRESETS = {
             video=Video(
                 methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
                 scenes=("carpet",),
+            ),
+        ),
+    ),
+    "slider": Study(
+        name="slider",
+        scenes=PRINTS,
+        render=Render(
+            resolution=FIELD_PX[-1][0], height=FIELD_PX[-1][1], window_s=0.03, every_s=0.15
+        ),
+        simulate=Simulate(
+            widths=tuple(width for width, _ in FIELD_PX),
+            cutoffs_hz=(math.inf, *map(cutoff_in_light, SLIDER_LUX)),
+            speeds=(1.0, 2.0, 3.0),
+            same_lens=True,
+        ),
+        evaluate=Evaluate(
+            flow=Flow(
+                methods=(
+                    "photometric_flow",
+                    "photometric_flow_with_delay",
+                    "contrast_maximization",
+                    "initial_flow",
+                ),
+                native_patch=True,
+            ),
+            tracking=Tracking(
+                methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
+                sigmas_mm=(5.0, PAPER_SIGMA_MM),
+                max_events=50_000,
+                tracking_window_s=0.072,  # 24 ms at 0.6 m/s: the path and the largest delay
+            ),
+            video=Video(
+                methods=("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),
+                duration_s=1.2,
+                run_in_s=0.6,
+                every_s=0.03,
             ),
         ),
     ),

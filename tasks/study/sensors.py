@@ -1,4 +1,4 @@
-"""The sensors of a study: squares of its widths, and cameras and sensors by name."""
+"""The sensors of a study: ideal pixels of its widths, and cameras and sensors by name."""
 
 from __future__ import annotations
 
@@ -74,13 +74,15 @@ def bus_of(bus_mev_s: float) -> Readout | None:
     return BusOptions(bus=repr(bus_mev_s)).readout()
 
 
-def square(width: int, lights: Sequence[Light], dark_fraction: float) -> NamedSensor:
-    """Return a square of ideal pixels in each light.
+def plain_sensor(
+    width: int, height: int, lights: Sequence[Light], dark_fraction: float
+) -> NamedSensor:
+    """Return a sensor of ideal pixels in each light.
 
     Parameters
     ----------
-    width
-        Its side, px.
+    width, height
+        Its size, px.
     lights
         The lights.
     dark_fraction
@@ -90,7 +92,7 @@ def square(width: int, lights: Sequence[Light], dark_fraction: float) -> NamedSe
     -------
     The sensor, without a name.
     """
-    plain = SensorModel(width=width, height=width, dark_level=dark_fraction)
+    plain = SensorModel(width=width, height=height, dark_level=dark_fraction)
     models = tuple(replace(plain, cutoff_hz=light.cutoff_hz) for light in lights)
     return NamedSensor(name="", in_light=models)
 

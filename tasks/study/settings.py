@@ -14,7 +14,7 @@ from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
 from tasks.methods import task_of
 from tasks.registry import TASKS
-from tasks.study.sensors import Light, NamedSensor, bus_of, light_of, square, with_pixels
+from tasks.study.sensors import Light, NamedSensor, bus_of, light_of, plain_sensor, with_pixels
 
 if TYPE_CHECKING:
     from sensor import Readout
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 # Fields that the stored study has only where they are given.
 _LEFT_OUT_IF_NOT_GIVEN = (
     *("question", "weights", "e2vid_window_s", "e2vid_events_per_px"),
+    *("height", "same_lens", "tracking_window_s"),
     *("sensors", "illuminance_lux", "speeds_m_s", "bus_mev_s", "trajectories"),
 )
 
@@ -36,7 +37,9 @@ class Render:
     Parameters
     ----------
     resolution
-        Side of the rendered frames, px.
+        Width of the rendered frames, px.
+    height
+        Their height, px; None is square. Sensors have the frames' shape, to a pixel.
     spp
         Samples per pixel.
     max_displacement_px
@@ -56,6 +59,11 @@ class Render:
     every_s: float = 0.5
     samples: int | None = None
     seed: int = field(default=0, metadata=MAY_BE_ZERO)
+    height: int | None = None
+
+    def height_at(self, width: int) -> int:
+        """Return the height of a sensor of some width, px."""
+        return round(width * (self.height or self.resolution) / self.resolution)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +73,7 @@ class Simulate:
     Parameters
     ----------
     widths
-        Sides of square sensors, px.
+        Widths of sensors with the frames' shape, px.
     cutoffs_hz
         Photoreceptor cutoffs; inf is an ideal photoreceptor.
     contrast_thresholds
@@ -87,6 +95,10 @@ class Simulate:
     bus_mev_s
         Capacity of the bus of every sensor, million events per second; None for no bus. At most
         `tasks.events.sensor_options.BusOptions.fifo` events wait.
+    same_lens
+        Whether all widths are one camera at several distances from a plane that it faces: half the
+        width is twice as far away. Images are the same as with larger pixels; poses are not. None
+        is no.
 
     Raises
     ------
@@ -105,6 +117,7 @@ class Simulate:
     illuminance_lux: tuple[FloatOrInf, ...] | None = None
     speeds_m_s: tuple[float, ...] | None = None
     bus_mev_s: float | None = None
+    same_lens: bool | None = None
 
     def __post_init__(self) -> None:
         if min(self.illuminance_lux or (0.0,)) <= 0:  # not given, or for `Study` to refuse
@@ -130,11 +143,10 @@ class Simulate:
         """The bus of sensors that have none of their own; None for no bus."""
         return None if self.bus_mev_s is None else bus_of(self.bus_mev_s)
 
-    @property
-    def sizes(self) -> list[tuple[int, int]]:
-        """Widths and heights of all sensors, px."""
-        squares = [(width, width) for width in self.widths]
-        return [*squares, *((one.width, one.height) for one in self.sensors)]
+    def sizes(self, render: Render) -> list[tuple[int, int]]:
+        """Return widths and heights of all sensors, px, for some frames."""
+        plain = [(width, render.height_at(width)) for width in self.widths]
+        return [*plain, *((one.width, one.height) for one in self.sensors)]
 
     @property
     def warmup_s(self) -> float:
@@ -152,14 +164,15 @@ class Simulate:
             found["photoreceptor"] = readings[0] if len(readings) == 1 else readings
         return {name: value for name, value in found.items() if value != ()}
 
-    def models(self) -> Iterator[tuple[NamedSensor, Light, SensorModel]]:
+    def models(self, render: Render) -> Iterator[tuple[NamedSensor, Light, SensorModel]]:
         """Yield each sensor in each light, with each photoreceptor and threshold; white is 1.
 
         Ideal pixels come once, as they are the same with any photoreceptor.
         """
         lights = self.lights
-        squares = [square(width, lights, self.dark_fraction) for width in self.widths]
-        for sensor in (*squares, *self.sensors):
+        sizes = self.sizes(render)[: len(self.widths)]
+        plain = [plain_sensor(*size, lights, self.dark_fraction) for size in sizes]
+        for sensor in (*plain, *self.sensors):
             own = sensor.own
             thresholds = (None,) if "contrast_thresholds" in own else self.contrast_thresholds
             kinds = (None,) if "photoreceptors" in own else self.photoreceptors
@@ -174,9 +187,9 @@ class Simulate:
             return self
         return replace(self, speeds=tuple(speed / base_speed_m_s for speed in self.speeds_m_s))
 
-    def first(self) -> Simulate:
+    def first(self, render: Render) -> Simulate:
         """Return the smallest sensor alone, in the first light at the first speed."""
-        width, height = min(self.sizes, key=math.prod)
+        width, height = min(self.sizes(render), key=math.prod)
         named = [one for one in self.sensors if (one.width, one.height) == (width, height)][:1]
         lux, speeds_m_s = self.illuminance_lux, self.speeds_m_s
         return replace(
@@ -247,11 +260,12 @@ class Study:
             ),
         ):
             _check_list(f"simulate.{name}", getattr(self.simulate, name))
-        if self.render.resolution < LEAST_RESOLUTION:
-            raise StudyError(
-                f"render.resolution: found {self.render.resolution} px, expected at least "
-                f"{LEAST_RESOLUTION}, which the scaling statistics need"
-            )
+        for name, side in (("resolution", self.render.resolution), ("height", self.render.height)):
+            if side is not None and side < LEAST_RESOLUTION:
+                raise StudyError(
+                    f"render.{name}: found {side} px, expected at least {LEAST_RESOLUTION}, which "
+                    "the scaling statistics need"
+                )
         if max(self.simulate.widths, default=0) > self.render.resolution:
             raise StudyError(
                 f"simulate.widths: found {max(self.simulate.widths)} px, finer than "

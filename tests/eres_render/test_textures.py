@@ -10,10 +10,17 @@ from eres_render.interior.pieces import PIECES
 from eres_render.scene.texture_recipes import TEXTURES, TextureRecipe
 from eres_render.storage.exr import read_luminance
 from eres_render.textures.carpet import bokhara
+from eres_render.textures.forest import forest
 from eres_render.textures.nature import garden_view
+from eres_render.textures.split_rocks import split_rocks
 from eres_render.textures.stones import pebble_bed
 
-PLANES = {"carpet": bokhara, "stones": pebble_bed}
+PLANES = {
+    "carpet": bokhara,
+    "stones": pebble_bed,
+    "forest": forest,
+    "split_rocks": split_rocks,
+}
 
 
 @pytest.fixture(scope="module", params=PLANES)
@@ -97,6 +104,8 @@ GOLDEN = {
     "carpet": (3, 0.2487, 0.0026, -0.0059),
     "stones": (3, 0.2469, 0.0027, -0.0035),
     "garden_view": (2, 0.3214, 0.0069, -0.0838),
+    "forest": (1, 0.1926, -0.0073, -0.0039),
+    "split_rocks": (1, 0.1135, -0.0044, 0.0073),
     "floor": (1, 0.2913, -0.0009, 0.0000),
     "ceiling": (1, 0.7780, 0.0012, -0.0017),
     "beams": (1, 0.3841, 0.0309, -0.0530),

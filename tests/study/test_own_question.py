@@ -11,7 +11,7 @@ from eres_render import load_scene
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.row import Row
-from tasks.study.config import Study
+from tasks.study.config import Render, Study
 from tasks.study.results.comparison import line_label, main_tables
 from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import cutoff_label, speed_label
@@ -54,14 +54,14 @@ def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
     """
     simulate = read(tmp_path, sensors).simulate
     assert simulate.widths == ()
-    assert simulate.sizes == [(346, 260), (200, 100), (320, 320)]
+    assert simulate.sizes(Render()) == [(346, 260), (200, 100), (320, 320)]
     davis, wide, noisy = simulate.sensors
     assert (davis.name, wide.name, noisy.name) == ("davis346", "wide", "noisy")
     assert davis.in_light[0].fill_factor == 0.22
     assert noisy.in_light[0].leak_hz == 0.1
     assert wide.readout is not None
     assert wide.readout.max_rate_hz == 5e5
-    found = {(s.name, m.contrast_threshold, m.off_threshold) for s, _, m in simulate.models()}
+    found = {(s.name, m.contrast_threshold, m.off_threshold) for s, _, m in simulate.models(Render())}
     assert found == {
         *((name, C, C) for name in ("davis346", "noisy") for C in (0.2, 0.5)),
         ("wide", 0.3, 0.4),
@@ -79,7 +79,7 @@ def test_light_in_lux_decides_the_cutoff_by_the_profile(tmp_path) -> None:
     assert simulate.cutoffs_hz == (math.inf, cutoff_in_light(20))
     found = {
         (model.width, light.illuminance_lux): m
-        for _, light, m in simulate.models()
+        for _, light, m in simulate.models(Render())
         for model in [m]
     }
     assert found[32, 20.0].cutoff_hz == cutoff_in_light(20)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eres_render import Trajectory
 from sensor import Events
 from sensor.events import concatenate
+from tasks.evaluation.distance import farther, longer_lens
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, path_answer
 from tasks.evaluation.scorers.base import Score
@@ -39,8 +40,11 @@ class TrackingScorer:
         self._parts: list[Events] = []
 
     def _pose(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        start_s = self._reference.sequence.window_s[0]
-        return self._reference.truth.trajectory.pose(start_s + t_s * self._setting.speed)
+        truth, start_s = self._reference.truth, self._reference.sequence.window_s[0]
+        poses = truth.trajectory.pose(start_s + t_s * self._setting.speed)
+        if self._setting.distance == 1.0 or truth.plane is None:
+            return poses
+        return farther(poses, truth.plane, self._setting.distance)
 
     def push(self, events: Events) -> None:
         """Keep the path's events at the chosen pixels."""
@@ -52,6 +56,9 @@ class TrackingScorer:
         """Yield one score for each method and size of the initial error."""
         task, clip = self._task, self._reference.sequence.manifest.clip
         model = self._setting.model
+        camera = self._reference.truth.camera(model.width)
+        if self._setting.distance != 1.0:
+            camera = longer_lens(camera, self._setting.distance)
         events = concatenate(self._parts)
         self._parts = []
         seed = int(np.random.SeedSequence([task.seed, clip]).generate_state(1)[0])
@@ -61,7 +68,7 @@ class TrackingScorer:
                 self._setting.start_us,
                 log_image=self._reference.log_images[model.width],
                 contrast_threshold=model.contrast_threshold,
-                camera=self._reference.truth.camera(model.width),
+                camera=camera,
                 plane=self._reference.truth.plane,
                 T_0=self._pose(np.zeros(1))[0],
                 initial=perturbed(self._truth, 1e-3 * sigma_mm, seed),

@@ -13,6 +13,7 @@ from tasks.study.claims.claim import Claim
 from tasks.study.claims.flow import FLOW_CLAIMS
 from tasks.study.claims.reconstruction import RECONSTRUCTION_CLAIMS
 from tasks.study.claims.scaling import SCALING_CLAIMS
+from tasks.study.claims.slider import ON_THE_SLIDER
 from tasks.study.claims.tracking import TRACKING_CLAIMS
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.scaling import Scaling
@@ -23,6 +24,7 @@ CLAIMS: tuple[Claim, ...] = (
     *RECONSTRUCTION_CLAIMS,
     *FLOW_CLAIMS,
     *TRACKING_CLAIMS,
+    ON_THE_SLIDER,
     BEATS_DOING_NOTHING,
 )
 

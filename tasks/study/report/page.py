@@ -15,6 +15,7 @@ from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.report.plot import COLORS
 from tasks.study.report.sections.photoreceptor import compare_photoreceptors
+from tasks.study.report.sections.slider import slider_section
 from tasks.study.report.sections.tradeoff import tradeoff_plots
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
@@ -62,6 +63,7 @@ SECTIONS = (
     Section("previews", "Previews", "Events of each sensor", "previews.html"),
     Section("choice", "Choice", "Which resolution to choose", "choice.html"),
     Section("tables", "Tables", "All scores", "comparison.html"),
+    Section("slider", "Slider", "On the slider, beside the paper", "slider.html", slider_section),
     Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),
     Section(
         *("photoreceptor", "Photoreceptor", "Photoreceptor", "photoreceptor.html"),

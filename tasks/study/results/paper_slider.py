@@ -19,6 +19,14 @@ SIZES_PX: Mapping[str, tuple[tuple[int, int], ...]] = {
 }
 """Width and height of the common field of view by print, from the farthest distance on, px."""
 
+PAPER_SIGMA_MM = 50.0
+"""Standard deviation of each component of the control positions from which the paper's tracking
+starts."""
+
+NOTHING_MM = 54.7
+"""Median position error of that start: the mean distance over 14 ms of a spline through 10 control
+positions that are each off by `PAPER_SIGMA_MM` in each component. It depends on nothing else."""
+
 DISTANCES_M = (0.6, 0.4, 0.2)
 """Distances from the wall, in the order of `SIZES_PX`.
 
@@ -84,6 +92,26 @@ class SliderScore:
     distance_m: float
     speed_m_per_s: float
     value: float
+
+
+def worse_than_nothing(speed_m_per_s: float) -> int:
+    """Return how many of the paper's position errors at a speed are larger than `NOTHING_MM`.
+
+    Parameters
+    ----------
+    speed_m_per_s
+        One of `SPEEDS_M_PER_S`.
+
+    Returns
+    -------
+    int
+        Of 9: three prints from three distances.
+    """
+    return sum(
+        one.value > NOTHING_MM
+        for one in slider_scores()
+        if one.task == "tracking" and one.speed_m_per_s == speed_m_per_s
+    )
 
 
 def slider_scores() -> list[SliderScore]:

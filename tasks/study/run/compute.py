@@ -66,7 +66,8 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
     """
     light = _light_of(job, on_progress)
     seconds = job.clip.t_window_end_s - job.clip.t_start_s
-    needed_bytes = round(seconds * _BYTES_PER_PX_S * job.render.resolution**2)
+    pixels = job.render.resolution * job.render.height_at(job.render.resolution)
+    needed_bytes = round(seconds * _BYTES_PER_PX_S * pixels)
     with (
         frames_folder(light.key(job), needed_bytes) as folder,
         clip_in_progress(
@@ -113,8 +114,11 @@ class _SceneLight:
 
     def __init__(self, job: Job, on_progress: Progress) -> None:
         render = job.render
+        camera = job.scene.camera(render.resolution, render.height)
         self.renderer = Renderer(
-            job.scene, render.resolution, render.spp, render.seed, on_progress=on_progress
+            *(job.scene, render.resolution, render.spp, render.seed),
+            on_progress=on_progress,
+            camera=camera,
         )
         self._truth: GroundTruth | None = None
 
@@ -150,7 +154,7 @@ def _unload() -> None:
 
 def _light_of(job: Job, on_progress: Progress) -> _SceneLight:
     render = job.render
-    key = job.scene.digest, render.resolution, render.spp, render.seed
+    key = job.scene.digest, render.resolution, render.height, render.spp, render.seed
     if key not in _loaded:
         _unload()
         _loaded[key] = _SceneLight(job, on_progress)

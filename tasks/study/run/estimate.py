@@ -8,10 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
+import numpy as np
+
+from eres_render.trajectory.frame_times import plane_image_motion
 from tasks.study.run.jobs import Job
 
-_IMAGE_MOTION_PX_S = 700  # average at base speed, of the fastest part of a 1280 px image
+_IMAGE_MOTION_PX_S = 700  # average at base speed, of the fastest part of a 1280 px image, in depth
+_PARTS = 8  # of a stretch before a plane, between which its motion is added up
 _DISK_BYTES_PER_PX = 2.01  # of a half-float EXR, uncompressed
 _RENDER_SAMPLES_PER_S = 360e6  # both cores together, with writing the frames
 _SIMULATE_NS_PER_PX = 7  # one core, per pixel, frame, sensor and speed; with collecting
@@ -62,11 +67,11 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     The estimate.
     """
     frames = [_frames(job) for job in jobs]
-    pixels = [job.render.resolution**2 for job in jobs]
+    pixels = [job.render.resolution * job.render.height_at(job.render.resolution) for job in jobs]
     seconds = 0.0
     for job, n, px in zip(jobs, frames, pixels, strict=True):
         seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        for sensor, _, _ in job.simulate.models():
+        for sensor, _, _ in job.simulate.models(job.render):
             one_s = n * sensor.width * sensor.height * 1e-9 * _SIMULATE_NS_PER_PX
             one_s += sum(task.score_s(sensor.width) for task in job.evaluate.values())
             seconds += len(job.simulate.speeds) * one_s
@@ -75,6 +80,12 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
 
 
 def _frames(job: Job) -> int:
-    seconds = job.clip.t_window_end_s - job.clip.t_start_s
-    motion_px_s = _IMAGE_MOTION_PX_S * job.render.resolution / 1280
-    return 2 + round(seconds * motion_px_s / job.render.max_displacement_px)
+    start_s, end_s, plane = job.clip.t_start_s, job.clip.t_window_end_s, job.scene.plane
+    if plane is None:
+        motion_px = (end_s - start_s) * _IMAGE_MOTION_PX_S * job.render.resolution / 1280
+    else:
+        camera = job.scene.camera(job.render.resolution, job.render.height)
+        moved = plane_image_motion(job.scene.trajectory(), camera, plane)
+        times_s = np.linspace(start_s, end_s, _PARTS + 1).tolist()
+        motion_px = sum(moved(one, two) for one, two in pairwise(times_s))
+    return 2 + round(motion_px / job.render.max_displacement_px)

@@ -24,6 +24,9 @@ from tasks.tracking import PATH_S
 
 _log = logging.getLogger(__name__)
 
+_CHECKED = 101  # poses of a path
+_FACING = 1e-9  # 1 - cosine between the axis of the camera and the normal
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
@@ -76,7 +79,7 @@ class Job:
     def settings(self, white_level: float) -> list[Setting]:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
-        bus = sensors.readout
+        bus, whole_px = sensors.readout, self.render.resolution
         speeds_m_s = sensors.speeds_m_s or (0.0,) * len(sensors.speeds)
         return [
             Setting(
@@ -88,8 +91,9 @@ class Job:
                 readout=sensor.readout or bus,
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
+                distance=whole_px / model.width if sensors.same_lens else 1.0,
             )
-            for sensor, light, model in sensors.models()
+            for sensor, light, model in sensors.models(self.render)
             for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
         ]
 
@@ -135,10 +139,12 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     Raises
     ------
     StudyError
-        The study asks for more samples than the path has, a stretch is longer than the path, or no
-        method suits the scene.
+        The study asks for more samples than the path has, a stretch is longer than the path, no
+        method suits the scene, or cameras of one lens do not face its plane.
     """
     study = replace(study, simulate=_at_factors(study.simulate, scene))
+    if study.simulate.same_lens:
+        _check_facing(scene)
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
@@ -162,6 +168,17 @@ def _at_factors(simulate: Simulate, scene: Scene) -> Simulate:
     return simulate.at_factors(base_m_s)
 
 
+def _check_facing(scene: Scene) -> None:
+    """Refuse a scene in which a camera that is farther away would see another image."""
+    plane, path = scene.plane, scene.trajectory()
+    if plane is not None:
+        axes = path.pose(np.linspace(0.0, path.duration_s, _CHECKED))[:, :3, 2]
+        if np.all(axes @ plane.normal < _FACING - 1.0):
+            return
+    found = "a scene with depth" if plane is None else "a camera that turns away from the plane"
+    raise StudyError(f"simulate.same_lens: {scene.name}: found {found}, expected one that faces it")
+
+
 def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettings]]:
     """Return the tasks of a scene by the stretches that they share."""
     found: dict[Stretches, dict[str, TaskSettings]] = {}
@@ -181,6 +198,7 @@ def _jobs_on(
 ) -> Iterator[Job]:
     """Yield the jobs on some stretches; the warm-up is longer at a higher speed."""
     simulate = study.simulate
+    render = replace(study.render, window_s=stretches.window_s or study.render.window_s)
     if stretches.speeds:
         simulate = replace(simulate, speeds=stretches.speeds, speeds_m_s=None)
     if stretches.continuous_s:
@@ -188,9 +206,9 @@ def _jobs_on(
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
     else:
         before_s = stretches.windows_before * study.render.window_s
-        found = _spread_clips(study.render, scene, simulate, before_s)
+        found = _spread_clips(render, scene, simulate, before_s)
     if "tracking" in tasks:
-        _check_tracked(study.render, simulate)
+        _check_tracked(render, simulate)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
 
@@ -286,7 +304,7 @@ def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
     return replace(
         job,
         clip=clip,
-        simulate=job.simulate.first(),
+        simulate=job.simulate.first(job.render),
         evaluate={
             task: study.evaluate[task].trial(of_task, window_s) for task, of_task in names.items()
         },

@@ -65,7 +65,7 @@ def run_study(
         As the stages raise them. Files under their final names are complete even then.
     """
     with open_scheduler(scheduler) as computing:
-        check_methods(study.evaluate, study.simulate.sizes)
+        check_methods(study.evaluate, study.simulate.sizes(study.render))
         scenes = _scenes(study)
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
         highlighted = {

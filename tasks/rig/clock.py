@@ -1,0 +1,80 @@
+"""The slider's readings on the clock of the events, by edges of a wire that both saw."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.formats import Triggers
+from tasks.errors import RigError
+from tasks.rig.slider import Slider, read_columns
+
+Float64 = NDArray[np.float64]
+
+FILE_NAME = "triggers.csv"
+
+_MOST_DRIFT = 1e-3  # of a clock; those of cameras and controllers drift by less than a tenth of it
+_FARTHEST_US = 1000.0  # of an edge from where the two clocks put it
+
+
+def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers]) -> Slider:
+    """Return readings on the clock of the events.
+
+    Parameters
+    ----------
+    slider
+        Readings on the clock of the slider.
+    file
+        triggers.csv: a line for each edge with `slider_us`, its time on the clock of the slider,
+        and `t_us`, that on the clock of the events. Without a column `t_us` the edges are the
+        rising ones in the file of events, in the same order.
+    seen
+        Returns the triggers in the file of events.
+
+    Returns
+    -------
+    slider
+        The same positions. From one edge the clocks get an offset, from several also a drift.
+
+    Raises
+    ------
+    RigError
+        If a column is missing, a value is not a number, the numbers of edges differ, or no offset
+        and drift puts them together.
+    """
+    columns = read_columns(file, ("slider_us",), optional=("t_us",))
+    try:
+        numbers = {name: np.array(texts, np.float64) for name, texts in columns.items()}
+    except ValueError as error:
+        raise RigError(f"{file}: {error}") from None
+    slider_us = numbers["slider_us"]
+    t_us = numbers.get("t_us")
+    if t_us is None:
+        edges = seen()
+        t_us = edges.t_us[edges.p > 0].astype(np.float64)
+        if len(t_us) != len(slider_us):
+            raise RigError(
+                f"{file}: found {len(slider_us)} edges, expected {len(t_us)}, the rising ones in "
+                "the file of events; or give their times in a column t_us"
+            )
+    if not len(slider_us):
+        raise RigError(f"{file}: found no edge, expected one or more")
+    drift = _drift(slider_us, t_us)
+    zero_us = float(np.mean(t_us)) - (1 + drift) * float(np.mean(slider_us))
+    off_us = np.abs(zero_us + (1 + drift) * slider_us - t_us)
+    if not (abs(drift) < _MOST_DRIFT and off_us.max() < _FARTHEST_US):
+        raise RigError(
+            f"{file}: found edges that fit to {off_us.max():.0f} us with a drift of {drift:.2g}, "
+            f"expected {_FARTHEST_US:.0f} us and {_MOST_DRIFT:g}: is one missing?"
+        )
+    return Slider(zero_us + (1 + drift) * slider.t_us, slider.x_m)
+
+
+def _drift(slider_us: Float64, t_us: Float64) -> float:
+    """Return by how much faster the clock of the events runs, by least squares."""
+    from_mean = slider_us - slider_us.mean()
+    spread = float(from_mean @ from_mean)
+    return float(from_mean @ (t_us - slider_us)) / spread if spread else 0.0

@@ -1,0 +1,184 @@
+"""The virtual slider: the paper's table of real data beside our scores."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from tasks.registry import TASKS
+from tasks.study.report.finished_run import FinishedRun
+from tasks.study.report.table import Cell, Rows, Table, Text
+from tasks.study.results.metrics import Series
+from tasks.study.results.paper_slider import (
+    NOTHING_MM,
+    SIZES_PX,
+    SPEEDS_M_PER_S,
+    slider_scores,
+    worse_than_nothing,
+)
+from tasks.study.results.scores import Condition, Scores, beats
+from tasks.study.results.slider import (
+    BASE_SPEED_M_PER_S,
+    FIELD_PX,
+    PRINTS,
+    distance_label,
+    light_label,
+)
+from tasks.study.results.words import MISSING
+
+_WIDTHS = [width for width, _ in FIELD_PX]
+
+# Our task and method by the paper's, where they differ.
+_OURS = {("flow", "e_raft"): ("dense_flow", "eraft")}
+
+_Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: values by distance
+
+
+@dataclass(frozen=True, slots=True)
+class SliderSection:
+    """What the section shows.
+
+    Attributes
+    ----------
+    wins
+        On how many prints the full size is best, the paper's and ours.
+    tables
+        Scores by the method's title.
+    worse_than_nothing, nothing_mm
+        How many of the paper's 9 position errors at the highest speed are larger than that of the
+        path that its search starts from, and that error.
+    """
+
+    wins: Table
+    tables: Mapping[str, Table]
+    worse_than_nothing: int
+    nothing_mm: float
+
+
+def slider_section(run: FinishedRun) -> SliderSection | None:
+    """Compare a run on the virtual slider with the paper, None where a run has no such scores."""
+    scores = run.scores
+    pairs = [
+        (series, paper)
+        for task_method, paper in _paper().items()
+        for series in _series(scores, *_OURS.get(task_method, task_method))
+    ]
+    if not any(_measured(scores, series) for series, _ in pairs):
+        return None
+    return SliderSection(
+        _wins(scores, pairs),
+        {series.title: _table(scores, series, paper) for series, paper in pairs},
+        worse_than_nothing(SPEEDS_M_PER_S[-1]),
+        NOTHING_MM,
+    )
+
+
+def _paper() -> dict[tuple[str, str], dict[tuple[str, float], list[float]]]:
+    """Return the paper's scores by task and method, then by print and speed, from far to near."""
+    found: dict[tuple[str, str], dict[tuple[str, float], list[float]]] = {}
+    for one in slider_scores():
+        of_method = found.setdefault((one.task, one.method), {})
+        of_method.setdefault((one.picture, one.speed_m_per_s), []).append(one.value)
+    return found
+
+
+def _series(scores: Scores, task: str, method: str) -> list[Series]:
+    """Return a method's series, all variants; one without scores if it was not run."""
+    usual = Series(task, method, TASKS[task].metric.name)
+    found = [one for one in scores.series() if one[:2] == usual[:2] and _measured(scores, one)]
+    return found or [usual]
+
+
+def _measured(scores: Scores, series: Series) -> bool:
+    of_slider = set(_WIDTHS) & set(scores.widths(series))
+    return bool(of_slider and set(PRINTS) & set(scores.scenes(series)))
+
+
+def _speeds() -> Iterator[tuple[float, float]]:
+    """Yield the speeds of the slider, m/s, each with its factor."""
+    for speed in SPEEDS_M_PER_S:
+        yield speed, round(speed / BASE_SPEED_M_PER_S, 9)
+
+
+def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
+    """List all scores of a series, with the paper's and those of doing nothing."""
+    metric = TASKS[series.task].metric
+    blocks: dict[Text, Rows] = {}
+    for scene in PRINTS:
+        for speed, factor in _speeds():
+            where = [Condition(scene, width, 0.0, factor) for width in _WIDTHS]
+            rows: dict[Text, list[Cell]] = {
+                Text("paper"): [
+                    [_paper_text(series, value, width)]
+                    for value, (width, _) in zip(paper[scene, speed], SIZES_PX[scene], strict=True)
+                ]
+            }
+            lights = scores.cutoffs_hz(series)
+            for hz in lights:
+                rows[Text(light_label(hz))] = [
+                    [_our_text(scores, series, at._replace(cutoff_hz=hz))] for at in where
+                ]
+            if lights:  # doing nothing is the same in every light
+                idle = [scores.baseline(series, at._replace(cutoff_hz=lights[0])) for at in where]
+                rows[Text("doing nothing")] = [
+                    [Text(MISSING if one.median is None else metric.text(one.median))]
+                    for one in idle
+                ]
+            blocks[Text(scene, f"{speed:g} m/s")] = rows
+    heads = [Text(""), *(Text(f"{width} px", distance_label(width)) for width in _WIDTHS)]
+    caption = f"{series.title}: median {metric.label} [{metric.unit}] {metric.arrow}"
+    return Table("sweep", series.title, caption, heads, blocks)
+
+
+def _paper_text(series: Series, value: float, width: int) -> Text:
+    """Return a score of the paper with the width of its own field."""
+    worse = series.task == "tracking" and value > NOTHING_MM
+    small = "" if width in _WIDTHS else f"{width} px"
+    return Text(TASKS[series.task].metric.text(value), small, "struck" if worse else "")
+
+
+def _our_text(scores: Scores, series: Series, where: Condition) -> Text:
+    cell = scores.cell(series, where)
+    if cell.median is None:
+        return Text(MISSING)
+    idle = beats(cell, scores.baseline(series, where), series) is False
+    return Text(TASKS[series.task].metric.text(cell.median), "", "struck" if idle else "")
+
+
+def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
+    """Count the prints on which the full size is best, by series, light and speed."""
+    blocks: dict[Text, Rows] = {}
+    for series, paper in pairs:
+        rows: dict[Text, list[Cell]] = {
+            Text("paper"): [
+                [_share([_full_is_best(series, paper[scene, speed]) for scene in PRINTS])]
+                for speed in SPEEDS_M_PER_S
+            ]
+        }
+        for hz in scores.cutoffs_hz(series):
+            rows[Text(light_label(hz))] = [
+                [_share([_ours_is_best(scores, series, s, hz, factor) for s in PRINTS])]
+                for _, factor in _speeds()
+            ]
+        blocks[Text(series.title)] = rows
+    heads = [Text(""), *(Text(f"{speed:g} m/s") for speed in SPEEDS_M_PER_S)]
+    return Table("sweep", "Prints on which the full size is best", "", heads, blocks)
+
+
+def _full_is_best(series: Series, values: Sequence[float]) -> bool:
+    sign = TASKS[series.task].metric.sign
+    return sign * values[-1] == max(sign * value for value in values)
+
+
+def _ours_is_best(
+    scores: Scores, series: Series, scene: str, hz: float, speed: float
+) -> bool | None:
+    """Return whether the full size is best, None where scores are missing."""
+    medians = [scores.cell(series, Condition(scene, width, hz, speed)).median for width in _WIDTHS]
+    complete = [value for value in medians if value is not None]
+    return _full_is_best(series, complete) if len(complete) == len(medians) else None
+
+
+def _share(best: Sequence[bool | None]) -> Text:
+    known = [one for one in best if one is not None]
+    return Text(f"{sum(known)} of {len(known)}" if known else MISSING)

@@ -1,0 +1,37 @@
+"""The virtual slider: prints from three distances at three speeds, as in the paper's real data."""
+
+from __future__ import annotations
+
+import math
+
+from sensor import cutoff_in_light
+from tasks.study.results.paper_slider import SIZES_PX
+
+PRINTS = tuple(SIZES_PX)
+"""Names of the scenes; the paper's prints show the same things."""
+
+FIELD_PX = SIZES_PX["forest"]
+"""Size of the field of view from each distance, from the farthest on, px, for every print."""
+
+NEAREST_M = 0.236
+"""Distance of the camera at the full size; the others follow from the widths."""
+
+BASE_SPEED_M_PER_S = 0.2
+"""Speed of the slider at factor 1."""
+
+
+def distance_label(width: int) -> str:
+    """Return the distance from which the field is a number of pixels wide, in words."""
+    return f"{100 * NEAREST_M * FIELD_PX[-1][0] / width:.1f} cm"
+
+
+def slider_speed_label(speed: float) -> str:
+    """Return a factor on the base speed as the slider's speed."""
+    return f"{BASE_SPEED_M_PER_S * speed:.1f} m/s"
+
+
+def light_label(cutoff_hz: float) -> str:
+    """Return the light in which a pixel has a cutoff, see `sensor.cutoff_in_light`."""
+    if math.isinf(cutoff_hz):
+        return "ideal"
+    return f"{cutoff_hz / cutoff_in_light(1.0):.3g} lux"
