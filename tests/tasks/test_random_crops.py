@@ -78,9 +78,10 @@ def test_a_bright_dot_moves_with_the_flow(seed):
 
     moved = center(after) - center(before)
     flow = motion.flow(2.0, 3.0)[:, 33, 30]
-    assert np.linalg.norm(flow) > 1
+    assert np.linalg.norm(flow) > 0.5
     np.testing.assert_allclose(moved, flow, atol=0.05)
-    assert motion.fastest_px(2) > np.linalg.norm(flow) / 3
+    corner = motion.flow(2.0, 3.0)[:, 0, 0]
+    assert motion.fastest_px(2) > 0.95 * np.linalg.norm(corner), "the frames are close enough"
 
 
 def test_leaves_cover_what_their_formula_says():
@@ -164,7 +165,9 @@ def test_crops_depend_on_their_seed_alone(crop):
     out."""
     again = random_crop(CROPS, WINDOWS, seed=3, index=1, light="ideal")
     np.testing.assert_array_equal(again.log_images, crop.log_images)
-    assert all(a == b for a, b in zip(again.events, crop.events, strict=True))
+    for one, other in zip(again.events, crop.events, strict=True):
+        for column, expected in zip(one.columns, other.columns, strict=True):
+            np.testing.assert_array_equal(column, expected)
     for seed, index, held_out in ((4, 1, False), (3, 2, False), (3, 1, True)):
         other = random_crop(CROPS, 1, seed, index, light="ideal", held_out=held_out)
         assert not np.array_equal(other.log_images[0], crop.log_images[0])
