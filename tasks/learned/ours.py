@@ -110,11 +110,11 @@ def load_flow(file: Path, light: str) -> ERaft:
         The file cannot be read, or is of another network or light.
     """
     state = _weights(file, FLOW, light)
-    shape = state[_FIRST].shape if _FIRST in state else ()
+    shape = tuple(state[_FIRST].shape) if _FIRST in state else ()
     narrower = [n for n in (1, 2, 4, 8, 16) if len(shape) == 4 and shape[0] == _CHANNELS // n]
     if not narrower:
         raise WeightsError(
-            f"{file}: {_FIRST}: found shape {tuple(shape)}, expected four axes, the first of 64, "
+            f"{file}: {_FIRST}: found shape {shape}, expected four axes, the first of 64, "
             "32, 16, 8 or 4"
         )
     with torch.device("meta"):

@@ -53,7 +53,8 @@ def _random_path(
     -------
     The path.
     """
-    rates = 2 * math.pi / np.exp(rng.uniform(*np.log(_PERIODS), _WAVES))
+    shortest, longest = map(math.log, _PERIODS)
+    rates = 2 * math.pi / np.exp(rng.uniform(shortest, longest, _WAVES))
     amplitudes = np.minimum(speed * rng.uniform(0.5, 1.0, _WAVES) / rates, largest)
     return _Path(start, steady, amplitudes, rates, rng.uniform(0, 2 * math.pi, _WAVES))
 

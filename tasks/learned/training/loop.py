@@ -103,8 +103,14 @@ def train(
             on_progress(_in_words(progress, problem), progress.step, schedule.steps)
     _round_to_half(problem.network)
     scores = _validate(problem, progress, place, folder)
-    content = {"score": problem.score, "baselines": problem.baselines, "scores": scores}
-    content |= {"seconds": progress.seconds, "steps": progress.step, "device": place.type}
+    content = {
+        "score": problem.score,
+        "baselines": problem.baselines,
+        "scores": scores,
+        "seconds": progress.seconds,
+        "steps": progress.step,
+        "device": place.type,
+    }
     write_text(folder / SCORES_FILE, json.dumps(content, indent=2) + "\n")
     origin = {"seed": problem.seed, "steps": progress.step}
     save(folder / WEIGHTS_FILE, problem.network, problem.architecture, problem.light, origin)

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent
+from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
 from tasks.learned.ours import RECONSTRUCTION
 from tasks.learned.training.problem import Arrays, Problem
 from tasks.learned.training.settings import ReconstructionTraining
@@ -75,14 +75,14 @@ class Reconstruction(Problem):
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
         """As `Problem.losses`: the network's memory lasts, gradients end at each loss."""
         grids, pictures = batch
-        states = None
+        states: list[State] | None = None
         for start in range(0, grids.shape[1], self._settings.windows_at_once):
             errors = []
             for k in range(start, start + self._settings.windows_at_once):
                 image, states = self.network(grids[:, k], states)
                 errors.append(torch.mean(torch.square(image[:, 0].float() - pictures[:, k])))
             yield torch.stack(errors).mean()
-            states = [tuple(part.detach() for part in state) for state in states]
+            states = [tuple(part.detach() for part in state) for state in states or ()]
 
     def network_score(self, batch: Sequence[Tensor]) -> float:
         """As `Problem.network_score`: the PSNR of the later half of the windows."""
