@@ -23,3 +23,7 @@ class WeightsError(TaskError):
 
 class RigError(TaskError):
     """A rig's settings, recording or calibration is wrong, or cannot be solved."""
+
+
+class TrainingError(TaskError):
+    """Settings of a training are wrong, or its folder is of another one."""

@@ -24,6 +24,7 @@ _NAMES: dict[Any, str] = {
     int: "an integer",
     bool: "true or false",
     str: "a string",
+    tuple[float, float]: "two numbers",
     Vector3: "three numbers",
 }
 

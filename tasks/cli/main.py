@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from importlib.metadata import version
+from types import ModuleType
 
 from rich.logging import RichHandler
 from rich.markup import escape
@@ -24,6 +25,7 @@ from tasks.cli import (
     rig,
     study,
     terminal,
+    train,
     video,
     view,
 )
@@ -46,12 +48,20 @@ _RIG_COMMANDS = (
     *(rig.page, rig.render, rig.intrinsics),
     *(rig.detect, rig.solve, rig.crop, rig.evaluate),
 )
+_TRAIN_COMMANDS = (train.reconstruction, train.flow, train.card)
+_GROUPS = {rig: _RIG_COMMANDS, train: _TRAIN_COMMANDS}
 
 
 def command_names() -> list[str]:
     """Return the names of all commands."""
     names = [command.__name__ for command in _COMMANDS]
-    return names + [f"rig {command.__name__}" for command in _RIG_COMMANDS]
+    for group, inner in _GROUPS.items():
+        names += [f"{_name(group)} {command.__name__}" for command in inner]
+    return names
+
+
+def _name(group: ModuleType) -> str:
+    return group.__name__.rpartition(".")[2]
 
 
 def main() -> None:
@@ -62,11 +72,13 @@ def main() -> None:
     handler = RichHandler(console=terminal.err, show_time=False, show_path=False, show_level=False)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])
     overview = sys.argv[1:] in ([], ["-h"], ["--help"])
-    of_rig = sys.argv[1:2] == ["rig"] and sys.argv[2:] in ([], ["-h"], ["--help"])
     try:
         app = commands(_COMMANDS, overview=overview)
-        rig_app = commands(_RIG_COMMANDS, overview=overview or of_rig)
-        app.command(rig_app, name="rig", help=rig.__doc__)
+        for group, inner in _GROUPS.items():
+            named = sys.argv[1:2] == [_name(group)] and sys.argv[2:] in ([], ["-h"], ["--help"])
+            app.command(
+                commands(inner, overview=overview or named), name=_name(group), help=group.__doc__
+            )
         code = app.cli(
             prog="eres",
             config=(DisallowNone, FlagCreatePairsOff),

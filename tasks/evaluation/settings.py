@@ -100,6 +100,7 @@ class NetworkSettings(TaskSettings):
 
 
 _E2VID_S = 10.5  # core seconds of a window at 1280 px, as measured for docs/learned.md
+_OURS_S = _E2VID_S / 4  # half as many channels
 _ERAFT_S = 180.0  # of a pair of windows, from 240 and 1280 px
 
 
@@ -286,7 +287,8 @@ class Video(NetworkSettings):
             seconds += (
                 _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or E2VID_WINDOW_S)
             )
-        return seconds
+        ours = sum(name.startswith("our_") for name in self.methods)
+        return seconds + ours * _OURS_S * _share(width) * self.duration_s / E2VID_WINDOW_S
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""

@@ -32,10 +32,12 @@ class E2vid:
     ----------
     network
         The network.
+    name
+        Its name in errors.
     """
 
-    def __init__(self, network: E2VIDRecurrent) -> None:
-        self._network = network.eval()
+    def __init__(self, network: E2VIDRecurrent, name: str = "e2vid") -> None:
+        self._network, self._name = network.eval(), name
 
     @property
     def bins(self) -> int:
@@ -59,11 +61,12 @@ class E2vid:
         side = min(width, height)
         if (-side % multiple + 1) // 2 >= side:  # more than the image to reflect
             raise WeightsError(
-                f"e2vid: found a sensor of {width}x{height} px, expected at least "
+                f"{self._name}: found a sensor of {width}x{height} px, expected at least "
                 f"{multiple // 2} px on each side"
             )
         channels = self._network.options.base_num_channels
-        check_memory("e2vid", width, height, _BYTES_PER_PX_AND_CHANNEL * channels * width * height)
+        needed = _BYTES_PER_PX_AND_CHANNEL * channels * width * height
+        check_memory(self._name, width, height, needed)
 
     def image(
         self, grid: NDArray[np.float32], states: Sequence[State] | None = None

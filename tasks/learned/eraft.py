@@ -33,10 +33,12 @@ class ERaft:
         The network.
     bins
         Bins of its voxel grids.
+    name
+        Its name in errors.
     """
 
-    def __init__(self, network: ERAFT, bins: int) -> None:
-        self._network, self.bins = network.eval(), bins
+    def __init__(self, network: ERAFT, bins: int, name: str = "eraft") -> None:
+        self._network, self.bins, self._name = network.eval(), bins, name
 
     def check_size(self, width: int, height: int) -> None:
         """Check that the network can run on a sensor.
@@ -53,12 +55,12 @@ class ERaft:
         """
         if min(width, height) < LEAST_PX:
             raise WeightsError(
-                f"eraft: found a sensor of {width}x{height} px, expected at least {LEAST_PX} px "
-                "on each side"
+                f"{self._name}: found a sensor of {width}x{height} px, expected at least "
+                f"{LEAST_PX} px on each side"
             )
         pairs = (width * height / CELL_PX**2) ** 2
         needed = _BYTES_PER_PAIR_OF_CELLS * pairs + _BYTES_PER_PX * width * height
-        check_memory("eraft", width, height, round(needed))
+        check_memory(self._name, width, height, round(needed))
 
     def flow(
         self,

@@ -25,13 +25,16 @@ class ERAFT(nn.Module):
     ----------
     bins
         Bins of the voxel grids.
+    narrower
+        What the published number of channels of each layer is divided by: 1, 2, 4, 8 or 16.
     """
 
-    def __init__(self, bins: int) -> None:
+    def __init__(self, bins: int, narrower: int = 1) -> None:
         super().__init__()
-        self.fnet = _Encoder(bins, "instance")
-        self.cnet = _Encoder(bins, "batch")
-        self.update_block = _UpdateBlock()
+        self._hidden = _HIDDEN // narrower
+        self.fnet = _Encoder(bins, "instance", narrower)
+        self.cnet = _Encoder(bins, "batch", narrower)
+        self.update_block = _UpdateBlock(narrower)
 
     def forward(
         self,
@@ -45,29 +48,33 @@ class ERAFT(nn.Module):
         Parameters
         ----------
         old, new
-            (1, bins, H, W) voxel grids of two successive windows.
+            (N, bins, H, W) voxel grids of two successive windows.
         iterations
             Number of updates of the flow.
         start
-            (1, 2, h, w) flow to start from, in cells; zero by default.
+            (N, 2, h, w) flow to start from, in cells; zero by default.
 
         Returns
         -------
-        The flow of the cells, (1, 2, h, w), in cells of the padded image, and the flow of the
-        pixels, (1, 2, H, W) px with x first: in training after each update, else after the last.
+        The flow of the cells, (N, 2, h, w), in cells of the padded image, and the flow of the
+        pixels, (N, 2, H, W) px with x first: in training after each update, else after the last.
         """
         height, width = old.shape[-2:]
         old, new = padded(old), padded(new)
-        correlation = Correlation(self.fnet(old), self.fnet(new))
+        features = self.fnet(old).split(1), self.fnet(new).split(1)
+        correlations = [Correlation(*pair) for pair in zip(*features, strict=True)]
         context = self.cnet(new)
-        hidden = torch.tanh(context[:, :_HIDDEN])
-        context = torch.relu(context[:, _HIDDEN:])
+        hidden = torch.tanh(context[:, : self._hidden])
+        context = torch.relu(context[:, self._hidden :])
         grid = cells(*hidden.shape[-2:]).to(old)
-        flow = torch.zeros_like(grid) if start is None else start
+        flow = torch.zeros_like(grid).repeat(len(old), 1, 1, 1) if start is None else start
         full = []
         for k in range(iterations):
             flow = flow.detach()
-            looked_up = correlation.look_up(grid + flow)
+            places = (grid + flow).split(1)
+            looked_up = torch.cat(
+                [one.look_up(at) for one, at in zip(correlations, places, strict=True)]
+            )
             hidden, step = self.update_block.step(hidden, context, looked_up, flow)
             flow = flow + step
             if self.training or k == iterations - 1:
@@ -123,14 +130,15 @@ def enlarged(flow: Tensor, weights: Tensor) -> Tensor:
 class _Encoder(nn.Module):
     """Features of cells: a residual network to 1/8 of the resolution."""
 
-    def __init__(self, bins: int, norm: str) -> None:
+    def __init__(self, bins: int, norm: str, narrower: int) -> None:
         super().__init__()
-        self.norm1 = _normalization(norm, 64)
-        self.conv1 = nn.Conv2d(bins, 64, 7, stride=2, padding=3)
-        self.layer1 = _layer(64, 64, 1, norm)
-        self.layer2 = _layer(64, 96, 2, norm)
-        self.layer3 = _layer(96, 128, 2, norm)
-        self.conv2 = nn.Conv2d(128, 256, 1)
+        first, second, third = (channels // narrower for channels in (64, 96, 128))
+        self.norm1 = _normalization(norm, first)
+        self.conv1 = nn.Conv2d(bins, first, 7, stride=2, padding=3)
+        self.layer1 = _layer(first, first, 1, norm)
+        self.layer2 = _layer(first, second, 2, norm)
+        self.layer3 = _layer(second, third, 2, norm)
+        self.conv2 = nn.Conv2d(third, 2 * _HIDDEN // narrower, 1)
 
     def forward(self, grid: Tensor) -> Tensor:
         x = functional.relu(self.norm1(self.conv1(grid)))
@@ -169,15 +177,16 @@ class _ResidualBlock(nn.Module):
 class _UpdateBlock(nn.Module):
     """Updates hidden state and flow from the correlation that was looked up."""
 
-    def __init__(self) -> None:
+    def __init__(self, narrower: int) -> None:
         super().__init__()
-        self.encoder = _MotionEncoder()
-        self.gru = _SeparableGRU()
-        self.flow_head = _FlowHead()
+        hidden = _HIDDEN // narrower
+        self.encoder = _MotionEncoder(narrower)
+        self.gru = _SeparableGRU(hidden)
+        self.flow_head = _FlowHead(hidden)
         self.mask = nn.Sequential(
-            nn.Conv2d(_HIDDEN, 256, 3, padding=1),
+            nn.Conv2d(hidden, 2 * hidden, 3, padding=1),
             nn.ReLU(),
-            nn.Conv2d(256, 9 * CELL_PX**2, 1),
+            nn.Conv2d(2 * hidden, 9 * CELL_PX**2, 1),
         )
 
     def step(
@@ -194,13 +203,14 @@ class _UpdateBlock(nn.Module):
 
 
 class _MotionEncoder(nn.Module):
-    def __init__(self) -> None:
+    def __init__(self, narrower: int) -> None:
         super().__init__()
-        self.convc1 = nn.Conv2d(CHANNELS, 256, 1)
-        self.convc2 = nn.Conv2d(256, 192, 3, padding=1)
-        self.convf1 = nn.Conv2d(2, 128, 7, padding=3)
-        self.convf2 = nn.Conv2d(128, 64, 3, padding=1)
-        self.conv = nn.Conv2d(256, 126, 3, padding=1)
+        quarter, half, most, whole = (channels // narrower for channels in (64, 128, 192, 256))
+        self.convc1 = nn.Conv2d(CHANNELS, whole, 1)
+        self.convc2 = nn.Conv2d(whole, most, 3, padding=1)
+        self.convf1 = nn.Conv2d(2, half, 7, padding=3)
+        self.convf2 = nn.Conv2d(half, quarter, 3, padding=1)
+        self.conv = nn.Conv2d(whole, half - 2, 3, padding=1)  # and the flow
 
     def forward(self, looked_up: Tensor, flow: Tensor) -> Tensor:
         correlated = functional.relu(self.convc2(functional.relu(self.convc1(looked_up))))
@@ -212,12 +222,12 @@ class _MotionEncoder(nn.Module):
 class _SeparableGRU(nn.Module):
     """A GRU along rows, then one along columns."""
 
-    def __init__(self) -> None:
+    def __init__(self, hidden: int) -> None:
         super().__init__()
         for number, kernel in ((1, (1, 5)), (2, (5, 1))):
             padding = (kernel[0] // 2, kernel[1] // 2)
             for gate in "zrq":
-                conv = nn.Conv2d(_HIDDEN + 256, _HIDDEN, kernel, padding=padding)
+                conv = nn.Conv2d(3 * hidden, hidden, kernel, padding=padding)
                 self.add_module(f"conv{gate}{number}", conv)
 
     def forward(self, hidden: Tensor, x: Tensor) -> Tensor:
@@ -231,10 +241,10 @@ class _SeparableGRU(nn.Module):
 
 
 class _FlowHead(nn.Module):
-    def __init__(self) -> None:
+    def __init__(self, hidden: int) -> None:
         super().__init__()
-        self.conv1 = nn.Conv2d(_HIDDEN, 256, 3, padding=1)
-        self.conv2 = nn.Conv2d(256, 2, 3, padding=1)
+        self.conv1 = nn.Conv2d(hidden, 2 * hidden, 3, padding=1)
+        self.conv2 = nn.Conv2d(2 * hidden, 2, 3, padding=1)
 
     def forward(self, hidden: Tensor) -> Tensor:
         step: Tensor = self.conv2(functional.relu(self.conv1(hidden)))

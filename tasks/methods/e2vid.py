@@ -66,6 +66,8 @@ class E2vid:
         A number is out of range.
     """
 
+    NAME = "e2vid"  # in errors
+
     def __init__(
         self,
         width: int,
@@ -79,7 +81,7 @@ class E2vid:
         network.check_size(width, height)
         for name, value in (("window_us", window_us), ("events_per_px", events_per_px)):
             if value is not None and not 0 < value < math.inf:
-                raise TaskError(f"e2vid: {name}: found {value}, expected a positive number")
+                raise TaskError(f"{self.NAME}: {name}: found {value}, expected a positive number")
         self._network, self._window_us = network, window_us
         self._count = None
         if events_per_px is not None:
@@ -103,7 +105,7 @@ class E2vid:
         """
         if (events.width, events.height) != self._size:
             raise TaskError(
-                f"e2vid: found events of {events.width}x{events.height} px, expected "
+                f"{self.NAME}: found events of {events.width}x{events.height} px, expected "
                 f"{self._size[0]}x{self._size[1]}"
             )
         while len(events):
@@ -155,6 +157,9 @@ class E2vid:
         events = concatenate(self._parts)
         self._parts, self._held = [events[:0]], 0
         self._ended += 1
-        grid = voxel_grid(events, self._network.bins, convention="e2vid")
-        intensity, self._states = self._network.image(grid, self._states)
+        intensity, self._states = self._network.image(self._grid(events), self._states)
         self._image = np.log(np.maximum(intensity.astype(np.float64), DARKEST))
+
+    def _grid(self, events: Events) -> NDArray[np.float32]:
+        """Return the network's input for the events of a window."""
+        return voxel_grid(events, self._network.bins, convention="e2vid")

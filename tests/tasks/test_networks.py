@@ -172,7 +172,7 @@ def test_weights_are_named_or_for_the_only_network(tmp_path):
     assert found["eraft"].endswith("/c.tar")
     assert list(named_weights(["a.pth"], ["blank", "e2vid"])) == ["e2vid"]
     for files, methods, words in (
-        (["a.pth"], ["blank"], "found 'a.pth', expected e2vid=a.pth or eraft=a.pth"),
+        (["a.pth"], ["blank"], "found 'a.pth', expected e2vid=a.pth or our_reconstruction"),
         (["a.pth"], ["e2vid", "eraft"], "expected e2vid=a.pth or eraft=a.pth"),
         (["e2vd=a.pth"], ["e2vid"], "no network 'e2vd', did you mean 'e2vid'"),
         (["e2vid=a", "e2vid=b"], ["e2vid"], "found two files for e2vid"),

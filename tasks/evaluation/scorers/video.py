@@ -47,6 +47,8 @@ class VideoScorer:
             sequence, dark_level = self._reference.sequence, self._reference.dark_level
             light = TrueLight(sequence, dark_level, setting.model.cutoff_hz, setting.speed)
             return {"light": light}
+        if name in TASKS["video"].networks and name != "e2vid":
+            return {"window_us": 1e6 * E2VID_WINDOW_S / setting.speed}
         if name == "e2vid":
             window_s = self._task.e2vid_window_s or E2VID_WINDOW_S
             return {

@@ -25,11 +25,17 @@ def command() -> str:
     return " ".join(["eres", *sys.argv[1:]])
 
 
-def environment(variant: str) -> dict[str, str]:
-    """Return versions, machine and code of this process, by name."""
+def environment(variant: str | None = None) -> dict[str, str]:
+    """Return versions, machine and code of this process, by name.
+
+    Parameters
+    ----------
+    variant
+        Variant of Mitsuba, if something was rendered.
+    """
     return {
         "code": _git_commit() or f"eres {version(DISTRIBUTION)} as installed",
-        "Mitsuba variant": variant,
+        **({"Mitsuba variant": variant} if variant else {}),
         "python": platform.python_version(),
         **versions(),
         "system": platform.platform(),

@@ -1,0 +1,142 @@
+"""Train our own small networks on random crops from our own simulator."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from tasks.cli import terminal
+from tasks.cli.table import Table
+from tasks.errors import TrainingError
+
+if TYPE_CHECKING:
+    from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
+
+_Config = Annotated[str, arg(metavar="NAME|FILE.toml")]
+_Light = Literal["ideal", "all"]
+_Device = Literal["cpu", "cuda"]
+_Runs = Annotated[
+    Positional[tuple[Path, ...]], arg(metavar="RUNS", help="folders of finished trainings")
+]
+
+
+def reconstruction(
+    out: Path,
+    config: _Config = "small",
+    light: _Light = "all",
+    seed: int = 0,
+    device: _Device | None = None,
+) -> None:
+    """Train our network for reconstruction: images from events alone.
+
+    OUT gets weights.pt at the end, for --weights our_reconstruction_all_light=OUT/weights.pt (or
+    ideal_light, as trained), and as it goes the learning curve, curve.csv and curve.png. The same
+    command continues after an interruption.
+
+    Parameters
+    ----------
+    out
+        Folder of the training.
+    config
+        Settings: small, which the shipped networks have, trial, a few minutes, or a TOML file
+        (docs/training.md).
+    light
+        Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.
+    seed
+        Seed of crops and first weights.
+    device
+        Where to compute; by default a GPU if PyTorch finds one.
+    """
+    from tasks.learned.training.settings import RECONSTRUCTIONS, find_training
+
+    _train(find_training(RECONSTRUCTIONS, config), light, seed, out, device)
+
+
+def flow(
+    out: Path,
+    config: _Config = "small",
+    light: _Light = "all",
+    seed: int = 0,
+    device: _Device | None = None,
+) -> None:
+    """Train our network for dense optical flow.
+
+    OUT gets weights.pt at the end, for --weights our_flow_all_light=OUT/weights.pt (or ideal_light,
+    as trained), and as it goes the learning curve, curve.csv and curve.png. The same command
+    continues after an interruption.
+
+    Parameters
+    ----------
+    out
+        Folder of the training.
+    config
+        Settings: small, which the shipped networks have, trial, a few minutes, or a TOML file
+        (docs/training.md).
+    light
+        Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.
+    seed
+        Seed of crops and first weights.
+    device
+        Where to compute; by default a GPU if PyTorch finds one.
+    """
+    from tasks.learned.training.settings import FLOWS, find_training
+
+    _train(find_training(FLOWS, config), light, seed, out, device)
+
+
+def card(runs: _Runs, out: Path | None = None) -> None:
+    """Describe finished trainings: data, time, code, scores of every seed, limits.
+
+    Parameters
+    ----------
+    out
+        Markdown file to write; by default the card is printed.
+    """
+    from eres_render.storage.atomic import write_text
+    from tasks.learned.training.card import card as describe
+
+    if not runs:
+        raise TrainingError("card: found no folder, expected at least one finished training")
+    text = describe(runs)
+    if out is None:
+        terminal.out.print(text, markup=False, highlight=False, soft_wrap=True, end="")
+    else:
+        write_text(out, text)
+
+
+def _train(
+    settings: ReconstructionTraining | FlowTraining,
+    light: _Light,
+    seed: int,
+    out: Path,
+    device: _Device | None,
+) -> None:
+    if seed < 0:
+        raise TrainingError(f"seed: found {seed}, expected 0 or more")
+    from tasks.cli.progress_bar import progress_bar
+    from tasks.study.run.provenance import environment
+
+    try:
+        from tasks.learned.training.start import start
+    except ImportError as error:
+        raise TrainingError(
+            f"train: PyTorch cannot be imported ({error}); it comes with the extra `learned`, in a "
+            "checkout by: pip install '.[learned]'"
+        ) from None
+
+    with progress_bar(terminal.err) as on_progress:
+        problem, scores = start(
+            settings,
+            light,
+            seed,
+            out.resolve(),
+            device=device,
+            made_with=environment(),
+            on_progress=on_progress,
+        )
+    table = Table("held-out crops", *("network", *problem.baselines), title=problem.score, box=None)
+    for name, found in scores.items():
+        table.add_row(name, *(f"{value:.2f}" for value in found))
+    terminal.out.print(table, crop=False)

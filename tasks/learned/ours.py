@@ -1,0 +1,140 @@
+"""Files of our own networks' weights, trained by `eres train`: in half precision, read safely."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from eres_render.storage.atomic import new_file
+from tasks.errors import WeightsError
+from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of
+from tasks.learned.e2vid import E2vid, options_of
+from tasks.learned.e2vid_network import E2VIDRecurrent
+from tasks.learned.eraft import ERaft
+from tasks.learned.eraft_network import ERAFT
+
+RECONSTRUCTION, FLOW = "eres reconstruction", "eres flow"
+"""Names of the architectures in files."""
+
+_FIRST = "fnet.conv1.weight"
+_CHANNELS = 64  # of E-RAFT's first layer as published
+
+
+class OurReconstruction(E2vid):
+    """Our network for reconstruction, with its weights; see `tasks.methods.our_reconstruction`."""
+
+    @property
+    def bins(self) -> int:
+        """Bins of the voxel grids; the network has one channel more, for the sums of events."""
+        return super().bins - 1
+
+
+def save(
+    file: Path,
+    network: nn.Module,
+    architecture: str,
+    light: str,
+    origin: Mapping[str, str | int | float],
+) -> None:
+    """Write weights in half precision.
+
+    Parameters
+    ----------
+    file
+        The file, which appears under its name only when it is complete.
+    network
+        The network.
+    architecture
+        `RECONSTRUCTION` or `FLOW`.
+    light
+        "ideal" or "all": the light of the crops on which it was trained.
+    origin
+        Where the weights come from, for readers of the file.
+    """
+    weights = {
+        name: tensor.cpu().half() if tensor.is_floating_point() else tensor.cpu()
+        for name, tensor in network.state_dict().items()
+    }
+    content = {"arch": architecture, "light": light, "origin": dict(origin), "weights": weights}
+    with new_file(file) as unfinished:
+        torch.save(content, unfinished)
+
+
+def load_reconstruction(file: Path, light: str) -> OurReconstruction:
+    """Read weights of our network for reconstruction.
+
+    Parameters
+    ----------
+    file
+        A file that `save` wrote.
+    light
+        The light of its training, "ideal" or "all".
+
+    Returns
+    -------
+    The network.
+
+    Raises
+    ------
+    WeightsError
+        The file cannot be read, or is of another network or light.
+    """
+    state = _weights(file, RECONSTRUCTION, light)
+    with torch.device("meta"):
+        network = E2VIDRecurrent(options_of(state, file))
+    load_into(network, state, file)
+    return OurReconstruction(network, "our reconstruction")
+
+
+def load_flow(file: Path, light: str) -> ERaft:
+    """Read weights of our network for dense flow.
+
+    Parameters
+    ----------
+    file
+        A file that `save` wrote.
+    light
+        The light of its training, "ideal" or "all".
+
+    Returns
+    -------
+    The network.
+
+    Raises
+    ------
+    WeightsError
+        The file cannot be read, or is of another network or light.
+    """
+    state = _weights(file, FLOW, light)
+    shape = tuple(state[_FIRST].shape) if _FIRST in state else ()
+    narrower = [n for n in (1, 2, 4, 8, 16) if len(shape) == 4 and shape[0] == _CHANNELS // n]
+    if not narrower:
+        raise WeightsError(
+            f"{file}: {_FIRST}: found shape {shape}, expected four axes, the first of 64, "
+            "32, 16, 8 or 4"
+        )
+    with torch.device("meta"):
+        network = ERAFT(shape[1], narrower[0])
+    load_into(network, state, file)
+    return ERaft(network, shape[1], "our flow")
+
+
+# As `load_reconstruction` and `load_flow`, each of one method.
+reconstruction_ideal_light = partial(load_reconstruction, light="ideal")
+reconstruction_all_light = partial(load_reconstruction, light="all")
+flow_ideal_light = partial(load_flow, light="ideal")
+flow_all_light = partial(load_flow, light="all")
+
+
+def _weights(file: Path, architecture: str, light: str) -> dict[str, Tensor]:
+    found = read_checkpoint(file)
+    if not isinstance(found, Mapping) or "weights" not in found:
+        raise WeightsError(f"{file}: found {held(found)}, expected arch, light and weights")
+    for name, expected in (("arch", architecture), ("light", light)):
+        if found.get(name) != expected:
+            raise WeightsError(f"{file}: {name}: found {found.get(name)!r}, expected {expected!r}")
+    return tensors_of(found["weights"], file)

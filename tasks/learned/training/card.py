@@ -1,0 +1,82 @@
+"""The card of trained networks: data, time, code, scores of every seed, limits."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from eres_render.storage.settings_reader import read_json
+from tasks.errors import TrainingError
+from tasks.learned.training.run_folder import SCORES_FILE, WEIGHTS_FILE, read_description
+
+_LIMITS = """\
+- Trained on random textures on a plane that moves before the camera. There are no depth edges, no
+  objects that move on their own, and no sensor noise; contrast thresholds are equal in all pixels.
+- Scores are those of held-out crops that no training sees, which are the same for every seed. They
+  are not scores on scenes.
+- Weights are in half precision. Scores depend a little on the processor, which may compute in
+  bfloat16."""
+
+
+def card(folders: Sequence[Path]) -> str:
+    """Describe finished trainings.
+
+    Parameters
+    ----------
+    folders
+        Folders of the trainings.
+
+    Returns
+    -------
+    The card, in Markdown.
+
+    Raises
+    ------
+    TrainingError
+        A folder is of no training, or of one that is not finished.
+    """
+    parts = ["# Networks of our own"]
+    by_task: dict[str, list[tuple[Path, dict[str, Any], dict[str, Any]]]] = {}
+    for folder in folders:
+        described = read_description(folder)
+        if not (folder / WEIGHTS_FILE).exists():
+            raise TrainingError(f"{folder}: found no {WEIGHTS_FILE}, expected a finished training")
+        scores = read_json(dict[str, Any], folder / SCORES_FILE, TrainingError)
+        task = described["settings"]["task"]
+        by_task.setdefault(task, []).append((folder, described, scores))
+    for task, runs in by_task.items():
+        parts += [f"## {task.capitalize()}", _table(runs), *_origins(runs)]
+    return "\n\n".join([*parts, "## Limits", _LIMITS]) + "\n"
+
+
+def _table(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> str:
+    _, _, first = runs[0]
+    baselines = first["baselines"]
+    lights = list(first["scores"])
+    head = ["trained on", "seed", *(f"{light}, {first['score']}" for light in lights), "hours"]
+    rows = [head, ["---"] * len(head)]
+    for _, described, found in runs:
+        settings = described["settings"]
+        values = [f"{found['scores'][light][0]:.2f}" for light in lights]
+        hours = f"{found['seconds'] / 3600:.2f}"
+        rows.append([f"{settings['light']} light", str(settings["seed"]), *values, hours])
+    for k, name in enumerate(baselines, start=1):
+        values = [f"{first['scores'][light][k]:.2f}" for light in lights]
+        rows.append([name, "", *values, ""])
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def _origins(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> list[str]:
+    """Return what the trainings have in common, once for each that differs."""
+    found: dict[str, None] = {}
+    for folder, described, scores in runs:
+        settings = {k: v for k, v in described["settings"].items() if k not in ("light", "seed")}
+        made_with = ", ".join(f"{k} {v}" for k, v in described["made_with"].items())
+        megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
+        found[
+            f"{scores['steps']} steps on {scores['device']}, {megabytes:.2f} MB; {made_with}.\n\n"
+            f"```json\n{json.dumps(settings, indent=2)}\n```"
+        ] = None
+    return list(found)

@@ -1,0 +1,87 @@
+"""Learn dense optical flow: our network of E-RAFT's family."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tasks.learned.eraft_network import ERAFT
+from tasks.learned.ours import FLOW
+from tasks.learned.training.problem import Arrays, Problem
+from tasks.learned.training.settings import FlowTraining
+from tasks.random_crops.crop import Crop
+from tasks.random_crops.samples import flow_sample
+from tasks.random_crops.settings import Light
+
+# Bytes of a pixel and of a pair, by channels of the first layer.
+_BYTES_PER_PX_AND_CHANNEL = 400
+_CHANNELS = 64  # of the first layer as published
+
+
+class Flow(Problem):
+    """The flow of each pixel over a window, from its events and those of the window before.
+
+    The loss is the mean absolute error of both components over all pixels and updates of the flow,
+    later updates weighing more, as in RAFT (Teed and Deng, ECCV 2020).
+
+    Parameters
+    ----------
+    settings
+        The settings.
+    light
+        The light of the crops.
+    seed
+        Seed of the crops and of the first weights.
+    """
+
+    architecture = FLOW
+    score = "end-point error [px]"
+    baselines = ("zero flow",)
+
+    def __init__(self, settings: FlowTraining, light: Light, seed: int) -> None:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            network = ERAFT(settings.bins, settings.narrower)
+        super().__init__(network, settings, light, seed)
+        self._settings = settings
+
+    def sample(self, crop: Crop, run_in: int) -> Arrays:
+        """As `Problem.sample`."""
+        return flow_sample(crop, self._settings.bins)
+
+    def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
+        """As `Problem.losses`: a single one."""
+        grids, flows = batch
+        old, new, truth = (
+            grids[:, :-1].flatten(0, 1),
+            grids[:, 1:].flatten(0, 1),
+            flows.flatten(0, 1),
+        )
+        _, found = self.network(old, new, self._settings.updates)
+        weights = [self._settings.fading**k for k in reversed(range(len(found)))]
+        errors = [
+            weight * torch.mean(torch.abs(flow - truth))
+            for weight, flow in zip(weights, found, strict=True)
+        ]
+        yield torch.stack(errors).sum()
+
+    def network_score(self, batch: Sequence[Tensor]) -> float:
+        """As `Problem.network_score`: the end-point error at the last window."""
+        grids, flows = batch
+        _, found = self.network(grids[:, -2], grids[:, -1])
+        return float(torch.linalg.vector_norm(found[-1] - flows[:, -1], dim=1).mean())
+
+    def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
+        """As `Problem.baseline_scores`."""
+        _, flows = sample
+        return [float(np.linalg.norm(flows[-1], axis=0).mean())]
+
+    def memory_bytes(self) -> int:
+        """As `Problem.memory_bytes`."""
+        settings = self._settings
+        pairs = settings.schedule.crops_per_step * (settings.windows - 1)
+        channels = _CHANNELS // settings.narrower
+        return _BYTES_PER_PX_AND_CHANNEL * channels * pairs * settings.crops.side_px**2

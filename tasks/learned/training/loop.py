@@ -1,0 +1,236 @@
+"""The training loop: crops made ahead, AdamW, validation, checkpoints, weights at the end."""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import time
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from eres_render.cores import cores
+from eres_render.progress import Progress as OnProgress
+from eres_render.progress import silent
+from eres_render.storage.atomic import write_text
+from sensor.engine.arguments import memory_bytes
+from tasks.errors import TrainingError
+from tasks.learned.cpu import has_bfloat16
+from tasks.learned.ours import save
+from tasks.learned.training.curve import draw_curve
+from tasks.learned.training.problem import Problem
+from tasks.learned.training.progress import Progress, load_checkpoint, save_checkpoint
+from tasks.learned.training.run_folder import (
+    PICTURE_FILE,
+    SCORES_FILE,
+    WEIGHTS_FILE,
+    write_curve,
+)
+from tasks.learned.training.settings import Schedule
+
+Scores = dict[str, list[float]]
+
+_logger = logging.getLogger(__name__)
+
+
+def train(
+    problem: Problem,
+    schedule: Schedule,
+    folder: Path,
+    *,
+    device: str | None = None,
+    on_progress: OnProgress = silent,
+) -> Scores:
+    """Train a network, or continue after the last checkpoint.
+
+    On one machine, with the same number of threads, an interrupted training ends with the same
+    weights as one that is not.
+
+    Parameters
+    ----------
+    problem
+        The network, and what it learns from.
+    schedule
+        How long and how fast it learns.
+    folder
+        Folder of the training, which gets checkpoint, learning curve, scores and weights.
+    device
+        Where to compute, "cpu" or "cuda"; None is a GPU if there is one.
+    on_progress
+        Called after each step.
+
+    Returns
+    -------
+    Mean scores on the held-out crops, of the weights as they are stored and of each baseline, by
+    light.
+
+    Raises
+    ------
+    TrainingError
+        There is not enough memory, no such device, or the loss is not finite.
+    """
+    if (folder / WEIGHTS_FILE).exists():
+        done: Scores = json.loads((folder / SCORES_FILE).read_text(encoding="utf-8"))["scores"]
+        return done
+    _check_memory(problem)
+    place = _device(device)
+    problem.network.to(place).train()
+    optimizer = torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
+    progress = load_checkpoint(folder, problem.network, optimizer)
+    on_progress("held-out crops", progress.step, schedule.steps)
+    problem.hold_out()
+    saved_s = started_s = time.monotonic()
+    before_s = progress.seconds
+    with _made_ahead(problem, progress.step, schedule.steps) as batches:
+        for batch in batches:
+            loss = _step(problem, schedule, optimizer, progress.step, batch, place)
+            progress.losses.append(loss)
+            progress.step += 1
+            now_s = time.monotonic()
+            progress.seconds = before_s + now_s - started_s
+            is_last = progress.step == schedule.steps
+            if progress.step % schedule.validate_every == 0 and not is_last:
+                _validate(problem, progress, place, folder)
+            if now_s - saved_s > 60 * schedule.checkpoint_minutes or is_last:
+                save_checkpoint(folder, progress, problem.network, optimizer)
+                saved_s = now_s
+            on_progress(_in_words(progress, problem), progress.step, schedule.steps)
+    _round_to_half(problem.network)
+    scores = _validate(problem, progress, place, folder)
+    content = {
+        "score": problem.score,
+        "baselines": problem.baselines,
+        "scores": scores,
+        "seconds": progress.seconds,
+        "steps": progress.step,
+        "device": place.type,
+    }
+    write_text(folder / SCORES_FILE, json.dumps(content, indent=2) + "\n")
+    origin = {"seed": problem.seed, "steps": progress.step}
+    save(folder / WEIGHTS_FILE, problem.network, problem.architecture, problem.light, origin)
+    return scores
+
+
+def _device(name: str | None) -> torch.device:
+    has_cuda = torch.cuda.is_available()
+    if name == "cuda" and not has_cuda:
+        raise TrainingError("device: found no GPU for PyTorch, expected one for 'cuda'")
+    return torch.device(name or ("cuda" if has_cuda else "cpu"))
+
+
+def _check_memory(problem: Problem) -> None:
+    needed, there = problem.memory_bytes(), memory_bytes()
+    if needed > there:
+        raise TrainingError(
+            f"train: a step needs about {needed / 1e9:.1f} GB of memory, and this machine has "
+            f"{there / 1e9:.1f} GB; lower schedule.crops_per_step or crops.side_px"
+        )
+
+
+@contextmanager
+def _made_ahead(problem: Problem, start: int, end: int) -> Iterator[Iterator[list[Tensor]]]:
+    """Give the batches of all steps in order, which threads make ahead."""
+    threads = cores()
+    with ThreadPoolExecutor(threads, "crops") as pool:
+        ahead: deque[Future[list[Tensor]]] = deque()
+
+        def batches() -> Iterator[list[Tensor]]:
+            for step in range(start, end):
+                while len(ahead) < min(threads + 1, end - step):
+                    ahead.append(pool.submit(problem.batch, step + len(ahead)))
+                yield ahead.popleft().result()
+
+        try:
+            yield batches()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _step(
+    problem: Problem,
+    schedule: Schedule,
+    optimizer: torch.optim.Optimizer,
+    step: int,
+    batch: list[Tensor],
+    place: torch.device,
+) -> float:
+    """Learn from a batch; return the mean loss."""
+    for group in optimizer.param_groups:
+        group["lr"] = schedule.rate(step)
+    losses = problem.losses([one.to(place) for one in batch])
+    found: list[float] = []
+    while True:
+        with _autocast(place):
+            loss = next(losses, None)
+        if loss is None:
+            return math.fsum(found) / len(found)
+        found.append(float(loss.detach()))
+        if not math.isfinite(found[-1]):
+            raise TrainingError(
+                f"step {step}: found a loss of {found[-1]}, expected a finite one; lower "
+                "schedule.learning_rate, and delete the checkpoint"
+            )
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(problem.network.parameters(), schedule.largest_gradient)
+        optimizer.step()
+
+
+def _autocast(place: torch.device) -> torch.autocast:
+    """Compute in bfloat16 where the processor does, as with trained networks."""
+    is_fast = torch.cuda.is_bf16_supported() if place.type == "cuda" else has_bfloat16()
+    return torch.autocast(place.type, torch.bfloat16, enabled=is_fast)
+
+
+def _validate(problem: Problem, progress: Progress, place: torch.device, folder: Path) -> Scores:
+    """Score the network, and add a row to the learning curve."""
+    with _autocast(place):
+        scores = problem.scores(place)
+    losses = progress.losses
+    row = {"step": float(progress.step), "seconds": progress.seconds}
+    row["loss"] = math.fsum(losses) / len(losses) if losses else math.nan
+    losses.clear()
+    for light, found in scores.items():
+        for name, value in zip(("network", *problem.baselines), found, strict=True):
+            row[f"{light}, {name}"] = value
+    progress.curve.append(row)
+    write_curve(folder, progress.curve)
+    draw_curve(folder / PICTURE_FILE, progress.curve, problem.score)
+    _logger.info(_in_words(progress, problem))
+    return scores
+
+
+def _in_words(progress: Progress, problem: Problem) -> str:
+    """Return how far a training is, in a line."""
+    rate = progress.step / progress.seconds
+    said = [f"step {progress.step}, {rate:.2f} steps/s"]
+    if progress.curve:
+        row = progress.curve[-1]
+        said.append(f"loss {row['loss']:.4f}")
+        said += [
+            f"{name.removesuffix(', network')} {value:.2f} ("
+            + ", ".join(f"{other} {row[_other(name, other)]:.2f}" for other in problem.baselines)
+            + ")"
+            for name, value in row.items()
+            if name.endswith(", network")
+        ]
+        said[-1] += f" {problem.score.partition('[')[2].rstrip(']')}"
+    return ", ".join(said)
+
+
+def _other(column: str, name: str) -> str:
+    return column.replace("network", name)
+
+
+def _round_to_half(network: torch.nn.Module) -> None:
+    """Round weights to half precision, in which they are stored."""
+    with torch.no_grad():
+        for tensor in network.state_dict().values():
+            if tensor.is_floating_point():
+                tensor.copy_(tensor.half())

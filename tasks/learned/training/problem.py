@@ -1,0 +1,169 @@
+"""What a network learns, and how it is scored: the part that both tasks share."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import ClassVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
+from tasks.random_crops.crop import Crop, random_crop
+from tasks.random_crops.settings import Light
+
+Arrays = tuple[NDArray[np.float32], ...]
+
+LIGHTS = {"ideal": math.inf, "200 Hz": 200.0, "50 Hz": 50.0}
+"""Cutoffs of the validation, Hz, by name."""
+
+_HELD_OUT_SEED = 0
+
+
+class Problem(ABC):
+    """A network, the crops that it learns from, and those that it is scored on.
+
+    Parameters
+    ----------
+    network
+        The network.
+    settings
+        The settings of its training.
+    light
+        The light of the crops.
+    seed
+        Their seed.
+    """
+
+    architecture: ClassVar[str]
+    score: ClassVar[str]
+    """What scores are, with the unit."""
+    baselines: ClassVar[tuple[str, ...]]
+    """What the network is compared with."""
+
+    def __init__(
+        self,
+        network: nn.Module,
+        settings: ReconstructionTraining | FlowTraining,
+        light: Light,
+        seed: int,
+    ) -> None:
+        self.network, self.light, self.seed = network, light, seed
+        self._crops, self._schedule = settings.crops, settings.schedule
+        self._windows = settings.windows
+        self._held_out: dict[str, list[Tensor]] = {}
+        self._of_baselines: dict[str, list[float]] = {}
+
+    @abstractmethod
+    def sample(self, crop: Crop, run_in: int) -> Arrays:
+        """Return what is learned from a crop.
+
+        Parameters
+        ----------
+        crop
+            The crop.
+        run_in
+            Number of its first windows that are not learned from.
+
+        Returns
+        -------
+        Arrays; inputs come first.
+        """
+
+    @abstractmethod
+    def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
+        """Yield the losses of the samples of several crops; the network learns from each at once.
+
+        Parameters
+        ----------
+        batch
+            The arrays of `sample`, with the crops as the first axis.
+        """
+
+    @abstractmethod
+    def network_score(self, batch: Sequence[Tensor]) -> float:
+        """Return the mean score of the network on the samples of several crops."""
+
+    @abstractmethod
+    def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
+        """Return the score of each baseline on a crop.
+
+        Parameters
+        ----------
+        crop, sample
+            The crop, and its sample.
+
+        Returns
+        -------
+        One score for each of `baselines`.
+        """
+
+    @abstractmethod
+    def memory_bytes(self) -> int:
+        """Return about how much memory a step needs."""
+
+    def run_in(self, step: int) -> int:
+        """Return the number of windows before those that a step learns from."""
+        return 0
+
+    def held_out_run_in(self) -> int:
+        """Return the number of windows before those of the held-out crops."""
+        return 0
+
+    def batch(self, step: int) -> list[Tensor]:
+        """Return the samples of a step, which depend on settings, light, seed and step alone."""
+        count, run_in = self._schedule.crops_per_step, self.run_in(step)
+        samples = []
+        for index in range(step * count, (step + 1) * count):
+            windows = run_in + self._windows
+            crop = random_crop(self._crops, windows, self.seed, index, light=self.light)
+            samples.append(self.sample(crop, run_in))
+        return _joined(samples)
+
+    def hold_out(self) -> None:
+        """Make the held-out crops, which are the same for every seed, and score the baselines."""
+        run_in = self.held_out_run_in()
+        for name, cutoff_hz in LIGHTS.items():
+            samples, scores = [], []
+            for index in range(self._schedule.validation_crops):
+                crop = random_crop(
+                    self._crops,
+                    run_in + self._windows,
+                    _HELD_OUT_SEED,
+                    index,
+                    light=cutoff_hz,
+                    held_out=True,
+                )
+                samples.append(self.sample(crop, run_in))
+                scores.append(self.baseline_scores(crop, samples[-1]))
+            self._held_out[name] = _joined(samples)
+            self._of_baselines[name] = np.mean(scores, axis=0).tolist()
+
+    def scores(self, device: torch.device) -> dict[str, list[float]]:
+        """Return mean scores on the held-out crops.
+
+        Parameters
+        ----------
+        device
+            Where the network is.
+
+        Returns
+        -------
+        Those of the network and of each baseline, by light.
+        """
+        self.network.eval()
+        with torch.inference_mode():
+            found = {
+                name: [self.network_score([one.to(device) for one in batch])]
+                for name, batch in self._held_out.items()
+            }
+        self.network.train()
+        return {name: found[name] + self._of_baselines[name] for name in found}
+
+
+def _joined(samples: Sequence[Arrays]) -> list[Tensor]:
+    return [torch.from_numpy(np.stack(arrays)) for arrays in zip(*samples, strict=True)]

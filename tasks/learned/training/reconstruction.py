@@ -1,0 +1,127 @@
+"""Learn to reconstruct images: our network of E2VID's family."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent, State
+from tasks.learned.ours import RECONSTRUCTION
+from tasks.learned.training.problem import Arrays, Problem
+from tasks.learned.training.settings import ReconstructionTraining
+from tasks.methods.blank_video import BlankVideo
+from tasks.methods.e2vid import DARKEST
+from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.random_crops.crop import Crop
+from tasks.random_crops.samples import EQUALIZATION, video_sample
+from tasks.random_crops.settings import Light
+from tasks.video import VideoMethod, picture, psnr_db
+
+# Bytes of a pixel, of all windows through which gradients flow, by channels at full resolution.
+_BYTES_PER_PX_AND_CHANNEL = 200
+
+
+class Reconstruction(Problem):
+    """Images as they are scored, from windows of events.
+
+    The loss is the mean square of the network's error against the true picture, whose histogram is
+    equalized. The mean rank that is expected of a pixel makes it least, and ranks are what the
+    metric compares.
+
+    Parameters
+    ----------
+    settings
+        The settings.
+    light
+        The light of the crops.
+    seed
+        Seed of the crops and of the first weights.
+    """
+
+    architecture = RECONSTRUCTION
+    score = "PSNR [dB]"
+    baselines = ("high-pass filter", "gray")
+
+    def __init__(self, settings: ReconstructionTraining, light: Light, seed: int) -> None:
+        options = E2vidOptions(
+            num_bins=settings.bins + 1,  # and the sums of events
+            num_encoders=settings.encoders,
+            base_num_channels=settings.base_channels,
+            num_residual_blocks=settings.residual_blocks,
+            use_upsample_conv=False,
+        )
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            network = E2VIDRecurrent(options)
+        super().__init__(network, settings, light, seed)
+        self._settings = settings
+
+    def run_in(self, step: int) -> int:
+        """As `Problem.run_in`."""
+        drawn = np.random.SeedSequence([self.seed], spawn_key=(step, 0))
+        return int(np.random.default_rng(drawn).integers(self._settings.run_in_windows + 1))
+
+    def held_out_run_in(self) -> int:
+        """As `Problem.held_out_run_in`."""
+        return self._settings.run_in_windows // 2
+
+    def sample(self, crop: Crop, run_in: int) -> Arrays:
+        """As `Problem.sample`."""
+        return video_sample(crop, self._settings.bins, run_in)
+
+    def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
+        """As `Problem.losses`: the network's memory lasts, gradients end at each loss."""
+        grids, pictures = batch
+        states: list[State] | None = None
+        for start in range(0, grids.shape[1], self._settings.windows_at_once):
+            errors = []
+            for k in range(start, start + self._settings.windows_at_once):
+                image, states = self.network(grids[:, k], states)
+                errors.append(torch.mean(torch.square(image[:, 0].float() - pictures[:, k])))
+            yield torch.stack(errors).mean()
+            states = [tuple(part.detach() for part in state) for state in states or ()]
+
+    def network_score(self, batch: Sequence[Tensor]) -> float:
+        """As `Problem.network_score`: the PSNR of the later half of the windows."""
+        grids, pictures = batch
+        states, found = None, []
+        for k in range(grids.shape[1]):
+            images, states = self.network(grids[:, k], states)
+            if k >= grids.shape[1] // 2:
+                logs = torch.log(images[:, 0].double().clamp(min=DARKEST)).cpu().numpy()
+                truths = pictures[:, k].double().cpu().numpy()
+                found += [_psnr_db(*pair) for pair in zip(logs, truths, strict=True)]
+        return float(np.mean(found))
+
+    def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
+        """As `Problem.baseline_scores`."""
+        _, pictures = sample
+        later = range(len(pictures) // 2, len(pictures))
+        skipped = len(crop.events) - len(pictures)
+        size = crop.events[0].width, crop.events[0].height, crop.contrast_threshold
+        methods: list[VideoMethod] = [HighPassFilter(*size), BlankVideo(*size)]
+        found = []
+        for method in methods:
+            for events in crop.events[: skipped + later.start]:
+                method.push(events)
+            scores = []
+            for k in later:
+                method.push(crop.events[skipped + k])
+                image = method.image(crop.ends_us[skipped + k])
+                scores.append(_psnr_db(image, pictures[k].astype(np.float64)))
+            found.append(float(np.mean(scores)))
+        return found
+
+    def memory_bytes(self) -> int:
+        """As `Problem.memory_bytes`."""
+        settings = self._settings
+        pixels = settings.schedule.crops_per_step * settings.crops.side_px**2
+        per_px = _BYTES_PER_PX_AND_CHANNEL * settings.base_channels
+        return per_px * pixels * settings.windows_at_once
+
+
+def _psnr_db(log_image: np.ndarray, truth: np.ndarray) -> float:
+    return psnr_db(picture(log_image, truth.shape, EQUALIZATION), truth)

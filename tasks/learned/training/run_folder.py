@@ -1,0 +1,109 @@
+"""The folder of a training: its settings and its learning curve."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from eres_render.storage.atomic import write_text
+from eres_render.storage.locks import locked
+from tasks.errors import TrainingError
+
+SETTINGS_FILE, CURVE_FILE, PICTURE_FILE = "training.json", "curve.csv", "curve.png"
+WEIGHTS_FILE, SCORES_FILE = "weights.pt", "scores.json"
+
+Row = dict[str, float]
+
+
+@contextmanager
+def opened(
+    folder: Path, settings: Mapping[str, Any], made_with: Mapping[str, str]
+) -> Iterator[None]:
+    """Make or continue the folder of a training, in a context that no other process can enter.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    settings
+        All that determines the training, as JSON can hold it.
+    made_with
+        Code, machine and versions.
+
+    Returns
+    -------
+    A context manager.
+
+    Raises
+    ------
+    TrainingError
+        The folder is of another training, or another process is at work in it.
+    """
+    file = folder / SETTINGS_FILE
+    try:
+        with locked(folder / ".lock", wait=False):
+            if file.exists():
+                _check_same(file, settings)
+            else:
+                content = {"settings": settings, "made_with": dict(made_with)}
+                write_text(file, json.dumps(content, indent=2) + "\n")
+            yield
+    except BlockingIOError:
+        raise TrainingError(f"{folder}: another process trains in this folder") from None
+
+
+def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
+    stored = read_description(file.parent)["settings"]
+    for name, found, expected in _differences(stored, json.loads(json.dumps(settings))):
+        raise TrainingError(
+            f"{file}: {name}: found {found!r}, expected {expected!r}; choose another folder"
+        )
+
+
+def _differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    if isinstance(found, dict) and isinstance(expected, dict):
+        for key in {**expected, **found}:
+            inner = f"{name}.{key}" if name else key
+            yield from _differences(found.get(key), expected.get(key), inner)
+    elif found != expected:
+        yield name, found, expected
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """Return settings and origin of a training.
+
+    Raises
+    ------
+    TrainingError
+        The folder is of no training.
+    """
+    file = folder / SETTINGS_FILE
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise TrainingError(f"{file}: missing or damaged, expected a training's folder") from None
+    if not isinstance(found, dict) or not {"settings", "made_with"} <= set(found):
+        raise TrainingError(f"{file}: damaged, expected settings and made_with")
+    return found
+
+
+def write_curve(folder: Path, curve: list[Row]) -> None:
+    """Write the learning curve as a table.
+
+    Parameters
+    ----------
+    folder
+        Folder of the training.
+    curve
+        Its rows.
+    """
+    text = io.StringIO(newline="")
+    table = csv.DictWriter(text, list(curve[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in curve)
+    write_text(folder / CURVE_FILE, text.getvalue())

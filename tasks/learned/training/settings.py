@@ -1,0 +1,243 @@
+"""Settings of a training, and those that come with eres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TypeVar
+
+from eres_render.errors import nearest
+from eres_render.storage.settings_reader import read_toml
+from tasks.errors import TrainingError
+from tasks.random_crops.settings import Crops, FlowCrops
+
+T = TypeVar("T", "ReconstructionTraining", "FlowTraining")
+
+
+def _check_positive(settings: object, besides: tuple[str, ...] = ()) -> None:
+    for one in fields(settings):  # type: ignore[arg-type]
+        found = getattr(settings, one.name)
+        if isinstance(found, int | float) and one.name not in besides and not 0 < found < math.inf:
+            raise TrainingError(f"{one.name}: found {found}, expected a positive number")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """How long and how fast to learn.
+
+    Parameters
+    ----------
+    steps
+        Number of steps; each has crops of its own.
+    crops_per_step
+        Crops of a step, learned from at once.
+    learning_rate
+        Largest learning rate. It rises in a straight line, then falls to 0 along a cosine.
+    rising_steps
+        Steps in which the learning rate rises.
+    weight_decay
+        Of AdamW.
+    largest_gradient
+        Norm to which longer gradients are shortened.
+    validate_every
+        Steps from one validation to the next.
+    validation_crops
+        Held-out crops, each seen in ideal light, at 200 Hz and at 50 Hz.
+    checkpoint_minutes
+        Time from one checkpoint to the next.
+
+    Raises
+    ------
+    TrainingError
+        A number is not positive.
+    """
+
+    steps: int = 1500
+    crops_per_step: int = 4
+    learning_rate: float = 1e-3
+    rising_steps: int = 50
+    weight_decay: float = 1e-4
+    largest_gradient: float = 1.0
+    validate_every: int = 50
+    validation_crops: int = 6
+    checkpoint_minutes: float = 5.0
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
+
+    def rate(self, step: int) -> float:
+        """Return the learning rate of a step."""
+        rising = min((step + 1) / self.rising_steps, 1.0)
+        return self.learning_rate * rising * 0.5 * (1 + math.cos(math.pi * step / self.steps))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowSchedule(Schedule):
+    """As `Schedule`, with other defaults."""
+
+    steps: int = 6000
+    learning_rate: float = 5e-4
+    validate_every: int = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReconstructionTraining:
+    """Training of our network for reconstruction.
+
+    Parameters
+    ----------
+    crops
+        What crops look like.
+    schedule
+        How long and how fast to learn.
+    bins
+        Bins of the voxel grids.
+    base_channels
+        Channels at full resolution; each encoder doubles them.
+    encoders, residual_blocks
+        Their numbers.
+    run_in_windows
+        Largest number of windows before those that are learned from. Each step draws its own. Their
+        events are in the sums of events, so that sums of any age are seen.
+    windows
+        Windows that are learned from, in each crop.
+    windows_at_once
+        Windows through which gradients flow, a divisor of `windows`. The network's memory lasts
+        through all windows.
+
+    Raises
+    ------
+    TrainingError
+        A number is out of range.
+    """
+
+    crops: Crops = field(default_factory=Crops)
+    schedule: Schedule = field(default_factory=Schedule)
+    bins: int = 5
+    base_channels: int = 16
+    encoders: int = 3
+    residual_blocks: int = 2
+    run_in_windows: int = 16
+    windows: int = 16
+    windows_at_once: int = 8
+
+    def __post_init__(self) -> None:
+        _check_positive(self, besides=("run_in_windows", "residual_blocks"))
+        if self.bins < 2:
+            raise TrainingError(f"bins: found {self.bins}, expected at least 2")
+        for name in ("run_in_windows", "residual_blocks"):
+            if getattr(self, name) < 0:
+                raise TrainingError(f"{name}: found {getattr(self, name)}, expected 0 or more")
+        if self.windows % self.windows_at_once:
+            raise TrainingError(
+                f"windows_at_once: found {self.windows_at_once}, expected a divisor of "
+                f"{self.windows}, the number of windows"
+            )
+        if self.crops.side_px % 2**self.encoders:
+            raise TrainingError(
+                f"crops.side_px: found {self.crops.side_px}, expected a multiple of "
+                f"{2**self.encoders}, for {self.encoders} encoders"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowTraining:
+    """Training of our network for dense flow.
+
+    Parameters
+    ----------
+    crops
+        What crops look like.
+    schedule
+        How long and how fast to learn.
+    bins
+        Bins of the voxel grids.
+    narrower
+        What E-RAFT's number of channels of each layer is divided by: 1, 2, 4, 8 or 16.
+    windows
+        Windows of each crop; each but the first is learned from, with the one before it.
+    updates
+        Updates of the flow.
+    fading
+        Weight of an update's flow relative to the next one's.
+
+    Raises
+    ------
+    TrainingError
+        A number is out of range.
+    """
+
+    crops: FlowCrops = field(default_factory=FlowCrops)
+    schedule: FlowSchedule = field(default_factory=FlowSchedule)
+    bins: int = 15
+    narrower: int = 4
+    windows: int = 4
+    updates: int = 6
+    fading: float = 0.8
+
+    def __post_init__(self) -> None:
+        _check_positive(self)
+        if self.narrower not in (1, 2, 4, 8, 16):
+            raise TrainingError(f"narrower: found {self.narrower}, expected 1, 2, 4, 8 or 16")
+        for name in ("bins", "windows"):
+            if getattr(self, name) < 2:
+                raise TrainingError(f"{name}: found {getattr(self, name)}, expected at least 2")
+        if self.crops.side_px < 128:
+            raise TrainingError(
+                f"crops.side_px: found {self.crops.side_px}, expected at least 128, as the "
+                "network's coarsest level has a single cell below"
+            )
+
+
+_TRIAL: dict[str, int] = {
+    "steps": 40,
+    "crops_per_step": 2,
+    "rising_steps": 4,
+    "validation_crops": 2,
+}
+
+RECONSTRUCTIONS = {
+    "small": ReconstructionTraining(),
+    "trial": ReconstructionTraining(
+        crops=Crops(side_px=64),
+        schedule=Schedule(**_TRIAL, validate_every=10),
+        base_channels=8,
+        run_in_windows=4,
+        windows=8,
+    ),
+}
+"""Settings that come with eres, by name: those of the shipped networks, and of a short trial."""
+
+FLOWS = {
+    "small": FlowTraining(),
+    "trial": FlowTraining(schedule=FlowSchedule(**_TRIAL, validate_every=10), narrower=8),
+}
+"""As `RECONSTRUCTIONS`."""
+
+
+def find_training(known: dict[str, T], name: str) -> T:
+    """Return the settings of a training.
+
+    Parameters
+    ----------
+    known
+        Settings that come with eres, by name.
+    name
+        One of the names, or a TOML file with some of the fields; the others have their defaults.
+
+    Returns
+    -------
+    The settings.
+
+    Raises
+    ------
+    TrainingError
+        There is no such name or file, or a field is wrong; the message names it.
+    """
+    if name in known:
+        return known[name]
+    if not name.endswith(".toml"):
+        raise TrainingError(f"config: {nearest(name, known)}, or a .toml file; found {name!r}")
+    kind: type[T] = type(next(iter(known.values())))
+    return read_toml(kind, Path(name), TrainingError)

@@ -1,0 +1,72 @@
+"""Start a training by the name of its task."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from eres_render.progress import Progress as OnProgress
+from eres_render.progress import silent
+from tasks.learned.training.flow import Flow
+from tasks.learned.training.loop import Scores, train
+from tasks.learned.training.problem import Problem
+from tasks.learned.training.reconstruction import Reconstruction
+from tasks.learned.training.run_folder import opened
+from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
+from tasks.random_crops.settings import Light
+
+
+def start(
+    settings: ReconstructionTraining | FlowTraining,
+    light: Light,
+    seed: int,
+    folder: Path,
+    *,
+    device: str | None = None,
+    made_with: Mapping[str, str],
+    on_progress: OnProgress = silent,
+) -> tuple[Problem, Scores]:
+    """Start or continue a training.
+
+    Parameters
+    ----------
+    settings
+        The settings.
+    light
+        "ideal" for ideal pixels in all crops, "all" to draw the cutoff of each.
+    seed
+        Seed of the crops and of the first weights. The light changes neither textures, motions and
+        thresholds nor the first weights.
+    folder
+        Folder of the training.
+    device
+        "cpu" or "cuda"; None is a GPU if there is one.
+    made_with
+        Code, machine and versions, for the card.
+    on_progress
+        Called after each step.
+
+    Returns
+    -------
+    The problem with its network, and scores on the held-out crops, by light.
+
+    Raises
+    ------
+    TrainingError
+        The folder is of another training, or the training cannot be carried out.
+    """
+    problem: Problem
+    if isinstance(settings, FlowTraining):
+        task, problem = "flow", Flow(settings, light, seed)
+    else:
+        task, problem = "reconstruction", Reconstruction(settings, light, seed)
+    described = {
+        "task": task,
+        "light": light,
+        "seed": seed,
+        **dataclasses.asdict(settings),
+    }
+    with opened(folder, described, made_with):
+        found = train(problem, settings.schedule, folder, device=device, on_progress=on_progress)
+    return problem, found

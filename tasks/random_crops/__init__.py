@@ -1,0 +1,1 @@
+"""Random textures in motion with their events and truth, to train networks; each from its seed."""

@@ -1,0 +1,127 @@
+"""One random crop: what a small part of a sensor sees and reports, with the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor import Events, SensorModel, simulate
+from tasks.random_crops.motion import Motion
+from tasks.random_crops.settings import Crops, Light
+from tasks.random_crops.texture import random_texture
+from tasks.random_crops.view import view
+
+DARK_LEVEL = 1e-3  # of white, as sensors have by default
+_HELD_OUT = 1 << 64  # larger than any seed
+_TEXELS_PER_PX = (1.0, 1.6)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Crop:
+    """A random crop.
+
+    Parameters
+    ----------
+    events
+        Those of each window, from its start on and before its end.
+    ends_us
+        Ends of the windows, us.
+    log_images
+        (windows + 1, S, S) float32: log intensity, dark level included, at the ends of the windows;
+        the first is at the start.
+    motion
+        Motion of the texture, in windows.
+    contrast_threshold
+        C, log units.
+    cutoff_hz
+        Cutoff of the photoreceptor.
+    """
+
+    events: tuple[Events, ...]
+    ends_us: tuple[int, ...]
+    log_images: NDArray[np.float32]
+    motion: Motion
+    contrast_threshold: float
+    cutoff_hz: float
+
+
+def random_crop(
+    crops: Crops,
+    windows: int,
+    seed: int,
+    index: int,
+    *,
+    light: Light | float = "all",
+    held_out: bool = False,
+) -> Crop:
+    """Make a crop, which depends on the arguments alone.
+
+    Texture, motion and contrast threshold do not depend on the light.
+
+    Parameters
+    ----------
+    crops
+        What crops look like.
+    windows
+        Number of windows.
+    seed, index
+        Seed of the crops, and which of them.
+    light
+        "ideal", "all" to draw the cutoff, or the cutoff in Hz.
+    held_out
+        Whether it is from the crops that no training sees, whatever its seed.
+
+    Returns
+    -------
+    The crop.
+    """
+    entropy = [_HELD_OUT, seed] if held_out else [seed]
+    rng = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(index,)))
+    contrast_threshold = _log_uniform(rng, crops.contrast_threshold)
+    drawn_hz = _log_uniform(rng, crops.cutoff_hz)
+    drawn_hz = math.inf if rng.random() < crops.ideal_share else drawn_hz
+    cutoff_hz = {"ideal": math.inf, "all": drawn_hz}[light] if isinstance(light, str) else light
+    texture = random_texture(rng, _log_uniform(rng, crops.log_contrast))
+    motion_px = _log_uniform(rng, crops.motion_px)
+    motion = Motion(rng, crops.side_px, motion_px, rng.uniform(*_TEXELS_PER_PX))
+    times = _frame_times(motion, windows, crops.max_displacement_px)
+    log_images = np.empty((windows + 1, crops.side_px, crops.side_px), np.float32)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for t, homography in zip(times, motion.homographies(times), strict=True):
+            frame = view(texture, homography, crops.side_px)
+            if t == round(t):
+                log_images[round(t)] = np.log(frame + np.float32(DARK_LEVEL))
+            yield frame
+
+    model = SensorModel(
+        width=crops.side_px,
+        height=crops.side_px,
+        contrast_threshold=contrast_threshold,
+        cutoff_hz=cutoff_hz,
+        dark_level=DARK_LEVEL,
+    )
+    window_s = 1e-3 * crops.window_ms
+    events = simulate(frames(), window_s * times, model, threads=1)
+    bounds_us = [round(1e6 * window_s * k) for k in range(windows + 1)]
+    in_windows = tuple(events.between(*window) for window in pairwise(bounds_us))
+    ends_us = tuple(bounds_us[1:])
+    return Crop(in_windows, ends_us, log_images, motion, contrast_threshold, cutoff_hz)
+
+
+def _log_uniform(rng: np.random.Generator, between: tuple[float, float]) -> float:
+    return math.exp(rng.uniform(math.log(between[0]), math.log(between[1])))
+
+
+def _frame_times(motion: Motion, windows: int, max_displacement_px: float) -> NDArray[np.float64]:
+    """Return times of frames, windows: evenly in each, with one at each of its ends."""
+    times = [np.zeros(1)]
+    for k in range(windows):
+        count = math.ceil(motion.fastest_px(k) / max_displacement_px)
+        times.append(k + np.arange(1, count + 1) / count)
+    return np.concatenate(times)

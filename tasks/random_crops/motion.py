@@ -1,0 +1,165 @@
+"""Random motion of a camera before a plane: homographies, and the flow that they make."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64 = NDArray[np.float64]
+
+_WAVES = 2  # of each coordinate
+_PERIODS = (12.0, 60.0)  # windows: 0.3 to 1.5 s for windows of 25 ms
+_SHARE_OF_WAVES = 0.7  # of the speed; the rest is steady
+_SAMPLES = 8  # of a window, to find how fast the corners move
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Path:
+    """A coordinate over time: steady, and waves around it."""
+
+    start: float
+    rate: float
+    amplitudes: Float64
+    rates: Float64
+    phases: Float64
+
+    def __call__(self, t: Float64) -> Float64:
+        angles = self.rates * t[..., None] + self.phases
+        return self.start + self.rate * t + np.sin(angles) @ self.amplitudes
+
+
+def _random_path(
+    rng: np.random.Generator, start: float, speed: float, steady: float, largest: float = math.inf
+) -> _Path:
+    """Draw a path.
+
+    Parameters
+    ----------
+    rng
+        Source of all randomness.
+    start
+        Its value at time 0, but for the waves.
+    speed
+        About the speed of the waves, per window.
+    steady
+        Speed of the rest, per window.
+    largest
+        Largest amplitude of a wave.
+
+    Returns
+    -------
+    The path.
+    """
+    shortest, longest = map(math.log, _PERIODS)
+    rates = 2 * math.pi / np.exp(rng.uniform(shortest, longest, _WAVES))
+    amplitudes = np.minimum(speed * rng.uniform(0.5, 1.0, _WAVES) / rates, largest)
+    return _Path(start, steady, amplitudes, rates, rng.uniform(0, 2 * math.pi, _WAVES))
+
+
+class Motion:
+    """A smooth random motion of a plane in a square image; time is in windows.
+
+    Homographies map pixels, (0, 0) at the top-left corner of the image and centers at integers +
+    0.5, to texels in the same convention.
+
+    Parameters
+    ----------
+    rng
+        Source of all randomness.
+    side_px
+        Side of the image, px.
+    motion_px
+        About the mean motion in the image, px per window.
+    texels_per_px
+        Scale at time 0, but for the waves.
+    """
+
+    def __init__(
+        self, rng: np.random.Generator, side_px: int, motion_px: float, texels_per_px: float
+    ) -> None:
+        self._side_px, self._scale = side_px, texels_per_px
+        half_px = side_px / 2
+        direction = rng.uniform(0, 2 * math.pi)
+        steady = motion_px * texels_per_px * (1 - _SHARE_OF_WAVES)
+        waves = motion_px * texels_per_px * _SHARE_OF_WAVES
+        self._center = [
+            _random_path(rng, rng.uniform(0, 512), waves, steady * part)
+            for part in (math.cos(direction), math.sin(direction))
+        ]
+        turn = rng.uniform(0, 0.4) * motion_px / half_px
+        self._angle = _random_path(rng, rng.uniform(0, 2 * math.pi), turn, 0.0)
+        zoom = rng.uniform(0, 0.3) * motion_px / half_px
+        self._log_zoom = _random_path(rng, 0.0, zoom, 0.0, largest=0.12)
+        tilt = rng.uniform(0, 0.2) * motion_px / half_px**2
+        self._tilt = [
+            _random_path(rng, rng.uniform(-0.15, 0.15) / half_px, tilt, 0.0, largest=0.05 / half_px)
+            for _ in range(2)
+        ]
+
+    def homographies(self, t: Float64) -> Float64:
+        """Return where pixels look at given times.
+
+        Parameters
+        ----------
+        t
+            (N,) windows.
+
+        Returns
+        -------
+        (N, 3, 3), from pixels to texels.
+        """
+        x, y = (path(t) for path in self._center)
+        gx, gy = (path(t) for path in self._tilt)
+        size = self._scale * np.exp(self._log_zoom(t))
+        a, b = size * np.cos(self._angle(t)), size * np.sin(self._angle(t))
+        # (a, -b; b, a) p / (1 + g p) + center, with p from the middle of the image
+        rows = [
+            [a + x * gx, -b + x * gy, x],
+            [b + y * gx, a + y * gy, y],
+            [gx, gy, np.ones_like(t)],
+        ]
+        around_middle = np.moveaxis(np.array(rows), -1, 0)
+        to_middle = np.eye(3)
+        to_middle[:2, 2] = -self._side_px / 2
+        found: Float64 = around_middle @ to_middle
+        return found
+
+    def flow(self, start: float, end: float) -> NDArray[np.float32]:
+        """Return how far the points at the pixels' centers move.
+
+        Parameters
+        ----------
+        start, end
+            The times, windows; the points are at the pixels' centers at the first.
+
+        Returns
+        -------
+        (2, side, side) px, x first.
+        """
+        before, after = self.homographies(np.array([start, end]))
+        centers = np.arange(self._side_px) + 0.5
+        x, y = np.meshgrid(centers, centers)
+        moved = _moved(np.linalg.solve(after, before), np.stack([x, y]))
+        return (moved - np.stack([x, y])).astype(np.float32)
+
+    def fastest_px(self, window: int) -> float:
+        """Return the largest speed of a corner of the image in a window, px per window."""
+        times = window + np.linspace(0, 1, _SAMPLES + 1)
+        maps = self.homographies(times)
+        ends = [0.0, float(self._side_px)]
+        corners = np.array([[x, y] for x in ends for y in ends]).T
+        steps = np.linalg.solve(maps[1:], maps[:-1])
+        return max(
+            _SAMPLES * float(np.linalg.norm(_moved(step, corners) - corners, axis=0).max())
+            for step in steps
+        )
+
+
+def _moved(homography: Float64, points: Float64) -> Float64:
+    """Apply a homography to points, (2, ...)."""
+    x, y, w = np.tensordot(homography, np.stack([*points, np.ones_like(points[0])]), axes=1)
+    moved: Float64 = np.stack([x / w, y / w])
+    return moved

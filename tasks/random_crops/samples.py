@@ -1,0 +1,91 @@
+"""Samples of the two tasks, made of random crops."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.representations import voxel_grid
+from tasks.methods.our_reconstruction import InputGrids
+from tasks.random_crops.crop import Crop
+from tasks.video import picture
+
+Float32 = NDArray[np.float32]
+
+EQUALIZATION = "global"  # a crop is about one tile of the local equalization at 1280 px
+
+
+class VideoSample(NamedTuple):
+    """Inputs and targets of successive windows.
+
+    Attributes
+    ----------
+    grids
+        (windows, bins + 1, S, S) inputs of the network.
+    pictures
+        (windows, S, S) the true image at the end of each, as it is scored, in [0, 1].
+    """
+
+    grids: Float32
+    pictures: Float32
+
+
+class FlowSample(NamedTuple):
+    """Inputs and truths of pairs of windows.
+
+    Attributes
+    ----------
+    grids
+        (pairs + 1, bins, S, S): a pair is a grid and the next.
+    flows
+        (pairs, 2, S, S) px, from the start of the second window of a pair to its end.
+    """
+
+    grids: Float32
+    flows: Float32
+
+
+def video_sample(crop: Crop, bins: int, run_in: int) -> VideoSample:
+    """Return a sample of video reconstruction.
+
+    Parameters
+    ----------
+    crop
+        The crop.
+    bins
+        Bins of the voxel grids.
+    run_in
+        Number of first windows that are left out; their events are in the sums all the same.
+
+    Returns
+    -------
+    The sample.
+    """
+    side_px = crop.log_images.shape[-1]
+    inputs = InputGrids(side_px, side_px, crop.contrast_threshold, bins)
+    grids = [inputs.push(events) for events in crop.events]
+    pictures = [
+        picture(image, image.shape, EQUALIZATION) for image in crop.log_images[run_in + 1 :]
+    ]
+    return VideoSample(np.stack(grids[run_in:]), np.stack(pictures).astype(np.float32))
+
+
+def flow_sample(crop: Crop, bins: int) -> FlowSample:
+    """Return a sample of dense flow.
+
+    Parameters
+    ----------
+    crop
+        The crop.
+    bins
+        Bins of the voxel grids.
+
+    Returns
+    -------
+    The sample.
+    """
+    grids = [voxel_grid(events, bins, convention="eraft") for events in crop.events]
+    flows = [crop.motion.flow(k, k + 1) for k in range(1, len(grids))]
+    return FlowSample(np.stack(grids), np.stack(flows))

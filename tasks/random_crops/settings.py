@@ -1,0 +1,76 @@
+"""What random crops look like."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from tasks.errors import TaskError
+
+Light = Literal["ideal", "all"]
+"""Whether pixels are ideal in all crops, or each crop has its own cutoff."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crops:
+    """Ranges from which each crop draws its properties, evenly on a logarithmic scale.
+
+    Parameters
+    ----------
+    side_px
+        Side of the square crop, px.
+    window_ms
+        Length of a window of events, ms.
+    motion_px
+        Least and largest motion in the image, px per window, on average over the crop.
+    cutoff_hz
+        Least and largest cutoff of the photoreceptor, Hz.
+    ideal_share
+        Share of the crops whose pixels are ideal in all the same.
+    contrast_threshold
+        Least and largest contrast threshold, log units.
+    log_contrast
+        Least and largest standard deviation of a texture's log intensity.
+    max_displacement_px
+        Largest motion in the image between two frames, px.
+
+    Raises
+    ------
+    TaskError
+        A number is out of range.
+    """
+
+    side_px: int = 112
+    window_ms: float = 25.0
+    motion_px: tuple[float, float] = (0.5, 24.0)
+    cutoff_hz: tuple[float, float] = (25.0, 400.0)
+    ideal_share: float = 0.25
+    contrast_threshold: tuple[float, float] = (0.15, 0.25)
+    log_contrast: tuple[float, float] = (0.2, 0.9)
+    max_displacement_px: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 16 <= self.side_px <= 1024:
+            raise TaskError(f"side_px: found {self.side_px}, expected 16 to 1024")
+        if not 0 <= self.ideal_share <= 1:
+            raise TaskError(f"ideal_share: found {self.ideal_share}, expected 0 to 1")
+        for name in ("window_ms", "max_displacement_px"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise TaskError(f"{name}: found {getattr(self, name)}, expected a positive number")
+        for field in fields(self):
+            found = getattr(self, field.name)
+            if isinstance(found, tuple) and not 0 < found[0] <= found[1] < math.inf:
+                raise TaskError(
+                    f"{field.name}: found {list(found)}, expected two positive numbers, the "
+                    "lesser first"
+                )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlowCrops(Crops):
+    """As `Crops`, with the defaults for flow: larger, and windows as the study's."""
+
+    side_px: int = 128
+    window_ms: float = 50.0
+    motion_px: tuple[float, float] = (1.0, 40.0)

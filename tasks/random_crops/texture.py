@@ -1,0 +1,151 @@
+"""Random periodic textures: noise, leaves, patches and repeated motifs, and layers of them.
+
+None of them is a texture of a packaged scene. Contrast reaches from the whole texture down to a
+texel, since it is what a sensor's pixels average that distinguishes resolutions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.compiling import compiler
+
+Float32 = NDArray[np.float32]
+jit = compiler(Path(__file__).parent)
+
+SIDE = 512  # texels, a power of two
+DARKEST, BRIGHTEST = 0.02, 1.0
+_LEAST_LEAF, _LARGEST_LEAF = 2.0, 80.0  # radii, texels
+_COVER = 4.0  # mean number of leaves over a texel
+_MOTIFS = (32, 64, 128)  # sides, texels
+
+
+def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
+    """Return a texture that continues periodically.
+
+    Parameters
+    ----------
+    rng
+        Source of all randomness.
+    log_contrast
+        Standard deviation of log intensity before it is limited.
+
+    Returns
+    -------
+    (512, 512) linear radiance from 0.02 to 1.
+    """
+    kinds: list[Callable[[np.random.Generator], Float32]] = [_noise, _leaves, _patches, _motif]
+    chosen = rng.permutation(len(kinds))[: rng.integers(1, 4)]
+    total = np.zeros((SIDE, SIDE), np.float32)
+    for kind in chosen:
+        total += np.float32(rng.uniform(0.3, 1.0)) * _unit(kinds[kind](rng))
+    total = _unit(total)
+    grain = fractal(rng, rng.uniform(0.0, 0.6))
+    total = _unit(total + np.float32(rng.uniform(0.05, 0.5)) * grain)
+    bright = rng.uniform(-1.6, -0.9)  # mean of log intensity
+    radiance = np.exp(np.float32(bright) + np.float32(log_contrast) * total)
+    return np.clip(radiance, DARKEST, BRIGHTEST, dtype=np.float32)
+
+
+def fractal(rng: np.random.Generator, slope: float) -> Float32:
+    """Return periodic noise whose amplitude falls with frequency to a power.
+
+    Parameters
+    ----------
+    rng
+        Source of all randomness.
+    slope
+        The power; 1 is 1/f noise, whose octaves have equal variance.
+
+    Returns
+    -------
+    (512, 512), of mean 0 and standard deviation 1.
+    """
+    rows, columns = np.fft.fftfreq(SIDE)[:, None], np.fft.rfftfreq(SIDE)[None]
+    radius = np.hypot(rows, columns)
+    radius[0, 0] = np.inf  # no mean
+    white = rng.standard_normal((SIDE, SIDE), dtype=np.float32)
+    spectrum = np.fft.rfft2(white) * radius**-slope
+    return _unit(np.fft.irfft2(spectrum, s=(SIDE, SIDE)).astype(np.float32))
+
+
+def _unit(image: Float32) -> Float32:
+    centered = image - image.mean()
+    return centered / np.float32(max(centered.std(), 1e-6))
+
+
+def _noise(rng: np.random.Generator) -> Float32:
+    return fractal(rng, rng.uniform(0.7, 1.6))
+
+
+def _patches(rng: np.random.Generator) -> Float32:
+    """A few gray levels with sharp borders: noise between thresholds."""
+    noise = fractal(rng, rng.uniform(1.0, 2.0))
+    levels = np.sort(rng.normal(0.0, 1.0, rng.integers(1, 6)))
+    grays = rng.standard_normal(levels.size + 1).astype(np.float32)
+    return grays[np.searchsorted(levels, noise)]
+
+
+def _motif(rng: np.random.Generator) -> Float32:
+    """Repeat a small image, mirrored or not, in patches of its own."""
+    side = int(rng.choice(_MOTIFS))
+    motif = _patches(rng)[:side, :side]
+    if rng.random() < 0.5:
+        half = motif[: side // 2, : side // 2]
+        motif = np.block([[half, half[:, ::-1]], [half[::-1], half[::-1, ::-1]]])
+    return np.tile(motif, (SIDE // side, SIDE // side))
+
+
+def _leaves(rng: np.random.Generator) -> Float32:
+    """Dead leaves: ellipses and rectangles of power-law sizes, each over those before it."""
+    ratio = (_LEAST_LEAF / _LARGEST_LEAF) ** 2
+    mean_square = _LEAST_LEAF**2 * -np.log(ratio) / (1 - ratio)  # of radii
+    count = int(_COVER * SIDE**2 / (3.5 * 0.7 * mean_square))  # leaves are 0.4 to 1 as wide as long
+    share = rng.random(count)
+    radii = _LEAST_LEAF / np.sqrt(1 - share * (1 - ratio))  # density r^-3
+    leaves = np.column_stack(
+        [
+            rng.uniform(0, SIDE, (count, 2)),
+            radii,
+            radii * rng.uniform(0.4, 1.0, count),
+            rng.uniform(0, np.pi, count),
+            rng.random(count) < rng.random(),
+            rng.standard_normal(count),
+        ]
+    )
+    image = np.zeros((SIDE, SIDE), np.float32)
+    paint_leaves(image, leaves)
+    return image
+
+
+@jit
+def paint_leaves(image: Float32, leaves: NDArray[np.float64]) -> None:
+    """Paint leaves over each other on a periodic image.
+
+    Parameters
+    ----------
+    image
+        (S, S), overwritten; S is a power of two.
+    leaves
+        (N, 7): x and y of the center, half length and half width, px, angle, radians, whether it is
+        a rectangle, gray.
+    """
+    last = image.shape[0] - 1
+    for k in range(leaves.shape[0]):
+        x, y, length, width, angle, is_rectangle, gray = leaves[k]
+        cosine, sine = np.cos(angle), np.sin(angle)
+        reach = np.hypot(length, width) if is_rectangle else length
+        for row in range(int(np.ceil(y - reach)), int(np.floor(y + reach)) + 1):
+            for column in range(int(np.ceil(x - reach)), int(np.floor(x + reach)) + 1):
+                along = (cosine * (column - x) + sine * (row - y)) / length
+                across = (cosine * (row - y) - sine * (column - x)) / width
+                if is_rectangle:
+                    inside = max(abs(along), abs(across)) <= 1
+                else:
+                    inside = along * along + across * across <= 1
+                if inside:
+                    image[row & last, column & last] = gray

@@ -1,0 +1,248 @@
+"""Random crops: textures, motion, views and events agree with each other and with the scorer."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+
+from sensor.representations import voxel_grid
+from tasks.errors import TaskError
+from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.methods.our_reconstruction import OurReconstruction
+from tasks.random_crops.crop import DARK_LEVEL, random_crop
+from tasks.random_crops.motion import Motion
+from tasks.random_crops.samples import flow_sample, video_sample
+from tasks.random_crops.settings import Crops, FlowCrops
+from tasks.random_crops.texture import DARKEST, fractal, paint_leaves, random_texture
+from tasks.random_crops.view import SUBPIXELS, view
+from tasks.video import ImageTaker, picture
+
+SIDE = 24
+CROPS = Crops(side_px=SIDE, motion_px=(1.0, 4.0))
+WINDOWS = 3
+
+
+@pytest.fixture(scope="module")
+def crop():
+    return random_crop(CROPS, WINDOWS, seed=3, index=1, light="ideal")
+
+
+def sampled(texture, homography, side):
+    """Return what `view` promises, slowly."""
+    offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS
+    total = np.zeros((side, side))
+    for dy in offsets:
+        for dx in offsets:
+            x, y = np.meshgrid(np.arange(side) + dx, np.arange(side) + dy)
+            u, v, w = np.tensordot(homography, np.stack([x, y, np.ones_like(x)]), axes=1)
+            at = [v / w - 0.5, u / w - 0.5]
+            total += map_coordinates(texture.astype(np.float64), at, order=1, mode="grid-wrap")
+    return total / SUBPIXELS**2
+
+
+def test_a_view_is_the_mean_of_samples():
+    """Promise: 2 x 2 bilinear samples a pixel, of a texture that continues periodically."""
+    texture = np.random.default_rng(0).random((64, 64)).astype(np.float32)
+    for homography in Motion(np.random.default_rng(1), 12, 6.0, 1.5).homographies(np.arange(3.0)):
+        found = view(texture, homography, 12)
+        np.testing.assert_allclose(found, sampled(texture, homography, 12), atol=2e-6)
+
+
+def test_a_view_of_two_texels_a_pixel_is_their_mean():
+    """Promise, by hand: at 2 texels a pixel, shifted by whole texels, a pixel is the mean of 4."""
+    texture = np.random.default_rng(0).random((16, 16)).astype(np.float32)
+    homography = np.array([[2.0, 0, 3], [0, 2, -1], [0, 0, 1]])
+    rolled = np.roll(texture, (1, -3), axis=(0, 1))
+    expected = rolled.reshape(8, 2, 8, 2).mean(axis=(1, 3))[:6, :6]
+    np.testing.assert_allclose(view(texture, homography, 6), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bright_dot_moves_with_the_flow(seed):
+    """Promise: the flow at a dot, by the homographies, is how far the dot's image moves."""
+    side = 64
+    motion = Motion(np.random.default_rng(seed), side, 5.0, 1.2)
+    before, after = motion.homographies(np.array([2.0, 3.0]))
+    at = np.array([30.5, 33.5, 1.0])  # center of the pixel in column 30 and row 33
+    u, v, w = before @ at
+    columns, rows = np.meshgrid(np.arange(512) + 0.5, np.arange(512) + 0.5)
+    dx, dy = ((d + 256) % 512 - 256 for d in (columns - u / w, rows - v / w))
+    texture = np.exp(-(dx**2 + dy**2) / (2 * 3.0**2)).astype(np.float32)
+
+    def center(homography):
+        image = view(texture, homography, side)
+        x, y = np.meshgrid(np.arange(side) + 0.5, np.arange(side) + 0.5)
+        return np.array([(image * x).sum(), (image * y).sum()]) / image.sum()
+
+    moved = center(after) - center(before)
+    flow = motion.flow(2.0, 3.0)[:, 33, 30]
+    assert np.linalg.norm(flow) > 0.5
+    np.testing.assert_allclose(moved, flow, atol=0.05)
+    corner = motion.flow(2.0, 3.0)[:, 0, 0]
+    assert motion.fastest_px(2) > 0.95 * np.linalg.norm(corner), "the frames are close enough"
+
+
+def test_leaves_cover_what_their_formula_says():
+    """Promise: each leaf paints the texels within its outline, over those before it, and around the
+    edges."""
+    leaves = np.array(
+        [
+            [3.0, 60.0, 9.0, 5.0, 0.6, 0, 1.0],
+            [40.0, 20.0, 12.0, 7.0, 2.0, 1, 2.0],
+            [44.0, 22.0, 6.0, 6.0, 0.0, 0, 3.0],
+        ]
+    )
+    image = np.zeros((64, 64), np.float32)
+    paint_leaves(image, leaves)
+    expected = np.zeros((64, 64))
+    rows, columns = np.mgrid[:64, :64]
+    for x, y, length, width, angle, is_rectangle, gray in leaves:
+        dx, dy = ((d + 32) % 64 - 32 for d in (columns - x, rows - y))
+        along = (np.cos(angle) * dx + np.sin(angle) * dy) / length
+        across = (np.cos(angle) * dy - np.sin(angle) * dx) / width
+        outline = np.maximum(abs(along), abs(across)) if is_rectangle else along**2 + across**2
+        expected[outline <= 1] = gray
+    np.testing.assert_array_equal(image, expected)
+    assert np.sum(image == 3) == pytest.approx(math.pi * 36, rel=0.03)
+
+
+def test_octaves_of_1_over_f_noise_have_equal_variance():
+    """Promise: the slope is that of the amplitude: at 1, each octave has the same share."""
+    power = np.abs(np.fft.fft2(fractal(np.random.default_rng(0), 1.0))) ** 2
+    radius = np.hypot(np.fft.fftfreq(512)[:, None], np.fft.fftfreq(512)[None])
+    octaves = [power[(radius >= low) & (radius < 2 * low)].sum() for low in (0.05, 0.1, 0.2)]
+    np.testing.assert_allclose(octaves, np.mean(octaves), rtol=0.05)
+
+
+def test_textures_are_seeded_and_can_be_lit():
+    """Promise: the same seed gives the same texture, others differ, and all reflect 2 to 100 %."""
+    found = [random_texture(np.random.default_rng(seed), 0.6) for seed in (0, 0, 1, 2, 3)]
+    np.testing.assert_array_equal(found[0], found[1])
+    for texture in found[1:]:
+        assert DARKEST <= texture.min() < texture.max() <= 1
+        assert 0.2 < np.log(texture).std() < 0.7
+        assert sum(np.array_equal(texture, other) for other in found[1:]) == 1
+
+
+def test_events_add_up_to_the_truth_at_every_windows_end(crop):
+    """Promise: the truth is aligned with the windows: an ideal pixel's events up to a window's end
+    give the true change of log intensity to within C."""
+    C = crop.contrast_threshold
+    total = np.zeros((SIDE, SIDE))
+    for k, events in enumerate(crop.events):
+        assert events.t_us[0] >= (0, *crop.ends_us)[k]
+        assert events.t_us[-1] < crop.ends_us[k]
+        np.add.at(total, (events.y, events.x), C * events.p)
+        change = crop.log_images[k + 1] - crop.log_images[0]
+        assert np.abs(change - total).max() < C + 1e-3
+    assert np.abs(change).max() > 3 * C
+
+
+def test_twins_see_the_same_crops(crop):
+    """Promise: light changes the cutoff and the events, neither truth nor threshold."""
+    other = random_crop(CROPS, WINDOWS, seed=3, index=1, light=50.0)
+    np.testing.assert_array_equal(other.log_images, crop.log_images)
+    assert other.contrast_threshold == crop.contrast_threshold
+    assert (other.cutoff_hz, crop.cutoff_hz) == (50.0, math.inf)
+    assert sum(map(len, other.events)) < sum(map(len, crop.events))
+
+
+def test_drawn_light_is_within_its_range():
+    """Promise: some crops are ideal, the others have cutoffs within the range; a share of 1 makes
+    all ideal."""
+    tiny = replace(CROPS, side_px=16, motion_px=(0.1, 0.2))
+    found = [random_crop(tiny, 1, 0, index).cutoff_hz for index in range(12)]
+    finite = [hz for hz in found if hz < math.inf]
+    assert 0 < len(finite) < 12
+    assert all(25 <= hz <= 400 for hz in finite)
+    assert random_crop(replace(tiny, ideal_share=1.0), 1, 0, 0).cutoff_hz == math.inf
+
+
+def test_crops_depend_on_their_seed_alone(crop):
+    """Promise: the same crop again from the same seed, others from others and from those held
+    out."""
+    again = random_crop(CROPS, WINDOWS, seed=3, index=1, light="ideal")
+    np.testing.assert_array_equal(again.log_images, crop.log_images)
+    for one, other in zip(again.events, crop.events, strict=True):
+        for column, expected in zip(one.columns, other.columns, strict=True):
+            np.testing.assert_array_equal(column, expected)
+    for seed, index, held_out in ((4, 1, False), (3, 2, False), (3, 1, True)):
+        other = random_crop(CROPS, 1, seed, index, light="ideal", held_out=held_out)
+        assert not np.array_equal(other.log_images[0], crop.log_images[0])
+
+
+class Recorder:
+    """Stands for a network: keeps its inputs."""
+
+    bins = 5
+
+    def __init__(self):
+        self.grids = []
+
+    def check_size(self, width, height):
+        pass
+
+    def image(self, grid, states):
+        self.grids.append(grid)
+        return np.full(grid.shape[1:], 0.5, np.float32), states
+
+
+def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
+    """Promise: inputs of training are those of evaluation to the bit, and targets the pictures to
+    which the scorer compares the image at a window's end."""
+    sample = video_sample(crop, 5, run_in=0)
+    network = Recorder()
+    window_us = 1e3 * CROPS.window_ms
+    method = OurReconstruction(
+        SIDE, SIDE, crop.contrast_threshold, network=network, window_us=window_us
+    )
+    taker = ImageTaker(method, crop.ends_us)
+    for events in crop.events:
+        taker.push(events)
+    taker.finish()
+    np.testing.assert_array_equal(sample.grids, network.grids)
+    for k, image in enumerate(crop.log_images[1:]):
+        expected = picture(image, image.shape, "global")
+        np.testing.assert_allclose(sample.pictures[k], expected, atol=1e-6)
+    late = video_sample(crop, 5, run_in=2)
+    np.testing.assert_array_equal(late.grids, sample.grids[2:])
+    np.testing.assert_array_equal(late.pictures, sample.pictures[2:])
+
+
+def test_inputs_are_in_log_units(crop):
+    """Promise: bins add up to C times the polarities, and the last channel is the high-pass filter
+    without its decay in time."""
+    grids = video_sample(crop, 5, run_in=0).grids
+    slow = HighPassFilter(SIDE, SIDE, crop.contrast_threshold, cutoff_hz=0.0)
+    for grid, events, end_us in zip(grids, crop.events, crop.ends_us, strict=True):
+        total = np.zeros((SIDE, SIDE))
+        np.add.at(total, (events.y, events.x), crop.contrast_threshold * events.p)
+        np.testing.assert_allclose(grid[:-1].sum(axis=0), total, atol=1e-4)
+        slow.push(events)
+        np.testing.assert_allclose(grid[-1], slow.image(end_us), atol=1e-6)
+
+
+def test_a_flow_sample_pairs_windows_with_the_later_ones_flow(crop):
+    """Promise: the flow is that over the second window of a pair, from its start."""
+    sample = flow_sample(crop, 5)
+    assert sample.grids.shape == (WINDOWS, 5, SIDE, SIDE)
+    for k in range(1, WINDOWS):
+        np.testing.assert_array_equal(sample.flows[k - 1], crop.motion.flow(k, k + 1))
+        grid = voxel_grid(crop.events[k], 5, convention="eraft")
+        np.testing.assert_array_equal(sample.grids[k], grid)
+
+
+def test_wrong_settings_are_refused_by_name():
+    """Promise: a message says which field, what was found and what was expected."""
+    for change, words in (
+        ({"side_px": 8}, "side_px: found 8, expected 16 to 1024"),
+        ({"motion_px": (2.0, 1.0)}, r"motion_px: found \[2.0, 1.0\], expected two positive"),
+        ({"ideal_share": 1.5}, "ideal_share: found 1.5, expected 0 to 1"),
+        ({"window_ms": 0.0}, "window_ms: found 0.0, expected a positive number"),
+    ):
+        with pytest.raises(TaskError, match=words):
+            replace(CROPS, **change)
+    assert FlowCrops().window_ms == 50
+    assert DARK_LEVEL < DARKEST

@@ -1,0 +1,331 @@
+"""Training our own networks: resumed to the bit, twins, weights, refusals, commands.
+
+Needs PyTorch: `make .venv/.learned`.
+"""
+
+import json
+import sys
+import tomllib
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tasks.errors import TaskError, TrainingError, WeightsError
+from tasks.learned.training.settings import (
+    FLOWS,
+    RECONSTRUCTIONS,
+    FlowTraining,
+    ReconstructionTraining,
+    Schedule,
+    find_training,
+)
+from tasks.methods import load_method
+from tasks.methods.networks import network
+from tasks.random_crops.settings import Crops, FlowCrops
+from tasks.registry import TASKS
+
+torch = pytest.importorskip("torch", reason="PyTorch is not installed: make .venv/.learned")
+
+from tasks.learned.eraft_network import ERAFT  # noqa: E402
+from tasks.learned.ours import FLOW, RECONSTRUCTION, save  # noqa: E402
+from tasks.learned.training import loop  # noqa: E402
+from tasks.learned.training.reconstruction import Reconstruction  # noqa: E402
+from tasks.learned.training.start import start  # noqa: E402
+
+BRIEF = Schedule(
+    steps=4, crops_per_step=2, rising_steps=2, validate_every=2, validation_crops=1,
+    checkpoint_minutes=1e-9,
+)  # fmt: skip
+TINY = ReconstructionTraining(
+    crops=Crops(side_px=16, motion_px=(0.5, 2.0)),
+    schedule=BRIEF,
+    base_channels=4,
+    encoders=2,
+    residual_blocks=1,
+    run_in_windows=2,
+    windows=4,
+    windows_at_once=2,
+)
+TINY_FLOW = FlowTraining(
+    crops=FlowCrops(motion_px=(1.0, 2.0)),
+    schedule=replace(FLOWS["trial"].schedule, steps=1, crops_per_step=1, validation_crops=1),
+    bins=3,
+    narrower=16,
+    windows=3,
+    updates=2,
+)
+
+
+def trained(folder, light="all", seed=0, settings=TINY, **options):
+    return start(settings, light, seed, folder, device="cpu", made_with={"code": "x"}, **options)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A finished training."""
+    folder = tmp_path_factory.mktemp("run")
+    problem, scores = trained(folder)
+    return folder, problem, scores
+
+
+def weights_of(folder):
+    return torch.load(folder / "weights.pt", weights_only=True)
+
+
+class Stop(Exception):
+    pass
+
+
+def test_an_interrupted_training_ends_with_the_same_weights(run, tmp_path):
+    """Promise: crops, order, optimizer and learning rate go on as if nothing had happened."""
+
+    def stop(stage, done, total):
+        if done == 3:
+            raise Stop
+
+    with pytest.raises(Stop):
+        trained(tmp_path, on_progress=stop)
+    assert not (tmp_path / "weights.pt").exists()
+    trained(tmp_path)
+    expected, found = weights_of(run[0]), weights_of(tmp_path)
+    assert found["origin"] == expected["origin"] == {"seed": 0, "steps": 4}
+    for name, tensor in expected["weights"].items():
+        assert torch.equal(found["weights"][name], tensor), name
+    curves = [(folder / "curve.csv").read_text().splitlines() for folder in (run[0], tmp_path)]
+    without_seconds = [[row.split(",")[:1] + row.split(",")[2:] for row in one] for one in curves]
+    assert without_seconds[0] == without_seconds[1]
+    assert [row[0] for row in without_seconds[0]] == ["step", "2", "4"]
+
+
+def test_twins_differ_in_light_alone():
+    """Promise: the same first weights, truths and run-in; events differ."""
+    twins = [Reconstruction(TINY, light, 5) for light in ("ideal", "all")]
+    states = [twin.network.state_dict() for twin in twins]
+    assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
+    batches = [[twin.batch(step) for step in range(3)] for twin in twins]
+    for ideal, drawn in zip(*batches, strict=True):
+        assert torch.equal(ideal[1], drawn[1])
+    assert any(not torch.equal(a[0], b[0]) for a, b in zip(*batches, strict=True))
+    assert len({twins[0].run_in(step) for step in range(20)}) == TINY.run_in_windows + 1
+    other = Reconstruction(TINY, "ideal", 6).network.state_dict()
+    assert not all(torch.equal(states[0][name], other[name]) for name in other)
+
+
+def test_stored_weights_give_the_same_images(run):
+    """Promise: weights.pt is in half precision, and the method that reads it has the trained
+    network's output."""
+    folder, problem, scores = run
+    stored = weights_of(folder)
+    assert {t.dtype for t in stored["weights"].values() if t.is_floating_point()} == {torch.half}
+    name = "our_reconstruction_all_light"
+    found = network("video", name, {name: str(folder / "weights.pt")})
+    grids, _ = problem.batch(9)
+    assert found.bins == TINY.bins
+    grid = grids[0, 0].numpy()
+    image, _ = found.image(grid)
+    with torch.inference_mode():
+        expected, _ = problem.network.eval()(grids[:1, 0])
+    np.testing.assert_allclose(image, expected[0, 0].numpy(), atol=0.02)  # bfloat16 in one of them
+    method = load_method("video", name, {name: str(folder / "weights.pt")})(16, 16, 0.2)
+    assert method.image(0).shape == (16, 16)
+    assert list(scores) == ["ideal", "200 Hz", "50 Hz"]
+    assert all(len(values) == 3 for values in scores.values())
+    assert 8 < scores["ideal"][2] < 12, "gray"
+
+
+def test_a_finished_training_is_not_repeated(run):
+    """Promise: the same command prints the scores again."""
+    folder, _, scores = run
+    before = (folder / "weights.pt").stat().st_mtime_ns
+    _, again = trained(folder)
+    assert again == scores
+    assert (folder / "weights.pt").stat().st_mtime_ns == before
+    described = json.loads((folder / "training.json").read_text())
+    assert described["settings"]["light"] == "all"
+    assert (folder / "curve.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_flow_is_learned_and_stored(tmp_path):
+    """Promise: the same loop trains flow; the method reads the weights, at quarter channels too."""
+    _, scores = trained(tmp_path, "ideal", settings=TINY_FLOW)
+    assert all(0 < value[0] < 100 and 0.3 < value[1] < 5 for value in scores.values())
+    name = "our_flow_ideal_light"
+    found = network("dense_flow", name, {name: str(tmp_path / "weights.pt")})
+    assert found.bins == 3
+    flow = found.flow(*np.zeros((2, 3, 128, 128), np.float32), iterations=1)
+    assert flow.shape == (2, 128, 128)
+    with pytest.raises(WeightsError, match="our flow: found a sensor of 96x96 px, expected"):
+        found.check_size(96, 96)
+
+
+def test_pairs_of_a_batch_do_not_affect_each_other():
+    """Promise: the flow of several pairs at once is that of each alone."""
+    torch.manual_seed(0)
+    net = ERAFT(3, narrower=16).eval()
+    old, new = torch.randn(2, 2, 3, 128, 128)
+    with torch.inference_mode():
+        _, (both,) = net(old, new, 2)
+        for k in range(2):
+            _, (alone,) = net(old[k : k + 1], new[k : k + 1], 2)
+            torch.testing.assert_close(both[k : k + 1], alone, rtol=1e-4, atol=1e-4)
+
+
+def test_weights_of_others_are_refused(run, tmp_path):
+    """Promise: one line says what the file holds, for each way in which it can be wrong."""
+    folder, problem, _ = run
+    file, name = tmp_path / "w.pt", "our_reconstruction_all_light"
+
+    def refused(words, method=name):
+        with pytest.raises(WeightsError, match=words) as error:
+            network("video", method, {method: str(file)})
+        assert "\n" not in str(error.value)
+
+    stored = weights_of(folder)
+    file.write_bytes((folder / "weights.pt").read_bytes())
+    refused("light: found 'all', expected 'ideal'", "our_reconstruction_ideal_light")
+    file.write_bytes((folder / "weights.pt").read_bytes()[:-200])
+    refused("checkpoint of PyTorch")
+    save(file, problem.network, FLOW, "all", {})
+    refused("arch: found 'eres flow', expected 'eres reconstruction'")
+    torch.save({**stored, "weights": {"a": torch.zeros(1)}}, file)
+    refused("found a table with 1 entry: a")
+    head = "unetrecurrent.head.conv2d.weight"
+    torch.save({**stored, "weights": {**stored["weights"], head: torch.zeros(9, 6, 5, 5)}}, file)
+    refused("found shape")
+    torch.save({"arch": print}, file)
+    refused("found a pickle of .*print, which could run code")
+    torch.save({"state_dict": {}}, file)
+    refused("expected arch, light and weights")
+    other = "our_flow_all_light"
+    torch.save({"arch": FLOW, "light": "all", "weights": {"b": torch.zeros(2)}}, file)
+    with pytest.raises(WeightsError, match=r"fnet.conv1.weight: found shape \(\), expected four"):
+        network("dense_flow", other, {other: str(file)})
+    with pytest.raises(WeightsError, match=f"found no weights, expected --weights {name}=FILE"):
+        network("video", name, None)
+    assert stored["arch"] == RECONSTRUCTION
+
+
+def test_folders_of_other_trainings_are_refused(run, tmp_path):
+    """Promise: nothing of another training is overwritten or continued."""
+    folder, _, _ = run
+    with pytest.raises(TrainingError, match="light: found 'all', expected 'ideal'; choose another"):
+        trained(folder, "ideal")
+    with pytest.raises(TrainingError, match="base_channels: found 4, expected 8"):
+        trained(folder, settings=replace(TINY, base_channels=8))
+    (tmp_path / "training.json").write_text("{")
+    with pytest.raises(TrainingError, match="missing or damaged"):
+        trained(tmp_path)
+    half = tmp_path / "half"
+    half.mkdir()
+    for name in ("training.json", "checkpoint.pt"):
+        (half / name).write_bytes((folder / name).read_bytes())
+    (half / "checkpoint.pt").write_bytes((folder / "checkpoint.pt").read_bytes()[:-100])
+    with pytest.raises(WeightsError, match="not a complete checkpoint"):
+        trained(half)
+    torch.save({"step": 1}, half / "checkpoint.pt")
+    with pytest.raises(TrainingError, match="not a checkpoint of this training"):
+        trained(half)
+
+
+def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
+    """Promise: too little memory, no GPU and a diverging loss are named."""
+    fast = replace(TINY, schedule=replace(BRIEF, learning_rate=1e30, largest_gradient=1e30))
+    with pytest.raises(TrainingError, match=r"schedule\.learning_rate"):
+        trained(tmp_path / "fast", settings=fast)
+    monkeypatch.setattr(loop, "memory_bytes", lambda: 1000)
+    with pytest.raises(TrainingError, match=r"needs about .* lower schedule\.crops_per_step"):
+        trained(tmp_path / "large")
+    monkeypatch.undo()
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(TrainingError, match="device: found no GPU"):
+        start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})
+
+
+def test_settings_are_names_or_files(tmp_path):
+    """Promise: a file changes the fields that it has; wrong ones are named."""
+    assert find_training(RECONSTRUCTIONS, "small") == ReconstructionTraining()
+    file = tmp_path / "mine.toml"
+    file.write_text("base_channels = 8\n[crops]\nside_px = 64\n[schedule]\nsteps = 7\n")
+    found = find_training(RECONSTRUCTIONS, str(file))
+    assert (found.base_channels, found.crops.side_px, found.schedule.steps) == (8, 64, 7)
+    file.write_text("[crops]\nideal_share = 0.5\n")
+    assert find_training(FLOWS, str(file)).crops == FlowCrops(ideal_share=0.5)
+    for text, words in (
+        ("steps = 3", "steps: unknown"),
+        ("bins = 1", "bins: found 1, expected at least 2"),
+        ("windows = 0", "windows: found 0, expected a positive number"),
+        ("windows_at_once = 5", "windows_at_once: found 5, expected a divisor of 16"),
+        ("[crops]\nside_px = 60", "side_px: found 60, expected a multiple of 8"),
+        ("[crops]\ncutoff_hz = [50.0]", "cutoff_hz"),
+        ("[schedule]\nsteps = -1", "schedule: steps: found -1"),
+    ):
+        file.write_text(text)
+        with pytest.raises(TaskError, match=words):
+            find_training(RECONSTRUCTIONS, str(file))
+    file.write_text("narrower = 3")
+    with pytest.raises(TaskError, match="narrower: found 3, expected 1, 2, 4, 8 or 16"):
+        find_training(FLOWS, str(file))
+    with pytest.raises(TrainingError, match="did you mean 'small'"):
+        find_training(RECONSTRUCTIONS, "smal")
+
+
+@pytest.mark.parametrize(("task", "known"), [("reconstruction", RECONSTRUCTIONS), ("flow", FLOWS)])
+def test_the_page_shows_every_setting_with_its_default(task, known, tmp_path):
+    """Promise: the TOML on docs/training.md has every field, and their defaults."""
+    page = (Path(__file__).parents[2] / "docs" / "training.md").read_text()
+    text = page.split(f"```toml {task}\n")[1].split("```")[0]
+    (tmp_path / "all.toml").write_text(text)
+    assert find_training(known, str(tmp_path / "all.toml")) == known["small"]
+
+    def names(table):
+        return {k: names(v) if isinstance(v, dict) else None for k, v in table.items()}
+
+    assert names(tomllib.loads(text)) == names(asdict(known["small"]))
+
+
+def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
+    """Promise: a finished run's scores, and a card with data, time, code, scores, limits."""
+    folder, _, _ = run
+    monkeypatch.setitem(RECONSTRUCTIONS, "trial", TINY)
+    code, out, err = eres("train", "reconstruction", "--config", "trial", "--out", folder)
+    assert (code, err) == (0, "")
+    assert [line.split()[0] for line in out.splitlines()[-3:]] == ["ideal", "200", "50"]
+    code, out, _ = eres("train", "card", folder, "--out", tmp_path / "card.md")
+    text = (tmp_path / "card.md").read_text()
+    assert code == 0
+    for words in ("| all light | 0 |", "| gray |", "code x", '"motion_px"', "## Limits"):
+        assert words in text
+    code, _, err = eres("train", "card", tmp_path)
+    assert code == 1
+    assert "expected a training's folder" in err
+    code, _, err = eres("train", "flow", "--config", "none", "--out", tmp_path / "x")
+    assert (code, err.count("\n")) == (1, 1)
+    monkeypatch.setitem(sys.modules, "tasks.learned.training.start", None)
+    code, _, err = eres("train", "flow", "--out", tmp_path / "x")
+    assert code == 1
+    assert "pip install '.[learned]'" in err
+
+
+def test_our_networks_are_methods_that_need_weights():
+    """Promise: they run only when weights are given."""
+    ours = {name for spec in TASKS.values() for name in spec.networks if name.startswith("our_")}
+    assert len(ours) == 4
+    assert not ours & {name for spec in TASKS.values() for name in spec.usual()}
+
+
+@pytest.mark.slow
+def test_a_short_training_learns(tmp_path):
+    """Promise: within the trial's steps the loss falls, and the network beats gray in ideal
+    light."""
+    settings = replace(
+        RECONSTRUCTIONS["trial"],
+        schedule=replace(RECONSTRUCTIONS["trial"].schedule, steps=200, validate_every=20),
+    )
+    _, scores = trained(tmp_path, settings=settings)
+    rows = (tmp_path / "curve.csv").read_text().splitlines()
+    losses = [float(row.split(",")[2]) for row in rows[1:]]
+    assert losses[-1] < 0.8 * losses[0]
+    net, _, gray = scores["ideal"]
+    assert net > gray + 0.5
