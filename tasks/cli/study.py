@@ -49,7 +49,7 @@ def study(
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
         "paper": three scenes, 20 samples of each, the methods of the paper; takes more
-        than an hour on 2 cores.
+        than an hour on 2 cores. "ablations": what the paper leaves open, on 6 samples of each.
     scenes
         Names or folders of scenes.
     samples

@@ -15,7 +15,7 @@ from tasks.methods import task_of
 from tasks.registry import TASKS
 
 # Fields that the stored study has only where they are given.
-_LEFT_OUT_AT_NONE = ("weights", "e2vid_window_s", "e2vid_events_per_px")
+_LEFT_OUT_AT_NONE = (*("weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),)
 
 LEAST_RESOLUTION = 62
 """Side of frames, px, in which `sensor.statistics.slopes_by_pixel_size` has room for its blocks."""
