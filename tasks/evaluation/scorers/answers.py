@@ -185,7 +185,7 @@ def _refusal(task: str, name: str, found: str, expected: str) -> MethodError:
     return MethodError(f"{task}, method {name!r}: returned {found}, expected {expected}")
 
 
-def _numbers(found: Any, shape: tuple[int, ...]) -> NDArray[np.floating] | None:
+def _numbers(found: Any, shape: tuple[int, ...]) -> NDArray[Any] | None:
     """Return an array of real numbers of a shape, None if it is something else."""
     try:
         array = np.asarray(found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, Number, Score
+from tasks.study.claims.numbers import Best, Number, Quantity, Score
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
@@ -37,7 +37,7 @@ _OTHER_VIDEO = tuple(
         *("late_truth", "filtered_truth"),
     )
 )
-_FINE_THEN_COARSE = {
+_FINE_THEN_COARSE: dict[str, Quantity] = {
     "ideal": Best(IDEAL),
     "ideal_lead": Number(lead([1280], IDEAL), above=0),
     "night": Best(NIGHT),
