@@ -107,6 +107,8 @@ TASKS = {
         summary="PSNR of the image at the end of the window",
         methods={
             "event_integration": f"{_METHODS}.event_integration:reconstruct",
+            "event_integration_nearest": f"{_METHODS}.event_integration:reconstruct_nearest",
+            "event_integration_bilinear": f"{_METHODS}.event_integration:reconstruct_bilinear",
             "no_events": f"{_METHODS}.no_events:reconstruct",
         },
         metric=_PSNR,
@@ -114,6 +116,7 @@ TASKS = {
         scorer=f"{_SCORERS}.reconstruction:ReconstructionScorer",
         settings=f"{_SETTINGS}:Reconstruction",
         sample="tasks.reconstruction:ReconstructionSample",
+        extensions=("event_integration_nearest", "event_integration_bilinear"),
     ),
     "video": TaskSpec(
         title="video reconstruction",
@@ -155,10 +158,14 @@ TASKS = {
             "photometric_flow_unknown_contrast": (
                 f"{_METHODS}.photometric_flow:estimate_unknown_contrast"
             ),
+            "photometric_flow_by_descent": f"{_METHODS}.photometric_flow:estimate_by_descent",
             "photometric_flow_with_delay": f"{_METHODS}.photometric_flow:estimate_with_delay",
             "contrast_maximization": f"{_METHODS}.contrast_maximization:estimate",
             "contrast_maximization_by_gradient": (
                 f"{_METHODS}.contrast_maximization:estimate_by_gradient"
+            ),
+            "contrast_maximization_by_plain_variance": (
+                f"{_METHODS}.contrast_maximization:estimate_by_plain_variance"
             ),
             "initial_flow": f"{_METHODS}.initial_flow:estimate",
         },
@@ -169,8 +176,9 @@ TASKS = {
         sample="tasks.flow:FlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
         extensions=(
-            *("photometric_flow_unknown_contrast", "photometric_flow_with_delay"),
-            "contrast_maximization_by_gradient",
+            *("photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
+            "photometric_flow_with_delay",
+            *("contrast_maximization_by_gradient", "contrast_maximization_by_plain_variance"),
         ),
     ),
     "dense_flow": TaskSpec(

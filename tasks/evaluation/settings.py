@@ -14,6 +14,8 @@ from tasks.registry import TASKS, load
 MAY_BE_ZERO = {"may be zero": True}
 """Metadata of a field whose numbers may be 0; those of other fields must be positive."""
 
+Equalization = Literal["none", "global", "local", "clahe"]
+
 E2VID_WINDOW_S = 0.025
 """Length of the windows of E2VID in path time, where the settings give none."""
 
@@ -260,6 +262,8 @@ class Video(NetworkSettings):
     equalization
         Equalization of the histograms of prediction and truth: "none", "global",
         "local" or "clahe" (local, with limited contrast).
+    other_equalizations
+        Other ones to score the same images with, each a variant of the task.
     e2vid_window_s
         Length of the windows of E2VID, seconds of the path; None for 0.025.
     e2vid_events_per_px
@@ -271,9 +275,8 @@ class Video(NetworkSettings):
     duration_s: float = 2.0
     run_in_s: float = field(default=0.5, metadata=MAY_BE_ZERO)
     every_s: float = 0.05
-    equalization: Literal["none", "global", "local", "clahe"] = field(
-        default="local", metadata=formerly("equalisation")
-    )
+    equalization: Equalization = field(default="local", metadata=formerly("equalisation"))
+    other_equalizations: tuple[Equalization, ...] | None = None
     e2vid_window_s: float | None = None
     e2vid_events_per_px: float | None = None
 
@@ -282,7 +285,8 @@ class Video(NetworkSettings):
 
     def score_s(self, width: int) -> float:
         images = round((self.duration_s - self.run_in_s) / self.every_s)
-        seconds = 0.4 * _share(width) * len(self.methods) * images
+        scored = images * (1 + len(self.other_equalizations or ()))
+        seconds = 0.4 * _share(width) * len(self.methods) * scored
         if "e2vid" in self.methods:
             seconds += (
                 _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or E2VID_WINDOW_S)

@@ -1,4 +1,9 @@
-"""Correlation of all pairs of cells, and what E-RAFT looks up in it."""
+"""Correlation of all pairs of cells, and what E-RAFT looks up in it.
+
+All pairs at 1280 px are 3.5 GB. A look-up needs few of them: those of each old cell with the new
+ones around its place. So a few rows of old cells at a time are correlated with the rows of new
+cells that they look at, looked up, and dropped.
+"""
 
 from __future__ import annotations
 
@@ -11,37 +16,26 @@ from torch.nn import functional
 LEVELS = 4
 RADIUS = 4
 CHANNELS = LEVELS * (2 * RADIUS + 1) ** 2
+_ROWS = 4  # of old cells at a time
 
 
 class Correlation:
     """Correlation of every old cell with every new one, at four resolutions of the new ones.
 
     The average over new cells commutes with the inner product: the new features are pooled, and
-    each level is one matrix product.
+    each level is one matrix product. All of it is in float32.
 
     Parameters
     ----------
     old, new
         (1, channels, h, w) features of the cells.
-
-    Attributes
-    ----------
-    levels
-        (h * w, 1, h / 2^l, w / 2^l) float32 for each level l.
     """
 
     def __init__(self, old: Tensor, new: Tensor) -> None:
-        channels = old.shape[1]
-        self._size = old.shape[-2:]
-        queries = old[0].reshape(channels, -1).T.float() / math.sqrt(channels)
-        pooled = new.float()
-        self.levels: list[Tensor] = []
-        with torch.autocast(old.device.type, enabled=False):  # in float32 everywhere
-            for level in range(LEVELS):
-                if level:
-                    pooled = functional.avg_pool2d(pooled, 2)
-                products = queries @ pooled[0].reshape(channels, -1)
-                self.levels.append(products.view(-1, 1, *pooled.shape[-2:]))
+        self._old = old[0].permute(1, 2, 0).float() / math.sqrt(old.shape[1])
+        self._new = [new.float()]
+        for _ in range(1, LEVELS):
+            self._new.append(functional.avg_pool2d(self._new[-1], 2))
 
     def look_up(self, at: Tensor) -> Tensor:
         """Return the correlations around one place for each old cell.
@@ -56,14 +50,48 @@ class Correlation:
         (1, 324, h, w): level by level, column by column of offsets from -4 to 4, interpolated
         bilinearly, 0 outside the image.
         """
-        height, width = self._size
-        places = at[0].permute(1, 2, 0).reshape(-1, 1, 1, 2)
-        steps = torch.arange(-RADIUS, RADIUS + 1).to(at)
-        offsets = torch.stack(torch.meshgrid(steps, steps, indexing="ij"), dim=-1)
-        found = []
-        for level, products in enumerate(self.levels):
-            ends = torch.tensor([products.shape[-1] - 1, products.shape[-2] - 1]).to(at)
-            points = 2 * (places / 2**level + offsets) / ends - 1
-            around = functional.grid_sample(products, points, align_corners=True)
-            found.append(around.reshape(height, width, -1))
-        return torch.cat(found, dim=-1).permute(2, 0, 1)[None]
+        places = at[0].permute(1, 2, 0)
+        blocks = zip(self._old.split(_ROWS), places.split(_ROWS), strict=True)
+        with torch.autocast(at.device.type, enabled=False):
+            found = [
+                torch.cat([_around(*block, new, 2**level) for level, new in enumerate(self._new)])
+                for block in blocks
+            ]
+        return torch.cat(found, dim=1)[None]
+
+
+def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
+    """Return (81, rows, w) correlations of a block of old cells at one resolution.
+
+    Parameters
+    ----------
+    old, places
+        (rows, w, channels) features and (rows, w, 2) places of the block.
+    new
+        (1, channels, h', w') features, each the mean of `pooled` cells along each axis.
+    pooled
+        Cells.
+    """
+    rows, width, channels = old.shape
+    x, y = (places / pooled).reshape(-1, 2).T
+    first, end = _rows_around(y, new.shape[2])
+    seen = new[0, :, first:end]
+    products = (old.reshape(-1, channels) @ seen.reshape(channels, -1)).view(-1, 1, *seen.shape[1:])
+    steps = torch.arange(-RADIUS, RADIUS + 1).to(places)
+    # grid_sample takes -1 to 1 as the centers of the first and the last cell.
+    columns = 2 * (x[:, None] + steps) / (seen.shape[2] - 1) - 1
+    lines = 2 * (y[:, None] - first + steps) / (seen.shape[1] - 1) - 1
+    points = torch.stack(
+        [columns[:, :, None].expand(-1, -1, len(steps)), lines[:, None].expand(-1, len(steps), -1)],
+        dim=-1,
+    )
+    found = functional.grid_sample(products, points, align_corners=True)
+    return found.reshape(rows, width, -1).permute(2, 0, 1)
+
+
+def _rows_around(y: Tensor, height: int) -> tuple[int, int]:
+    """Return the first row that places look at and the one after the last; at least two rows."""
+    least, most = (int(end) for end in torch.nan_to_num(y).floor().aminmax())
+    first = min(max(least - RADIUS, 0), height - 2)
+    last = min(max(most + RADIUS + 1, first + 1), height - 1)
+    return first, last + 1

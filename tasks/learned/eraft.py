@@ -13,12 +13,11 @@ from torch import Tensor
 from tasks.errors import WeightsError
 from tasks.learned import cpu
 from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of
-from tasks.learned.eraft_network import CELL_PX, ERAFT, ITERATIONS
+from tasks.learned.eraft_network import ERAFT, ITERATIONS
 from tasks.learned.size import check_memory
 
 LEAST_PX = 128  # below, the coarsest level of the correlation has one cell, and no scale
-_BYTES_PER_PX = 900  # and of the rest: twice the measured 440 in bfloat16
-_BYTES_PER_PAIR_OF_CELLS = 4 * (1 + 1 / 4 + 1 / 16 + 1 / 64)
+_BYTES_PER_PX = 1500  # at the peak, in float32: measured at 640 and 1280 px
 _FIRST = "fnet.conv1.weight"
 # The published code has one normalization under both names.
 _TWICE = tuple((f"cnet.layer{i}.0.norm3.", f"cnet.layer{i}.0.downsample.1.") for i in (2, 3))
@@ -58,9 +57,7 @@ class ERaft:
                 f"{self._name}: found a sensor of {width}x{height} px, expected at least "
                 f"{LEAST_PX} px on each side"
             )
-        pairs = (width * height / CELL_PX**2) ** 2
-        needed = _BYTES_PER_PAIR_OF_CELLS * pairs + _BYTES_PER_PX * width * height
-        check_memory(self._name, width, height, round(needed))
+        check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
 
     def flow(
         self,

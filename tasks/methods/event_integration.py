@@ -33,3 +33,13 @@ def reconstruct(sample: ReconstructionSample, upsampling: str = "bicubic") -> ND
     height, width = sample.log_keyframe.shape
     up = cv2.resize(delta, (width, height), interpolation=_INTERPOLATION[upsampling])
     return sample.log_keyframe + up
+
+
+def reconstruct_nearest(sample: ReconstructionSample) -> NDArray[np.float64]:
+    """As `reconstruct`, each pixel of the sensor a square of one change."""
+    return reconstruct(sample, "nearest")
+
+
+def reconstruct_bilinear(sample: ReconstructionSample) -> NDArray[np.float64]:
+    """As `reconstruct`, with bilinear interpolation."""
+    return reconstruct(sample, "bilinear")

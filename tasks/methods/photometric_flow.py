@@ -15,6 +15,8 @@ is bounded from below.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,8 @@ DELAY_BOUNDS = (0.0, 1.0)  # windows: an event cannot come before its light
 BOUND_SIGMAS = 4.0
 _MAX_STEPS = 1000  # fine texture and a slow sensor need 100 to 300
 _CONVERGED_PX = 1e-3
+_DESCENT_STEPS = 200  # of steepest descent
+_FIRST_STEP_PX = 0.25
 _TOGETHER = 512  # events that are sampled at once
 
 
@@ -38,12 +42,20 @@ def estimate(sample: FlowSample) -> FlowEstimate:
     at their pixel in this window have a residual. An answer more than 4 sigma from the initial flow
     is a failure: the search has run away.
     """
-    return _estimate(sample, contrast_is_known=True, has_delay=False)
+    return _estimate(sample, _levenberg_marquardt)
 
 
 def estimate_unknown_contrast(sample: FlowSample) -> FlowEstimate:
     """As `estimate`, with C as a third unknown in the scale-free objective."""
-    return _estimate(sample, contrast_is_known=False, has_delay=False)
+    return _estimate(sample, _levenberg_marquardt, contrast_is_known=False)
+
+
+def estimate_by_descent(sample: FlowSample) -> FlowEstimate:
+    """As `estimate_unknown_contrast`, by steepest descent over the flow, with the best C at each.
+
+    The paper says that it uses a first-order method, not which one.
+    """
+    return _estimate(sample, _steepest_descent, contrast_is_known=False)
 
 
 def estimate_with_delay(sample: FlowSample) -> FlowEstimate:
@@ -51,10 +63,20 @@ def estimate_with_delay(sample: FlowSample) -> FlowEstimate:
 
     A sensor with two poles at a = 2 pi f_cutoff delays slow changes by 2 / a.
     """
-    return _estimate(sample, contrast_is_known=True, has_delay=True)
+    return _estimate(sample, _levenberg_marquardt, has_delay=True)
 
 
-def _estimate(sample: FlowSample, *, contrast_is_known: bool, has_delay: bool) -> FlowEstimate:
+# From events, log image, start, lower and upper bounds to the unknowns, and whether it converged.
+_Search = Callable[..., tuple[NDArray[np.float64], bool]]
+
+
+def _estimate(
+    sample: FlowSample,
+    search: _Search,
+    *,
+    contrast_is_known: bool = True,
+    has_delay: bool = False,
+) -> FlowEstimate:
     usable = np.isfinite(sample.t_before)
     if usable.sum() < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{usable.sum()} events with one before them")
@@ -69,7 +91,7 @@ def _estimate(sample: FlowSample, *, contrast_is_known: bool, has_delay: bool) -
     start = np.array([*sample.initial, 1 / low_C, 0.0])
     if not contrast_is_known:
         start[2] = np.clip(_best_gain(events, sample.log_image, start), lower[2], upper[2])
-    found, converged = _levenberg_marquardt(events, sample.log_image, start, lower, upper)
+    found, converged = search(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
     reach = BOUND_SIGMAS * sample.initial_sigma_px
@@ -98,6 +120,41 @@ def _best_gain(
     _, gradient, curvature = normal_equations(events, L, unknowns)
     steepness = curvature[2, 2]
     return float(unknowns[2] - gradient[2] / steepness) if steepness > 0 else np.inf
+
+
+def _steepest_descent(
+    events: NDArray[np.float64],
+    L: NDArray[np.float64],
+    start: NDArray[np.float64],
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], bool]:
+    """Return the unknowns where steps against the gradient end, and True.
+
+    A step is twice as long as the one before where that lowered the cost, else half as long.
+    """
+
+    def at(
+        flow: NDArray[np.float64],
+    ) -> tuple[NDArray[np.float64], float, NDArray[np.float64]]:
+        unknowns = np.array([*flow, start[2], 0.0])
+        unknowns[2] = np.clip(_best_gain(events, L, unknowns), lower[2], upper[2])
+        cost, gradient, _ = normal_equations(events, L, unknowns)
+        return unknowns, cost, gradient[:2]
+
+    found, cost, gradient = at(start[:2])
+    step_px = _FIRST_STEP_PX
+    for _ in range(_DESCENT_STEPS):
+        slope = np.hypot(*gradient)
+        if step_px < _CONVERGED_PX or slope == 0:
+            break
+        trial, trial_cost, trial_gradient = at(found[:2] - step_px * gradient / slope)
+        if trial_cost < cost:
+            found, cost, gradient = trial, trial_cost, trial_gradient
+            step_px *= 2
+        else:
+            step_px /= 2
+    return found, True
 
 
 @jit_contract

@@ -7,7 +7,7 @@ poles at f delay slow changes by 1 / (pi f), two time constants, and blur fast o
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,8 +67,9 @@ class TrueLight:
         return np.log(seen + self.dark_level)
 
 
-class LateTruth:
-    """The true image, two time constants late.
+@dataclass
+class _Oracle:
+    """An oracle at the resolution of one sensor, whose events it ignores.
 
     Parameters
     ----------
@@ -80,75 +81,71 @@ class LateTruth:
         The truth.
     """
 
-    def __init__(
-        self, width: int, height: int, contrast_threshold: float, *, light: TrueLight
-    ) -> None:
-        self._size, self._light = (width, height), light
-        self._late_s = 0.0 if math.isinf(light.cutoff_hz) else 1 / (math.pi * light.cutoff_hz)
+    width: int
+    height: int
+    contrast_threshold: float
+    _: KW_ONLY
+    light: TrueLight
 
     def push(self, events: Events) -> None:
         """Ignore the events."""
+
+    def _seen(self, k: int) -> Float64:
+        """Return the true log intensity of a frame, (height, width)."""
+        return self.light.log_image(k, self.width, self.height)
+
+
+class LateTruth(_Oracle):
+    """The true image, two time constants late; made as every video method, with `light`."""
 
     def image(self, t_us: int) -> Float64:
         """Return log intensity, (height, width), linear in time between frames.
 
         Before the first frame, it is that frame.
         """
-        t_s, times = 1e-6 * t_us - self._late_s, self._light.t_s
+        cutoff_hz = self.light.cutoff_hz
+        late_s = 0.0 if math.isinf(cutoff_hz) else 1 / (math.pi * cutoff_hz)
+        t_s, times = 1e-6 * t_us - late_s, self.light.t_s
         after = int(np.clip(np.searchsorted(times, t_s), 1, len(times) - 1))
         start_s, end_s = times[after - 1 : after + 1]
         share = float(np.clip((t_s - start_s) / (end_s - start_s), 0, 1))
-        earlier, later = (self._light.log_image(k, *self._size) for k in (after - 1, after))
+        earlier, later = (self._seen(k) for k in (after - 1, after))
         return earlier + share * (later - earlier)
 
 
-class FilteredTruth:
+@dataclass
+class FilteredTruth(_Oracle):
     """The true log light, through both poles of the photoreceptor.
 
     As in the sensor, the poles start settled on the first frame, and the log light is linear in
-    time between frames.
-
-    Parameters
-    ----------
-    width, height
-        Size of the sensor, px.
-    contrast_threshold
-        Not used.
-    light
-        The truth.
+    time between frames. Made as every video method, with `light`.
     """
 
-    def __init__(
-        self, width: int, height: int, contrast_threshold: float, *, light: TrueLight
-    ) -> None:
-        self._size, self._light = (width, height), light
+    def __post_init__(self) -> None:
         self._frame = 0  # the latest one that the state includes
-        self._input = self._first = self._second = light.log_image(0, width, height)
-
-    def push(self, events: Events) -> None:
-        """Ignore the events."""
+        self._input = self._first = self._second = self._seen(0)
 
     def image(self, t_us: int) -> Float64:
         """Return log intensity, (height, width), as the second pole has it."""
-        t_s, times = 1e-6 * t_us, self._light.t_s
+        t_s, times = 1e-6 * t_us, self.light.t_s
         while self._frame + 1 < len(times) and times[self._frame + 1] <= t_s + 1e-9:
             self._frame += 1
-            end = self._light.log_image(self._frame, *self._size)
+            end = self._seen(self._frame)
             dt_s = times[self._frame] - times[self._frame - 1]
             self._first, self._second = self._advanced(end, dt_s)
             self._input = end
         left_s = t_s - times[self._frame]
         if self._frame + 1 == len(times) or left_s <= 1e-9:
             return self._second
-        after = self._light.log_image(self._frame + 1, *self._size)
+        after = self._seen(self._frame + 1)
         share = left_s / (times[self._frame + 1] - times[self._frame])
         return self._advanced(self._input + share * (after - self._input), left_s)[1]
 
     def _advanced(self, end: Float64, dt_s: float) -> tuple[Float64, Float64]:
         """Return the outputs of both poles after the log light went to `end`."""
-        if math.isinf(self._light.cutoff_hz):
+        if math.isinf(self.light.cutoff_hz):
             return end, end
-        step, start = photoreceptor_step(dt_s, self._light.cutoff_hz), self._input
+        step, start = photoreceptor_step(dt_s, self.light.cutoff_hz), self._input
         first = step.e * self._first + step.v1_u0 * start + step.v1_u1 * end
         second = step.e * self._second + step.v2_v1 * self._first
         return first, second + step.v2_u0 * start + step.v2_u1 * end

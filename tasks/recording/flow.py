@@ -185,7 +185,7 @@ def _answers(
     for name, method in methods.items():
         given = nearby if name in LOCAL else sample
         answer, _ = ask("flow", name, method, given)
-        yield name, flow_answer(name, given, answer)
+        yield name, flow_answer("flow", name, answer, given.initial)
 
 
 def _alone(

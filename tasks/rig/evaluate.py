@@ -337,7 +337,7 @@ def _flow_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Iterato
             )
             for name in settings.flow:
                 answer, _ = ask("flow", name, load_method("flow", name), sample)
-                estimate = flow_answer(name, sample, answer)
+                estimate = flow_answer("flow", name, answer, sample.initial)
                 error_px = rnepe_px(estimate.flow, flow_px[item], width)
                 for variant in variants:
                     yield _row(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 # Fields that the stored study has only where they are given.
 _LEFT_OUT_IF_NOT_GIVEN = (
-    *("question", "weights", "e2vid_window_s", "e2vid_events_per_px"),
+    *("question", "weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),
     *("height", "same_lens", "tracking_window_s"),
     *("sensors", "illuminance_lux", "speeds_m_s", "bus_mev_s", "trajectories"),
 )

@@ -61,7 +61,9 @@ def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
     assert noisy.in_light[0].leak_hz == 0.1
     assert wide.readout is not None
     assert wide.readout.max_rate_hz == 5e5
-    found = {(s.name, m.contrast_threshold, m.off_threshold) for s, _, m in simulate.models(Render())}
+    found = {
+        (s.name, m.contrast_threshold, m.off_threshold) for s, _, m in simulate.models(Render())
+    }
     assert found == {
         *((name, C, C) for name in ("davis346", "noisy") for C in (0.2, 0.5)),
         ("wide", 0.3, 0.4),

@@ -40,6 +40,23 @@ def test_upsampling_keeps_a_uniform_change(upsampling):
     np.testing.assert_allclose(reconstruct(sample, upsampling), 0.6, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("name", "between"),
+    [
+        ("_nearest", [0, 0, 1, 1]),
+        ("_bilinear", [0, 0.25, 0.75, 1]),
+        ("", [-0.1055, 0.2266, 0.7734, 1.1055]),
+    ],
+)
+def test_upsampling_between_two_pixels(name, between):
+    """Analytic: doubled, a step from 0 to 1 stays one, is linear between the centers, or is that of
+    the cubic kernel with a = -0.75, which overshoots."""
+    step = np.tile([0.0, 0.0, 1.0, 1.0], (4, 1))
+    sample = ReconstructionSample(np.zeros((8, 8)), step, 1.0)
+    image = load_method("reconstruction", f"event_integration{name}")(sample)
+    np.testing.assert_allclose(image[3, 2:6], between, atol=1e-4)
+
+
 def test_upsampling_keeps_pixel_centers_aligned():
     """Promise: a change at the center of the sensor appears at the center of the image."""
     delta = np.zeros((5, 5))

@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,6 +12,8 @@ from hypothesis import strategies as st
 
 from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
+from tasks.evaluation.scorers.video import VideoScorer
+from tasks.evaluation.settings import Video
 from tasks.methods.blank_video import BlankVideo
 from tasks.methods.high_pass_filter import HighPassFilter, without_event_decay
 from tasks.video import EQUALIZATIONS, ImageTaker, equalize, log_light, picture, psnr_db
@@ -265,3 +268,35 @@ def test_light_between_frames_is_a_line_in_log_intensity():
     assert log_light(TwoFrames(), 0.0, 1.0)[0, 0] == pytest.approx(math.log(2))
     with pytest.raises(TaskError, match=r"found 0 to 1 s, expected 1.5 s"):
         log_light(TwoFrames(), 1.5, 0.0)
+
+
+def test_other_equalizations_score_the_same_images():
+    """Promise: each is a variant with the scores of a run with that equalization, and the method
+    runs once."""
+    events = random_events(size=32)
+    setting = SimpleNamespace(model=SensorModel(width=32, height=32), speed=1.0)
+    truth = smooth_noise(1, 32)
+    reference = SimpleNamespace(
+        sequence=SimpleNamespace(window_s=(0.0, 2.0)),
+        picture=lambda t_s, equalization: picture(truth, truth.shape, equalization),
+    )
+
+    def scores(**options):
+        task = Video(methods=("high_pass_filter", "blank"), every_s=1.0, **options)
+        scorer = VideoScorer(reference, setting, task)
+        scorer.push(events)
+        return list(scorer.scores())
+
+    together = scores(equalization="local", other_equalizations=("none", "clahe"))
+    assert len(together) == 2 * 2 * 3
+    for name, variant in (
+        *(("local", ""), ("none", "equalization none")),
+        ("clahe", "equalization clahe"),
+    ):
+        here = [score for score in together if score.variant == variant]
+        alone = scores(equalization=name)
+        assert [(s.method, s.sample, s.value) for s in here] == [
+            (s.method, s.sample, s.value) for s in alone
+        ]
+        assert all(score.copied == (variant != "") for score in here)
+    assert len({score.value for score in together if score.method == "high_pass_filter"}) == 6

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 
 from eres_render import Trajectory
 from tasks.cpu_time import cpu_s
-from tasks.dense_flow import DenseFlowSample
 from tasks.errors import MethodError, WeightsError
-from tasks.flow import FlowEstimate, FlowSample
+from tasks.flow import FlowEstimate
 from tasks.methods import source_file
 from tasks.tracking import TrackingEstimate, TrackingSample
 
@@ -70,69 +70,41 @@ def _place(error: Exception, task: str, name: str) -> str:
     return f" at {frame.filename}:{frame.lineno}"
 
 
-def flow_answer(name: str, sample: FlowSample, answer: Any) -> FlowEstimate:
-    """Check the answer of a flow method.
+def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64]) -> FlowEstimate:
+    """Check the flow that a method of a patch, or of all pixels, returned.
 
     Parameters
     ----------
-    name
-        Name of the method.
-    sample
-        What the method got.
+    task, name
+        Task and name of the method.
     answer
-        What it returned.
+        What it returned: of a patch a `FlowEstimate`, of all pixels their flow.
+    nothing
+        (2,) or (2, h, w) flow of a method that does nothing, of the expected size.
 
     Returns
     -------
-    The answer; a failure with the initial flow if it is not finite.
+    The answer; a failure with `nothing` if the flow is not finite.
 
     Raises
     ------
     MethodError
-        The answer is not a `FlowEstimate` of one flow.
+        The answer is something else, or not of that size.
     """
-    if not isinstance(answer, FlowEstimate):
-        raise _refusal("flow", name, _named(answer), "a tasks.flow.FlowEstimate")
-    _check_failure("flow", name, answer.failure)
-    flow = _numbers(answer.flow, (2,))
+    of_patch = nothing.ndim == 1
+    estimate = answer if of_patch else FlowEstimate(answer)
+    if not isinstance(estimate, FlowEstimate):
+        raise _refusal(task, name, _named(answer), "a tasks.flow.FlowEstimate")
+    _check_failure(task, name, estimate.failure)
+    flow = _numbers(estimate.flow, nothing.shape)
     if flow is None:
-        found = f"a FlowEstimate whose flow is {_named(answer.flow)}"
-        raise _refusal("flow", name, found, "two numbers")
+        found = _named(estimate.flow)
+        if of_patch:
+            raise _refusal(task, name, f"a FlowEstimate whose flow is {found}", "two numbers")
+        raise _refusal(task, name, found, f"an array of numbers of {nothing.shape}")
     if not np.all(np.abs(flow) < _INFINITE):
-        return FlowEstimate(sample.initial, answer.failure or "the flow is not finite")
-    return answer
-
-
-def dense_flow_answer(
-    name: str, sample: DenseFlowSample, answer: Any
-) -> tuple[NDArray[np.floating], str]:
-    """Check the answer of a dense flow method.
-
-    Parameters
-    ----------
-    name
-        Name of the method.
-    sample
-        What the method got.
-    answer
-        What it returned.
-
-    Returns
-    -------
-    The flow and "", or zero flow and the reason if the flow is not finite.
-
-    Raises
-    ------
-    MethodError
-        The answer is not a flow of the sensor's size.
-    """
-    flow = _numbers(answer, sample.shape)
-    if flow is None:
-        expected = f"an array of numbers of {sample.shape}"
-        raise _refusal("dense_flow", name, _named(answer), expected)
-    if not np.all(np.abs(flow) < _INFINITE):
-        return np.zeros(sample.shape), "the flow is not finite"
-    return flow, ""
+        return FlowEstimate(nothing, estimate.failure or "the flow is not finite")
+    return replace(estimate, flow=flow)
 
 
 def path_answer(name: str, sample: TrackingSample, answer: Any) -> TrackingEstimate:
@@ -213,7 +185,7 @@ def _refusal(task: str, name: str, found: str, expected: str) -> MethodError:
     return MethodError(f"{task}, method {name!r}: returned {found}, expected {expected}")
 
 
-def _numbers(found: Any, shape: tuple[int, ...]) -> NDArray[np.floating] | None:
+def _numbers(found: Any, shape: tuple[int, ...]) -> NDArray[Any] | None:
     """Return an array of real numbers of a shape, None if it is something else."""
     try:
         array = np.asarray(found)

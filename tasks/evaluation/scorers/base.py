@@ -28,7 +28,7 @@ class Score:
     cpu_s
         CPU time of the method.
     copied
-        Whether the score is that of another variant, which is the same here.
+        Whether the method's answer is that of another variant, and was not computed again.
     """
 
     method: str

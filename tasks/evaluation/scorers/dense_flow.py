@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from sensor import Events
 from sensor.events import concatenate
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import ask, dense_flow_answer
+from tasks.evaluation.scorers.answers import ask, flow_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import DenseFlow
@@ -55,15 +57,15 @@ class DenseFlowScorer:
         for name in self._task.methods:
             method = load_method("dense_flow", name, self._task.weights)
             answer, cpu_s = ask("dense_flow", name, method, sample)
-            flow, failure = dense_flow_answer(name, sample, answer)
-            found_px = flow_at(flow, features.centers_px)
+            estimate = flow_answer("dense_flow", name, answer, np.zeros(sample.shape))
+            found_px = flow_at(estimate.flow, features.centers_px)
             for item in range(len(features)):
                 error_px = rnepe_px(found_px[item], features.flow_px[item], width)
                 yield Score(
                     name,
                     error_px,
                     item=item,
-                    failure=failure,
+                    failure=estimate.failure,
                     events=len(before) + len(during) if item == 0 else 0,  # the same for all
                     cpu_s=cpu_s / len(features),
                 )

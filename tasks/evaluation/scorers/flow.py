@@ -60,7 +60,7 @@ class FlowScorer:
                 )
                 for name, method in methods.items():
                     answer, cpu_s = ask("flow", name, method, sample)
-                    estimate = flow_answer(name, sample, answer)
+                    estimate = flow_answer("flow", name, answer, sample.initial)
                     error_px = rnepe_px(estimate.flow, features.flow_px[item], features.width)
                     for variant in variants:
                         yield Score(

@@ -24,6 +24,8 @@ class VideoScorer:
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Video) -> None:
         self._reference, self._task = reference, task
+        others = task.other_equalizations or ()
+        self._equalizations = {"": task.equalization, **{f"equalization {e}": e for e in others}}
         model = setting.model
         size_and_C = model.width, model.height, model.contrast_threshold
         start_s, end_s = reference.sequence.window_s
@@ -76,17 +78,19 @@ class VideoScorer:
         for t_us, answer in taken:
             log_image, failure = image_answer("video", name, answer, self._blank)
             sample = self._samples[t_us]
-            truth = self._reference.picture(self._times_s[sample], self._task.equalization)
-            found = picture(log_image, truth.shape, self._task.equalization)
-            value = psnr_db(found, truth)
-            self._scores.append(
-                Score(
-                    name,
-                    value,
-                    failure=failure,
-                    sample=sample,
-                    events=self._events[name],
-                    cpu_s=self._cpu_s[name],
+            for variant, equalization in self._equalizations.items():
+                truth = self._reference.picture(self._times_s[sample], equalization)
+                found = picture(log_image, truth.shape, equalization)
+                self._scores.append(
+                    Score(
+                        name,
+                        psnr_db(found, truth),
+                        variant,
+                        failure=failure,
+                        sample=sample,
+                        events=self._events[name],
+                        cpu_s=self._cpu_s[name],
+                        copied=variant != "",
+                    )
                 )
-            )
             self._events[name], self._cpu_s[name] = 0, 0.0

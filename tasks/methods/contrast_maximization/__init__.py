@@ -5,7 +5,12 @@ moved along the flow to one time, and their image is sharpest for the true flow.
 """
 
 from tasks.methods.contrast_maximization.contrast import EVEN_OFFSET_PX, REFERENCE_TIME, Contrast
-from tasks.methods.contrast_maximization.estimator import MIN_EVENTS, estimate, estimate_by_gradient
+from tasks.methods.contrast_maximization.estimator import (
+    MIN_EVENTS,
+    estimate,
+    estimate_by_gradient,
+    estimate_by_plain_variance,
+)
 
 __all__ = [
     "EVEN_OFFSET_PX",
@@ -14,4 +19,5 @@ __all__ = [
     "Contrast",
     "estimate",
     "estimate_by_gradient",
+    "estimate_by_plain_variance",
 ]

@@ -16,6 +16,11 @@ EVEN_OFFSET_PX = 0.5 - math.sqrt(1 / 12)
 """Offset of all events with which zero flow is no sharper than others. Bilinear votes blur by
 f (1 - f) px^2, where f is the distance to the pixel before: 1/6 on average, but 0 for all events
 that stay where they are. This f has 1/6."""
+_OBJECTIVES = {  # by gradient, and around even events
+    "variance": (False, True),
+    "gradient": (True, True),
+    "plain variance": (False, False),
+}
 _EXPOSURES = 16  # times, at least, at which the patch's own motion is sampled
 _TOGETHER = 256  # events whose places are computed at once
 _SMOOTHING_PX = 1.0
@@ -37,6 +42,7 @@ class Patch(NamedTuple):
     far_x: int  # width of the margin, px
     far_y: int
     by_gradient: bool  # whether the objective is "gradient"
+    around_even: bool  # whether the image without texture is subtracted
 
 
 class Work(NamedTuple):
@@ -69,7 +75,8 @@ class Contrast:
         Largest distance of any flow from the initial flow, per component: all flows then get
         images of the same size.
     objective
-        "variance" or "gradient".
+        "variance", "gradient", or "plain variance": nothing is subtracted. As no vote is lost, that
+        is the variance of the image of warped events but for a constant.
     offset_px
         Moves all events along both axes: 0, or `EVEN_OFFSET_PX`.
     """
@@ -96,7 +103,7 @@ class Contrast:
             height,
             far_x,
             far_y,
-            {"variance": False, "gradient": True}[objective],
+            *_OBJECTIVES[objective],
         )
         votes, across, blurred = np.zeros((3, height + 2 * far_y, width + 2 * far_x))
         self.work = Work(
@@ -134,7 +141,8 @@ def contrast_at(patch, work, vx, vy):
     """
     work.pixels[:] = 0.0
     _vote(patch, vx, vy, work)
-    _subtract_even_events(patch, vx, vy, work)
+    if patch.around_even:
+        _subtract_even_events(patch, vx, vy, work)
     _blur(work)
     image = work.blurred
     rows, columns = image.shape

@@ -27,7 +27,8 @@ def estimate(
     sample
         Events of one patch.
     objective
-        "variance", or "gradient" for the mean squared gradient magnitude.
+        As of `Contrast`: "variance", "gradient" for the mean squared gradient magnitude, or "plain
+        variance".
     offset_px
         Moves all events along both axes. With `EVEN_OFFSET_PX`, a search from zero is free to leave
         it: events that do not move have sharp votes.
@@ -52,3 +53,8 @@ def estimate(
 def estimate_by_gradient(sample: FlowSample) -> FlowEstimate:
     """As `estimate`, with the mean squared gradient magnitude as contrast."""
     return estimate(sample, objective="gradient")
+
+
+def estimate_by_plain_variance(sample: FlowSample) -> FlowEstimate:
+    """As `estimate`, with the variance of the image of warped events alone as contrast."""
+    return estimate(sample, objective="plain variance")

@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from tasks.registry import TASKS
 from tasks.study.claims.numbers import (
     NotMeasured,
     Number,
@@ -109,7 +110,8 @@ class SceneClaim(Claim):
     scenes
         Scenes that the claim is about; () for all scenes of the run.
     beside
-        Other methods of the task. Their numbers are printed too, but do not decide.
+        How other series differ from it, such as {"method": "..."} or {"variant": "..."}. Their
+        numbers are printed too, and whether the claim would hold, but do not decide.
     mean
         Name of a number; its mean over the scenes is printed too.
     """
@@ -119,7 +121,7 @@ class SceneClaim(Claim):
     text: str
     paper: str = ""
     scenes: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ()
+    beside: tuple[Mapping[str, str], ...] = ()
     mean: str = ""
 
     def chosen(self, scores: Scores) -> tuple[Series | None, str]:
@@ -149,30 +151,34 @@ class SceneClaim(Claim):
         outcomes = {scene: one.status for scene, one in found.scenes.items()}
         judged = [scene for scene, one in outcomes.items() if one is not Status.NOT_MEASURED]
         scope = f"{about} {self._scope(scores, series, judged)}".strip()
-        where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
-        ours = "\n".join(found.lines) or f"no rows of {series.name}{where}"
-        return self.verdict(outcomes.values(), ours, paper, scope, _likeness(found))
+        lines = found.lines
+        if not outcomes:
+            where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
+            why = ", which needs weights" if series.method in TASKS[series.task].networks else ""
+            lines = [f"no rows of {series.name}{where}{why}", *lines]
+        return self.verdict(outcomes.values(), "\n".join(lines), paper, scope, _likeness(found))
 
     def _read(self, scores: Scores, series: Series, scaling: Mapping[str, Scaling]) -> _Found:
         """Read the numbers of each scene."""
         found = _Found({}, [])
-        for scene in scores.scenes(series):
+        others = [series._replace(**change) for change in self.beside]
+        scenes = dict.fromkeys(scene for one in (series, *others) for scene in scores.scenes(one))
+        for scene in scenes:
             if self.scenes and scene not in self.scenes:
                 continue
             on = SceneScores(scores, series, scene, scaling.get(scene))
-            try:
-                found.scenes[scene] = reading = self._reading(on)
-            except NotMeasured as reason:
-                found.scenes[scene] = Reading(str(reason), Status.NOT_MEASURED)
-                found.lines.append(f"{scene}: {reason}")
-                continue
-            fails = reading.status is Status.DOES_NOT_HOLD
-            found.lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
-            for method in self.beside:
-                other = series._replace(method=method)
+            if scene in scores.scenes(series):
+                try:
+                    reading = self._reading(on)
+                except NotMeasured as reason:
+                    reading = Reading(str(reason), Status.NOT_MEASURED)
+                found.scenes[scene] = reading
+                fails = reading.status is Status.DOES_NOT_HOLD
+                found.lines.append(f"{scene}: {reading.text}{' (does not hold)' * fails}")
+            for other in others:
                 with suppress(NotMeasured):
-                    text = self._reading(replace(on, series=other)).text
-                    found.lines.append(f"{other.name}: {text}")
+                    reading = self._reading(replace(on, series=other))
+                    found.lines.append(f"{scene}, {other.name}: {reading.text} ({reading.status})")
         found.lines.extend(self._mean(scores, series))
         return found
 

@@ -45,8 +45,11 @@ class SceneScores:
 
     def cell(self, where: SceneCell) -> Cell:
         """Return one cell; it has no values if it was not measured."""
-        series = self.series._replace(method=where.method or self.series.method)
-        return self.scores.cell(series, Condition(self.scene, *where[:3]))
+        return self.scores.cell(self._series_of(where), Condition(self.scene, *where[:3]))
+
+    def _series_of(self, where: SceneCell) -> Series:
+        task, method = where.task or self.series.task, where.method or self.series.method
+        return self.series._replace(task=task, method=method)
 
     def median(self, where: SceneCell) -> float:
         """Return the median score of one cell.
@@ -96,7 +99,7 @@ class SceneScores:
         method = missing[0].method  # those of the claim's own method come first
         missing = [where for where in missing if where.method == method]
         more = f" and {len(missing) - 2} more" if len(missing) > 2 else ""
-        of_method = f" of {self.series._replace(method=method).name}" if method else ""
+        of_method = f" of {self._series_of(missing[0]).name}" if method else ""
         named = "; ".join(self._missing_text(where) for where in missing[:2])
         raise NotMeasured(f"not measured, missing {named}{more}{of_method}")
 

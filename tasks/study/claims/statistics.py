@@ -26,6 +26,7 @@ class SceneCell(NamedTuple):
     cutoff_hz: float
     speed: float = 1.0  # factor on the base speed
     method: str = ""  # "" is the method that the claim is about
+    task: str = ""  # of the method, where it is not the claim's
 
 
 PerValue = Callable[[Values[SceneCell]], NDArray[np.float64]]
@@ -87,7 +88,9 @@ def _combined(
     )
 
 
-def median(width: int, cutoff_hz: float, speed: float = 1.0, method: str = "") -> Statistic:
+def median(
+    width: int, cutoff_hz: float, speed: float = 1.0, method: str = "", task: str = ""
+) -> Statistic:
     """Return the median score of one cell.
 
     Parameters
@@ -100,13 +103,15 @@ def median(width: int, cutoff_hz: float, speed: float = 1.0, method: str = "") -
         Factor on the base speed.
     method
         Another method than that of the claim; "" for that of the claim.
+    task
+        Its task; "" for that of the claim.
 
     Returns
     -------
     Statistic
         In the metric's unit; errors are negative.
     """
-    cell = SceneCell(width, cutoff_hz, speed, method)
+    cell = SceneCell(width, cutoff_hz, speed, method, task)
     return Statistic((cell,), lambda medians: medians[cell], lambda at: at[cell])
 
 
@@ -205,7 +210,7 @@ def lead(widths: Sequence[int], cutoff_hz: float, speed: float = 1.0) -> Statist
     return Statistic((*first, *rest), of)
 
 
-def growth(width: int, method: str = "") -> Statistic:
+def growth(width: int, method: str = "", task: str = "") -> Statistic:
     """Return the error at night over that in ideal light, at base speed.
 
     Parameters
@@ -214,13 +219,16 @@ def growth(width: int, method: str = "") -> Statistic:
         Sensor width, px.
     method
         Another method than that of the claim; "" for that of the claim.
+    task
+        Its task; "" for that of the claim.
 
     Returns
     -------
     Statistic
         A factor.
     """
-    return median(width, NIGHT, method=method) / median(width, IDEAL, method=method)
+    night, ideal = (median(width, c, method=method, task=task) for c in (NIGHT, IDEAL))
+    return night / ideal
 
 
 def smallest(*statistics: Statistic) -> Statistic:

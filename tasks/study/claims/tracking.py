@@ -18,6 +18,8 @@ from tasks.study.results.perturbation import (
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import share_text
 
+_PAPERS_START = {"variant": "sigma 200 mm"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingClaim(SceneClaim):
@@ -72,7 +74,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
         },
         text="{ideal} → {night} at 1280 px, growth {growth}; best at night {best}, lead of 346 px "
         "{lead}",
-        beside=("photometric_tracking_with_delay",),
+        beside=({"method": "photometric_tracking_with_delay"}, _PAPERS_START),
         note="At base speed.",
     ),
     TrackingClaim(
@@ -89,6 +91,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
         },
         text="speed 1: best {slow}, lead of 1280 px {slow_lead}; speed 2: best {fast}, lead of "
         "1280 px {fast_lead}",
+        beside=(_PAPERS_START,),
         note="The paper's appendix gives the speeds as 1.2, 1.6 and 2.4 m/s on both scenes. Its "
         "main text gives 0.9, 1.2 and 1.8 m/s for the same numbers on carpet. We read them as the "
         "factors 1, 1.3 and 2. At 128 px the paper's errors are erratic (29.5, 2.44 and 193.6 mm "

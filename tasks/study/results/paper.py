@@ -5,7 +5,8 @@ photoreceptor cutoff, a column per camera speed. The name of a table is its labe
 LaTeX source.
 
 Our names for the paper's methods: `event_integration` is EI, `e2vid` E2VID, `high_pass_filter` HF,
-`photometric_flow` EPF, `contrast_maximization` CM, `e_raft` E-RAFT, `photometric_tracking` EPPT.
+`photometric_flow` EPF, `contrast_maximization` CM, `eraft` E-RAFT (a method of dense flow),
+`photometric_tracking` EPPT.
 """
 
 from __future__ import annotations
@@ -185,8 +186,8 @@ _TABLES = (
     ),
     _Table(
         "tab:app:optical_flow_sota",
-        "flow",
-        "e_raft",
+        "dense_flow",
+        "eraft",
         "rnepe_px",
         (*SPEEDS, 10.0),
         {

@@ -1,0 +1,134 @@
+"""Promise: claims about networks follow the rows, and are not measured without weights; and what
+is printed beside a claim does not decide it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from study_rows import EI, EPF, EPPT, FAST, HF, Change, paper_rows
+from tasks.row import Row
+from tasks.study.claims.claim import SceneClaim
+from tasks.study.claims.judge import CLAIMS, judge_all
+from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.config import preset
+from tasks.study.results.metrics import Series
+
+E2VID = Series("video", "e2vid", "psnr_db")
+ERAFT = Series("dense_flow", "eraft", "rnepe_px")
+SERIES = {"10 E2VID": E2VID, "11 E2VID": E2VID, "17 E-RAFT": ERAFT, "21 E-RAFT": ERAFT}
+INF = math.inf
+
+
+def same(width: int, cutoff_hz: float, speed: float, value: float) -> float:
+    return value
+
+
+def verdict(name: str, rows: Sequence[Row]) -> Verdict:
+    """Return the verdict on the claim with this number and start of its title."""
+    number, _, start = name.partition(" ")
+    found = [v for v in judge_all(rows, {}) if v.number == int(number)]
+    (one,) = (v for v in found if v.title.startswith(start))
+    return one
+
+
+def rows_for(name: str, change: Change = same) -> list[Row]:
+    """Return rows with the paper's medians; the claim that compares two methods needs both."""
+    other = paper_rows(EPF, scenes=("carpet",)) if name.startswith("21") else []
+    return other + paper_rows(SERIES[name], change)
+
+
+FAILURES: dict[str, Change] = {
+    "10 E2VID": lambda w, c, s, v: v + 3 * (w == 346 and c == 50),
+    "11 E2VID": lambda w, c, s, v: v + 3 * (w == 1280 and c == 50),
+    "17 E-RAFT": lambda w, c, s, v: v * (2 if w == 640 and c == 200 and s == 2 else 1),
+    "21 E-RAFT": lambda w, c, s, v: v * (9 if w == 240 and c == 50 else 1),
+}
+
+
+@pytest.mark.parametrize("name", SERIES)
+def test_the_papers_own_numbers_uphold_its_claims(name: str) -> None:
+    """Rows with the paper's medians: the claim holds, with an interval; a change breaks it."""
+    found = verdict(name, rows_for(name))
+    assert found.status is Status.HOLDS
+    assert "[" in found.ours
+    assert found.paper.startswith("carpet: ")
+    broken = verdict(name, rows_for(name, FAILURES[name]))
+    assert broken.status is Status.DOES_NOT_HOLD
+
+
+@pytest.mark.parametrize("name", SERIES)
+def test_without_rows_of_the_network_nothing_is_measured(name: str) -> None:
+    """A run without weights: the verdict is "not measured", and says what is missing."""
+    found = verdict(name, paper_rows(HF) + paper_rows(EPF))
+    assert found.status is Status.NOT_MEASURED
+    assert found.ours == f"no rows of {name[3:]} on carpet, which needs weights"
+
+
+def test_a_comparison_needs_rows_of_both_methods() -> None:
+    """Rows of E-RAFT alone: its growth is not compared, and the text names what is missing."""
+    found = verdict("21 E-RAFT", paper_rows(ERAFT))
+    assert found.status is Status.NOT_MEASURED
+    assert "not measured, missing 128 px, ideal, speed 1" in found.ours
+    assert found.ours.endswith("of photometric flow")
+
+
+def test_at_9_m_per_s_the_paper_has_the_same_order() -> None:
+    """The note of claim 17: the error falls from each width to the next there too."""
+    for cutoff_hz in (INF, 200.0, 50.0):
+        errors = [
+            r.value
+            for r in paper_rows(ERAFT, samples=1)
+            if (r.cutoff_hz, r.speed) == (cutoff_hz, FAST)
+        ]
+        assert errors == sorted(errors, reverse=True)
+
+
+def test_what_is_beside_a_claim_is_printed_and_does_not_decide() -> None:
+    """Other methods and variants have a line each, with whether the claim would hold with them;
+    also where the method itself has no rows."""
+    worse = paper_rows(EI, lambda w, c, s, v: v - w / 100, method="event_integration_nearest")
+    found = verdict("4 Daylight", paper_rows(EI) + worse)
+    assert found.status is Status.HOLDS
+    lines = [line for line in found.ours.splitlines() if "event integration nearest" in line]
+    assert len(lines) == 3
+    assert lines[0].startswith("carpet, event integration nearest: best ")
+    assert all(line.endswith("(does not hold)") for line in lines)
+    plain = HF._replace(variant="equalization none")
+    other = paper_rows(plain, lambda w, c, s, v: v + (w == 240) * (c == 50))
+    found = verdict("10 High-pass", paper_rows(HF, FAILURES["10 E2VID"]) + other)
+    assert found.status is Status.DOES_NOT_HOLD
+    assert "carpet, high-pass filter, equalization none: ideal: best " in found.ours
+    assert found.ours.endswith("(holds)")
+    oracle = paper_rows(E2VID, method="late_truth")
+    alone = verdict("11 E2VID", oracle)
+    assert alone.status is Status.NOT_MEASURED
+    assert alone.ours.splitlines()[0].startswith("no rows of E2VID on carpet")
+    assert alone.ours.splitlines()[1].startswith("carpet, late truth: 11.39 dB at 128 px")
+    far = paper_rows(EPPT._replace(variant="sigma 200 mm"))
+    far = [replace(row, failure="no convergence") for row in far]
+    found = verdict("20 Pose", paper_rows(EPPT) + far)
+    assert "carpet, photometric tracking, sigma 200 mm: speed 1: best " in found.ours
+
+
+ABLATED = (4, 9, 10, 12, 14, 16, 19, 20)
+
+
+def test_the_ablations_are_what_the_claims_print_beside_their_own() -> None:
+    """Promise: preset `ablations` computes every line beside these claims, and its own numbers."""
+    evaluate = preset("ablations").evaluate
+    video, tracking = evaluate["video"], evaluate["tracking"]
+    variants = {f"equalization {name}" for name in video.other_equalizations}
+    variants |= {f"sigma {sigma_mm:g} mm" for sigma_mm in tracking.sigmas_mm}
+    for claim in CLAIMS:
+        if claim.number not in ABLATED or claim.series.method == "e2vid":
+            continue
+        assert isinstance(claim, SceneClaim)
+        assert claim.beside, claim.title
+        settings = evaluate[claim.series.task]
+        methods = {*settings.methods, *getattr(settings, "fast_methods", ())}
+        assert claim.series.method in methods
+        for change in claim.beside:
+            ours = "with_delay" in change.get("method", "")  # in preset `paper`
+            assert ours or {*change.values()} <= methods | variants
