@@ -107,10 +107,10 @@ WINGS = {
     "tasks.footage": set(),
     "tasks.events": {"tasks.evaluation", "tasks.footage"},
     "tasks.recording": {
-        *("tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods"),
+        *("tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods", "tasks.numerics"),
     },
     "tasks.datasets": set(),
-    "tasks.fitting": {"tasks.footage"},
+    "tasks.fitting": {"tasks.numerics", "tasks.recording"},
     "tasks.generation": {"tasks.events", "tasks.study.run"},
     "tasks.view": {"tasks.events"},
     "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.methods"},

@@ -118,15 +118,13 @@ def read(path: Path, header: Header, *, sort: bool = False) -> Iterator[Events]:
         The file is truncated or damaged, has events of two cameras, or the events are not a valid
         stream.
     """
-    yield no_events(header.width or 0, header.height or 0, header.model)
-    parts = _parts(path, header, sort)
-    yield from batching.by_time(parts) if sort else parts
-
-
-def _parts(path: Path, header: Header, sort: bool) -> Iterator[Events]:
     none = no_events(header.width or 0, header.height or 0, header.model)
+    yield from batching.in_order(_packets(path, none), none, sort=sort)
+
+
+def _packets(path: Path, none: Events) -> Iterator[tuple[str, Events]]:
+    """Yield where each packet is, and its events."""
     sources: set[int] = set()
-    last_us = 0
     with path.open("rb") as file:
         _read_lines(file)
         while True:
@@ -135,17 +133,9 @@ def _parts(path: Path, header: Header, sort: bool) -> Iterator[Events]:
             if found is None:
                 return
             t_us, word = found
-            if not len(t_us):
-                continue
-            if not sort and (t_us[0] < last_us or np.any(np.diff(t_us) < 0)):
-                raise EventFormatError(
-                    f"byte {at}: has events that are earlier than the ones before them (--sort, "
-                    "sort=True sorts the events)"
-                )
-            last_us = int(t_us[-1])
             x, y = ((word >> 17).astype(np.uint16), (word >> 2 & 0x7FFF).astype(np.uint16))
-            on = word & 2 > 0
-            yield batching.with_checked_places(t_us, x, y, on, f"byte {at}", none)
+            on, where = word & 2 > 0, f"byte {at}"
+            yield where, batching.with_checked_places(t_us, x, y, on, where, none)
 
 
 def _read_packet(
@@ -172,5 +162,7 @@ def _read_packet(
         raise EventFormatError(f"byte {at}: found {found}, expected {_EVENT.itemsize} bytes of one")
     events = np.frombuffer(data, _EVENT)
     events = events[events["word"] & 1 == 1]
+    if np.any(events["t"] < 0):
+        raise EventFormatError(f"byte {at}: found time {events['t'].min()} us, expected 0 or more")
     t_us = (np.int64(packet["overflow"]) << 31) + events["t"].astype(np.int64)
     return t_us, events["word"]

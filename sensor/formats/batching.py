@@ -85,6 +85,49 @@ def by_time(parts: Iterable[Events]) -> Iterator[Events]:
         yield Events.trusted(*events.columns.part(part), like=events)
 
 
+def in_order(
+    packets: Iterable[tuple[str, Events]], none: Events, *, sort: bool
+) -> Iterator[Events]:
+    """Yield an empty part, then those of a file: sorted, or after a check that they are.
+
+    Parameters
+    ----------
+    packets
+        Where in the file a part is, for errors, and its events, whose times may be unsorted.
+    none
+        No events of the same sensor.
+    sort
+        Sort the events by time, with all of them in memory.
+
+    Yields
+    ------
+    Events
+
+    Raises
+    ------
+    EventFormatError
+        An event is earlier than the one before it, and they are not to be sorted.
+    """
+    yield none
+    if sort:
+        yield from by_time(events for _, events in packets)
+        return
+    last_us: int | None = None
+    for where, events in packets:
+        if len(events):
+            before_us = np.concatenate(
+                ([events.t_us[0] if last_us is None else last_us], events.t_us)
+            )
+            backwards = np.flatnonzero(before_us[1:] < before_us[:-1])
+            if len(backwards):
+                raise EventFormatError(
+                    f"{where}: event {backwards[0]} there is earlier than the one before it "
+                    "(--sort, sort=True sorts the events)"
+                )
+            last_us = int(events.t_us[-1])
+            yield events
+
+
 def with_checked_places(
     t_us: NDArray[np.int64],
     x: NDArray[np.uint16],

@@ -133,47 +133,29 @@ def read(path: Path, header: Header, kind: str, *, sort: bool = False) -> Iterat
     EventFormatError
         faery is not installed or cannot read the file, or the events are not a valid stream.
     """
-    yield no_events(header.width or 0, header.height or 0, header.model)
-    parts = _parts(path, header, kind, sort)
-    yield from batching.by_time(parts) if sort else parts
-
-
-def _parts(path: Path, header: Header, kind: str, sort: bool) -> Iterator[Events]:
     none = no_events(header.width or 0, header.height or 0, header.model)
-    last_us = 0
+    yield from batching.in_order(_packets(path, none, kind), none, sort=sort)
+
+
+def _packets(path: Path, none: Events, kind: str) -> Iterator[tuple[str, Events]]:
+    """Yield the number of the first event of each packet, and its events."""
     done = 0
     with _decoding(path, kind) as pipe:
         _header(pipe)
         while (count := struct.unpack("<q", _taken(pipe, 8))[0]) != faery_process.END:
             data = _taken(pipe, count * faery_process.EVENT.itemsize)
-            found = np.frombuffer(data, faery_process.EVENT)
-            if count == 0:
-                continue
-            part = _checked(found, header, done, sort, none)
-            if part.t_us[0] < last_us and not sort:
-                raise _backwards(done)
-            last_us = int(part.t_us[-1])
+            where = f"events from {done}"
+            yield where, _checked(np.frombuffer(data, faery_process.EVENT), where, none)
             done += count
-            yield part
 
 
-def _backwards(k: int) -> EventFormatError:
-    return EventFormatError(
-        f"event {k}: is earlier than the one before it (--sort, sort=True sorts the events)"
-    )
-
-
-def _checked(found: np.ndarray, header: Header, first: int, sort: bool, none: Events) -> Events:
-    """Convert a packet to `Events` and check its values; `first` is the index of its first."""
-    if found["t"].max() >= _MAX_TIME_US:
-        latest = found["t"].max()
+def _checked(found: np.ndarray, where: str, none: Events) -> Events:
+    """Convert a packet to `Events` and check its values, except for the order of its times."""
+    latest = found["t"].max(initial=0)
+    if latest >= _MAX_TIME_US:
         raise EventFormatError(
-            f"events from {first}: found time {latest} us, expected less than {_MAX_TIME_US} us"
+            f"{where}: found time {latest} us, expected less than {_MAX_TIME_US} us"
         )
     t_us = found["t"].astype(np.int64)
-    backwards = np.flatnonzero(t_us[1:] < t_us[:-1])
-    if len(backwards) and not sort:
-        raise _backwards(first + int(backwards[0]) + 1)
     x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
-    on, where = found["on"] > 0, f"events from {first}"
-    return batching.with_checked_places(t_us, x, y, on, where, none)
+    return batching.with_checked_places(t_us, x, y, found["on"] > 0, where, none)

@@ -157,14 +157,12 @@ def read(
         The file is damaged, the topic is unknown or not given, or the events are not a valid
         stream.
     """
-    yield no_events(header.width or 0, header.height or 0, header.model)
-    parts = _parts(path, header, sort, topic)
-    yield from batching.by_time(parts) if sort else parts
-
-
-def _parts(path: Path, header: Header, sort: bool, topic: str | None) -> Iterator[Events]:
     none = no_events(header.width or 0, header.height or 0, header.model)
-    last_us = None
+    yield from batching.in_order(_messages(path, none, topic), none, sort=sort)
+
+
+def _messages(path: Path, none: Events, topic: str | None) -> Iterator[tuple[str, Events]]:
+    """Yield which message it is, and its events."""
     with _opened(path) as reader:
         for number, (_, _, data) in enumerate(reader.messages(_chosen(reader, topic))):
             found, width, height = _parsed(data, number)
@@ -173,16 +171,7 @@ def _parts(path: Path, header: Header, sort: bool, topic: str | None) -> Iterato
                     f"message {number}: found a sensor of {width}x{height} px, expected "
                     f"{none.width}x{none.height} px"
                 )
-            if not len(found):
-                continue
             t_us = found["s"].astype(np.int64) * 1_000_000 + found["ns"] // 1000
-            first_us = t_us[0] if last_us is None else last_us
-            if not sort and (t_us[0] < first_us or np.any(np.diff(t_us) < 0)):
-                raise EventFormatError(
-                    f"message {number}: has events that are earlier than the ones before them "
-                    "(--sort, sort=True sorts the events)"
-                )
-            last_us = int(t_us[-1])
             x, y = (np.ascontiguousarray(found[name]) for name in ("x", "y"))
             on, where = found["on"] > 0, f"message {number}"
-            yield batching.with_checked_places(t_us, x, y, on, where, none)
+            yield where, batching.with_checked_places(t_us, x, y, on, where, none)

@@ -51,7 +51,8 @@ def simulate(
     out
         File of events: .h5 (DSEC), .raw (Prophesee EVT3), .npz or .txt.
     sensor
-        Name of a camera (`eres sensors` lists them), instead of a resolution.
+        Name of a camera (`eres sensors` lists them), instead of a resolution: its pixels, their
+        fill factor, and its bus.
     resolution
         Width of the sensor, px, instead of a camera. Footage needs neither: the sensor then has its
         size.
@@ -93,7 +94,7 @@ def simulate(
         pixel=pixel,
     )
     options = SimulationOptions(
-        speed=speed, seed=seed, readout=bus.readout(), format=format, overwrite=overwrite
+        speed=speed, seed=seed, readout=bus.readout(sensor), format=format, overwrite=overwrite
     )
     with progress_bar(terminal.err) as on_progress:
         count, report = simulate_frames(model, out, options, on_progress=on_progress)

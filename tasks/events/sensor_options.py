@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sensor.model import Photoreceptor, SensorModel
-from sensor.presets import SENSORS, hint
+from sensor.presets import SENSORS, find_sensor, hint
 from sensor.profiles import Profile, find_profile
 from tasks.errors import TaskError
 
@@ -157,13 +157,14 @@ NO_PROFILE = Profile("none", "ideal pixels", {})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOptions:
-    """The bus on which events leave the sensor, see `sensor.Readout`; by default all leave at once.
+    """The bus on which events leave the sensor, see `sensor.Readout`.
 
     Parameters
     ----------
     bus
         Capacity of the bus, million events per second, or the name of a camera with such a bus, see
-        `eres sensors`.
+        `eres sensors`, or unlimited: all events leave at once. By default that of the camera, or
+        unlimited.
     fifo
         Number of events that can wait for the bus; an event that finds the queue full is dropped.
     row_overhead
@@ -174,8 +175,13 @@ class BusOptions:
     fifo: int = 4096
     row_overhead: float = 0.0
 
-    def readout(self) -> Readout | None:
-        """Return the bus, None if there is none.
+    def readout(self, sensor: str | None = None) -> Readout | None:
+        """Return the bus, None if it is unlimited.
+
+        Parameters
+        ----------
+        sensor
+            Name of the camera, whose bus is the default; its bandwidth may be unknown.
 
         Raises
         ------
@@ -184,30 +190,38 @@ class BusOptions:
         SensorError
             A value is outside its range.
         """
-        if self.bus is None:
-            if self != NO_BUS:
+        rate_mev_s = self._rate_mev_s(sensor)
+        if rate_mev_s is None:
+            if (self.fifo, self.row_overhead) != (NO_BUS.fifo, NO_BUS.row_overhead):
                 raise TaskError("fifo, row-overhead: found no bus, expected one, such as --bus 12")
             return None
-        rate_mev_s: float | None
-        try:
-            rate_mev_s = float(self.bus)
-        except ValueError:
-            if self.bus not in SENSORS:
-                raise TaskError(
-                    f"bus: found {self.bus!r}, neither a rate in million events per second, "
-                    f"such as --bus 12, nor a camera; {hint(self.bus)}"
-                ) from None
-            rate_mev_s = SENSORS[self.bus].max_bandwidth_mev_s
-        if rate_mev_s is None:
-            raise TaskError(
-                f"bus: the bandwidth of {self.bus!r} is unknown, expected a rate in million events "
-                "per second, such as --bus 12, or another camera"
-            )
         from sensor import Readout  # here, as Numba loads more slowly than help prints
 
         return Readout(
             max_rate_hz=rate_mev_s * 1e6, fifo_depth=self.fifo, row_overhead_s=self.row_overhead
         )
 
+    def _rate_mev_s(self, sensor: str | None) -> float | None:
+        if self.bus is None:
+            return None if sensor is None else find_sensor(sensor).max_bandwidth_mev_s
+        if self.bus == UNLIMITED:
+            return None
+        try:
+            return float(self.bus)
+        except ValueError:
+            if self.bus not in SENSORS:
+                raise TaskError(
+                    f"bus: found {self.bus!r}, neither a rate in million events per second, "
+                    f"such as --bus 12, nor {UNLIMITED}, nor a camera; {hint(self.bus)}"
+                ) from None
+        rate_mev_s = SENSORS[self.bus].max_bandwidth_mev_s
+        if rate_mev_s is None:
+            raise TaskError(
+                f"bus: the bandwidth of {self.bus!r} is unknown, expected a rate in million events "
+                "per second, such as --bus 12, or another camera"
+            )
+        return rate_mev_s
 
+
+UNLIMITED = "unlimited"
 NO_BUS = BusOptions()

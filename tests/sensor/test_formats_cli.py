@@ -573,7 +573,7 @@ SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]
             [*SIMULATE, "--bus", "foo"],
             1,
             "bus: found 'foo', neither a rate in million events per second, such as --bus "
-            "12, nor a camera; expected one of dvs128",
+            "12, nor unlimited, nor a camera; expected one of dvs128",
         ),
         ([*SIMULATE, "--bus", "atis"], 1, "the bandwidth of 'atis' is unknown"),
         ([*SIMULATE, "--bus", "0"], 1, "max_rate_hz: found 0"),

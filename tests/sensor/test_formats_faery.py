@@ -125,7 +125,7 @@ def test_packets_out_of_order(tmp_path):
     decoder.write_text(BACKWARDS)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(faery_process, "__file__", str(decoder))
-        with pytest.raises(EventFormatError, match="event 1: is earlier than the one before it"):
+        with pytest.raises(EventFormatError, match="events from 1: event 0 there is earlier than"):
             load_events(path)
         found = load_events(path, sort=True)
     assert_same(found, make_events([5, 7], [1, 3], [2, 2], [0, 1], 9, 9))

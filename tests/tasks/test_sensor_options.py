@@ -8,7 +8,7 @@ import pytest
 from eres_render import load_scene
 from sensor import SensorError, SensorModel
 from tasks.errors import TaskError
-from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
+from tasks.events.sensor_options import IDEAL_PIXEL, NO_BUS, BusOptions, PixelOptions
 from tasks.events.simulation import sensor_for
 from tasks.generation.settings import DatasetSettings, claim_folder
 from tasks.study.config import Simulate, Study, digest
@@ -76,6 +76,32 @@ def test_a_camera_has_its_fill_factor_unless_it_is_given():
     assert sensor_for(frames, sensor="dvs128").fill_factor == 0.094
     by_hand = sensor_for(frames, sensor="dvs128", pixel=PixelOptions(fill_factor=1.0))
     assert by_hand.fill_factor == 1.0
+
+
+def test_a_camera_has_its_bus_unless_it_is_given():
+    """Promise: --sensor gives the rate of the bus; --bus wins, also with unlimited; a camera whose
+    bandwidth is unknown has no limit, nor has a sensor that is no camera."""
+    assert NO_BUS.readout("davis346").max_rate_hz == 12e6
+    assert BusOptions(fifo=64).readout("gen3-cd").fifo_depth == 64
+    assert BusOptions(bus="3").readout("davis346").max_rate_hz == 3e6
+    assert BusOptions(bus="dvs128").readout("davis346").max_rate_hz == 1e6
+    assert BusOptions(bus="unlimited").readout("davis346") is None
+    assert (NO_BUS.readout("atis"), NO_BUS.readout()) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"bus": "fast"}, "nor unlimited, nor a camera"),
+        ({"bus": "atis"}, "the bandwidth of 'atis' is unknown"),
+        ({"bus": "unlimited", "fifo": 9}, "fifo, row-overhead: found no bus"),
+        ({"row_overhead": 1e-6}, "fifo, row-overhead: found no bus"),
+        ({"bus": "-1"}, "max_rate_hz: found -1"),
+    ],
+)
+def test_impossible_buses_are_refused(options, text):
+    with pytest.raises((SensorError, TaskError), match=text):
+        BusOptions(**options).readout()
 
 
 def settings(**more):
