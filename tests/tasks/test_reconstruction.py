@@ -1,12 +1,16 @@
 """Image reconstruction: the metric, and the physical limits of event integration."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from sensor import SensorModel, simulate
+from sensor import Events, SensorModel, simulate
 from tasks.errors import TaskError
+from tasks.evaluation.scorers.reconstruction import ReconstructionScorer
+from tasks.evaluation.setting import Setting
+from tasks.evaluation.settings import Reconstruction
 from tasks.methods import METHODS, load_method
 from tasks.methods.event_integration import reconstruct
 from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
@@ -93,3 +97,21 @@ def test_methods_are_found_by_name():
         assert all(callable(load_method(task, name)) for name in without_weights)
     with pytest.raises(TaskError, match="did you mean 'event_integration'"):
         load_method("reconstruction", "event_integratoin")
+
+
+@pytest.mark.parametrize(("off", "error"), [(0.4, 0.0), (None, 0.2)])
+def test_event_integration_knows_the_threshold_of_off_events(off, error):
+    """Analytic case: two ON events of 0.2, and one OFF event of 0.4: exact with its threshold,
+    0.2 off at that pixel if the sensor has 0.2 for both."""
+    model = SensorModel(width=2, height=1, contrast_threshold=0.2, contrast_threshold_off=off)
+    start = np.log(np.full((1, 2), 0.5))
+    end = start + np.array([[0.4, -0.4]])
+    reference = SimpleNamespace(log_start=start, log_end=end, log_white=0.0)
+    task = Reconstruction(methods=("event_integration",), upsampling="nearest")
+    scorer = ReconstructionScorer(reference, Setting(model, 1.0, 0, 100), task)
+    x = np.array([0, 1, 0], np.uint16)
+    p = np.array([1, -1, 1], np.int8)
+    scorer.push(Events(np.array([1, 2, 3]), x, 0 * x, p, width=2, height=1))
+    (score,) = scorer.scores()
+    expected_db = psnr_db(end + np.array([[0.0, error]]), end, 0.0)
+    assert score.value == pytest.approx(expected_db) or min(score.value, expected_db) > 200
