@@ -122,7 +122,19 @@ def with_pixels(
 
 
 def in_radiance(model: SensorModel, white_level: float) -> SensorModel:
-    """Return a sensor whose levels of light are shares of the white level, in units of radiance."""
+    """Return a sensor of a study for frames.
+
+    Parameters
+    ----------
+    model
+        The sensor; its dark level and cutoff reference are shares of the white level.
+    white_level
+        Radiance of white.
+
+    Returns
+    -------
+    The sensor, with both levels in units of radiance.
+    """
     dark_level, reference = model.dark_level, model.cutoff_reference
     assert dark_level is not None, "the study has a dark fraction"
     return replace(

@@ -253,3 +253,21 @@ def test_words_are_those_of_the_question(rows) -> None:
     labels = [line_label(line, series) for line in table.blocks[0].lines]
     assert labels[:2] == ["32 px", "flat, 60 px"]
     assert all(e.paper is None for line in table.blocks[0].lines for e in line.entries)
+
+
+def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> None:
+    """Promise: `eres study` hands both to the study, and refuses a path for several scenes."""
+    asked: list[Study] = []
+
+    def run(study: Study, *given: object) -> None:
+        asked.append(study)
+        raise StudyError("enough")
+
+    monkeypatch.setattr("tasks.study.run.run_study", run)
+    options = ["--photoreceptor", "two_pole", "v2e", "--trajectory", "poses.txt"]
+    eres("study", "--scenes", "gallery.xml", *options, "--out", tmp_path / "run")
+    assert asked[0].simulate.photoreceptors == ("two_pole", "v2e")
+    assert asked[0].trajectories == {"gallery.xml": "poses.txt"}
+    code, _, err = eres("study", "--preset", "paper", *options, "--out", tmp_path / "run")
+    assert (code, len(asked)) == (1, 1)
+    assert "trajectory: found 3 scenes, expected one" in err
