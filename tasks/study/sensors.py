@@ -12,7 +12,7 @@ from eres_render.errors import nearest
 from eres_render.storage.settings_reader import read_toml, read_typed
 from sensor.errors import SensorError
 from sensor.model import Photoreceptor, SensorModel, cutoff_in_light
-from sensor.presets import find_sensor
+from sensor.presets import SENSORS, find_sensor
 from sensor.profiles import find_profile
 from tasks.errors import StudyError, TaskError
 from tasks.events.sensor_options import BusOptions, PixelOptions
@@ -167,8 +167,9 @@ def read_sensor(
     Parameters
     ----------
     found
-        The name of a camera, a TOML file, or a table: `sensor`, or `width` and `height`; `name`,
-        `threshold`, and the options of `eres simulate` for pixels and bus.
+        The name of a camera, a TOML file, or a table: `sensor`, or `width` and `height`, or
+        neither with the profile of a camera; `name`, `threshold`, and the options of `eres
+        simulate` for pixels and bus.
     lights
         The lights of the study.
     dark_fraction
@@ -194,6 +195,8 @@ def read_sensor(
     if not isinstance(table, dict):
         raise StudyError(f"{where}: found {found!r}, expected a camera, a file or a table")
     body, pixel, bus = _options(table, file, place)
+    if body.sensor is None and body.width is None and pixel.profile in SENSORS:
+        body = replace(body, sensor=pixel.profile)  # the camera that the profile describes
     try:
         plain = replace(_plain(body), dark_level=dark_fraction)
         models = tuple(_lit(plain, body, _in_file(pixel, file), light) for light in lights)

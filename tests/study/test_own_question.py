@@ -68,6 +68,13 @@ def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
     }
 
 
+def test_the_profile_of_a_camera_is_that_camera(tmp_path) -> None:
+    (sensor,) = read(tmp_path, 'sensors = [{profile = "davis346"}]').simulate.sensors
+    model = sensor.in_light[0]
+    assert (sensor.name, model.width, model.height, model.leak_hz) == ("davis346", 346, 260, 0.1)
+    assert model.contrast_threshold < model.off_threshold
+
+
 def test_light_in_lux_decides_the_cutoff_by_the_profile(tmp_path) -> None:
     """Physics: bandwidth is proportional to light: 3 Hz per lux, or as the profile measured."""
     (tmp_path / "fast.toml").write_text(
@@ -123,6 +130,7 @@ def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
         ),
         ("sensors = [3]", r"simulate.sensors\[0\]: found 3, expected a camera, a file or a table"),
         ('sensors = [{sensor = "atis", width = 3}]', "found sensor and width, expected sensor ="),
+        ('sensors = [{profile = "imx636"}]', "found no size, expected sensor = NAME"),
         ("sensors = [{leak = 3}]", "found no size, expected sensor = NAME"),
         ('sensors = [{width = 9, profile = "davis34"}]', "did you mean 'davis346'"),
         ("sensors = [{width = 9, leek = 1}]", r"sensors\[0\].leek: unknown; did you mean 'leak'"),
