@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 
 from eres_render import load_scene
+from finished_runs import page_of
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
-from tasks.row import Row
+from tasks.row import Row, read_rows
 from tasks.study.config import Study
+from tasks.study.report.finished_run import read_run
 from tasks.study.results.comparison import line_label, main_tables
 from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import cutoff_label, speed_label
@@ -214,11 +216,18 @@ def own_study(folder: Path) -> Study:
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory) -> list[Row]:
+def run(tmp_path_factory) -> Path:
+    """The folder of a finished run."""
     folder = tmp_path_factory.mktemp("own")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(folder / "cache"))
-        return run_study(own_study(folder), folder / "run")
+        run_study(own_study(folder), folder / "run")
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
+def rows(run) -> list[Row]:
+    return read_rows(run / "rows.parquet")
 
 
 def test_rows_say_what_was_asked(rows) -> None:
@@ -261,6 +270,15 @@ def test_words_are_those_of_the_question(rows) -> None:
     labels = [line_label(line, series) for line in table.blocks[0].lines]
     assert labels[:2] == ["32 px", "flat, 60 px"]
     assert all(e.paper is None for line in table.blocks[0].lines for e in line.entries)
+
+
+def test_the_page_says_lux_for_every_sensor(run) -> None:
+    """Promise: pictures and tables have the light of the question."""
+    page = page_of(run)
+    assert "100 lux" in page
+    assert "flat, 60 px" in page
+    (pictures,) = read_run(run).previews.values()
+    assert {cutoff_label(one.cutoff_hz) for one in pictures} == {"ideal", "100 lux"}
 
 
 def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> None:
