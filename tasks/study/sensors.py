@@ -36,13 +36,13 @@ def light_of(illuminance_lux: float) -> Light:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NamedSensor:
-    """A sensor with a name: a camera, or one of your own.
+class StudySensor:
+    """A sensor of a study: a square of ideal pixels, or a camera or a sensor of your own.
 
     Parameters
     ----------
     name
-        Name in rows and tables.
+        Name in rows and tables; "" for a square.
     in_light
         The sensor in each light of the study. Dark level and cutoff reference are shares of the
         white level.
@@ -74,7 +74,7 @@ def bus_of(bus_mev_s: float) -> Readout | None:
     return BusOptions(bus=repr(bus_mev_s)).readout()
 
 
-def square(width: int, lights: Sequence[Light], dark_fraction: float) -> NamedSensor:
+def square(width: int, lights: Sequence[Light], dark_fraction: float) -> StudySensor:
     """Return a square of ideal pixels in each light.
 
     Parameters
@@ -92,7 +92,7 @@ def square(width: int, lights: Sequence[Light], dark_fraction: float) -> NamedSe
     """
     plain = SensorModel(width=width, height=width, dark_level=dark_fraction)
     models = tuple(replace(plain, cutoff_hz=light.cutoff_hz) for light in lights)
-    return NamedSensor(name="", in_light=models)
+    return StudySensor(name="", in_light=models)
 
 
 def with_pixels(
@@ -161,7 +161,7 @@ _FROM_LIGHT = ("cutoff", "illuminance")  # fields of `PixelOptions` that the stu
 
 def read_sensor(
     found: Any, lights: Sequence[Light], dark_fraction: float, file: Path, place: str
-) -> NamedSensor:
+) -> StudySensor:
     """Read a sensor from an entry of `simulate.sensors`.
 
     Parameters
@@ -211,7 +211,7 @@ def read_sensor(
         own.append("contrast_thresholds")
     if pixel.photoreceptor or pixel.cutoff_follows_light or "photoreceptor" in known:
         own.append("photoreceptors")
-    return NamedSensor(
+    return StudySensor(
         name=body.name or name or body.sensor or f"{plain.width}x{plain.height}",
         in_light=models,
         own=tuple(own),
