@@ -157,11 +157,11 @@ def _show_scores(run: Path) -> None:
             highlight=False,
         )
     if readings:
-        words = [
-            photoreceptor_label(one.photoreceptor) for one in (scores, *(r[0] for r in readings))
-        ]
+        words = [photoreceptor_label(one[0].photoreceptor) for one in readings]
         terminal.out.print(
-            f"photoreceptor with {words[0]}; {join_words(words[1:])} in the report", highlight=False
+            f"photoreceptor: {photoreceptor_label(scores.photoreceptor)}; what changes with "
+            f"{join_words(words)} is in the report",
+            highlight=False,
         )
 
 

@@ -12,7 +12,7 @@ from eres_render.errors import nearest
 from eres_render.storage.settings_reader import read_toml, read_typed
 from sensor.errors import SensorError
 from sensor.model import Photoreceptor, SensorModel, cutoff_in_light
-from sensor.presets import find_sensor
+from sensor.presets import SENSORS, find_sensor
 from sensor.profiles import find_profile
 from tasks.errors import StudyError, TaskError
 from tasks.events.sensor_options import BusOptions, PixelOptions
@@ -36,13 +36,13 @@ def light_of(illuminance_lux: float) -> Light:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NamedSensor:
-    """A sensor with a name: a camera, or one of your own.
+class StudySensor:
+    """A sensor of a study: a square of ideal pixels, or a camera or a sensor of your own.
 
     Parameters
     ----------
     name
-        Name in rows and tables.
+        Name in rows and tables; "" for a square.
     in_light
         The sensor in each light of the study. Dark level and cutoff reference are shares of the
         white level.
@@ -76,7 +76,7 @@ def bus_of(bus_mev_s: float) -> Readout | None:
 
 def plain_sensor(
     width: int, height: int, lights: Sequence[Light], dark_fraction: float
-) -> NamedSensor:
+) -> StudySensor:
     """Return a sensor of ideal pixels in each light.
 
     Parameters
@@ -94,7 +94,7 @@ def plain_sensor(
     """
     plain = SensorModel(width=width, height=height, dark_level=dark_fraction)
     models = tuple(replace(plain, cutoff_hz=light.cutoff_hz) for light in lights)
-    return NamedSensor(name="", in_light=models)
+    return StudySensor(name="", in_light=models)
 
 
 def with_pixels(
@@ -124,7 +124,19 @@ def with_pixels(
 
 
 def in_radiance(model: SensorModel, white_level: float) -> SensorModel:
-    """Return a sensor whose levels of light are shares of the white level, in units of radiance."""
+    """Return a sensor of a study for frames.
+
+    Parameters
+    ----------
+    model
+        The sensor; its dark level and cutoff reference are shares of the white level.
+    white_level
+        Radiance of white.
+
+    Returns
+    -------
+    The sensor, with both levels in units of radiance.
+    """
     dark_level, reference = model.dark_level, model.cutoff_reference
     assert dark_level is not None, "the study has a dark fraction"
     return replace(
@@ -151,14 +163,15 @@ _FROM_LIGHT = ("cutoff", "illuminance")  # fields of `PixelOptions` that the stu
 
 def read_sensor(
     found: Any, lights: Sequence[Light], dark_fraction: float, file: Path, place: str
-) -> NamedSensor:
+) -> StudySensor:
     """Read a sensor from an entry of `simulate.sensors`.
 
     Parameters
     ----------
     found
-        The name of a camera, a TOML file, or a table: `sensor`, or `width` and `height`; `name`,
-        `threshold`, and the options of `eres simulate` for pixels and bus.
+        The name of a camera, a TOML file, or a table: `sensor`, or `width` and `height`, or
+        neither with the profile of a camera; `name`, `threshold`, and the options of `eres
+        simulate` for pixels and bus.
     lights
         The lights of the study.
     dark_fraction
@@ -184,6 +197,8 @@ def read_sensor(
     if not isinstance(table, dict):
         raise StudyError(f"{where}: found {found!r}, expected a camera, a file or a table")
     body, pixel, bus = _options(table, file, place)
+    if body.sensor is None and body.width is None and pixel.profile in SENSORS:
+        body = replace(body, sensor=pixel.profile)  # the camera that the profile describes
     try:
         plain = replace(_plain(body), dark_level=dark_fraction)
         models = tuple(_lit(plain, body, _in_file(pixel, file), light) for light in lights)
@@ -198,7 +213,7 @@ def read_sensor(
         own.append("contrast_thresholds")
     if pixel.photoreceptor or pixel.cutoff_follows_light or "photoreceptor" in known:
         own.append("photoreceptors")
-    return NamedSensor(
+    return StudySensor(
         name=body.name or name or body.sensor or f"{plain.width}x{plain.height}",
         in_light=models,
         own=tuple(own),

@@ -14,7 +14,7 @@ from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
 from tasks.methods import task_of
 from tasks.registry import TASKS
-from tasks.study.sensors import Light, NamedSensor, bus_of, light_of, plain_sensor, with_pixels
+from tasks.study.sensors import Light, StudySensor, bus_of, light_of, plain_sensor, with_pixels
 
 if TYPE_CHECKING:
     from sensor import Readout
@@ -113,7 +113,7 @@ class Simulate:
     dark_fraction: float = field(default=1e-3, metadata=MAY_BE_ZERO)
     warmup_time_constants: float = field(default=6.0, metadata=MAY_BE_ZERO)
     photoreceptors: tuple[Photoreceptor, ...] = ("two_pole",)
-    sensors: tuple[NamedSensor, ...] = ()
+    sensors: tuple[StudySensor, ...] = ()
     illuminance_lux: tuple[FloatOrInf, ...] | None = None
     speeds_m_s: tuple[float, ...] | None = None
     bus_mev_s: float | None = None
@@ -164,7 +164,7 @@ class Simulate:
             found["photoreceptor"] = readings[0] if len(readings) == 1 else readings
         return {name: value for name, value in found.items() if value != ()}
 
-    def models(self, render: Render) -> Iterator[tuple[NamedSensor, Light, SensorModel]]:
+    def models(self, render: Render) -> Iterator[tuple[StudySensor, Light, SensorModel]]:
         """Yield each sensor in each light, with each photoreceptor and threshold; white is 1.
 
         Ideal pixels come once, as they are the same with any photoreceptor.

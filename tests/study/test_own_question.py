@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 
 from eres_render import load_scene
+from finished_runs import page_of
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
-from tasks.row import Row
+from tasks.row import Row, read_rows
 from tasks.study.config import Render, Study
+from tasks.study.report.finished_run import read_run
 from tasks.study.results.comparison import line_label, main_tables
 from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import cutoff_label, speed_label
@@ -70,6 +72,13 @@ def test_sensors_are_cameras_files_and_tables(tmp_path) -> None:
     }
 
 
+def test_the_profile_of_a_camera_is_that_camera(tmp_path) -> None:
+    (sensor,) = read(tmp_path, 'sensors = [{profile = "davis346"}]').simulate.sensors
+    model = sensor.in_light[0]
+    assert (sensor.name, model.width, model.height, model.leak_hz) == ("davis346", 346, 260, 0.1)
+    assert model.contrast_threshold < model.off_threshold
+
+
 def test_light_in_lux_decides_the_cutoff_by_the_profile(tmp_path) -> None:
     """Physics: bandwidth is proportional to light: 3 Hz per lux, or as the profile measured."""
     (tmp_path / "fast.toml").write_text(
@@ -125,6 +134,7 @@ def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
         ),
         ("sensors = [3]", r"simulate.sensors\[0\]: found 3, expected a camera, a file or a table"),
         ('sensors = [{sensor = "atis", width = 3}]', "found sensor and width, expected sensor ="),
+        ('sensors = [{profile = "imx636"}]', "found no size, expected sensor = NAME"),
         ("sensors = [{leak = 3}]", "found no size, expected sensor = NAME"),
         ('sensors = [{width = 9, profile = "davis34"}]', "did you mean 'davis346'"),
         ("sensors = [{width = 9, leek = 1}]", r"sensors\[0\].leek: unknown; did you mean 'leak'"),
@@ -208,11 +218,18 @@ def own_study(folder: Path) -> Study:
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory) -> list[Row]:
+def run(tmp_path_factory) -> Path:
+    """The folder of a finished run."""
     folder = tmp_path_factory.mktemp("own")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(folder / "cache"))
-        return run_study(own_study(folder), folder / "run")
+        run_study(own_study(folder), folder / "run")
+    return folder / "run"
+
+
+@pytest.fixture(scope="module")
+def rows(run) -> list[Row]:
+    return read_rows(run / "rows.parquet")
 
 
 def test_rows_say_what_was_asked(rows) -> None:
@@ -255,3 +272,30 @@ def test_words_are_those_of_the_question(rows) -> None:
     labels = [line_label(line, series) for line in table.blocks[0].lines]
     assert labels[:2] == ["32 px", "flat, 60 px"]
     assert all(e.paper is None for line in table.blocks[0].lines for e in line.entries)
+
+
+def test_the_page_says_lux_for_every_sensor(run) -> None:
+    """Promise: pictures and tables have the light of the question."""
+    page = page_of(run)
+    assert "100 lux" in page
+    assert "flat, 60 px" in page
+    (pictures,) = read_run(run).previews.values()
+    assert {cutoff_label(one.cutoff_hz) for one in pictures} == {"ideal", "100 lux"}
+
+
+def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> None:
+    """Promise: `eres study` hands both to the study, and refuses a path for several scenes."""
+    asked: list[Study] = []
+
+    def run(study: Study, *given: object) -> None:
+        asked.append(study)
+        raise StudyError("enough")
+
+    monkeypatch.setattr("tasks.study.run.run_study", run)
+    options = ["--photoreceptor", "two_pole", "v2e", "--trajectory", "poses.txt"]
+    eres("study", "--scenes", "gallery.xml", *options, "--out", tmp_path / "run")
+    assert asked[0].simulate.photoreceptors == ("two_pole", "v2e")
+    assert asked[0].trajectories == {"gallery.xml": "poses.txt"}
+    code, _, err = eres("study", "--preset", "paper", *options, "--out", tmp_path / "run")
+    assert (code, len(asked)) == (1, 1)
+    assert "trajectory: found 3 scenes, expected one" in err

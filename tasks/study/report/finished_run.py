@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -117,8 +117,10 @@ class FinishedRun:
         index = self.folder / "previews" / "index.json"
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
         found: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
+        lights = {hz: hz for one in self.scores.series() for hz in self.scores.cutoffs_hz(one)}
         for entry in sorted(entries, key=lambda one: (-one.cutoff_hz, one.speed, one.width)):
-            found[entry.scene].append(entry)
+            asked = lights.get(entry.cutoff_hz, entry.cutoff_hz)  # in lux, if the study says so
+            found[entry.scene].append(replace(entry, cutoff_hz=asked))
         return found
 
     @cached_property

@@ -14,6 +14,7 @@ from tasks.study.results.perturbation import is_main
 from tasks.study.results.readings import Lead, leads
 from tasks.study.results.words import (
     MISSING,
+    capitalized,
     cutoff_label,
     photoreceptor_label,
     speed_label,
@@ -70,6 +71,7 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
 def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
     metric = TASKS[series.task].metric
     fine, coarse = found[0].widths
+    with_paper = any(lead.paper is not None for lead in found)
     blocks: dict[Text, dict[Text, list[list[Text]]]] = {}
     for lead in found:
         cells = [
@@ -82,10 +84,11 @@ def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
         head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed_label(lead.scene, lead.speed)}")
-        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, [Text(paper)]]
-    caption = f"{series.title}: lead of {fine} over {coarse} px, {metric.unit}"
+        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[[Text(paper)]] * with_paper]
+    caption = f"{capitalized(series.title)}: lead of {fine} over {coarse} px, {metric.unit}"
     label = f"Photoreceptors, {series.title}"
-    return Table("sweep", label, caption, [Text(""), *heads, Text("paper")], blocks)
+    last = [Text("paper")] * with_paper
+    return Table("sweep", label, caption, [Text(""), *heads, *last], blocks)
 
 
 def _verdicts(found: list[list[Verdict]], heads: list[Text]) -> Table:
