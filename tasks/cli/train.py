@@ -40,7 +40,7 @@ def reconstruction(
     out
         Folder of the training.
     config
-        Settings: small, which the shipped networks have, trial, a few minutes, or a TOML file
+        Settings: small, or trial, smaller still and done in minutes, or a TOML file
         (docs/training.md).
     light
         Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.
@@ -72,7 +72,7 @@ def flow(
     out
         Folder of the training.
     config
-        Settings: small, which the shipped networks have, trial, a few minutes, or a TOML file
+        Settings: small, or trial, smaller still and done in minutes, or a TOML file
         (docs/training.md).
     light
         Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.

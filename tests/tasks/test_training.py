@@ -35,7 +35,7 @@ from tasks.learned.training.reconstruction import Reconstruction  # noqa: E402
 from tasks.learned.training.start import start  # noqa: E402
 
 BRIEF = Schedule(
-    steps=4, crops_per_step=2, rising_steps=2, validate_every=2, validation_crops=1,
+    steps=4, crops_per_step=1, rising_steps=2, validate_every=2, validation_crops=1,
     checkpoint_minutes=1e-9,
 )  # fmt: skip
 TINY = ReconstructionTraining(
@@ -60,6 +60,15 @@ TINY_FLOW = FlowTraining(
 
 def trained(folder, light="all", seed=0, settings=TINY, **options):
     return start(settings, light, seed, folder, device="cpu", made_with={"code": "x"}, **options)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _one_thread():
+    """Networks as small as these are slower with several."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 @pytest.fixture(scope="module")
@@ -111,6 +120,19 @@ def test_twins_differ_in_light_alone():
     assert len({twins[0].run_in(step) for step in range(20)}) == TINY.run_in_windows + 1
     other = Reconstruction(TINY, "ideal", 6).network.state_dict()
     assert not all(torch.equal(states[0][name], other[name]) for name in other)
+
+
+def test_a_training_starts_from_the_high_pass_filter():
+    """Promise: before the first step, the image is about the sums of events."""
+    problem = Reconstruction(replace(TINY, base_channels=8), "ideal", 0)
+    grids, _ = problem.batch(1)
+    states = None
+    with torch.inference_mode():
+        for k in range(grids.shape[1]):
+            image, states = problem.network(grids[:, k], states)
+    sums = torch.sigmoid(2 * grids[:, -1, -1])
+    assert sums.std() > 0.02
+    assert torch.corrcoef(torch.stack([image.flatten(), sums.flatten()]))[0, 1] > 0.9
 
 
 def test_stored_weights_give_the_same_images(run):

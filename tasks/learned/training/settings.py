@@ -53,7 +53,7 @@ class Schedule:
         A number is not positive.
     """
 
-    steps: int = 1500
+    steps: int = 2000
     crops_per_step: int = 4
     learning_rate: float = 1e-3
     rising_steps: int = 50
@@ -207,7 +207,7 @@ RECONSTRUCTIONS = {
         windows=8,
     ),
 }
-"""Settings that come with eres, by name: those of the shipped networks, and of a short trial."""
+"""Settings that come with eres, by name: small networks, and a short trial of smaller ones."""
 
 FLOWS = {
     "small": FlowTraining(),
@@ -238,6 +238,8 @@ def find_training(known: dict[str, T], name: str) -> T:
     if name in known:
         return known[name]
     if not name.endswith(".toml"):
-        raise TrainingError(f"config: {nearest(name, known)}, or a .toml file; found {name!r}")
+        raise TrainingError(
+            f"config: found {name!r}, expected a name or a .toml file; {nearest(name, known)}"
+        )
     kind: type[T] = type(next(iter(known.values())))
     return read_toml(kind, Path(name), TrainingError)
