@@ -135,9 +135,7 @@ def test_tracking_has_the_distance_of_each_width(tmp_path):
         scenes=(str(small_print(tmp_path / "prints", texels=960)),),
         render=Render(resolution=238, height=134, spp=4, window_s=0.03, every_s=0.15, samples=1),
         simulate=Simulate(widths=(88, 238), cutoffs_hz=(INF,), speeds=(2.0,), same_lens=True),
-        evaluate=only(
-            tracking=Tracking(sigmas_mm=(5.0,), max_events=10_000, tracking_window_s=0.05)
-        ),
+        evaluate=only(tracking=Tracking(sigmas_mm=(5.0,), tracking_window_s=0.05)),
     )
     rows = run_study(study, tmp_path / "run")
     found = {(row.method, row.width): row.value for row in rows}
