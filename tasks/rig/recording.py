@@ -6,6 +6,8 @@ It holds
 - `page.json` and `page.png`, of `eres rig page`,
 - `events.*`, in any format that `eres info` reads,
 - `slider.csv`: the encoder's readings, `t_us,x_m`, on the clock of the events,
+- optionally `triggers.csv`: `t_us,slider_t_us`, pulses on the clock of the events and on that of
+  the slider; slider.csv is then on the latter,
 - optionally `frames.csv`: `t_us_start,t_us_end,file`, the exposures of images in `frames/`.
 """
 
@@ -28,6 +30,7 @@ from tasks.errors import RigError
 from tasks.rig import page as page_files
 from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
+from tasks.rig import slider_clock
 from tasks.rig.page import Page
 from tasks.rig.settings import RigSettings
 from tasks.rig.slider import Slider, read_columns
@@ -93,8 +96,10 @@ class Recording:
 
     @cached_property
     def slider(self) -> Slider:
-        """The readings of the encoder."""
-        return slider_files.read_slider(self.folder / slider_files.FILE_NAME)
+        """The readings of the encoder, on the clock of the events."""
+        found = slider_files.read_slider(self.folder / slider_files.FILE_NAME)
+        pulses = self.folder / slider_clock.FILE_NAME
+        return slider_clock.on_camera_clock(found, pulses) if pulses.exists() else found
 
     @cached_property
     def events_file(self) -> Path:

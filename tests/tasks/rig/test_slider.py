@@ -6,6 +6,7 @@ import pytest
 from tasks.errors import RigError
 from tasks.rig.settings import SliderSettings
 from tasks.rig.slider import Slider, read_slider, strokes, write_slider
+from tasks.rig.slider_clock import on_camera_clock
 
 SETTINGS = SliderSettings(travel_m=0.2, speeds_mps=(0.2, 0.4), acceleration_mps2=10.0, pause_s=0.05)
 
@@ -83,3 +84,35 @@ def test_times_without_readings_are_refused():
     assert slider.position_m([50.0]).tolist() == [0.5]
     with pytest.raises(RigError, match="do the two clocks agree"):
         slider.position_m([101.0])
+
+
+def written(file, rows):
+    file.write_text("\n".join(["t_us,slider_t_us", *(f"{a},{b}" for a, b in rows)]) + "\n")
+    return file
+
+
+def test_pulses_tie_the_slider_to_the_clock_of_the_camera(tmp_path):
+    """Promise: an offset and a drift of the slider's clock are taken out to a microsecond; one
+    pulse tells the offset."""
+    slider = Slider(np.array([0.0, 1e6, 3e6]), np.array([0.0, 0.1, 0.2]))
+    rows = [(round(5e9 + 1.0001 * t), t) for t in (200_000, 1_000_000, 2_500_000)]
+    moved = on_camera_clock(slider, written(tmp_path / "triggers.csv", rows))
+    np.testing.assert_allclose(moved.t_us, 5e9 + 1.0001 * slider.t_us, atol=1.0)
+    np.testing.assert_array_equal(moved.x_m, slider.x_m)
+    moved = on_camera_clock(slider, written(tmp_path / "triggers.csv", rows[:1]))
+    np.testing.assert_allclose(moved.t_us - slider.t_us, rows[0][0] - rows[0][1])
+
+
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        ([], "found 0 pulses, expected at least one"),
+        ([(0, "soon")], "could not convert"),
+        ([(0, 0), (1_000_000, 1_000_000), (2_500_000, 2_000_000)], "pulses the same in both"),
+        ([(0, 0), (1_010_000, 1_000_000)], "found a drift of 0.01"),
+    ],
+)
+def test_pulses_that_do_not_match_are_refused(rows, text, tmp_path):
+    slider = Slider(np.array([0.0, 1e6]), np.array([0.0, 0.1]))
+    with pytest.raises(RigError, match=text):
+        on_camera_clock(slider, written(tmp_path / "triggers.csv", rows))
