@@ -27,14 +27,16 @@ from tasks.flow import flow_sample
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX
 from tasks.recording.calibration import read_calibration
+from tasks.recording.clock import estimate_shift
 from tasks.recording.flow import score_flow, spread
 from tasks.recording.frames import Frames, open_frames
 from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording, open_recording
-from tasks.recording.threshold import estimate_shift, fit_thresholds
+from tasks.recording.threshold import fit_recording
 from tasks.recording.tracks import track
+from tasks.recording.worth import worth_of_events
 
 SIZE = 240, 180
 FLOW = ("contrast_maximization", "contrast_maximization_by_gradient", "photometric_flow")
@@ -62,14 +64,16 @@ def opened(folder: Path) -> tuple[Recording, Frames]:
 
 def measure_images(recording: Recording, frames: Frames) -> float:
     """Print the scores of images; return the fitted threshold."""
-    found = fit_thresholds(recording, frames)
-    print(f"thresholds ON {found.on:.3f}, OFF {found.off:.3f}, from {found.pairs} pairs of frames")
-    scores = score_reconstruction(recording, frames, IMAGES, found)
-    scores += score_video(recording, frames, VIDEO, found.mean)
+    found = fit_recording(recording, frames)
+    print(f"thresholds ON {found.on}, OFF {found.off}, from {found.events} events")
+    worth, _ = worth_of_events(recording, frames)
+    print(f"an ON event is worth {worth.on:.3f} between two frames, an OFF event {worth.off:.3f}")
+    scores = score_reconstruction(recording, frames, IMAGES, worth)
+    scores += score_video(recording, frames, VIDEO, found.values.mean)
     for name in (*IMAGES, *VIDEO):
         values = [score.value for score in scores if score.method == name]
         print(f"{name:34}{' '.join(f'{value:6.2f}' for value in values[:12])}  dB")
-    return found.mean
+    return found.values.mean
 
 
 def measure_flow(recording: Recording, frames: Frames, C: float, options: FlowOptions) -> None:

@@ -49,8 +49,9 @@ def evaluate(
     """Score methods on a simulated sensor or on a recording.
 
     The sensor sees one rendered sequence. A recording is a file of events of any format. Optical
-    flow starts from zero there. Without frames its score is how much sharper it makes the events;
-    with frames the distance from tracks of corners, and images are compared with the frames.
+    flow, also dense, starts from zero there. Without frames its score is how much sharper it makes
+    the events; with frames the distance from tracks of corners, and images are compared with the
+    frames.
 
     Parameters
     ----------

@@ -11,29 +11,29 @@ from tasks.cli import terminal
 from tasks.cli.table import Table
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
+from tasks.recording.options import NO_FRAMES, FrameOptions
 
 
 def fit(
     recording: Annotated[Positional[Path], arg(metavar="RECORDING", help="file of events")],
     out: Path,
     still: tuple[float, float] | None = None,
-    frames: Path | None = None,
-    frames_fps: float | None = None,
-    frames_time_unit: str | None = None,
-    frames_encoding: str | None = None,
+    crop: Path | None = None,
+    motion: bool = False,
     dark: float = 1e-3,
     steps: str | None = None,
     title: str | None = None,
     format: str | None = None,
     overwrite: bool = False,
     reading: OmitArgPrefixes[Reading] = AS_STORED,
+    frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,
 ) -> None:
     """Estimate a sensor's electronics from a recording.
 
     They are written as a profile. Noise and hot pixels come from a stretch in which nothing moves;
     contrast thresholds from frames on the clock of the events; cutoff and latency from steps of the
-    light at known times. Each number has a 95 % interval. `eres simulate --profile` takes the
-    profile.
+    light at known times, or from the motion between the frames. Each number has a 95 % interval.
+    `eres simulate --profile` takes the profile.
 
     Parameters
     ----------
@@ -41,18 +41,15 @@ def fit(
         The profile to write, a TOML file.
     still
         Start and end of a stretch in which nothing moves, seconds after the first event.
-    frames
-        Video or folder of images of the sensor's size, with times on the clock of the events, such
-        as those of a DAVIS.
-    frames_fps
-        Frames per second, unless the folder has a timestamps.txt.
-    frames_time_unit
-        Unit of timestamps.txt: s, ms, us or ns.
-    frames_encoding
-        Transfer function of the frames: srgb, rec709, linear, or gamma:2.2; frames of a DAVIS are
-        linear. By default as for `eres simulate`.
+    crop
+        In place of frames, the folder of `eres rig crop` with this recording: its page, seen from
+        the solved poses, is the light.
+    motion
+        Also estimate cutoff and latency from frames or crop: how late and how smooth the events
+        are, compared with the light along the motion of the image.
     dark
-        Dark level for the thresholds, share of white; the printed sweep shows how much it decides.
+        Dark level for thresholds and motion, share of white, the largest number that the frames'
+        files can store; the printed sweep shows how much it decides.
     steps
         File with the times at which the light steps up, microseconds on the clock of the events,
         one a line; or triggers, the rising edges in the recording.
@@ -70,21 +67,25 @@ def fit(
     from tasks.fitting.fit import fit as fit_recording
     from tasks.fitting.profile_file import write_profile
     from tasks.fitting.steps import read_steps
-    from tasks.footage import open_footage
+    from tasks.recording.clock import on_one_clock
+    from tasks.recording.recording import open_recording
+    from tasks.rig.light import light_of_crop
 
     if out.suffix != ".toml":
         raise TaskError(f"{out}: found {out.suffix or 'no extension'!r}, expected .toml")
     check_new(out, overwrite)
-    footage = None
-    if frames is not None:
-        footage = open_footage(
-            frames, fps=frames_fps, time_unit=frames_time_unit, encoding=frames_encoding
-        )
-    elif (frames_fps, frames_time_unit, frames_encoding) != (None, None, None):
-        raise TaskError("frames-fps, frames-time-unit, frames-encoding: expected --frames too")
+    if motion and frames.estimate_shift:
+        raise TaskError("found motion and estimate-shift, which would hide the latency")
+    shift_us, opened = frames.shift_us, frames.open_frames()
+    notes: list[str] = []
+    if opened is not None:
+        camera = open_recording(recording, format=format, reading=reading)
+        opened = on_one_clock(camera, opened, shift_us, notes)
     evidence = Evidence(
         still_s=still,
-        frames=footage,
+        frames=opened,
+        light=None if crop is None else light_of_crop(crop),
+        motion=motion,
         dark_share=dark,
         rises_us=None if steps is None else read_steps(steps, recording, format),
     )
@@ -100,9 +101,15 @@ def fit(
     if found.sweep:
         sweep = Table("dark level, % of white", "ON, log", "OFF, log", box=None)
         for one in found.sweep:
-            sweep.add_row(f"{100 * one.dark_share:g}", str(one.on), str(one.off))
+            sweep.add_row(f"{100 * one.dark:g}", str(one.on), str(one.off))
         terminal.out.print(sweep, crop=False)
         terminal.out.print(found.sentence(), soft_wrap=True)
+    if found.motion is not None:
+        terminal.out.print(
+            f"delay of slow changes: {found.motion.delay_s} s; "
+            f"{100 * found.motion.unexplained:.0f} % of the change of the light stays unexplained",
+            soft_wrap=True,
+        )
     if found.response is not None:
         early, middle, late = (1e6 * one for one in found.response.first_event_s)
         terminal.out.print(
@@ -110,4 +117,6 @@ def fit(
             f"{early:.4g} to {late:.4g} us",
             soft_wrap=True,
         )
+    for note in notes:
+        terminal.out.print(note, soft_wrap=True, highlight=False)
     terminal.out.print(f"{out}: {len(fields)} fields", soft_wrap=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +11,17 @@ from numpy.typing import NDArray
 from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.errors import TaskError
+from tasks.fitting.motion import MotionResponse, fit_motion
 from tasks.fitting.profile_file import Measured
 from tasks.fitting.response import Response, fit_response
-from tasks.fitting.stillness import HOT, Noise, fit_noise
-from tasks.fitting.thresholds import (
-    DARK_SHARES,
-    Thresholds,
-    changes_between,
-    counts,
-    fit_thresholds,
-)
+from tasks.fitting.stillness import HOT, Noise, counts, fit_noise
 from tasks.footage import Footage
+from tasks.recording.frames import Frames
+from tasks.recording.levels import busiest, every_second, levels_of, light_of
+from tasks.recording.threshold import FittedThresholds, best_delay_us, fit_thresholds
+
+DARK_SHARES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
+"""Dark levels of the sweep, shares of white."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,9 +33,15 @@ class Evidence:
     still_s
         (2,) start and end of a stretch without motion, seconds after the first event.
     frames
-        Linear frames of the same size on the same clock.
+        Frames of the same camera, on the clock of the events.
+    light
+        In place of frames: light that is known at times between which the image moves by half a
+        pixel at most, white at 1.
+    motion
+        Whether cutoff and latency are to be estimated from the motion of the frames or the light.
     dark_share
-        Dark level for the thresholds, share of white.
+        Dark level for thresholds and motion, share of white: of the largest number that the files
+        of the frames can store.
     rises_us
         (S,) times at which the light steps up, on the clock of the events.
 
@@ -46,12 +52,17 @@ class Evidence:
     """
 
     still_s: tuple[float, float] | None = None
-    frames: Footage | None = None
+    frames: Frames | None = None
+    light: Footage | None = None
+    motion: bool = False
     dark_share: float = 1e-3
     rises_us: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        if self.still_s is None and self.frames is None and self.rises_us is None:
+        if self.frames is not None and self.light is not None:
+            raise TaskError("found frames and light, expected one of them")
+        seen = self.frames is not None or self.light is not None
+        if self.still_s is None and not seen and self.rises_us is None:
             raise TaskError(
                 "found neither still, frames nor steps, expected one or more of them: what to fit"
             )
@@ -60,6 +71,8 @@ class Evidence:
                 f"still: found {self.still_s[0]:g} to {self.still_s[1]:g} s, expected a start of "
                 "at least 0 and a later end"
             )
+        if self.motion and (not seen or self.rises_us is not None):
+            raise TaskError("motion: expected it with frames or a crop, and without steps")
         if not 0 < self.dark_share < 1:
             raise TaskError(f"dark: found {self.dark_share:g}, expected a share of white in (0, 1)")
 
@@ -78,17 +91,20 @@ class Found:
         The same at other dark levels.
     response
         From steps of the light.
+    motion
+        From light in motion.
     """
 
     noise: Noise | None = None
-    thresholds: Thresholds | None = None
-    sweep: tuple[Thresholds, ...] = ()
+    thresholds: FittedThresholds | None = None
+    sweep: tuple[FittedThresholds, ...] = ()
     response: Response | None = None
+    motion: MotionResponse | None = None
 
     def sentence(self) -> str:
         """Say how far the thresholds depend on the dark level."""
         on, off = ([getattr(one, sign).value for one in self.sweep] for sign in ("on", "off"))
-        low, high = (100 * end(one.dark_share for one in self.sweep) for end in (min, max))
+        low, high = (100 * end(one.dark for one in self.sweep) for end in (min, max))
         return (
             f"the answer depends on the dark level: from {low:g} to {high:g} % of white, ON is "
             f"{min(on):.2g} to {max(on):.2g} and OFF {min(off):.2g} to {max(off):.2g}"
@@ -112,9 +128,21 @@ class Found:
             fields["latency"] = Measured(
                 self.response.latency_s, "s", f"{source}; the delay that the poles do not explain"
             )
+        if self.motion is not None:
+            source = f"{recording}: {self.motion.events} events of light in motion"
+            if self.motion.photoreceptor is not None:
+                fields["photoreceptor"] = Measured(
+                    self.motion.photoreceptor, "", f"{source}; the better of one and two poles"
+                )
+            else:
+                source += "; one pole fits as well as two"
+            fields["cutoff"] = Measured(self.motion.cutoff_hz, "Hz", f"{source}, in its light")
+            fields["latency"] = Measured(
+                self.motion.latency_s, "s", f"{source}; the delay that the poles do not explain"
+            )
         if self.thresholds is not None:
-            share = 100 * self.thresholds.dark_share
-            source = f"{recording}: frames, with a dark level of {share:g} % of white; "
+            share = 100 * self.thresholds.dark
+            source = f"{recording}: light in motion, with a dark level of {share:g} % of white; "
             source += self.sentence()
             fields["threshold_on"] = Measured(self.thresholds.on, "log", source)
             fields["threshold_off"] = Measured(self.thresholds.off, "log", source)
@@ -157,8 +185,7 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
     """
     if len(events) == 0:
         raise TaskError("found a recording without events")
-    noise = response = thresholds = None
-    sweep: tuple[Thresholds, ...] = ()
+    noise = None
     if evidence.still_s is not None:
         start_us, end_us = (int(events.t_us[0]) + round(1e6 * one) for one in evidence.still_s)
         if end_us > events.t_us[-1] + 1:
@@ -168,24 +195,46 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
                 f"{seconds:g} s, the length of the recording"
             )
         noise = fit_noise(*counts(events.between(start_us, end_us)), 1e-6 * (end_us - start_us))
-    if evidence.frames is not None:
-        frames = evidence.frames
-        t_us = frames.t_offset_us + np.round(1e6 * frames.t_s).astype(np.int64)
-        hot = None if noise is None else noise.hot
-
-        def read() -> Iterator[NDArray[np.float32]]:
-            for k, frame in enumerate(frames, start=1):
-                yield frame
-                on_progress("counting", k, len(frames))
-
-        changes = changes_between(read(), t_us, events, frames.white_level, hot)
-        thresholds = fit_thresholds(changes, evidence.dark_share)
-        swept = []
-        for k, share in enumerate(DARK_SHARES, start=1):
-            swept.append(fit_thresholds(changes, share))
-            on_progress("fitting", k, len(DARK_SHARES))
-        sweep = tuple(swept)
+    found = Found(noise=noise)
+    if evidence.frames is not None or evidence.light is not None:
+        found = _in_motion(events, evidence, found, on_progress)
     if evidence.rises_us is not None:
-        response = fit_response(events, evidence.rises_us)
+        found = replace(found, response=fit_response(events, evidence.rises_us))
         on_progress("fitting", 1, 1)
-    return Found(noise=noise, thresholds=thresholds, sweep=sweep, response=response)
+    return found
+
+
+def _in_motion(events: Events, evidence: Evidence, found: Found, on_progress: Progress) -> Found:
+    """Add the thresholds and, on request, what motion shows."""
+    exposure_us = 0.0
+    if evidence.frames is not None:
+        frames = busiest([events], evidence.frames)
+        lights = [light_of(one) for one in (frames, frames.every_second())]
+        exposure_us = float(np.max(frames.end_us - frames.start_us))
+    else:
+        assert evidence.light is not None
+        lights = [evidence.light, every_second(evidence.light)]
+    hot = None if found.noise is None else found.noise.hot
+    most = len(DARK_SHARES) + 3
+    pair = []
+    for k, light in enumerate(lights, start=1):
+        pair.append(levels_of(events, light, evidence.dark_share, hot))
+        on_progress("following the light", k, most)
+    levels, coarse = pair
+    motion = None
+    if evidence.motion:
+        motion = fit_motion(levels, coarse, exposure_us)
+        late = 1e6 * motion.latency_s.value, motion.pole_s, motion.poles
+    else:
+        late = best_delay_us(levels), 0.0, 2
+    on_progress("fitting", 3, most)
+    sweep = []
+    for k, share in enumerate(DARK_SHARES, start=4):
+        sweep.append(fit_thresholds(levels.at_dark(share), coarse.at_dark(share), *late))
+        on_progress("fitting", k, most)
+    return replace(
+        found,
+        thresholds=fit_thresholds(levels, coarse, *late),
+        sweep=tuple(sweep),
+        motion=motion,
+    )

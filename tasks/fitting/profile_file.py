@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eres_render.storage.atomic import write_text
-from tasks.fitting.estimate import Estimate
+from tasks.numerics.estimate import Estimate
 
 
 class Measured(NamedTuple):

@@ -12,7 +12,7 @@ from scipy import optimize
 from sensor import Events
 from sensor.model import Photoreceptor
 from tasks.errors import TaskError
-from tasks.fitting.estimate import Estimate, tiles_of
+from tasks.numerics.estimate import Estimate, tiles_of
 
 _LEAST_STEPS = 2
 _LEAST_EVENTS = 3.0  # of a pixel, after one step

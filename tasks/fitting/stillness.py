@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from sensor import Events
 from tasks.errors import TaskError
-from tasks.fitting.estimate import Estimate, poisson_rate, share
+from tasks.numerics.estimate import Estimate, poisson_rate, share
 
 HOT = 10.0  # times the mean rate of the other pixels
 _CHANCE = 0.01  # that one pixel of a sensor without hot pixels is taken for hot
@@ -36,6 +37,17 @@ class Noise(NamedTuple):
     hot_pixels: Estimate
     hot_pixel_hz: Estimate | None
     hot: NDArray[np.bool_]
+
+
+def counts(events: Events) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the ON and the OFF events of each pixel, (H, W) each."""
+    place = events.y.astype(np.int64) * events.width + events.x
+    shape = events.height, events.width
+    on, off = (
+        np.bincount(place[events.p == p], minlength=shape[0] * shape[1]).reshape(shape)
+        for p in (1, -1)
+    )
+    return on, off
 
 
 def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float) -> Noise:

@@ -8,21 +8,23 @@ from dataclasses import dataclass, field
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.methods import check_method
+from tasks.recording.clock import on_one_clock
+from tasks.recording.dense_flow import score_dense_flow
 from tasks.recording.flow import LOCAL, score_flow
 from tasks.recording.frames import Frames
 from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import USUAL_FLOW, FlowOptions
-from tasks.recording.pairs import check_frames
 from tasks.recording.recording import Recording
 from tasks.recording.score import RecordingScore
-from tasks.recording.threshold import Thresholds, estimate_shift, fit_thresholds
+from tasks.recording.threshold import Thresholds, fit_recording
+from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
 
 _NEEDED = {  # what a recording does not have, or what is not scored on one
-    "dense_flow": "the flow of a rendered sequence to compare with",
     "tracking": "a plane, the poses and the camera, which a recording does not tell",
 }
 _WITH_DELAY = "photometric_flow_with_delay"  # of the filter, which clocks and exposures hide
+_FROM_ZERO = "initial_flow"  # of dense flow: there is no other than zero, as of zero_flow
 _ANY_THRESHOLD = 0.2  # log units; scales images from events alone, whose pictures are stretched
 
 
@@ -61,7 +63,7 @@ def evaluate_recording(
     recording
         The events.
     task
-        "flow"; with frames also "reconstruction" and "video".
+        "flow" or "dense_flow"; with frames also "reconstruction" and "video".
     frames
         Frames of the same camera.
     methods
@@ -90,7 +92,7 @@ def evaluate_recording(
     """
     if task in _NEEDED:
         raise TaskError(f"{recording.path}: {TASKS[task].title} needs {_NEEDED[task]}")
-    if frames is None and task != "flow":
+    if frames is None and task not in ("flow", "dense_flow"):
         raise TaskError(
             f"{recording.path}: {TASKS[task].title} is scored against frames, expected --frames; "
             "`eres video` makes images without"
@@ -98,8 +100,11 @@ def evaluate_recording(
     names = _methods(recording, task, methods, frames, weights)
     notes: list[str] = []
     if frames is not None:
-        frames = _on_one_clock(recording, frames, shift_us, notes)
-    thresholds = _thresholds(recording, frames, contrast_threshold, names, notes)
+        frames = on_one_clock(recording, frames, shift_us, notes)
+    if task == "dense_flow":
+        found = score_dense_flow(recording, frames, names, weights, flow, on_progress)
+        return RecordingEvaluation(found, notes)
+    thresholds = _thresholds(recording, frames, contrast_threshold, task, notes)
     if task == "flow":
         found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
     elif frames is None:
@@ -135,50 +140,24 @@ def _methods(
                 f"{recording.path}: method {name!r} needs the image at the start of each window, "
                 "expected --frames"
             )
-    left_out = (_WITH_DELAY,) if frames is not None else LOCAL
-    return tuple(given) or tuple(name for name in names if name not in left_out)
-
-
-def _on_one_clock(
-    recording: Recording, frames: Frames, shift_us: int | None, notes: list[str]
-) -> Frames:
-    notes.append(f"frames: {len(frames)}, decoded as {frames.encoding}")
-    if shift_us:
-        frames = frames.later(shift_us)
-        notes.append(f"frames: {_ms(shift_us)} as given")
-    check_frames(recording, frames)
-    found = estimate_shift(recording, frames)
-    if shift_us is None:
-        if found is None:
-            raise TaskError(
-                f"{recording.path}: found no shift of the frames between -20 and 20 ms that fits "
-                "the events best; give it with --frames-shift-us"
-            )
-        notes.append(
-            f"frames: {_ms(found.shift_us)} as estimated; events then leave "
-            f"{100 * found.unexplained:.0f} % of their change unexplained, "
-            f"{100 * found.unexplained_before:.0f} % without"
+    if given:
+        return tuple(given)
+    if task == "dense_flow" and not set(spec.networks) & set(names):
+        raise TaskError(
+            f"{recording.path}: {spec.title} needs a network, expected --weights eraft=FILE or "
+            "--method package.module:function; --task flow needs neither"
         )
-        frames = frames.later(found.shift_us)
-        check_frames(recording, frames)
-    elif found is not None and found.matters:
-        notes.append(
-            f"clocks: the frames fit the events best {_ms(found.shift_us)} ("
-            f"{100 * found.unexplained:.0f} % of their change unexplained, not "
-            f"{100 * found.unexplained_before:.0f} %); not done, --estimate-shift does it"
-        )
-    return frames
-
-
-def _ms(shift_us: int) -> str:
-    return f"{abs(shift_us) / 1000:.1f} ms {'later' if shift_us >= 0 else 'earlier'}"
+    left_out: tuple[str, ...] = LOCAL if frames is None else (_WITH_DELAY,)
+    if task == "dense_flow":
+        left_out = (_FROM_ZERO,)
+    return tuple(name for name in names if name not in left_out)
 
 
 def _thresholds(
     recording: Recording,
     frames: Frames | None,
     given: float | None,
-    names: Sequence[str],
+    task: str,
     notes: list[str],
 ) -> Thresholds:
     if given is not None:
@@ -191,10 +170,17 @@ def _thresholds(
         return Thresholds(model.contrast_threshold, model.contrast_threshold)
     if frames is None:
         return Thresholds(_ANY_THRESHOLD, _ANY_THRESHOLD)
-    found = fit_thresholds(recording, frames)
-    pairs = f"{found.pairs} pair{'s' * (found.pairs != 1)} of frames"
+    if task == "reconstruction":
+        worth, unexplained = worth_of_events(recording, frames)
+        notes.append(
+            f"an ON event is worth {worth.on:.3f}, an OFF event {worth.off:.3f} between two "
+            f"frames, fitted to them; {100 * unexplained:.0f} % of their change stays unexplained"
+        )
+        return worth
+    found = fit_recording(recording, frames)
     notes.append(
-        f"thresholds: ON {found.on:.3f}, OFF {found.off:.3f}, fitted to {pairs}; "
-        f"{100 * found.unexplained:.0f} % of their change stays unexplained"
+        f"thresholds: ON {found.on}, OFF {found.off} at a dark level of {found.dark:g} of white, "
+        f"fitted to the light at {found.events} events; {100 * found.unexplained:.0f} % of its "
+        "change stays unexplained"
     )
-    return found
+    return found.values

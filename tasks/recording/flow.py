@@ -71,13 +71,9 @@ def score_flow(
     TaskError
         The recording is shorter than a window, or nothing in it can be followed.
     """
-    _check(options)
+    check(options)
     loaded = {name: load_method("flow", name) for name in methods}
-    start = _Start(
-        contrast_threshold,
-        options.patch_px,
-        (options.search_px or recording.size[0] / 16) / _SIGMAS,
-    )
+    start = Start.of(options, contrast_threshold, recording.size[0])
     scored = (
         _with_frames(recording, frames, loaded, start, options, on_progress)
         if frames is not None
@@ -91,7 +87,8 @@ def score_flow(
     return found
 
 
-def _check(options: FlowOptions) -> None:
+def check(options: FlowOptions) -> None:
+    """Refuse windows, features or patches of no size."""
     for name, least in (("window_ms", 1e-3), ("windows", 1), ("features", 1), ("patch_px", 3)):
         value = getattr(options, name)
         if not value >= least:
@@ -102,16 +99,38 @@ def _check(options: FlowOptions) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class _Start:
-    """What all samples have in common."""
+class Start:
+    """What all samples of a recording have in common.
+
+    Parameters
+    ----------
+    contrast_threshold
+        Log units.
+    patch_px
+        Side of a patch, px.
+    sigma_px
+        Scale of the flow, from zero, px.
+    """
 
     contrast_threshold: float
     patch_px: int
     sigma_px: float
 
+    @classmethod
+    def of(cls, options: FlowOptions, contrast_threshold: float, width: int) -> Start:
+        """Return it for a sensor of some width, px."""
+        reach_px = options.search_px or width / 16
+        return cls(contrast_threshold, options.patch_px, reach_px / _SIGMAS)
+
+    @property
+    def reach_px(self) -> float:
+        """Largest flow along each axis, px."""
+        return _SIGMAS * self.sigma_px
+
     def sample(
         self, events: Events, window_us: tuple[int, int], log_image: NDArray, center_px: NDArray
     ) -> FlowSample:
+        """Return the patch around a corner."""
         return flow_sample(
             events,
             *window_us,
@@ -151,7 +170,7 @@ def _with_frames(
     recording: Recording,
     frames: Frames,
     methods: Mapping[str, Callable[..., Any]],
-    start: _Start,
+    start: Start,
     options: FlowOptions,
     on_progress: Progress,
 ) -> Iterator[RecordingScore]:
@@ -191,21 +210,11 @@ def _answers(
 def _alone(
     recording: Recording,
     methods: Mapping[str, Callable[..., Any]],
-    start: _Start,
+    start: Start,
     options: FlowOptions,
     on_progress: Progress,
 ) -> Iterator[RecordingScore]:
-    length_us = round(1e3 * options.window_ms)
-    whole = (recording.end_us - recording.start_us) // length_us
-    if not whole:
-        long_ms = (recording.end_us - recording.start_us) / 1000
-        raise TaskError(
-            f"{recording.path}: found {long_ms:g} ms of events, expected at least a window of "
-            f"{options.window_ms:g} ms (--window-ms)"
-        )
-    numbers = spread(range(whole), options.windows)
-    begins_us = [recording.start_us + n * length_us for n in numbers]
-    windows_us = [(begin, begin + length_us) for begin in begins_us]
+    windows_us = even_windows_us(recording, options)
     width, height = recording.size
     unknown = np.full((height, width), np.nan)
     for done, (window_us, events) in enumerate(
@@ -215,7 +224,7 @@ def _alone(
             sample = start.sample(events, window_us, unknown, center_px)
             if not len(sample.t):
                 continue
-            reach = _SIGMAS * start.sigma_px
+            reach = start.reach_px
             contrast = Contrast(sample, reach, offset_px=EVEN_OFFSET_PX)
             still = contrast(np.zeros(2))
             for name, found in _answers(methods, sample):
@@ -224,6 +233,44 @@ def _alone(
                     *(name, CONTRAST_GAIN.name, gain, window_us[1], item, found.failure)
                 )
         on_progress("flow", done, len(windows_us))
+
+
+def even_windows_us(
+    recording: Recording, options: FlowOptions, first: int = 0
+) -> list[tuple[int, int]]:
+    """Return windows of even length, spread over a recording.
+
+    Parameters
+    ----------
+    recording
+        The events.
+    options
+        Length and largest number of the windows.
+    first
+        Windows at the start of the recording to leave out.
+
+    Returns
+    -------
+    list of (int, int)
+        Start and end of each, microseconds.
+
+    Raises
+    ------
+    TaskError
+        The recording is too short.
+    """
+    length_us = round(1e3 * options.window_ms)
+    whole = (recording.end_us - recording.start_us) // length_us
+    if whole <= first:
+        long_ms = (recording.end_us - recording.start_us) / 1000
+        least = "a window" if first == 0 else f"{first + 1} windows"
+        raise TaskError(
+            f"{recording.path}: found {long_ms:g} ms of events, expected at least {least} of "
+            f"{options.window_ms:g} ms (--window-ms)"
+        )
+    numbers = spread(range(first, whole), options.windows)
+    begins_us = [recording.start_us + n * length_us for n in numbers]
+    return [(begin, begin + length_us) for begin in begins_us]
 
 
 def event_corners(events: Events) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
+from tasks.footage import Footage
 from tasks.footage.images import list_images, read_images, times_ns
 from tasks.footage.luminance import Luminance
 
@@ -58,6 +59,20 @@ class Frames:
     def __len__(self) -> int:
         return len(self.files)
 
+    def some(self, numbers: NDArray[np.int64]) -> Frames:
+        """Return the frames of these numbers, ascending."""
+        return replace(
+            self,
+            files=tuple(self.files[k] for k in numbers),
+            start_us=self.start_us[numbers],
+            end_us=self.end_us[numbers],
+        )
+
+    def every_second(self) -> Frames:
+        """Return every second frame, and the last one."""
+        last = len(self) - 1
+        return self.some(np.unique(np.append(np.arange(0, last, 2), last)))
+
     @property
     def middle_us(self) -> NDArray[np.int64]:
         """(N,) middle of each exposure: the time for which its image stands."""
@@ -74,6 +89,21 @@ class Frames:
     def log_light(self, k: int) -> NDArray[np.float64]:
         """Return (H, W) the log of light and dark level."""
         return np.log(self.light(k).astype(np.float64) + DARK)
+
+    def footage(self) -> Footage:
+        """Return the frames as footage, each at the middle of its exposure; white is 1."""
+        height, width = self.light(0).shape
+        first_us = int(self.middle_us[0])
+        return Footage(
+            path=self.files[0].parent,
+            t_s=np.asarray(1e-6 * (self.middle_us - first_us), np.float64),
+            t_offset_us=first_us,
+            height=height,
+            width=width,
+            encoding=self.encoding,
+            white_level=1.0,
+            frames=lambda: map(self._luminance, read_images(list(self.files))),
+        )
 
     def later(self, shift_us: int) -> Frames:
         """Return the same frames with all times shifted."""

@@ -1,47 +1,43 @@
-"""The contrast thresholds, and the clock of the frames, as frames and events tell them.
-
-Between two frames, log intensity changes by C_on times the number of brighter events less C_off
-times that of the darker ones. Least squares over all pixels of all pairs finds both. A pixel's
-weight is its light squared, as an error of log intensity is one of light in proportion to it: the
-noise of a frame is in its codes.
-"""
+"""The contrast thresholds, as frames and events tell them: see `tasks.recording.levels`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import optimize
 
 from tasks.errors import TaskError
-from tasks.recording.frames import Frames
-from tasks.recording.pairs import PairSums, events_of, inside, sums
-from tasks.recording.recording import Recording
+from tasks.numerics.estimate import Estimate, bootstrap
+from tasks.recording.frames import DARK, Frames
+from tasks.recording.levels import Levels, busiest, levels_of, light_of
+from tasks.recording.pairs import PairSums
+from tasks.recording.recording import Recording, cut
 
-REACH_US = 20_000
-STEP_US = 1_000
-_MOST_PAIRS = 5  # from which a shift is estimated
+_PIXELS = 0.03  # effect of thresholds that differ between pixels by 10 %, in simulations
+_PASSES = 6
+_HUBER = 1.345  # standard deviations
+_DELAYS = 21  # from which a search starts
 
 
-@dataclass(frozen=True, slots=True)
-class Thresholds:
+class Thresholds(NamedTuple):
     """Contrast thresholds of a camera.
 
     Parameters
     ----------
     on, off
         Of brighter and darker events, log units.
-    unexplained
-        Share of the squared change between frames that the events do not explain; NaN if the
-        thresholds were given.
-    pairs
-        Number of pairs of frames to which they were fitted; 0 if they were given.
+
+    Examples
+    --------
+    >>> from tasks.recording.threshold import Thresholds
+    >>> Thresholds(on=0.25, off=0.5).mean
+    0.375
     """
 
     on: float
     off: float
-    unexplained: float = np.nan
-    pairs: int = 0
 
     @property
     def mean(self) -> float:
@@ -53,127 +49,181 @@ class Thresholds:
         return self.on * found.on - self.off * found.off
 
 
-class _Fit:
-    """Normal equations of the two thresholds."""
+class FittedThresholds(NamedTuple):
+    """Contrast thresholds with their intervals, at one dark level.
 
-    def __init__(self) -> None:
-        self._matrix = np.zeros((2, 2))
-        self._vector = np.zeros(2)
-        self._total = 0.0
-        self._pairs = 0
+    Parameters
+    ----------
+    on, off
+        Of brighter and darker events, log units.
+    dark
+        Dark level, in units of white.
+    unexplained
+        Share of the squared change of the light from event to event that the thresholds do not
+        explain.
+    events
+        Number of events.
+    """
 
-    def add(self, before: NDArray, after: NDArray, found: PairSums) -> None:
-        """Add a pair: log light before and after, and the events between."""
-        weight = np.exp(2 * before).ravel()
-        change = (after - before).ravel()
-        columns = np.stack([found.on.ravel(), -found.off.ravel()])
-        weighted = columns * weight
-        self._matrix += weighted @ columns.T
-        self._vector += weighted @ change
-        self._total += float(weight @ change**2)
-        self._pairs += 1
+    on: Estimate
+    off: Estimate
+    dark: float
+    unexplained: float
+    events: int
 
-    def solve(self) -> Thresholds | None:
-        """Return the thresholds, None if the events do not determine them."""
-        if not (self._total > 0 and np.linalg.cond(self._matrix) < 1e8):
-            return None
-        C = np.linalg.solve(self._matrix, self._vector)
-        unexplained = 1 - float(self._vector @ C) / self._total
-        return Thresholds(float(C[0]), float(C[1]), unexplained, self._pairs)
+    @property
+    def values(self) -> Thresholds:
+        """The thresholds alone."""
+        return Thresholds(self.on.value, self.off.value)
 
 
-def fit_thresholds(recording: Recording, frames: Frames) -> Thresholds:
-    """Fit the contrast thresholds to all pairs of frames within a recording.
+def fit_recording(recording: Recording, frames: Frames) -> FittedThresholds:
+    """Fit the contrast thresholds to the frames of a recording, where it has most events.
 
     Parameters
     ----------
     recording, frames
-        The events and frames; a pair of events and two logarithms of frames are in memory.
+        The events and frames; the events of 200 frames at most are in memory.
 
     Returns
     -------
-    Thresholds
+    FittedThresholds
+        At the dark level of `tasks.recording.frames.DARK`.
 
     Raises
     ------
     TaskError
         The events do not explain the change of the frames.
-
-    Examples
-    --------
-    >>> from tasks.recording.threshold import Thresholds
-    >>> fitted = Thresholds(on=0.25, off=0.5)
-    >>> fitted.mean
-    0.375
     """
-    pairs = inside(recording, frames)
-    fit = _Fit()
-    for k, events in zip(pairs, events_of(recording, frames, pairs), strict=True):
-        fit.add(frames.log_light(k), frames.log_light(k + 1), sums(events, frames, k))
-    found = fit.solve()
-    if found is None or min(found.on, found.off) <= 0:
-        said = "none" if found is None else f"ON {found.on:.3g}, OFF {found.off:.3g}"
-        raise TaskError(
-            f"{recording.path}: the thresholds that fit the frames best are {said}, expected "
-            "positive ones; the clocks may disagree (--estimate-shift), or give --threshold"
-        )
-    return found
+    kept = busiest(recording.parts(), frames)
+    window_us = int(kept.middle_us[0]), int(kept.middle_us[-1])
+    events = next(cut(recording.parts(), [window_us]))
+    both = kept, kept.every_second()
+    levels, coarse = (levels_of(events, light_of(one), DARK) for one in both)
+    return fit_thresholds(levels, coarse, best_delay_us(levels))
 
 
-@dataclass(frozen=True, slots=True)
-class Shift:
-    """How much later than their times the frames fit the events best.
+def best_delay_us(levels: Levels) -> float:
+    """Return how late the events are: the delay at which thresholds explain the light best.
 
     Parameters
     ----------
-    shift_us
-        To add to the times of the frames.
-    unexplained, unexplained_before
-        Share of the squared change between frames that the events do not explain, with the shift
-        and without.
-    """
-
-    shift_us: int
-    unexplained: float
-    unexplained_before: float
-
-    @property
-    def matters(self) -> bool:
-        """Whether the frames fit the events visibly better with the shift."""
-        return self.unexplained < self.unexplained_before - 0.05
-
-
-def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
-    """Estimate by how much the clocks of frames and events differ.
-
-    The shift is that of the least unexplained change of the first pairs, of all within 20 ms in
-    steps of 1 ms; a parabola through the best three gives its fraction. Not all of it comes from
-    clocks: events follow when the light has changed by a threshold, and later in a slow sensor.
-
-    Parameters
-    ----------
-    recording, frames
-        The events and frames.
+    levels
+        Events with their light.
 
     Returns
     -------
-    Shift
-        None if no pair lies 20 ms within the recording, or the best shift is the largest.
+    Within a twentieth of the time of the light, microseconds; negative if frames are late.
     """
-    pairs = inside(recording, frames, REACH_US)[:_MOST_PAIRS]
-    shifts_us = np.arange(-REACH_US, REACH_US + STEP_US, STEP_US)
-    fits = [_Fit() for _ in shifts_us]
-    for k, events in zip(pairs, events_of(recording, frames, pairs, REACH_US), strict=True):
-        before, after = frames.log_light(k), frames.log_light(k + 1)
-        for shift_us, fit in zip(shifts_us, fits, strict=True):
-            fit.add(before, after, sums(events, frames, k, int(shift_us)))
-    solved = [fit.solve() for fit in fits]
-    left = np.array([1.0 if one is None else one.unexplained for one in solved])
-    best = int(np.argmin(left))
-    if not 0 < best < len(left) - 1:
-        return None
-    low, middle, high = left[best - 1 : best + 2]
-    curvature = low - 2 * middle + high
-    fraction = 0.5 * (low - high) / curvature if curvature > 0 else 0.0
-    found_us = int(np.rint(shifts_us[best] + fraction * STEP_US))
-    return Shift(found_us, float(middle), float(left[len(left) // 2]))
+    reach_us = 0.5 * levels.settling_us
+    tried_us = np.linspace(-reach_us, reach_us, _DELAYS)
+    left = [fit_line(levels, delay_us).unexplained for delay_us in tried_us.tolist()]
+    best, step_us = float(tried_us[int(np.argmin(left))]), float(tried_us[1] - tried_us[0])
+    found = optimize.minimize_scalar(
+        lambda delay_us: fit_line(levels, delay_us).unexplained,
+        bounds=(max(-reach_us, best - step_us), min(reach_us, best + step_us)),
+        method="bounded",
+        options={"xatol": 1.0},
+    )
+    return float(found.x)
+
+
+class Line(NamedTuple):
+    """Thresholds by robust least squares, log units."""
+
+    on: float
+    off: float
+    unexplained: float
+    sums: NDArray[np.float64]  # (tiles, 6) of the normal equations
+
+
+def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: int = 2) -> Line:
+    """Fit both thresholds by robust regression of the light on the numbers of events.
+
+    Each block of events of a pixel has an unknown level, which the means take. Huber's weights
+    bound the effect of outliers.
+
+    Parameters
+    ----------
+    levels
+        Events with their light.
+    delay_us, pole_s, poles
+        As in `Levels.light_at_events`.
+
+    Returns
+    -------
+    Line
+        NaN if the events do not tell ON from OFF.
+    """
+    y = levels.within_blocks(levels.light_at_events(delay_us, pole_s, poles))
+    a, b = levels.within_blocks(levels.on), -levels.within_blocks(levels.off)
+    products = np.stack([a * a, a * b, b * b, a * y, b * y, y * y])
+    weight = np.ones(len(y))
+    for _ in range(_PASSES):
+        C_on, C_off = _solved((products * weight).sum(axis=1))
+        if not np.isfinite(C_on):
+            break
+        left = np.abs(y - C_on * a - C_off * b)
+        scale = max(1.4826 * float(np.median(left)), 1e-12)
+        weight = np.minimum(1.0, _HUBER * scale / np.maximum(left, 1e-12))
+    _, place = np.unique(levels.tile, return_inverse=True)
+    sums = np.stack([np.bincount(place, one) for one in weight * products], axis=1).astype(
+        np.float64
+    )
+    total = sums.sum(axis=0)
+    C_on, C_off = _solved(total)
+    unexplained = 1 - float(C_on * total[3] + C_off * total[4]) / max(float(total[5]), 1e-300)
+    return Line(float(C_on), float(C_off), unexplained, sums)
+
+
+def _solved(total: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solve the normal equations; NaN if they are singular."""
+    aa, ab, bb, ay, by = total[:5]
+    determinant = aa * bb - ab * ab
+    if not determinant > 1e-9 * aa * bb:
+        return np.full(2, np.nan)
+    solution: NDArray[np.float64] = np.array([bb * ay - ab * by, aa * by - ab * ay]) / determinant
+    return solution
+
+
+def fit_thresholds(
+    levels: Levels, coarse: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: int = 2
+) -> FittedThresholds:
+    """Estimate both thresholds.
+
+    The interval is that of a bootstrap over tiles of pixels, widened by the change of the answer
+    with every second frame, which bounds the error from light between the frames. Three percent are
+    added for thresholds that differ between pixels by up to 10 %.
+
+    Parameters
+    ----------
+    levels
+        Events with their light.
+    coarse
+        The same with light from every second frame.
+    delay_us, pole_s, poles
+        As in `Levels.light_at_events`.
+
+    Returns
+    -------
+    FittedThresholds
+
+    Raises
+    ------
+    TaskError
+        The changes of the light do not fit the events, or do not tell ON from OFF, as where all
+        light rises.
+    """
+    found = fit_line(levels, delay_us, pole_s, poles)
+    both = bootstrap(found.sums, _solved)
+    if not all(one.low > 0 for one in both):
+        raise TaskError(
+            "thresholds: found changes of the light that do not fit the events, expected frames on "
+            "the clock of the events, and light that rises and falls"
+        )
+    half = fit_line(coarse, delay_us, pole_s, poles)
+    C_on, C_off = (
+        one.widened(_PIXELS * one.value + abs(other - one.value))
+        for one, other in zip(both, (half.on, half.off), strict=True)
+    )
+    return FittedThresholds(C_on, C_off, levels.dark, found.unexplained, len(levels))

@@ -1,27 +1,31 @@
 """`eres fit` gets back the parameters of simulated sensors, inside its own intervals."""
 
 import functools
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from moving_texture import texture_in_motion
 from sensor import Events, SensorModel, simulate
-from sensor.engine.bank import white_level
 from sensor.formats import write_events
 from sensor.profiles import read_profile
 from tasks.errors import TaskError
-from tasks.fitting.estimate import poisson_rate, share
 from tasks.fitting.fit import Evidence, Found
 from tasks.fitting.fit import fit as fit_recording
+from tasks.fitting.motion import fit_motion
 from tasks.fitting.profile_file import write_profile
 from tasks.fitting.response import fit_response
 from tasks.fitting.steps import read_steps
-from tasks.fitting.stillness import fit_noise
-from tasks.fitting.thresholds import changes_between, counts, fit_thresholds
+from tasks.fitting.stillness import counts, fit_noise
+from tasks.footage import Footage
+from tasks.numerics.estimate import poisson_rate, share
+from tasks.recording.levels import Levels, levels_of
+from tasks.recording.threshold import best_delay_us, fit_line, fit_thresholds
 
 HEIGHT, WIDTH = 60, 80
 
@@ -88,8 +92,23 @@ def texture():
     return light / light.max(), t_s
 
 
+def light_every(step):
+    """Return every n-th frame of the texture, whose motion from one to the next is 0.35 n px."""
+    light, t_s = texture()
+    return Footage(
+        path=Path("texture"),
+        t_s=t_s[::step],
+        t_offset_us=0,
+        height=HEIGHT,
+        width=WIDTH,
+        encoding="linear",
+        white_level=1.0,
+        frames=lambda: iter(light[::step]),
+    )
+
+
 def moving(C_on, C_off, dark, **electronics):
-    """Return frames, one in ten of those that the sensor saw, with times; and the events."""
+    """Return the events of a sensor that sees the texture."""
     light, t_s = texture()
     model = SensorModel(
         width=WIDTH,
@@ -100,27 +119,79 @@ def moving(C_on, C_off, dark, **electronics):
         random_start=True,
         **electronics,
     )
-    events = simulate(light, t_s, model, seed=1)
-    every = slice(10, None, 10)
-    return light[every], np.round(1e6 * t_s[every]).astype(np.int64), events
+    return simulate(light, t_s, model, seed=1)
 
 
-@pytest.mark.parametrize("dark", [1e-3, 1e-2, 1e-1])
-@pytest.mark.parametrize(("C_on", "C_off"), [(0.2, 0.2), (0.15, 0.25), (0.35, 0.28)])
+@pytest.fixture(autouse=True)
+def few_events(monkeypatch):
+    """Keep these tests fast."""
+    monkeypatch.setattr("tasks.recording.levels._MOST_EVENTS", 12_000)
+
+
+def known(events, dark):
+    """Return the levels at the events with the light of all frames, and of every second."""
+    return [levels_of(events, light_every(step), dark) for step in (1, 2)]
+
+
+@pytest.mark.parametrize("poles", [1, 2])
+def test_light_behind_the_photoreceptor_is_that_of_its_equation(poles):
+    """Promise: light that is a broken line in log units, filtered and delayed, is the solution of
+    the poles' differential equations at any time."""
+    rng = np.random.default_rng(5)
+    t_s, u = np.cumsum(rng.uniform(1e-3, 5e-3, 8)), rng.normal(0, 1, 8)
+    at_s = np.sort(rng.uniform(t_s[0], t_s[-1], 30))
+    zeros = np.zeros(30, np.int64)
+    late_us = 700.0
+    levels = Levels(
+        *(1e6 * t_s, u[:, None], 0.0, 1e6 * at_s + late_us, zeros, zeros, zeros, zeros, zeros)
+    )
+    pole_s = 2e-3
+
+    def slope(t, v):
+        return (np.append(np.interp(t, t_s, u), v[:-1]) - v) / pole_s
+
+    span = {"max_step": 1e-4, "rtol": 1e-9, "atol": 1e-9}
+    exact = solve_ivp(slope, (t_s[0], t_s[-1]), [u[0]] * poles, t_eval=at_s, **span).y[-1]
+    found = levels.light_at_events(late_us, pole_s, poles)
+    np.testing.assert_allclose(found, exact, atol=1e-6)
+    straight = levels.light_at_events(late_us)
+    np.testing.assert_allclose(straight, np.interp(at_s, t_s, u), atol=1e-12)
+
+
+def test_thresholds_of_exact_levels_are_exact():
+    """Promise: events at the times at which a zigzag of log light is at its levels give C_on and
+    C_off to the last digits, whatever the unknown level of each pixel is."""
+    C_on, C_off = 0.3, 0.2
+    ons = np.array([[1, 2, 3, 3, 3, 4, 5], [0, 0, 1, 2, 2, 3, 3]])
+    offs = np.array([[0, 0, 0, 1, 2, 2, 2], [1, 2, 2, 2, 3, 3, 4]])
+    log_light = (C_on * ons - C_off * offs).T + np.array([0.0, 1.0])
+    t_us, pixel = 1e3 * np.arange(7), np.repeat([0, 1], 7)
+    counts = 9.0 + ons.ravel(), 9.0 + offs.ravel()
+    levels = Levels(t_us, log_light, 0.0, np.tile(t_us, 2), pixel, *counts, pixel, pixel)
+    found = fit_line(levels)
+    assert (found.on, found.off) == (pytest.approx(C_on), pytest.approx(C_off))
+    assert found.unexplained == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("C_on", "C_off", "dark"), [(0.2, 0.2, 1e-3), (0.15, 0.25, 1e-2), (0.35, 0.28, 1e-1)]
+)
 def test_frames_give_back_the_thresholds(C_on, C_off, dark):
     """Promise: both thresholds lie in their intervals, at the dark level of the sensor."""
-    frames, t_us, events = moving(C_on, C_off, dark, threshold_mismatch=0.01)
-    found = fit_thresholds(changes_between(frames, t_us, events, 1.0), dark)
+    events = moving(C_on, C_off, dark, threshold_mismatch=0.01)
+    levels, coarse = known(events, dark)
+    found = fit_thresholds(levels, coarse, best_delay_us(levels))
     inside(found.on, C_on)
     inside(found.off, C_off)
-    assert found.on.high - found.on.low < 0.16 * C_on
+    assert found.on.high - found.on.low < 0.2 * C_on
+    assert found.unexplained < 0.05
 
 
 def test_a_wrong_dark_level_gives_other_thresholds():
     """Promise: the sweep shows what the dark level decides: more of it, smaller changes."""
-    frames, t_us, events = moving(0.2, 0.2, 1e-2)
-    changes = changes_between(frames, t_us, events, 1.0)
-    values = [fit_thresholds(changes, dark).on.value for dark in (1e-2, 1e-1, 3e-1)]
+    (levels, _) = known(moving(0.2, 0.2, 1e-2), 1e-2)
+    values = [fit_line(levels.at_dark(dark)).on for dark in (1e-2, 1e-1, 3e-1)]
+    assert values[0] == pytest.approx(0.2, rel=0.02)
     assert values == sorted(values, reverse=True)
     assert values[-1] < 0.75 * values[0]
 
@@ -128,10 +199,55 @@ def test_a_wrong_dark_level_gives_other_thresholds():
 def test_noise_and_hot_pixels_change_little():
     """Promise: outliers bias the thresholds by a few percent at most."""
     noisy = {"hot_pixel_fraction": 0.01, "hot_pixel_hz": 300.0, "shot_noise_hz": 1.0}
-    frames, t_us, events = moving(0.2, 0.2, 1e-2, **noisy)
-    found = fit_thresholds(changes_between(frames, t_us, events, 1.0), 1e-2)
-    assert found.on.value == pytest.approx(0.2, rel=0.05)
-    assert found.off.value == pytest.approx(0.2, rel=0.05)
+    (levels, _) = known(moving(0.2, 0.2, 1e-2, **noisy), 1e-2)
+    found = fit_line(levels)
+    assert found.on == pytest.approx(0.2, rel=0.05)
+    assert found.off == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("cutoff_hz", "latency_s", "photoreceptor"),
+    [
+        (200.0, 5e-4, "two_pole"),
+        pytest.param(50.0, 1e-3, "two_pole", marks=pytest.mark.slow),
+        pytest.param(100.0, 5e-4, "one_pole", marks=pytest.mark.slow),
+    ],
+)
+def test_motion_gives_back_cutoff_and_latency(cutoff_hz, latency_s, photoreceptor):
+    """Promise: events of light in known motion tell the filter from a delay, inside intervals that
+    say something, and thresholds behind the filter are those of the sensor."""
+    slow = {"cutoff_hz": cutoff_hz, "latency_s": latency_s, "photoreceptor": photoreceptor}
+    levels, coarse = known(moving(0.2, 0.25, 1e-2, threshold_mismatch=0.01, **slow), 1e-2)
+    found = fit_motion(levels, coarse)
+    poles = 2 if photoreceptor == "two_pole" else 1
+    assert found.photoreceptor in (photoreceptor, None)
+    inside(found.delay_s, latency_s + poles / (2 * np.pi * cutoff_hz))
+    inside(found.cutoff_hz, cutoff_hz)
+    inside(found.latency_s, latency_s)
+    assert found.cutoff_hz.high < 2.5 * found.cutoff_hz.low
+    late = 1e6 * found.latency_s.value, found.pole_s, found.poles
+    thresholds = fit_thresholds(levels, coarse, *late)
+    inside(thresholds.on, 0.2)
+    inside(thresholds.off, 0.25)
+
+
+def test_motion_that_is_too_slow_says_so():
+    """Promise: where the filter is far faster than the light changes, the delay is known, and the
+    cutoff has no upper end."""
+    levels, coarse = known(moving(0.2, 0.2, 1e-2, cutoff_hz=3000.0, latency_s=2e-3), 1e-2)
+    found = fit_motion(levels, coarse)
+    inside(found.delay_s, 2e-3 + 2 / (2 * np.pi * 3000.0))
+    inside(found.cutoff_hz, 3000.0)
+    assert np.isinf(found.cutoff_hz.high)
+
+
+def test_events_before_their_light_are_refused():
+    """Promise: no latency comes out of clocks that disagree."""
+    events = moving(0.2, 0.2, 1e-2)
+    late = Events(events.t_us - 3000, events.x, events.y, events.p, WIDTH, HEIGHT)
+    late = late.between(0, int(events.t_us[-1]))
+    with pytest.raises(TaskError, match=r"motion: found events 3\d{3} us before their light"):
+        fit_motion(*known(late, 1e-2))
 
 
 def flashes(cutoff_hz, latency_s, photoreceptor="two_pole", steps=8):
@@ -169,29 +285,42 @@ def test_flashes_give_back_cutoff_and_latency(cutoff_hz, latency_s, photorecepto
     assert latency_s < early <= middle <= late
 
 
+def frames_of(folder, step):
+    """Write every n-th frame of the texture, as floats, with their times."""
+    light, t_s = texture()
+    folder.mkdir()
+    rows = ["t_us_start,t_us_end,file"]
+    for k in range(0, len(light), step):
+        cv2.imwrite(f"{folder}/{k:04d}.tiff", light[k])
+        t_us = round(1e6 * t_s[k])
+        rows.append(f"{t_us},{t_us},{k:04d}.tiff")
+    (folder / "frames.csv").write_text("\n".join(rows))
+    return folder
+
+
 def test_the_command_writes_a_profile_that_simulates(eres, tmp_path):
     """Promise: RECORDING in, a profile with intervals and sources out, and a sentence about the
-    dark level."""
-    frames, t_us, events = moving(0.2, 0.25, 1e-2)
+    dark level; frames may be several pixels of motion apart."""
+    events = moving(0.2, 0.25, 1e-2, cutoff_hz=200.0, latency_s=1e-3)
     write_events(tmp_path / "recording.h5", events)
-    folder = tmp_path / "frames"
-    folder.mkdir()
-    for k, frame in enumerate(frames):
-        cv2.imwrite(f"{folder}/{k:04d}.tiff", frame)
-    (folder / "timestamps.txt").write_text("\n".join(["# unit: us", *map(str, t_us)]))
+    folder = frames_of(tmp_path / "frames", 6)
     out = tmp_path / "mine.toml"
     code, printed, err = eres(
-        *("fit", tmp_path / "recording.h5", "--out", out, "--frames", folder),
-        *("--dark", 1e-2 / white_level(frames[0])),
-        *("--still", "0", "0.1", "--title", "My camera"),
+        *("fit", tmp_path / "recording.h5", "--out", out, "--frames", folder, "--motion"),
+        *("--dark", 1e-2, "--still", "0", "0.1", "--title", "My camera"),
     )
     assert (code, err) == (0, "")
     assert "the answer depends on the dark level: from 0.03 to 10 % of white, ON is" in printed
+    assert "delay of slow changes: 0.002" in printed
     profile = read_profile(out)
     assert profile.title == "My camera"
-    low, high = profile.known["threshold_off"].interval
-    assert low < 0.25 < high
-    assert "recording.h5: frames, with a dark level of " in profile.known["threshold_on"].source
+    for name, truth in (("threshold_on", 0.2), ("threshold_off", 0.25), ("cutoff", 200.0)):
+        low, high = profile.known[name].interval
+        assert low < truth < high, name
+    assert (
+        "recording.h5: light in motion, with a dark level of 1 % "
+        in profile.known["threshold_on"].source
+    )
     model = profile.applied_to(SensorModel(width=4, height=4))
     assert model.off_threshold > model.contrast_threshold
     code, _, err = eres("fit", tmp_path / "recording.h5", "--out", out, "--still", "0", "0.1")
@@ -219,6 +348,7 @@ EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, hei
         ({"still_s": (1.0, 0.5)}, "still: found 1 to 0.5 s, expected a start"),
         ({"still_s": (-1.0, 0.5)}, "still: found -1 to 0.5 s"),
         ({"still_s": (0.0, 1.0), "dark_share": 0.0}, "dark: found 0, expected a share"),
+        ({"still_s": (0.0, 1.0), "motion": True}, "motion: expected it with frames or a crop"),
         ({"still_s": (0.0, 1.0)}, "without events"),
     ],
 )
@@ -228,13 +358,13 @@ def test_impossible_evidence_is_refused(evidence, text):
 
 
 def test_recordings_that_do_not_show_enough_are_refused(tmp_path):
-    frames, t_us, events = moving(0.2, 0.2, 1e-2)
+    events = moving(0.2, 0.2, 1e-2)
     with pytest.raises(TaskError, match="still: found an end of 9 s, expected at most 0"):
         fit_recording(events, Evidence(still_s=(0.0, 9.0)))
-    with pytest.raises(TaskError, match="frame 0: found 40x60 px, expected 80x60, the size"):
-        changes_between(frames[:, :, ::2], t_us, events, 1.0)
-    with pytest.raises(TaskError, match="found 0 changes between events near frames"):
-        changes_between(frames, t_us + 10**9, events, 1.0)
+    with pytest.raises(TaskError, match="found frames of 80x60 px, expected 81x60 px, the size"):
+        levels_of(Events(*events.columns, WIDTH + 1, HEIGHT), light_every(1), 1e-2)
+    with pytest.raises(TaskError, match="found 0 events within their time, expected at least 100"):
+        levels_of(events[:9], light_every(1), 1e-2)
     with pytest.raises(TaskError, match="ON events of a pixel after a step, expected at least 3"):
         fit_response(events, np.array([0, 1000]))
     with pytest.raises(TaskError, match="steps: found 1 times, expected at least 2"):

@@ -13,15 +13,18 @@ from sensor.formats import write_events
 from tasks.errors import TaskError
 from tasks.flow import flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
+from tasks.recording.clock import estimate_shift
 from tasks.recording.evaluate import evaluate_recording
 from tasks.recording.flow import spread
 from tasks.recording.frames import open_frames
 from tasks.recording.images import score_reconstruction
+from tasks.recording.levels import busiest
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import sums
 from tasks.recording.recording import cut, open_recording
-from tasks.recording.threshold import Thresholds, estimate_shift, fit_thresholds
+from tasks.recording.threshold import Thresholds, fit_recording
 from tasks.recording.tracks import track
+from tasks.recording.worth import worth_of_events
 
 
 @pytest.fixture(scope="module")
@@ -75,8 +78,9 @@ def test_weights_are_means_over_the_exposures(made, tmp_path):
     np.testing.assert_allclose(found.on, on, atol=0.02)
 
 
-def test_thresholds_come_out_of_frames_that_events_explain(recording, made, tmp_path):
-    """Promise: frames whose logarithm changes by exactly C_on and C_off per event give these."""
+def test_the_worth_of_events_that_explain_the_frames(recording, made, tmp_path):
+    """Promise: frames whose logarithm changes by exactly 0.03 for an ON event and 0.02 for an OFF
+    event give these."""
     width, height = SIZE
     folder = tmp_path / "exact"
     folder.mkdir()
@@ -86,30 +90,43 @@ def test_thresholds_come_out_of_frames_that_events_explain(recording, made, tmp_
     for k, t_us in enumerate(times):
         if k:
             window = made.events.between(int(times[k - 1]), int(t_us))
-            for p, C_p in ((1, 0.03), (-1, -0.02)):
-                log += C_p * np.abs(window.where(window.p == p).polarity_sum())
+            for p, worth in ((1, 0.03), (-1, -0.02)):
+                log += worth * np.abs(window.where(window.p == p).polarity_sum())
         light = np.exp(log) - 1 / 64
         cv2.imwrite(str(folder / f"{k}.png"), np.round(65535 * light).astype(np.uint16))
         rows.append(f"{t_us},{t_us},{k}.png")
     (folder / "frames.csv").write_text("\n".join(rows))
-    found = fit_thresholds(recording, open_frames(folder, encoding="linear"))
-    assert (found.on, found.off) == (pytest.approx(0.03, rel=0.01), pytest.approx(0.02, rel=0.01))
-    assert found.unexplained < 1e-3
-    assert found.pairs == 3
+    worth, left = worth_of_events(recording, open_frames(folder, encoding="linear"))
+    assert worth == (pytest.approx(0.03, rel=0.01), pytest.approx(0.02, rel=0.01))
+    assert left < 1e-3
 
 
 def test_thresholds_of_a_simulated_camera(recording, frames):
-    """Promise: fitted to frames, they are those of the sensor that saw the same light, to the
-    part of a threshold that each pixel has not yet fired."""
-    found = fit_thresholds(recording, frames)
-    assert (found.on, found.off) == (pytest.approx(C, rel=0.1), pytest.approx(C, rel=0.1))
-    assert found.unexplained < 0.1
+    """Promise: those of the sensor lie in the intervals, from frames between which the image moves
+    by 2 px: the light between them follows from the motion."""
+    found = fit_recording(recording, frames)
+    for one in (found.on, found.off):
+        assert one.low < C < one.high
+        assert one.high - one.low < 0.2
+    assert found.values.on == found.on.value
+    assert found.unexplained < 0.2
+
+
+def test_the_stretch_with_most_events_is_used(made, frames, monkeypatch):
+    """Promise: so many successive frames as allowed, around the events; frames before and after
+    the recording do not count."""
+    monkeypatch.setattr("tasks.recording.levels._MOST_FRAMES", 3)
+    t_us = frames.middle_us
+    some = [made.events.between(int(t_us[2]) - 50, int(t_us[4]) + 50)]
+    np.testing.assert_array_equal(busiest(some, frames).middle_us, t_us[2:5])
+    with pytest.raises(TaskError, match="found 2 frames within the time of the events"):
+        busiest([made.events.between(int(t_us[2]) - 50, int(t_us[3]) + 50)], frames)
 
 
 def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
     """Promise: frames whose stamps are 1.6 ms early fit best 1.6 ms later than those on the clock
     of the events, which fit best when these have fired: less than 1 ms later."""
-    monkeypatch.setattr("tasks.recording.threshold.REACH_US", 4000)
+    monkeypatch.setattr("tasks.recording.clock.REACH_US", 4000)
     early = open_frames(made.write_frames(tmp_path / "early", shift_us=-1600), encoding="linear")
     found = estimate_shift(recording, early)
     right = estimate_shift(recording, open_frames(made.frames, encoding="linear"))
@@ -153,6 +170,58 @@ def test_flow_without_frames_sharpens_the_events(recording):
     assert set(median) == {
         *("contrast_maximization", "contrast_maximization_by_gradient", "initial_flow"),
     }
+
+
+def moves_along(flow_px):
+    """Return a dense method that says the same flow everywhere, and notes what it got."""
+    seen = []
+
+    def method(sample):
+        seen.append(sample)
+        return np.broadcast_to(np.reshape(flow_px, (2, 1, 1)), sample.shape)
+
+    return method, seen
+
+
+def dense(recording, monkeypatch, flow_px, **more):
+    method, seen = moves_along(flow_px)
+    monkeypatch.setattr("tasks.recording.dense_flow.load_method", lambda *_: method)
+    options = FlowOptions(window_ms=10.0, windows=3, features=5, patch_px=21, search_px=8.0)
+    given = {"methods": ["tasks.methods.zero_flow:estimate"], "flow": options, **more}
+    return evaluate_recording(recording, "dense_flow", **given), seen
+
+
+def test_dense_flow_with_frames_is_compared_with_tracks(recording, frames, made, monkeypatch):
+    """Promise: the true flow is as near to the tracks as these are to the texture; a window and the
+    one before it are of equal length and follow one another."""
+    tracks = track(frames.light(2), frames.light(3), 20)
+    true_px = tracks.flow_px.mean(0)
+    found, seen = dense(recording, monkeypatch, true_px, frames=frames)
+    assert {score.metric for score in found.scores} == {"epe_px"}
+    assert max(score.value for score in found.scores) < 0.3
+    still, _ = dense(recording, monkeypatch, [0.0, 0.0], frames=frames)
+    assert np.median([score.value for score in still.scores]) == pytest.approx(2.0, abs=0.1)
+    for sample in seen:
+        assert sample.before.t_us[-1] < sample.during.t_us[0]
+        spans = [float(np.ptp(one.t_us)) for one in (sample.before, sample.during)]
+        assert spans == pytest.approx([frames.middle_us[1]] * 2, rel=0.02)
+
+
+def test_dense_flow_without_frames_is_how_much_sharper_events_become(
+    recording, frames, monkeypatch
+):
+    """Promise: zero flow gains nothing, exactly, and the true one does; the first window has none
+    before it."""
+    of_frames_px = track(frames.light(2), frames.light(3), 20).flow_px.mean(0)
+    true_px = 10_000 / frames.middle_us[1] * of_frames_px
+    found, seen = dense(recording, monkeypatch, true_px)
+    still, _ = dense(recording, monkeypatch, [0.0, 0.0])
+    back, _ = dense(recording, monkeypatch, -true_px)
+    assert {score.value for score in still.scores} == {1.0}
+    assert np.median([score.value for score in found.scores]) > 1.02
+    assert np.median([score.value for score in back.scores]) < 1
+    assert len(seen) == 3
+    assert all(len(sample.before) for sample in seen)
 
 
 def test_frames_predicted_from_the_one_before(recording, frames, made, tmp_path):
@@ -274,7 +343,11 @@ def test_input_that_does_not_fit_is_one_line(bad, made, tmp_path, eres):
 
 def test_tasks_that_need_more_say_it(made, eres):
     """Promise: pose tracking, and images without frames, are refused with what is missing."""
-    for task, said in (("tracking", "needs a plane"), ("video", "expected --frames")):
+    for task, said in (
+        ("tracking", "needs a plane"),
+        ("video", "expected --frames"),
+        ("dense_flow", "needs a network, expected --weights eraft=FILE"),
+    ):
         code, _, err = eres("evaluate", made.events_file, "--task", task)
         assert (code, said in err) == (1, True)
 

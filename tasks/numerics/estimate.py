@@ -27,6 +27,10 @@ class Estimate(NamedTuple):
     low: float
     high: float
 
+    def widened(self, by: float) -> Estimate:
+        """Return it with an interval wider by so much at both ends, of positive numbers."""
+        return Estimate(self.value, max(0.0, self.low - by), self.high + by)
+
     def __str__(self) -> str:
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 

@@ -1,0 +1,231 @@
+"""Cutoff and latency, from light in known motion."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from sensor.model import Photoreceptor
+from tasks.errors import TaskError
+from tasks.numerics.estimate import Estimate, bootstrap
+from tasks.recording.levels import Levels
+from tasks.recording.threshold import best_delay_us, fit_line
+
+Float64 = NDArray[np.float64]
+
+_HUBER = 1.345  # standard deviations
+_SHARE = 0.3  # of the filter in the delay, squared: from where the search starts
+_NOISY = 0.1  # of the change of the light that stays: more of it hides the filter
+_STEP_US, _STEP = 2.0, 0.01  # of the derivatives
+
+
+class MotionResponse(NamedTuple):
+    """How late and how smooth the events are.
+
+    Parameters
+    ----------
+    photoreceptor
+        "two_pole" or "one_pole"; None if both fit: then the numbers are those of two poles.
+    delay_s
+        Delay of slow changes: the latency and the time constants of all poles.
+    cutoff_hz
+        Corner frequency of each pole; inf is the end of its interval where the motion is too slow
+        to tell the filter from a delay.
+    latency_s
+        The part of the delay that the poles do not explain.
+    unexplained
+        Share of the squared change of the light from event to event that stays.
+    events
+        Number of events.
+    """
+
+    photoreceptor: Photoreceptor | None
+    delay_s: Estimate
+    cutoff_hz: Estimate
+    latency_s: Estimate
+    unexplained: float
+    events: int
+
+    @property
+    def poles(self) -> int:
+        """Number of poles for which the numbers hold."""
+        return 1 if self.photoreceptor == "one_pole" else 2
+
+    @property
+    def pole_s(self) -> float:
+        """Time constant of each pole, seconds."""
+        return 1 / (2 * math.pi * self.cutoff_hz.value)
+
+
+def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> MotionResponse:
+    """Estimate cutoff and latency from events whose light is known.
+
+    An event lags its light by the latency and the filter. Slow changes tell the sum; fast ones are
+    also smoothed by the filter, not by the latency, and tell the two apart. The log light at the
+    events, filtered and delayed, is fitted to the numbers of events of each pixel, in units of the
+    threshold, by least squares with Huber's loss: delay, share of the filter, and both thresholds.
+
+    The intervals are those of a bootstrap over tiles of pixels, to first order, widened by the
+    change of the answer with light from every second frame. An exposure smooths the frames as the
+    filter smooths the events, so that the cutoff may be lower by as much. A filter also smooths
+    errors of the light: where more than a tenth of its change stays unexplained, the cutoff is only
+    bounded from below, and the latency by the delay.
+
+    Parameters
+    ----------
+    levels
+        Events with their light.
+    coarse
+        The same with light from every second frame.
+    exposure_us
+        Exposure of the frames.
+
+    Returns
+    -------
+    MotionResponse
+
+    Raises
+    ------
+    TaskError
+        The events are not later than the light, as where the clocks disagree.
+    """
+    start_us = best_delay_us(levels)
+    if start_us <= 0:
+        raise TaskError(
+            f"motion: found events {-start_us:.0f} us before their light, expected them after it: "
+            "do the clocks of frames and events agree?"
+        )
+    fits = {poles: _Fit(levels, poles, start_us) for poles in (1, 2)}
+    (better,) = bootstrap((fits[1].costs - fits[2].costs)[:, None], lambda total: total)
+    poles = 1 if better.high < 0 else 2
+    decided = better.high < 0 or better.low > 0
+    found, other = fits[poles], _Fit(coarse, poles, start_us)
+    delay, pole, latency = (
+        one.widened(abs(theirs - one.value))
+        for one, theirs in zip(found.estimates(), other.answer(), strict=True)
+    )
+    blur = (1e-6 * exposure_us) ** 2 / (12 * poles)
+    slowest = math.sqrt(pole.high**2 + blur)
+    latency = latency.widened(poles * (slowest - pole.high))
+    late = 1e6 * latency.value, pole.value, poles
+    unexplained = fit_line(levels, *late).unexplained
+    if unexplained > _NOISY:
+        pole = Estimate(pole.value, 0.0, slowest)
+        latency = Estimate(latency.value, 0.0, delay.high)
+    return MotionResponse(
+        photoreceptor=None if not decided else "two_pole" if poles == 2 else "one_pole",
+        delay_s=delay,
+        cutoff_hz=Estimate(*(_corner_hz(one) for one in (pole.value, slowest, pole.low))),
+        latency_s=latency,
+        unexplained=unexplained,
+        events=len(levels),
+    )
+
+
+def _corner_hz(pole_s: float) -> float:
+    return math.inf if pole_s <= 0 else 1 / (2 * math.pi * pole_s)
+
+
+class _Fit:
+    """Least squares of delay, share of the filter and thresholds.
+
+    The share is squared: a filter that is fast smooths in proportion to its square.
+    """
+
+    def __init__(self, levels: Levels, poles: int, start_us: float) -> None:
+        self._levels, self._poles = levels, poles
+        self._on, self._off = (levels.within_blocks(one) for one in (levels.on, levels.off))
+        line = fit_line(levels, start_us)
+        thresholds = math.log(line.on), math.log(line.off)
+        at_start = self._left(np.array([start_us, 0.0, *thresholds]))
+        self._scale = _HUBER * 1.4826 * float(np.median(np.abs(at_start)))
+        most_us = 0.5 * levels.settling_us
+        found = optimize.least_squares(
+            self._left,
+            [start_us, _SHARE, *thresholds],
+            self._slopes,
+            bounds=([1.0, 0.0, -10.0, -10.0], [most_us, 1.0, 5.0, 5.0]),
+            x_scale=[0.1 * start_us, 0.3, 0.1, 0.1],
+            loss="huber",
+            f_scale=self._scale,
+            xtol=1e-5,
+            ftol=1e-7,
+            max_nfev=40,
+        )
+        self._x: Float64 = found.x
+        self._rest = self._left(self._x)
+        _, self._tile = np.unique(levels.tile, return_inverse=True)
+
+    def _left(self, x: Float64) -> Float64:
+        """Return what the thresholds leave of the light at the events, in their unit."""
+        delay_us, share, C_on, C_off = x[0], x[1], math.exp(x[2]), math.exp(x[3])
+        pole_s = 1e-6 * delay_us * math.sqrt(share) / self._poles
+        late_us = delay_us - 1e6 * self._poles * pole_s
+        light = self._levels.light_at_events(late_us, pole_s, self._poles)
+        left = self._levels.within_blocks(light) - C_on * self._on + C_off * self._off
+        rest: Float64 = left / (0.5 * (C_on + C_off))
+        return rest
+
+    def _slopes(self, x: Float64) -> Float64:
+        """Return (N, 4) derivatives of `_left`."""
+        at = self._left(x)
+        C_on, C_off = math.exp(x[2]), math.exp(x[3])
+        share = _STEP if x[1] < 0.5 else -_STEP
+        later, filtered = (x + np.array(step) for step in ((_STEP_US, 0, 0, 0), (0, share, 0, 0)))
+        return np.stack(
+            [
+                (self._left(later) - at) / _STEP_US,
+                (self._left(filtered) - at) / share,
+                -C_on * (2 * self._on + at) / (C_on + C_off),
+                C_off * (2 * self._off - at) / (C_on + C_off),
+            ],
+            axis=1,
+        )
+
+    @property
+    def costs(self) -> Float64:
+        """(tiles,) Huber's loss."""
+        r = np.abs(self._rest)
+        loss = np.where(r <= self._scale, 0.5 * r * r, self._scale * (r - 0.5 * self._scale))
+        return np.bincount(self._tile, loss).astype(np.float64)
+
+    def answer(self, step: Float64 | None = None) -> Float64:
+        """Return delay, time constant and latency, seconds, a step away from the fit."""
+        delay_us, share = self._x[:2] if step is None else self._x[:2] + step[:2]
+        delay_s, filtered = 1e-6 * max(0.0, delay_us), math.sqrt(min(max(share, 0.0), 1.0))
+        return np.array([delay_s, delay_s * filtered / self._poles, delay_s * (1 - filtered)])
+
+    def estimates(self) -> list[Estimate]:
+        """Return the same with intervals: each draw takes one step of Gauss and Newton."""
+        weight = np.minimum(1.0, self._scale / np.maximum(np.abs(self._rest), 1e-12))
+        J = self._slopes(self._x)
+        upper = np.triu_indices(4)
+        columns = [weight * J[:, i] * J[:, j] for i, j in zip(*upper, strict=True)]
+        columns += [weight * J[:, i] * self._rest for i in range(4)]
+        of_tiles = [np.bincount(self._tile, one) for one in columns]
+        sums = np.stack(of_tiles, axis=1).astype(np.float64)
+
+        def answer(total: Float64) -> Float64:
+            H = np.zeros((4, 4))
+            H[upper] = total[:10]
+            H = H + np.triu(H, 1).T
+            g = total[10:]
+            step = -np.linalg.lstsq(H, g, rcond=None)[0]
+            share = self._x[1] + step[1]
+            if not 0 <= share <= 1:  # the best at the bound
+                at = min(max(share, 0.0), 1.0) - self._x[1]
+                others = [0, 2, 3]
+                rest = np.linalg.lstsq(
+                    H[np.ix_(others, others)], g[others] + H[others, 1] * at, rcond=None
+                )[0]
+                step = np.array([-rest[0], at, -rest[1], -rest[2]])
+            return self.answer(step.astype(np.float64))
+
+        return [
+            Estimate(float(value), one.low, one.high)
+            for value, one in zip(self.answer(), bootstrap(sums, answer), strict=True)
+        ]

@@ -1,0 +1,275 @@
+"""`Levels`: the light of pixels at the times of their events.
+
+An event fires when the log intensity of its pixel is exactly at a level of the comparator. So
+from one event of a pixel to any later one it changes by C_on for each brighter event less C_off for
+each darker one, without a remainder, and whichever way the light took. Between the frames of a
+camera the light follows from the motion of the image.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor import Events
+from sensor.kernels.photoreceptor import photoreceptor_step
+from tasks.errors import TaskError
+from tasks.footage import Footage
+from tasks.footage.interpolation import interpolated, steps_for
+from tasks.footage.motion import displacements_px
+from tasks.numerics.estimate import tiles_of
+from tasks.recording.frames import Frames
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+_MOST_FRAMES = 200  # of the stretch in which most events are
+_MOST_STEPS = 1000  # frames after interpolation
+_MOST_PIXELS = 4096
+_MOST_EVENTS = 40_000  # whose light is used; all are counted
+_BLOCK = 8  # events: over more, thresholds that differ between pixels add up
+_SATURATED = 0.98  # of the brightest light
+_LEAST = 100  # events
+_INSTANT_S = 1e-9  # a shorter time constant is none
+SETTLING = 0.1  # of the stretch: before, a filter still remembers the time before the stretch
+
+
+def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
+    """Return the successive frames, 200 at most, between which there are most events.
+
+    Parameters
+    ----------
+    parts
+        All events.
+    frames
+        The frames.
+
+    Returns
+    -------
+    Frames
+        All of them within the time of the events.
+
+    Raises
+    ------
+    TaskError
+        Fewer than three frames are.
+    """
+    t_us = frames.middle_us
+    count = np.zeros(len(t_us) - 1, np.int64)
+    ends_us: list[int] = []
+    for part in parts:
+        count += np.histogram(part.t_us, t_us)[0]
+        ends_us += part.t_us[[0, -1]].tolist() if len(part) else []
+    within = np.flatnonzero((t_us >= min(ends_us, default=0)) & (t_us <= max(ends_us, default=-1)))
+    if len(within) < 3:
+        raise TaskError(
+            f"{frames.files[0].parent}: found {len(within)} frames within the time of the events, "
+            "expected three or more"
+        )
+    length = min(_MOST_FRAMES, len(within)) - 1
+    until = np.concatenate([[0], np.cumsum(count[within[:-1]])])
+    start = within[0] + int(np.argmax(until[length:] - until[:-length]))
+    return frames.some(np.arange(start, start + length + 1))
+
+
+def light_of(frames: Frames) -> Footage:
+    """Return the light along the motion of the image, in steps of half a pixel at most.
+
+    Parameters
+    ----------
+    frames
+        Frames of a camera; each stands for the middle of its exposure.
+
+    Returns
+    -------
+    The frames, and motion-compensated ones between them; the first of them if more than 1000
+    frames would be needed.
+    """
+    own = frames.footage()
+    steps = steps_for(displacements_px(own))
+    fit = int(np.searchsorted(np.cumsum(steps), _MOST_STEPS, side="right"))
+    if fit < len(steps):
+        own = frames.some(np.arange(max(fit, 1) + 1)).footage()
+    return interpolated(own, steps[: max(fit, 1)])
+
+
+def every_second(light: Footage) -> Footage:
+    """Return every second frame of light whose frames are all known."""
+    return replace(light, t_s=light.t_s[::2], frames=lambda: islice(light, 0, None, 2))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Levels:
+    """Events whose light is known.
+
+    Parameters
+    ----------
+    light_us
+        (T,) float64 times of the light, microseconds.
+    log_light
+        (T, P) float64 log of the light of P pixels and the dark level.
+    dark
+        Dark level, in units of white.
+    t_us, pixel
+        (N,) times of the events, and their pixels, 0 to P - 1.
+    on, off
+        (N,) events of the pixel until then, this one included.
+    block
+        (N,) number of the group of successive events of a pixel, from 0 on.
+    tile
+        (N,) tile of the pixel.
+    """
+
+    light_us: Float64
+    log_light: Float64
+    dark: float
+    t_us: Int64
+    pixel: Int64
+    on: Float64
+    off: Float64
+    block: Int64
+    tile: Int64
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    @property
+    def settling_us(self) -> float:
+        """Time from the start of the light to the first event, and largest delay times two."""
+        return SETTLING * float(self.light_us[-1] - self.light_us[0])
+
+    def at_dark(self, dark: float) -> Levels:
+        """Return the same with another dark level, in units of white."""
+        light = np.maximum(np.exp(self.log_light) - self.dark, 0.0)
+        return replace(self, log_light=np.log(light + dark), dark=dark)
+
+    def within_blocks(self, values: Float64) -> Float64:
+        """Return (N,) values without the mean of their block, which takes the unknown level."""
+        return values - (np.bincount(self.block, values) / np.bincount(self.block))[self.block]
+
+    def light_at_events(
+        self, delay_us: float = 0.0, pole_s: float = 0.0, poles: int = 2
+    ) -> Float64:
+        """Return (N,) log light behind the photoreceptor, a delay before each event.
+
+        Parameters
+        ----------
+        delay_us
+            The delay.
+        pole_s
+            Time constant of each pole, seconds; 0 for none.
+        poles
+            1 or 2.
+        """
+        u, steps_s = self.log_light, 1e-6 * np.diff(self.light_us)
+        t_us = self.t_us - delay_us
+        k = np.clip(np.searchsorted(self.light_us, t_us, side="right") - 1, 0, len(u) - 2)
+        since_s = 1e-6 * (t_us - self.light_us[k])
+        u0, u1 = u[k, self.pixel], u[k + 1, self.pixel]
+        slope = (u1 - u0) / steps_s[k]
+        straight: Float64 = u0 + slope * since_s
+        if pole_s < _INSTANT_S:
+            return straight
+        v1, v2 = _poles(u, steps_s, pole_s, poles)
+        y, lag = since_s / pole_s, slope * pole_s
+        first = v1[k, self.pixel] - u0 + lag
+        if poles == 1:
+            return straight - lag + first * np.exp(-y)
+        second = v2[k, self.pixel] - u0 + 2 * lag
+        return straight - 2 * lag + (second + first * y) * np.exp(-y)
+
+
+def _poles(u: Float64, steps_s: Float64, pole_s: float, poles: int) -> tuple[Float64, Float64]:
+    """Return the outputs of both poles at the times of the light, (T, P) each, from rest."""
+    v1, v2 = np.empty_like(u), np.empty_like(u if poles == 2 else u[:1])
+    v1[0] = v2[0] = u[0]
+    for k, dt_s in enumerate(steps_s.tolist()):
+        step = photoreceptor_step(dt_s, 1 / (2 * math.pi * pole_s))
+        v1[k + 1] = step.e * v1[k] + step.v1_u0 * u[k] + step.v1_u1 * u[k + 1]
+        if poles == 2:
+            v2[k + 1] = (
+                step.e * v2[k] + step.v2_v1 * v1[k] + step.v2_u0 * u[k] + step.v2_u1 * u[k + 1]
+            )
+    return v1, v2
+
+
+def levels_of(
+    events: Events, light: Footage, dark: float, hot: NDArray[np.bool_] | None = None
+) -> Levels:
+    """Collect the light of the pixels with most events, in tiles of 8 x 8.
+
+    Parameters
+    ----------
+    events
+        The events.
+    light
+        Light at times between which the image moves by half a pixel at most, on their clock.
+    dark
+        Dark level, in units of white.
+    hot
+        (H, W) pixels to leave out.
+
+    Returns
+    -------
+    Levels
+        Of events within the time of the light, less a tenth at its start and a twentieth at its
+        end; of every n-th block if there are more than 40,000. Pixels that are saturated at some
+        time are left out.
+
+    Raises
+    ------
+    TaskError
+        The light has another size than the sensor, or there are too few events within its time.
+    """
+    if (light.width, light.height) != (events.width, events.height):
+        raise TaskError(
+            f"{light.path}: found frames of {light.width}x{light.height} px, expected "
+            f"{events.width}x{events.height} px, the size of the sensor"
+        )
+    light_us = light.t_offset_us + 1e6 * light.t_s
+    events = events.between(math.ceil(light_us[0]), math.ceil(light_us[-1]))
+    place = events.y.astype(np.int64) * events.width + events.x
+    count = np.bincount(place, minlength=events.width * events.height)
+    if hot is not None:
+        count[hot.ravel()] = 0
+    every = np.arange(len(count))
+    tile = tiles_of(every // events.width, every % events.width, events.width)
+    of_tile = np.bincount(tile, count)
+    first = np.argsort(-of_tile, kind="stable")[: max(1, _MOST_PIXELS // 64)]
+    used = np.flatnonzero((count > 1) & np.isin(tile, first))
+    rows = np.stack([frame.ravel()[used] for frame in light])
+    dull = rows.max(axis=0) < _SATURATED * rows.max(initial=0.0)
+    used, rows = used[dull], rows[:, dull]
+    number = np.full(len(count), -1)
+    number[used] = np.arange(len(used))
+    kept = number[place] >= 0
+    t_us, pixel, p = events.t_us[kept], number[place[kept]], events.p[kept]
+    order = np.argsort(pixel, kind="stable")  # by pixel, then time
+    t_us, pixel, p = t_us[order], pixel[order], p[order]
+    settling_us = SETTLING * (light_us[-1] - light_us[0])
+    rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
+    thinning = max(1, -(-len(pixel) // _MOST_EVENTS))
+    settled = (t_us > light_us[0] + settling_us) & (t_us < light_us[-1] - 0.5 * settling_us)
+    used_events = settled & ((pixel + rank // _BLOCK) % thinning == 0)
+    if used_events.sum() < _LEAST:
+        raise TaskError(
+            f"frames: found {used_events.sum()} events within their time, expected at least "
+            f"{_LEAST}: frames on the clock of the events, and a scene that moves"
+        )
+    group = pixel * (1 + len(pixel)) + rank // _BLOCK
+    return Levels(
+        light_us=light_us,
+        log_light=np.log(rows.astype(np.float64) + dark),
+        dark=dark,
+        t_us=t_us[used_events],
+        pixel=pixel[used_events],
+        on=np.cumsum(p > 0)[used_events].astype(np.float64),
+        off=np.cumsum(p < 0)[used_events].astype(np.float64),
+        block=np.unique(group[used_events], return_inverse=True)[1],
+        tile=tile[used][pixel[used_events]],
+    )
