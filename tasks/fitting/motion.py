@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 
 _HUBER = 1.345  # standard deviations
 _SHARE = 0.3  # of the filter in the delay, squared: from where the search starts
-_NOISY = 0.1  # of the change of the light that stays: more of it hides the filter
+_NOISY = 0.05  # of the change of the light that stays: more of it hides the filter
 _STEP_US, _STEP = 2.0, 0.01  # of the derivatives
 
 
@@ -72,8 +72,8 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     The intervals are those of a bootstrap over tiles of pixels, to first order, widened by the
     change of the answer with light from every second frame. An exposure smooths the frames as the
     filter smooths the events, so that the cutoff may be lower by as much. A filter also smooths
-    errors of the light: where more than a tenth of its change stays unexplained, the cutoff is only
-    bounded from below, and the latency by the delay.
+    errors of the light: where more than a twentieth of its change stays unexplained, the cutoff is
+    only bounded from below, and the latency by the delay.
 
     Parameters
     ----------
@@ -115,7 +115,8 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     unexplained = fit_line(levels, *late).unexplained
     if unexplained > _NOISY:
         pole = Estimate(pole.value, 0.0, slowest)
-        latency = Estimate(latency.value, 0.0, delay.high)
+    if unexplained > _NOISY or latency.value < 1e-6:  # at its bound, where draws do not vary
+        latency = Estimate(latency.value, 0.0, max(latency.high, delay.high - poles * pole.low))
     return MotionResponse(
         photoreceptor=None if not decided else "two_pole" if poles == 2 else "one_pole",
         delay_s=delay,
@@ -197,6 +198,7 @@ class _Fit:
         """Return delay, time constant and latency, seconds, a step away from the fit."""
         delay_us, share = self._x[:2] if step is None else self._x[:2] + step[:2]
         delay_s, filtered = 1e-6 * max(0.0, delay_us), math.sqrt(min(max(share, 0.0), 1.0))
+        filtered = 1.0 if filtered > 1 - 1e-6 else filtered
         return np.array([delay_s, delay_s * filtered / self._poles, delay_s * (1 - filtered)])
 
     def estimates(self) -> list[Estimate]:

@@ -218,8 +218,8 @@ def levels_of(
     -------
     Levels
         Of events within the time of the light, less a tenth at its start and a twentieth at its
-        end; of every n-th block if there are more than 40,000. Pixels that are saturated at some
-        time are left out.
+        end; of every n-th block if there are more than 40,000. Events in light as bright as the
+        brightest, which may be saturated, are left out.
 
     Raises
     ------
@@ -243,8 +243,6 @@ def levels_of(
     first = np.argsort(-of_tile, kind="stable")[: max(1, _MOST_PIXELS // 64)]
     used = np.flatnonzero((count > 1) & np.isin(tile, first))
     rows = np.stack([frame.ravel()[used] for frame in light])
-    dull = rows.max(axis=0) < _SATURATED * rows.max(initial=0.0)
-    used, rows = used[dull], rows[:, dull]
     number = np.full(len(count), -1)
     number[used] = np.arange(len(used))
     kept = number[place] >= 0
@@ -255,6 +253,9 @@ def levels_of(
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
     thinning = max(1, -(-len(pixel) // _MOST_EVENTS))
     settled = (t_us > light_us[0] + settling_us) & (t_us < light_us[-1] - 0.5 * settling_us)
+    k = np.clip(np.searchsorted(light_us, t_us, side="right") - 1, 0, len(rows) - 2)
+    bright = np.minimum(rows[k, pixel], rows[k + 1, pixel])
+    settled &= bright < _SATURATED * rows.max(initial=0.0)
     used_events = settled & ((pixel + rank // _BLOCK) % thinning == 0)
     if used_events.sum() < _LEAST:
         raise TaskError(
