@@ -36,6 +36,7 @@ from tasks.recording.pairs import inside
 from tasks.recording.recording import Recording, open_recording
 from tasks.recording.threshold import fit_recording
 from tasks.recording.tracks import track
+from tasks.recording.worth import worth_of_events
 
 SIZE = 240, 180
 FLOW = ("contrast_maximization", "contrast_maximization_by_gradient", "photometric_flow")
@@ -65,7 +66,9 @@ def measure_images(recording: Recording, frames: Frames) -> float:
     """Print the scores of images; return the fitted threshold."""
     found = fit_recording(recording, frames)
     print(f"thresholds ON {found.on}, OFF {found.off}, from {found.events} events")
-    scores = score_reconstruction(recording, frames, IMAGES, found.values)
+    worth, _ = worth_of_events(recording, frames)
+    print(f"an ON event is worth {worth.on:.3f} between two frames, an OFF event {worth.off:.3f}")
+    scores = score_reconstruction(recording, frames, IMAGES, worth)
     scores += score_video(recording, frames, VIDEO, found.values.mean)
     for name in (*IMAGES, *VIDEO):
         values = [score.value for score in scores if score.method == name]

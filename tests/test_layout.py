@@ -110,10 +110,10 @@ WINGS = {
         *("tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods", "tasks.numerics"),
     },
     "tasks.datasets": set(),
-    "tasks.fitting": {"tasks.numerics", "tasks.recording"},
+    "tasks.fitting": {"tasks.footage", "tasks.numerics", "tasks.recording"},
     "tasks.generation": {"tasks.events", "tasks.study.run"},
     "tasks.view": {"tasks.events"},
-    "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.methods"},
+    "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods"},
     "tasks.study.results": set(),
     "tasks.study.claims": {"tasks.study.results"},
     "tasks.study.report": {

@@ -18,6 +18,7 @@ def fit(
     recording: Annotated[Positional[Path], arg(metavar="RECORDING", help="file of events")],
     out: Path,
     still: tuple[float, float] | None = None,
+    crop: Path | None = None,
     motion: bool = False,
     dark: float = 1e-3,
     steps: str | None = None,
@@ -40,9 +41,12 @@ def fit(
         The profile to write, a TOML file.
     still
         Start and end of a stretch in which nothing moves, seconds after the first event.
+    crop
+        In place of frames, the folder of `eres rig crop` with this recording: its page, seen from
+        the solved poses, is the light.
     motion
-        Also estimate cutoff and latency from the frames: how late and how smooth the events are,
-        compared with the light along the motion of the image.
+        Also estimate cutoff and latency from frames or crop: how late and how smooth the events
+        are, compared with the light along the motion of the image.
     dark
         Dark level for thresholds and motion, share of white, the largest number that the frames'
         files can store; the printed sweep shows how much it decides.
@@ -65,10 +69,13 @@ def fit(
     from tasks.fitting.steps import read_steps
     from tasks.recording.clock import on_one_clock
     from tasks.recording.recording import open_recording
+    from tasks.rig.light import light_of_crop
 
     if out.suffix != ".toml":
         raise TaskError(f"{out}: found {out.suffix or 'no extension'!r}, expected .toml")
     check_new(out, overwrite)
+    if motion and frames.estimate_shift:
+        raise TaskError("found motion and estimate-shift, which would hide the latency")
     shift_us, opened = frames.shift_us, frames.open_frames()
     notes: list[str] = []
     if opened is not None:
@@ -77,6 +84,7 @@ def fit(
     evidence = Evidence(
         still_s=still,
         frames=opened,
+        light=None if crop is None else light_of_crop(crop),
         motion=motion,
         dark_share=dark,
         rises_us=None if steps is None else read_steps(steps, recording, format),

@@ -15,8 +15,9 @@ from tasks.fitting.motion import MotionResponse, fit_motion
 from tasks.fitting.profile_file import Measured
 from tasks.fitting.response import Response, fit_response
 from tasks.fitting.stillness import HOT, Noise, counts, fit_noise
+from tasks.footage import Footage
 from tasks.recording.frames import Frames
-from tasks.recording.levels import busiest, levels_of, light_of
+from tasks.recording.levels import busiest, every_second, levels_of, light_of
 from tasks.recording.threshold import FittedThresholds, best_delay_us, fit_thresholds
 
 DARK_SHARES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
@@ -33,8 +34,11 @@ class Evidence:
         (2,) start and end of a stretch without motion, seconds after the first event.
     frames
         Frames of the same camera, on the clock of the events.
+    light
+        In place of frames: light that is known at times between which the image moves by half a
+        pixel at most, white at 1.
     motion
-        Whether cutoff and latency are to be estimated from the motion between the frames.
+        Whether cutoff and latency are to be estimated from the motion of the frames or the light.
     dark_share
         Dark level for thresholds and motion, share of white: of the largest number that the files
         of the frames can store.
@@ -49,12 +53,16 @@ class Evidence:
 
     still_s: tuple[float, float] | None = None
     frames: Frames | None = None
+    light: Footage | None = None
     motion: bool = False
     dark_share: float = 1e-3
     rises_us: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        if self.still_s is None and self.frames is None and self.rises_us is None:
+        if self.frames is not None and self.light is not None:
+            raise TaskError("found frames and light, expected one of them")
+        seen = self.frames is not None or self.light is not None
+        if self.still_s is None and not seen and self.rises_us is None:
             raise TaskError(
                 "found neither still, frames nor steps, expected one or more of them: what to fit"
             )
@@ -63,8 +71,8 @@ class Evidence:
                 f"still: found {self.still_s[0]:g} to {self.still_s[1]:g} s, expected a start of "
                 "at least 0 and a later end"
             )
-        if self.motion and (self.frames is None or self.rises_us is not None):
-            raise TaskError("motion: expected it with frames, and without steps")
+        if self.motion and (not seen or self.rises_us is not None):
+            raise TaskError("motion: expected it with frames or a crop, and without steps")
         if not 0 < self.dark_share < 1:
             raise TaskError(f"dark: found {self.dark_share:g}, expected a share of white in (0, 1)")
 
@@ -121,7 +129,7 @@ class Found:
                 self.response.latency_s, "s", f"{source}; the delay that the poles do not explain"
             )
         if self.motion is not None:
-            source = f"{recording}: {self.motion.events} events of light in known motion"
+            source = f"{recording}: {self.motion.events} events of light in motion"
             if self.motion.photoreceptor is not None:
                 fields["photoreceptor"] = Measured(
                     self.motion.photoreceptor, "", f"{source}; the better of one and two poles"
@@ -134,7 +142,7 @@ class Found:
             )
         if self.thresholds is not None:
             share = 100 * self.thresholds.dark
-            source = f"{recording}: frames, with a dark level of {share:g} % of white; "
+            source = f"{recording}: light in motion, with a dark level of {share:g} % of white; "
             source += self.sentence()
             fields["threshold_on"] = Measured(self.thresholds.on, "log", source)
             fields["threshold_off"] = Measured(self.thresholds.off, "log", source)
@@ -188,34 +196,33 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
             )
         noise = fit_noise(*counts(events.between(start_us, end_us)), 1e-6 * (end_us - start_us))
     found = Found(noise=noise)
-    if evidence.frames is not None:
-        hot = None if noise is None else noise.hot
-        found = _with_frames(events, evidence.frames, evidence, hot, found, on_progress)
+    if evidence.frames is not None or evidence.light is not None:
+        found = _in_motion(events, evidence, found, on_progress)
     if evidence.rises_us is not None:
         found = replace(found, response=fit_response(events, evidence.rises_us))
         on_progress("fitting", 1, 1)
     return found
 
 
-def _with_frames(
-    events: Events,
-    frames: Frames,
-    evidence: Evidence,
-    hot: NDArray[np.bool_] | None,
-    found: Found,
-    on_progress: Progress,
-) -> Found:
+def _in_motion(events: Events, evidence: Evidence, found: Found, on_progress: Progress) -> Found:
     """Add the thresholds and, on request, what motion shows."""
-    frames = busiest([events], frames)
+    exposure_us = 0.0
+    if evidence.frames is not None:
+        frames = busiest([events], evidence.frames)
+        lights = [light_of(one) for one in (frames, frames.every_second())]
+        exposure_us = float(np.max(frames.end_us - frames.start_us))
+    else:
+        assert evidence.light is not None
+        lights = [evidence.light, every_second(evidence.light)]
+    hot = None if found.noise is None else found.noise.hot
     most = len(DARK_SHARES) + 3
     pair = []
-    for k, one in enumerate((frames, frames[::2]), start=1):
-        pair.append(levels_of(events, light_of(one), evidence.dark_share, hot))
+    for k, light in enumerate(lights, start=1):
+        pair.append(levels_of(events, light, evidence.dark_share, hot))
         on_progress("following the light", k, most)
     levels, coarse = pair
     motion = None
     if evidence.motion:
-        exposure_us = float(np.max(frames.end_us - frames.start_us))
         motion = fit_motion(levels, coarse, exposure_us)
         late = 1e6 * motion.latency_s.value, motion.pole_s, motion.poles
     else:

@@ -19,6 +19,7 @@ Float64 = NDArray[np.float64]
 
 _HUBER = 1.345  # standard deviations
 _SHARE = 0.3  # of the filter in the delay, squared: from where the search starts
+_NOISY = 0.05  # of the change of the light that stays: more of it hides the filter
 _STEP_US, _STEP = 2.0, 0.01  # of the derivatives
 
 
@@ -70,7 +71,9 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
 
     The intervals are those of a bootstrap over tiles of pixels, to first order, widened by the
     change of the answer with light from every second frame. An exposure smooths the frames as the
-    filter smooths the events, so that the cutoff may be lower by as much.
+    filter smooths the events, so that the cutoff may be lower by as much. A filter also smooths
+    errors of the light: where more than a twentieth of its change stays unexplained, the cutoff is
+    only bounded from below, and the latency by the delay.
 
     Parameters
     ----------
@@ -107,12 +110,19 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     )
     blur = (1e-6 * exposure_us) ** 2 / (12 * poles)
     slowest = math.sqrt(pole.high**2 + blur)
+    latency = latency.widened(poles * (slowest - pole.high))
+    late = 1e6 * latency.value, pole.value, poles
+    unexplained = fit_line(levels, *late).unexplained
+    if unexplained > _NOISY:
+        pole = Estimate(pole.value, 0.0, slowest)
+    if unexplained > _NOISY or latency.value < 1e-6:  # at its bound, where draws do not vary
+        latency = Estimate(latency.value, 0.0, max(latency.high, delay.high - poles * pole.low))
     return MotionResponse(
         photoreceptor=None if not decided else "two_pole" if poles == 2 else "one_pole",
         delay_s=delay,
         cutoff_hz=Estimate(*(_corner_hz(one) for one in (pole.value, slowest, pole.low))),
-        latency_s=latency.widened(poles * (slowest - pole.high)),
-        unexplained=fit_line(levels, 1e6 * delay.value, pole.value, poles).unexplained,
+        latency_s=latency,
+        unexplained=unexplained,
         events=len(levels),
     )
 
@@ -166,10 +176,11 @@ class _Fit:
         at = self._left(x)
         C_on, C_off = math.exp(x[2]), math.exp(x[3])
         share = _STEP if x[1] < 0.5 else -_STEP
+        later, filtered = (x + np.array(step) for step in ((_STEP_US, 0, 0, 0), (0, share, 0, 0)))
         return np.stack(
             [
-                (self._left(x + [_STEP_US, 0, 0, 0]) - at) / _STEP_US,
-                (self._left(x + [0, share, 0, 0]) - at) / share,
+                (self._left(later) - at) / _STEP_US,
+                (self._left(filtered) - at) / share,
                 -C_on * (2 * self._on + at) / (C_on + C_off),
                 C_off * (2 * self._off - at) / (C_on + C_off),
             ],
@@ -181,12 +192,13 @@ class _Fit:
         """(tiles,) Huber's loss."""
         r = np.abs(self._rest)
         loss = np.where(r <= self._scale, 0.5 * r * r, self._scale * (r - 0.5 * self._scale))
-        return np.bincount(self._tile, loss)
+        return np.bincount(self._tile, loss).astype(np.float64)
 
     def answer(self, step: Float64 | None = None) -> Float64:
         """Return delay, time constant and latency, seconds, a step away from the fit."""
         delay_us, share = self._x[:2] if step is None else self._x[:2] + step[:2]
         delay_s, filtered = 1e-6 * max(0.0, delay_us), math.sqrt(min(max(share, 0.0), 1.0))
+        filtered = 1.0 if filtered > 1 - 1e-6 else filtered
         return np.array([delay_s, delay_s * filtered / self._poles, delay_s * (1 - filtered)])
 
     def estimates(self) -> list[Estimate]:
@@ -196,7 +208,8 @@ class _Fit:
         upper = np.triu_indices(4)
         columns = [weight * J[:, i] * J[:, j] for i, j in zip(*upper, strict=True)]
         columns += [weight * J[:, i] * self._rest for i in range(4)]
-        sums = np.stack([np.bincount(self._tile, one) for one in columns], axis=1)
+        of_tiles = [np.bincount(self._tile, one) for one in columns]
+        sums = np.stack(of_tiles, axis=1).astype(np.float64)
 
         def answer(total: Float64) -> Float64:
             H = np.zeros((4, 4))
@@ -212,7 +225,7 @@ class _Fit:
                     H[np.ix_(others, others)], g[others] + H[others, 1] * at, rcond=None
                 )[0]
                 step = np.array([-rest[0], at, -rest[1], -rest[2]])
-            return self.answer(step)
+            return self.answer(step.astype(np.float64))
 
         return [
             Estimate(float(value), one.low, one.high)

@@ -1,10 +1,7 @@
 """The clock of the frames, as frames and events tell it.
 
-Between two frames, log intensity changes by C_on times the number of brighter events less C_off
-times that of the darker ones. Least squares over all pixels of some pairs finds how well the events
-explain the change, whatever the thresholds are, for each shift of the frames. A pixel's weight is
-its light squared, as an error of log intensity is one of light in proportion to it: the noise of a
-frame is in its codes.
+The right shift of the frames is that with which events explain most of the change from frame to
+frame, whatever an event is worth.
 """
 
 from __future__ import annotations
@@ -12,41 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tasks.errors import TaskError
 from tasks.recording.frames import Frames
-from tasks.recording.pairs import PairSums, check_frames, events_of, inside, sums
+from tasks.recording.pairs import check_frames, events_of, inside, sums
 from tasks.recording.recording import Recording
+from tasks.recording.worth import Explained
 
 REACH_US = 20_000
 STEP_US = 1_000
 _MOST_PAIRS = 5  # from which a shift is estimated
-
-
-class _Explained:
-    """How much of the change between frames the events explain: normal equations."""
-
-    def __init__(self) -> None:
-        self._matrix = np.zeros((2, 2))
-        self._vector = np.zeros(2)
-        self._total = 0.0
-
-    def add(self, before: NDArray, after: NDArray, found: PairSums) -> None:
-        """Add a pair: log light before and after, and the events between."""
-        weight = np.exp(2 * before).ravel()
-        change = (after - before).ravel()
-        columns = np.stack([found.on.ravel(), -found.off.ravel()])
-        weighted = columns * weight
-        self._matrix += weighted @ columns.T
-        self._vector += weighted @ change
-        self._total += float(weight @ change**2)
-
-    def unexplained(self) -> float:
-        """Return the share of the squared change that stays, 1 if the events determine nothing."""
-        if not (self._total > 0 and np.linalg.cond(self._matrix) < 1e8):
-            return 1.0
-        return 1 - float(self._vector @ np.linalg.solve(self._matrix, self._vector)) / self._total
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,12 +63,12 @@ def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
     """
     pairs = inside(recording, frames, REACH_US)[:_MOST_PAIRS]
     shifts_us = np.arange(-REACH_US, REACH_US + STEP_US, STEP_US)
-    fits = [_Explained() for _ in shifts_us]
+    fits = [Explained() for _ in shifts_us]
     for k, events in zip(pairs, events_of(recording, frames, pairs, REACH_US), strict=True):
         before, after = frames.log_light(k), frames.log_light(k + 1)
         for shift_us, fit in zip(shifts_us, fits, strict=True):
             fit.add(before, after, sums(events, frames, k, int(shift_us)))
-    left = np.array([fit.unexplained() for fit in fits])
+    left = np.array([1.0 if one is None else one[1] for one in (fit.solve() for fit in fits)])
     best = int(np.argmin(left))
     if not 0 < best < len(left) - 1:
         return None

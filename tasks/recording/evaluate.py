@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.methods import check_method
+from tasks.recording.clock import on_one_clock
 from tasks.recording.dense_flow import score_dense_flow
 from tasks.recording.flow import LOCAL, score_flow
-from tasks.recording.clock import on_one_clock
 from tasks.recording.frames import Frames
 from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
 from tasks.recording.score import RecordingScore
 from tasks.recording.threshold import Thresholds, fit_recording
+from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
 
 _NEEDED = {  # what a recording does not have, or what is not scored on one
@@ -103,7 +104,7 @@ def evaluate_recording(
     if task == "dense_flow":
         found = score_dense_flow(recording, frames, names, weights, flow, on_progress)
         return RecordingEvaluation(found, notes)
-    thresholds = _thresholds(recording, frames, contrast_threshold, names, notes)
+    thresholds = _thresholds(recording, frames, contrast_threshold, task, notes)
     if task == "flow":
         found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
     elif frames is None:
@@ -156,7 +157,7 @@ def _thresholds(
     recording: Recording,
     frames: Frames | None,
     given: float | None,
-    names: Sequence[str],
+    task: str,
     notes: list[str],
 ) -> Thresholds:
     if given is not None:
@@ -169,6 +170,13 @@ def _thresholds(
         return Thresholds(model.contrast_threshold, model.contrast_threshold)
     if frames is None:
         return Thresholds(_ANY_THRESHOLD, _ANY_THRESHOLD)
+    if task == "reconstruction":
+        worth, unexplained = worth_of_events(recording, frames)
+        notes.append(
+            f"an ON event is worth {worth.on:.3f}, an OFF event {worth.off:.3f} between two "
+            f"frames, fitted to them; {100 * unexplained:.0f} % of their change stays unexplained"
+        )
+        return worth
     found = fit_recording(recording, frames)
     notes.append(
         f"thresholds: ON {found.on}, OFF {found.off} at a dark level of {found.dark:g} of white, "

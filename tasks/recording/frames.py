@@ -59,11 +59,19 @@ class Frames:
     def __len__(self) -> int:
         return len(self.files)
 
-    def __getitem__(self, part: slice) -> Frames:
-        """Return some of the frames."""
+    def some(self, numbers: NDArray[np.int64]) -> Frames:
+        """Return the frames of these numbers, ascending."""
         return replace(
-            self, files=self.files[part], start_us=self.start_us[part], end_us=self.end_us[part]
+            self,
+            files=tuple(self.files[k] for k in numbers),
+            start_us=self.start_us[numbers],
+            end_us=self.end_us[numbers],
         )
+
+    def every_second(self) -> Frames:
+        """Return every second frame, and the last one."""
+        last = len(self) - 1
+        return self.some(np.unique(np.append(np.arange(0, last, 2), last)))
 
     @property
     def middle_us(self) -> NDArray[np.int64]:
@@ -88,7 +96,7 @@ class Frames:
         first_us = int(self.middle_us[0])
         return Footage(
             path=self.files[0].parent,
-            t_s=1e-6 * (self.middle_us - first_us),
+            t_s=np.asarray(1e-6 * (self.middle_us - first_us), np.float64),
             t_offset_us=first_us,
             height=height,
             width=width,

@@ -1,9 +1,9 @@
 """`Levels`: the light of pixels at the times of their events.
 
-An event fires when the log intensity of its pixel is exactly at a level of the comparator. So from
-one event of a pixel to any later one it changes by C_on for each brighter event less C_off for each
-darker one, without a remainder, and whichever way the light took. Between the frames of a camera the
-light follows from the motion of the image.
+An event fires when the log intensity of its pixel is exactly at a level of the comparator. So
+from one event of a pixel to any later one it changes by C_on for each brighter event less C_off for
+each darker one, without a remainder, and whichever way the light took. Between the frames of a
+camera the light follows from the motion of the image.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ _MOST_FRAMES = 200  # of the stretch in which most events are
 _MOST_STEPS = 1000  # frames after interpolation
 _MOST_PIXELS = 4096
 _MOST_EVENTS = 40_000  # whose light is used; all are counted
-_BLOCK = 16  # events of a pixel that share an unknown level at their start
+_BLOCK = 8  # events: over more, thresholds that differ between pixels add up
 _SATURATED = 0.98  # of the brightest light
 _LEAST = 100  # events
 _INSTANT_S = 1e-9  # a shorter time constant is none
@@ -47,15 +48,33 @@ def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
         All events.
     frames
         The frames.
+
+    Returns
+    -------
+    Frames
+        All of them within the time of the events.
+
+    Raises
+    ------
+    TaskError
+        Fewer than three frames are.
     """
     t_us = frames.middle_us
     count = np.zeros(len(t_us) - 1, np.int64)
+    ends_us: list[int] = []
     for part in parts:
         count += np.histogram(part.t_us, t_us)[0]
-    until = np.concatenate([[0], np.cumsum(count)])
-    length = min(_MOST_FRAMES, len(t_us)) - 1
-    start = int(np.argmax(until[length:] - until[:-length]))
-    return frames[start : start + length + 1]
+        ends_us += part.t_us[[0, -1]].tolist() if len(part) else []
+    within = np.flatnonzero((t_us >= min(ends_us, default=0)) & (t_us <= max(ends_us, default=-1)))
+    if len(within) < 3:
+        raise TaskError(
+            f"{frames.files[0].parent}: found {len(within)} frames within the time of the events, "
+            "expected three or more"
+        )
+    length = min(_MOST_FRAMES, len(within)) - 1
+    until = np.concatenate([[0], np.cumsum(count[within[:-1]])])
+    start = within[0] + int(np.argmax(until[length:] - until[:-length]))
+    return frames.some(np.arange(start, start + length + 1))
 
 
 def light_of(frames: Frames) -> Footage:
@@ -75,8 +94,13 @@ def light_of(frames: Frames) -> Footage:
     steps = steps_for(displacements_px(own))
     fit = int(np.searchsorted(np.cumsum(steps), _MOST_STEPS, side="right"))
     if fit < len(steps):
-        own = frames[: max(fit, 1) + 1].footage()
+        own = frames.some(np.arange(max(fit, 1) + 1)).footage()
     return interpolated(own, steps[: max(fit, 1)])
+
+
+def every_second(light: Footage) -> Footage:
+    """Return every second frame of light whose frames are all known."""
+    return replace(light, t_s=light.t_s[::2], frames=lambda: islice(light, 0, None, 2))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -194,8 +218,8 @@ def levels_of(
     -------
     Levels
         Of events within the time of the light, less a tenth at its start and a twentieth at its
-        end; of every n-th event of a pixel if there are more than 40,000. Pixels that are saturated
-        at some time are left out.
+        end; of every n-th block if there are more than 40,000. Events in light as bright as the
+        brightest, which may be saturated, are left out.
 
     Raises
     ------
@@ -219,8 +243,6 @@ def levels_of(
     first = np.argsort(-of_tile, kind="stable")[: max(1, _MOST_PIXELS // 64)]
     used = np.flatnonzero((count > 1) & np.isin(tile, first))
     rows = np.stack([frame.ravel()[used] for frame in light])
-    dull = rows.max(axis=0) < _SATURATED * rows.max(initial=0.0)
-    used, rows = used[dull], rows[:, dull]
     number = np.full(len(count), -1)
     number[used] = np.arange(len(used))
     kept = number[place] >= 0
@@ -229,15 +251,18 @@ def levels_of(
     t_us, pixel, p = t_us[order], pixel[order], p[order]
     settling_us = SETTLING * (light_us[-1] - light_us[0])
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
-    thinning = -(-len(pixel) // _MOST_EVENTS) if len(pixel) else 1
+    thinning = max(1, -(-len(pixel) // _MOST_EVENTS))
     settled = (t_us > light_us[0] + settling_us) & (t_us < light_us[-1] - 0.5 * settling_us)
-    used_events = settled & (rank % thinning == 0)
+    k = np.clip(np.searchsorted(light_us, t_us, side="right") - 1, 0, len(rows) - 2)
+    bright = np.minimum(rows[k, pixel], rows[k + 1, pixel])
+    settled &= bright < _SATURATED * rows.max(initial=0.0)
+    used_events = settled & ((pixel + rank // _BLOCK) % thinning == 0)
     if used_events.sum() < _LEAST:
         raise TaskError(
             f"frames: found {used_events.sum()} events within their time, expected at least "
             f"{_LEAST}: frames on the clock of the events, and a scene that moves"
         )
-    group = pixel * (1 + len(pixel)) + rank // (thinning * _BLOCK)
+    group = pixel * (1 + len(pixel)) + rank // _BLOCK
     return Levels(
         light_us=light_us,
         log_light=np.log(rows.astype(np.float64) + dark),

@@ -98,7 +98,8 @@ def fit_recording(recording: Recording, frames: Frames) -> FittedThresholds:
     kept = busiest(recording.parts(), frames)
     window_us = int(kept.middle_us[0]), int(kept.middle_us[-1])
     events = next(cut(recording.parts(), [window_us]))
-    levels, coarse = (levels_of(events, light_of(one), DARK) for one in (kept, kept[::2]))
+    both = kept, kept.every_second()
+    levels, coarse = (levels_of(events, light_of(one), DARK) for one in both)
     return fit_thresholds(levels, coarse, best_delay_us(levels))
 
 
@@ -166,7 +167,9 @@ def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: 
         scale = max(1.4826 * float(np.median(left)), 1e-12)
         weight = np.minimum(1.0, _HUBER * scale / np.maximum(left, 1e-12))
     _, place = np.unique(levels.tile, return_inverse=True)
-    sums = np.stack([np.bincount(place, one) for one in weight * products], axis=1)
+    sums = np.stack([np.bincount(place, one) for one in weight * products], axis=1).astype(
+        np.float64
+    )
     total = sums.sum(axis=0)
     C_on, C_off = _solved(total)
     unexplained = 1 - float(C_on * total[3] + C_off * total[4]) / max(float(total[5]), 1e-300)

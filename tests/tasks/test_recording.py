@@ -18,11 +18,13 @@ from tasks.recording.evaluate import evaluate_recording
 from tasks.recording.flow import spread
 from tasks.recording.frames import open_frames
 from tasks.recording.images import score_reconstruction
+from tasks.recording.levels import busiest
 from tasks.recording.options import FlowOptions
 from tasks.recording.pairs import sums
 from tasks.recording.recording import cut, open_recording
 from tasks.recording.threshold import Thresholds, fit_recording
 from tasks.recording.tracks import track
+from tasks.recording.worth import worth_of_events
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +78,29 @@ def test_weights_are_means_over_the_exposures(made, tmp_path):
     np.testing.assert_allclose(found.on, on, atol=0.02)
 
 
+def test_the_worth_of_events_that_explain_the_frames(recording, made, tmp_path):
+    """Promise: frames whose logarithm changes by exactly 0.03 for an ON event and 0.02 for an OFF
+    event give these."""
+    width, height = SIZE
+    folder = tmp_path / "exact"
+    folder.mkdir()
+    times = np.linspace(int(made.t_us[1]), int(made.t_us[-2]), 4).astype(int)
+    rows = ["t_us_start,t_us_end,file"]
+    log = np.full((height, width), np.log(0.1))
+    for k, t_us in enumerate(times):
+        if k:
+            window = made.events.between(int(times[k - 1]), int(t_us))
+            for p, worth in ((1, 0.03), (-1, -0.02)):
+                log += worth * np.abs(window.where(window.p == p).polarity_sum())
+        light = np.exp(log) - 1 / 64
+        cv2.imwrite(str(folder / f"{k}.png"), np.round(65535 * light).astype(np.uint16))
+        rows.append(f"{t_us},{t_us},{k}.png")
+    (folder / "frames.csv").write_text("\n".join(rows))
+    worth, left = worth_of_events(recording, open_frames(folder, encoding="linear"))
+    assert worth == (pytest.approx(0.03, rel=0.01), pytest.approx(0.02, rel=0.01))
+    assert left < 1e-3
+
+
 def test_thresholds_of_a_simulated_camera(recording, frames):
     """Promise: those of the sensor lie in the intervals, from frames between which the image moves
     by 2 px: the light between them follows from the motion."""
@@ -85,6 +110,17 @@ def test_thresholds_of_a_simulated_camera(recording, frames):
         assert one.high - one.low < 0.2
     assert found.values.on == found.on.value
     assert found.unexplained < 0.2
+
+
+def test_the_stretch_with_most_events_is_used(made, frames, monkeypatch):
+    """Promise: so many successive frames as allowed, around the events; frames before and after
+    the recording do not count."""
+    monkeypatch.setattr("tasks.recording.levels._MOST_FRAMES", 3)
+    t_us = frames.middle_us
+    some = [made.events.between(int(t_us[2]) - 50, int(t_us[4]) + 50)]
+    np.testing.assert_array_equal(busiest(some, frames).middle_us, t_us[2:5])
+    with pytest.raises(TaskError, match="found 2 frames within the time of the events"):
+        busiest([made.events.between(int(t_us[2]) - 50, int(t_us[3]) + 50)], frames)
 
 
 def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
@@ -168,7 +204,7 @@ def test_dense_flow_with_frames_is_compared_with_tracks(recording, frames, made,
     for sample in seen:
         assert sample.before.t_us[-1] < sample.during.t_us[0]
         spans = [float(np.ptp(one.t_us)) for one in (sample.before, sample.during)]
-        assert spans == pytest.approx([10_000, 10_000], rel=0.05)
+        assert spans == pytest.approx([frames.middle_us[1]] * 2, rel=0.02)
 
 
 def test_dense_flow_without_frames_is_how_much_sharper_events_become(
@@ -176,11 +212,14 @@ def test_dense_flow_without_frames_is_how_much_sharper_events_become(
 ):
     """Promise: zero flow gains nothing, exactly, and the true one does; the first window has none
     before it."""
-    true_px = track(frames.light(2), frames.light(3), 20).flow_px.mean(0)
+    of_frames_px = track(frames.light(2), frames.light(3), 20).flow_px.mean(0)
+    true_px = 10_000 / frames.middle_us[1] * of_frames_px
     found, seen = dense(recording, monkeypatch, true_px)
     still, _ = dense(recording, monkeypatch, [0.0, 0.0])
+    back, _ = dense(recording, monkeypatch, -true_px)
     assert {score.value for score in still.scores} == {1.0}
-    assert np.median([score.value for score in found.scores]) > 1.1
+    assert np.median([score.value for score in found.scores]) > 1.02
+    assert np.median([score.value for score in back.scores]) < 1
     assert len(seen) == 3
     assert all(len(sample.before) for sample in seen)
 

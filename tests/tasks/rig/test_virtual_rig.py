@@ -11,6 +11,7 @@ import pytest
 from eres_render.trajectory.tum import read_tum
 from sensor import SensorModel
 from sensor.formats import load_events, write_events
+from sensor.profiles import read_profile
 from tasks.cli import main
 from tasks.errors import RigError
 from tasks.events.frame_camera_options import FrameCameraOptions
@@ -123,6 +124,26 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
     solved = solve_recording(real, found, Unknowns(corner_bias=True), 2.0)
     assert solved.pose == frames_solved.pose
     assert solved.covariance == frames_solved.covariance
+
+
+def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, eres):
+    """Promise: the page from the solved poses is light in known motion: the cutoff of the sensor
+    and its latency of 0 are in their intervals, and the profile has them."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    profile = tmp_path / "fitted.toml"
+    command = "fit", out / "events.h5", "--crop", out, "--motion", "--out", profile
+    code, _, err = eres(*command)
+    assert (code, err) == (0, "")
+    known = read_profile(profile).known
+    low, high = known["cutoff"].interval
+    assert CUTOFF_HZ / 3 < low < CUTOFF_HZ < high
+    low, high = known["latency"].interval
+    assert low == 0
+    assert high < 2 / (math.pi * CUTOFF_HZ)
+    for name in ("threshold_on", "threshold_off"):
+        assert known[name].value == pytest.approx(0.2, rel=0.15)
 
 
 def test_crops_and_scores(folder, recording, frames_solved, tmp_path):

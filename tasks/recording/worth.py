@@ -1,0 +1,81 @@
+"""What an event is worth between two frames, to predict the one from the other.
+
+At a frame the log light of a pixel is anywhere between two levels of its comparator, and some
+events are noise. So a prediction is best if an event counts for less than a threshold, or for more
+where events are missing: least squares over all pixels of all pairs of frames. A pixel's weight is
+its light squared, as an error of log intensity is one of light in proportion to it: the noise of a
+frame is in its codes. The thresholds themselves are those of `tasks.recording.threshold`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.errors import TaskError
+from tasks.recording.frames import Frames
+from tasks.recording.pairs import PairSums, events_of, inside, sums
+from tasks.recording.recording import Recording
+from tasks.recording.threshold import Thresholds
+
+
+class Explained:
+    """How much of the change between frames events explain: normal equations."""
+
+    def __init__(self) -> None:
+        self._matrix = np.zeros((2, 2))
+        self._vector = np.zeros(2)
+        self._total = 0.0
+
+    def add(self, before: NDArray, after: NDArray, found: PairSums) -> None:
+        """Add a pair: log light before and after, and the events between."""
+        weight = np.exp(2 * before).ravel()
+        change = (after - before).ravel()
+        columns = np.stack([found.on.ravel(), -found.off.ravel()])
+        weighted = columns * weight
+        self._matrix += weighted @ columns.T
+        self._vector += weighted @ change
+        self._total += float(weight @ change**2)
+
+    def solve(self) -> tuple[Thresholds, float] | None:
+        """Return what ON and OFF events are worth, and the share of the squared change that stays.
+
+        None if the events do not determine them.
+        """
+        if not (self._total > 0 and np.linalg.cond(self._matrix) < 1e8):
+            return None
+        worth = np.linalg.solve(self._matrix, self._vector)
+        unexplained = 1 - float(self._vector @ worth) / self._total
+        return Thresholds(float(worth[0]), float(worth[1])), unexplained
+
+
+def worth_of_events(recording: Recording, frames: Frames) -> tuple[Thresholds, float]:
+    """Fit what events are worth to all pairs of frames within a recording.
+
+    Parameters
+    ----------
+    recording, frames
+        The events and frames; a pair of events and two logarithms of frames are in memory.
+
+    Returns
+    -------
+    What ON and OFF events are worth, log units, and the share of the squared change between frames
+    that they do not explain.
+
+    Raises
+    ------
+    TaskError
+        The events do not explain the change of the frames.
+    """
+    pairs = inside(recording, frames)
+    fit = Explained()
+    for k, events in zip(pairs, events_of(recording, frames, pairs), strict=True):
+        fit.add(frames.log_light(k), frames.log_light(k + 1), sums(events, frames, k))
+    found = fit.solve()
+    if found is None or min(found[0]) <= 0:
+        said = "none" if found is None else "ON {:.3g}, OFF {:.3g}".format(*found[0])
+        raise TaskError(
+            f"{recording.path}: the thresholds that fit the frames best are {said}, expected "
+            "positive ones; the clocks may disagree (--estimate-shift), or give --threshold"
+        )
+    return found

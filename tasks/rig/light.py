@@ -1,0 +1,81 @@
+"""The light that a crop of a rig saw: its page, from the solved poses, at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensor.formats import read_events
+from tasks.errors import RigError
+from tasks.footage import Footage
+from tasks.rig import page as page_files
+from tasks.rig import slider as slider_files
+from tasks.rig.calibration import on_page
+from tasks.rig.crop import EVENTS_NAME, read_crop
+from tasks.rig.evaluate import page_view
+from tasks.rig.page import read_page_image, reflectance
+
+_STEP_PX = 0.5  # of motion between two frames of the light
+_MOST_STEPS = 1000
+
+
+def light_of_crop(folder: Path) -> Footage:
+    """Return the light along the fastest motion of a crop, in steps of half a pixel.
+
+    Parameters
+    ----------
+    folder
+        One folder of `eres rig crop`.
+
+    Returns
+    -------
+    Footage
+        Frames of reflectance, 1001 at most, at the times of the slider.
+
+    Raises
+    ------
+    RigError
+        It is no crop, or nothing moves in it.
+    """
+    cropped = read_crop(folder)
+    camera, pose = cropped.camera(), cropped.pose.pose()
+    slider = slider_files.read_slider(folder / slider_files.FILE_NAME)
+    page = page_files.read_page(folder / page_files.FILE_NAME)
+    light = reflectance(read_page_image(folder / page_files.IMAGE_NAME, page))
+    ends = [int(part.t_us[k]) for part in read_events(folder / EVENTS_NAME) if len(part)
+            for k in (0, -1)]  # fmt: skip
+    if not ends:
+        raise RigError(f"{folder / EVENTS_NAME}: found no events")
+    t_us = np.arange(max(ends[0], slider.t_us[0]), min(ends[-1], slider.t_us[-1]), 100.0)
+    x_m = slider.position_m(t_us)
+    middle = np.array([[0.5 * camera.width, 0.5 * camera.height]])
+    at_m = on_page(pose, camera, middle, float(x_m.mean()))
+    seen_px = np.concatenate([pose.project(camera, at_m, x) for x in x_m.tolist()])
+    way = np.linalg.norm(np.diff(seen_px, axis=0), axis=1).cumsum() / _STEP_PX
+    steps = int(way[-1])
+    if steps < 2:
+        raise RigError(f"{folder}: found {_STEP_PX * way[-1]:.2g} px of motion, expected some")
+    knots_us = np.interp(np.arange(steps + 1), np.concatenate([[0.0], way]), t_us)
+    length = min(_MOST_STEPS, steps)
+    start = int(np.argmin(knots_us[length:] - knots_us[:-length]))
+    chosen_us = knots_us[start : start + length + 1]
+    positions_m = slider.position_m(chosen_us)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        for x in positions_m.tolist():
+            yield page_view(camera, pose, x, page, light).astype(np.float32)
+
+    first_us = int(chosen_us[0])
+    return Footage(
+        path=folder,
+        t_s=1e-6 * (chosen_us - first_us),
+        t_offset_us=first_us,
+        height=camera.height,
+        width=camera.width,
+        encoding="linear",
+        white_level=1.0,
+        frames=frames,
+    )
