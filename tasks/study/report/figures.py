@@ -102,13 +102,17 @@ def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
 
 
 def _shade(axes: Axes, limit: Limit, *, below: bool) -> None:
-    """Shade what is above a limit; its label is on the side of the series labels."""
+    """Shade what is above a limit; its label is next to that of doing nothing."""
     low, high = axes.get_xlim()
     axes.axvspan(limit.x, high, color=_BEYOND, alpha=0.09, linewidth=0)
     axes.set_xlim(low, high)
-    place = {"xytext": (-2, 4 if below else -4), "va": "bottom" if below else "top", "ha": "right"}
+    place = {
+        "xytext": (-2, -18 if below else 18),
+        "va": "top" if below else "bottom",
+        "ha": "right",
+    }
     style = {"textcoords": "offset points", "rotation": 90, "fontsize": 7}
-    at = limit.x, 0 if below else 1
+    at = limit.x, 1 if below else 0
     axes.annotate(
         limit.label, at, xycoords=("data", "axes fraction"), color=_BEYOND, **place, **style
     )  # type: ignore[arg-type]

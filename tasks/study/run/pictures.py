@@ -12,7 +12,7 @@ from PIL import Image
 
 BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
 MOST_FILM_BYTES = 96_000
-_QUALITIES = (70, 50, 35, 25, 15)  # of a film, the first that fits
+_QUALITIES = (70, 50, 35, 25, 15, 5, 0)  # of a film, the first that fits
 _OPACITY = 0.8  # of events over a frame
 _SIDE_PX = 320
 _VIEW = 0.25  # of the image's side, around its center
