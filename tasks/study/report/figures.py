@@ -106,16 +106,18 @@ def _shade(axes: Axes, limit: Limit, *, below: bool) -> None:
     low, high = axes.get_xlim()
     axes.axvspan(limit.x, high, color=_BEYOND, alpha=0.09, linewidth=0)
     axes.set_xlim(low, high)
-    place = {
-        "xytext": (-2, -18 if below else 18),
-        "va": "top" if below else "bottom",
-        "ha": "right",
-    }
-    style = {"textcoords": "offset points", "rotation": 90, "fontsize": 7}
-    at = limit.x, 1 if below else 0
     axes.annotate(
-        limit.label, at, xycoords=("data", "axes fraction"), color=_BEYOND, **place, **style
-    )  # type: ignore[arg-type]
+        limit.label,
+        (limit.x, 1 if below else 0),
+        (-2, -18 if below else 18),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        rotation=90,
+        ha="right",
+        va="top" if below else "bottom",
+        fontsize=7,
+        color=_BEYOND,
+    )
 
 
 def _set_ticks(drawn: MatplotlibAxis, axis: Axis, low: float, high: float) -> None:
