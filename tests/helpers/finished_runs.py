@@ -40,8 +40,9 @@ def add_previews(folder: Path, *, films: bool = False) -> None:
         index.append({**entry, "kind": "events", "caption": f"{width} px of events"})
     index.append({**index[0], "kind": "frame", "caption": "the radiance"})
     if films:
-        pictures = [np.full((8, 8, 3), 20 * i, np.uint8) for i in range(FILM_PICTURES)]
-        (folder / "previews" / "film.webp").write_bytes(film(pictures))
+        nothing = np.zeros((FILM_PICTURES, 8, 8))
+        drawn = film(nothing.astype(np.float32), nothing.astype(np.int16))
+        (folder / "previews" / "film.webp").write_bytes(drawn)
         index.append({**index[0], "file": "film.webp", "cutoff_hz": "50"})
     (folder / "previews" / "index.json").write_text(json.dumps(index))
 

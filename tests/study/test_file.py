@@ -23,6 +23,7 @@ def test_what_is_left_out_has_its_default(tmp_path):
 
 def test_every_field_of_a_study_can_be_said(tmp_path):
     text = """
+    question = "Do rocks need more?"
     scenes = ["rocks", "./my_scene"]
     [render]
     resolution = 640
@@ -37,6 +38,7 @@ def test_every_field_of_a_study_can_be_said(tmp_path):
     """
     study = read_study(written(tmp_path, text))
     assert study.scenes == ("rocks", f"{tmp_path}/my_scene")
+    assert study.question == "Do rocks need more?"
     assert (study.render.resolution, study.render.samples) == (640, 2)
     assert study.simulate.cutoffs_hz == (math.inf, 100.0)
     assert study.evaluate["flow"].methods[1] == "my_package.flow:estimate"

@@ -19,14 +19,13 @@ from tasks.study.run.pictures import (
     BRIGHTER,
     DARKER,
     MOST_FILM_BYTES,
+    NONE,
     central_area,
-    drawn_over,
     film,
 )
 from tasks.study.run.previews import add_events, no_events, preview_files
 
 END_US = 5_000_000
-SIDE = 320  # px of a preview
 
 
 def some_events(width: int, height: int, count: int) -> Events:
@@ -60,32 +59,34 @@ def test_each_event_is_in_the_picture_of_its_time(width: int, height: int) -> No
 
 
 def test_events_are_drawn_over_the_frame() -> None:
-    """Blue where brighter, red where darker, a fifth of the frame behind; else the frame alone."""
-    ground = np.full((SIDE, SIDE, 3), 100, np.uint8)
-    sums = np.zeros((4, 4), np.int16)
-    sums[0, 1], sums[3, 2] = 3, -1
-    drawn = drawn_over(ground, sums)
-    square = SIDE // 4
+    """Pictures side by side in their order: blue where brighter, red where darker, else the frame,
+    whose white is the light gray of no events and whose black is 0.4 of it."""
+    lights = np.zeros((2, 4, 4), np.float32)
+    lights[1] = 1.0
+    sums = np.zeros((2, 4, 4), np.int16)
+    sums[0, 0, 1], sums[1, 3, 2] = 3, -1
+    strip = np.asarray(Image.open(io.BytesIO(film(lights, sums))))
+    assert strip.shape == (4, 8, 3)
     for row in range(4):
-        for column in range(4):
-            color = {(0, 1): BRIGHTER, (3, 2): DARKER}.get((row, column))
-            expected = [100] * 3 if color is None else [round(0.8 * c + 20) for c in color]
-            part = drawn[row * square : (row + 1) * square, column * square : (column + 1) * square]
-            assert (part == expected).all()
+        for column in range(8):
+            frame = [round(0.4 * c) for c in NONE] if column < 4 else list(NONE)
+            expected = {(0, 1): BRIGHTER, (3, 6): DARKER}.get((row, column), frame)
+            assert strip[row, column].tolist() == list(expected)
 
 
-def test_a_film_is_a_strip_and_small() -> None:
-    """Promise: the pictures are side by side in their order, and noise, which hardly compresses,
-    takes no more bytes than the limit."""
-    flat = [np.full((SIDE, SIDE, 3), 30 * i, np.uint8) for i in range(FILM_PICTURES)]
-    strip = np.asarray(Image.open(io.BytesIO(film(flat))))
-    assert strip.shape == (SIDE, FILM_PICTURES * SIDE, 3)
-    middles = strip[SIDE // 2, SIDE // 2 :: SIDE]
-    np.testing.assert_allclose(middles, np.array([one[0, 0] for one in flat]), atol=4)
+def test_a_film_is_bounded_and_keeps_every_event() -> None:
+    """Promise: the film of the finest sensor, of noise over noise, has at most `MOST_FILM_BYTES`;
+    it loses gray levels for that, and no event."""
     random = np.random.default_rng(1)
-    gray = random.integers(60, 190, (FILM_PICTURES, SIDE // 2, SIDE // 2)).astype(np.uint8)
-    noise = [np.repeat(one.repeat(2, 0).repeat(2, 1)[..., None], 3, 2) for one in gray]
-    assert 20_000 < len(film(noise)) <= MOST_FILM_BYTES
+    lights = random.random((FILM_PICTURES, 320, 320), np.float32)
+    sums = random.choice(np.array([-1, 0, 1], np.int16), lights.shape)
+    data = film(lights, sums)
+    assert 100_000 < len(data) <= MOST_FILM_BYTES
+    strip = np.asarray(Image.open(io.BytesIO(data)))
+    pictures = strip.reshape(320, FILM_PICTURES, 320, 3).swapaxes(0, 1)
+    assert (pictures[sums == 1] == BRIGHTER).all()
+    assert (pictures[sums == -1] == DARKER).all()
+    assert (pictures[sums == 0] == NONE).all()
 
 
 def test_the_files_of_a_scene_are_listed() -> None:

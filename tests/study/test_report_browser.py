@@ -175,15 +175,15 @@ def test_the_answer_for_a_bus_by_keyboard(page: sync_api.Page) -> None:
     cell = page.locator(".matrix td[data-label='ideal, 0.9 m/s']").first
     lines = page.locator(".plots:not([hidden]) line.limit")
     usual, at = cell.inner_text(), lines.first.get_attribute("x1")
-    assert usual.split() == ["1280", "2097", "·", "175\u202f%"]
+    assert usual.split() == ["1280", "2097", "·", "175", "%"]
     page.focus("#bus")
     page.keyboard.press("ArrowDown")
     page.keyboard.press("ArrowDown")
     assert page.locator("#bus").input_value() == "12"
-    assert cell.inner_text().split() == ["128", "2.1", "·", "17\u202f%"]
+    assert cell.inner_text().split() == ["128", "2.1", "·", "17", "%"]
     assert cell.evaluate("one => one.style.getPropertyValue('--fine')") == "0%"
     assert float(lines.first.get_attribute("x1")) < float(at)
-    assert page.locator(".plots:not([hidden]) text.halo").first.text_content() == "bus 12 Mev/s"
+    assert page.locator(".plots:not([hidden]) text", has_text="bus 12 Mev/s").count() == 3
     page.keyboard.press("ArrowUp")
     assert cell.inner_text().split()[0] == "none"
     page.keyboard.press("Home")

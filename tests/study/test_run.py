@@ -196,12 +196,16 @@ def test_cost_is_said_before_the_start(finished, scene_folder):
     assert said.text().startswith(f"{len(work)} jobs to do: about {said.frames} frames")
 
 
-def test_report_of_a_real_run(finished):
+def test_report_of_a_real_run(finished, scene_folder):
     """Promise: a run stores everything that a report needs."""
     out, rows = finished
     page = write_report(out).read_text()
     assert "96 px" in page
-    assert page.count("data:image/png") >= 8  # radiance, slope, and each width by each cutoff
+    assert page.count("data:image/png") == 2  # radiance and slope
+    assert page.count("data:image/webp") == 6  # a film of each width by each cutoff
+    path = load_scene(scene_folder).settings.path
+    stored = json.loads((out / "study.json").read_text())
+    assert stored["base_m_per_s"] == {"carpet": pytest.approx(path.mean_speed_mps)}
     assert "γ = " in page
     assert read_rows(out / "rows.parquet") == rows
 

@@ -181,7 +181,11 @@ def test_failed_items_count_and_are_shown() -> None:
     table = comparison_table(Scores(flow_rows()), series)
     assert table.blocks[0].lines[0].entries[0].cell.median == 2.0
     page = comparison_html(table)
-    for cell in ('<td class="ours"><strong>2.00', '<td class="rate">1.00</td>', ">33%</td>"):
+    for cell in (
+        '"ideal"><strong>2.00',
+        'class="rate" data-label="native px">1.00</td>',
+        ">33%</td>",
+    ):
         assert cell in page
     (record, nothing) = csv.DictReader(io.StringIO(to_csv([table])))
     assert (record["native_px"], record["failure_share"]) == ("1", "0.333333")

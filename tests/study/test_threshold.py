@@ -116,7 +116,7 @@ def test_the_section_has_every_score_and_event_rate() -> None:
         assert place in content
     curves, *_ = compare_thresholds(by_threshold(several(usual_rows())), EI, 1e9)["carpet"]
     assert points_of(curves) == [len(WIDTHS) * 3] * len(CUTOFFS_HZ)
-    heads = re.findall(r"C = ([\d.]+)", content)
+    heads = re.findall(r">C = ([\d.]+)", content)
     assert heads == ["0.1", "0.2", "0.4"] * 2  # of choices and of numbers
 
 
@@ -149,7 +149,7 @@ def test_what_does_not_beat_doing_nothing_is_struck_out() -> None:
     """1280 px at night has 12.70 dB at 0.4, doing nothing 14: struck out; 15.70 at 0.2 is not."""
     content = threshold_html(by_threshold(several(usual_rows(nothing=14.0))), EI)
     assert "<s>12.70</s>" in content
-    assert "<td>15.70 <small>" in content
+    assert re.search(r"<td[^>]*>15.70 <small>", content)
 
 
 def test_failures_are_told_beside_the_scores() -> None:

@@ -102,16 +102,22 @@ def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
 
 
 def _shade(axes: Axes, limit: Limit, *, below: bool) -> None:
-    """Shade what is above a limit; its label is on the side of the series labels."""
+    """Shade what is above a limit; its label is next to that of doing nothing."""
     low, high = axes.get_xlim()
     axes.axvspan(limit.x, high, color=_BEYOND, alpha=0.09, linewidth=0)
     axes.set_xlim(low, high)
-    place = {"xytext": (-2, 4 if below else -4), "va": "bottom" if below else "top", "ha": "right"}
-    style = {"textcoords": "offset points", "rotation": 90, "fontsize": 7}
-    at = limit.x, 0 if below else 1
     axes.annotate(
-        limit.label, at, xycoords=("data", "axes fraction"), color=_BEYOND, **place, **style
-    )  # type: ignore[arg-type]
+        limit.label,
+        (limit.x, 1 if below else 0),
+        (-2, -18 if below else 18),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        rotation=90,
+        ha="right",
+        va="top" if below else "bottom",
+        fontsize=7,
+        color=_BEYOND,
+    )
 
 
 def _set_ticks(drawn: MatplotlibAxis, axis: Axis, low: float, high: float) -> None:

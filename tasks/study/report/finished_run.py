@@ -18,6 +18,7 @@ from tasks.study.claims.verdict import Verdict
 from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.choice import Choices, choose_all
 from tasks.study.results.metrics import Series
+from tasks.study.results.paper import has_sensors
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import Scaling, read_scaling
@@ -125,8 +126,11 @@ class FinishedRun:
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
-        """Return the verdicts on the paper's claims."""
-        return judge_all(self.scores, self.scaling)
+        """Return the verdicts on the paper's claims; none if the sensors are not the paper's."""
+        of = self.scores
+        if not all(has_sensors(of.widths(one), of.cutoffs_hz(one)) for one in self.series):
+            return []
+        return judge_all(of, self.scaling)
 
     def picture(self, name: str, reason: str) -> str:
         """Read a PNG or WebP file of the run as a data URL.

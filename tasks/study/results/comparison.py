@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from tasks.registry import TASKS
 from tasks.study.results.metrics import Series
-from tasks.study.results.paper import CONTRAST_THRESHOLD, CUTOFFS_HZ, WIDTHS, source
+from tasks.study.results.paper import CONTRAST_THRESHOLD, has_sensors, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
 from tasks.study.results.words import (
@@ -89,9 +89,10 @@ class ComparisonTable:
         """Return the name of the paper's table; None if it lacks these sensors and scenes."""
         lines = [line for block in self.blocks for line in block.lines]
         widths = {line.width for line in lines if line.width}
-        known = widths <= {*WIDTHS} and {*self.cutoffs_hz} <= {*CUTOFFS_HZ}
+        if not has_sensors(widths, self.cutoffs_hz):
+            return None
         found = any(entry.paper is not None for line in lines for entry in line.entries)
-        return source(self.series.task, self.series.method) if known and found else None
+        return source(self.series.task, self.series.method) if found else None
 
     @property
     def footnote(self) -> str:

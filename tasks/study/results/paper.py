@@ -12,7 +12,7 @@ Our names for the paper's methods: `event_integration` is EI, `e2vid` E2VID, `hi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 WIDTHS = (128, 240, 346, 640, 1280)
@@ -282,6 +282,11 @@ def published(
         dB for ``psnr_db``, px at 1280 px width for ``rnepe_px``, mm for ``position_error_mm``.
     """
     return _PUBLISHED.get(_key(scene, task, method, width, cutoff_hz, speed, metric))
+
+
+def has_sensors(widths: Iterable[int], cutoffs_hz: Iterable[float]) -> bool:
+    """Return whether all these widths, px, and lights, as cutoffs in Hz, are the paper's."""
+    return {*widths} <= {*WIDTHS} and {*cutoffs_hz} <= {*CUTOFFS_HZ}
 
 
 def source(task: str, method: str) -> str | None:

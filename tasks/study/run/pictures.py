@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from io import BytesIO
 
 import cv2
@@ -11,9 +10,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
-MOST_FILM_BYTES = 96_000
-_QUALITIES = (70, 50, 35, 25, 15)  # of a film, the first that fits
-_OPACITY = 0.8  # of events over a frame
+MOST_FILM_BYTES = 192_000
+_GRAYS = (32, 16, 8, 4, 2, 1)  # levels of the frames in a film, the first that fits
+_CONTRAST = 0.6  # of the frames in a film: 1 is from black to `NONE`
 _SIDE_PX = 320
 _VIEW = 0.25  # of the image's side, around its center
 
@@ -27,33 +26,8 @@ def central_area(height: int, width: int) -> tuple[int, int, int]:
 def central_crop(image: NDArray) -> NDArray:
     """Return the center of an image at the size of a preview; each pixel becomes a square."""
     y, x, side = central_area(*image.shape)
-    return scaled(image[y : y + side, x : x + side])
-
-
-def scaled(center: NDArray) -> NDArray:
-    """Return a square image at the size of a preview; each pixel becomes a square."""
-    k = (np.arange(_SIDE_PX) * len(center)) // _SIDE_PX
-    return center[k[:, None], k]
-
-
-def drawn_over(ground: NDArray[np.uint8], sums: NDArray[np.int16]) -> NDArray[np.uint8]:
-    """Draw the sums of polarities in the center of an image over a picture of the same area.
-
-    Parameters
-    ----------
-    ground
-        (S, S, 3) picture, S the side of a preview.
-    sums
-        (side, side) sums.
-
-    Returns
-    -------
-    (S, S, 3), blue where the sum is positive, red where it is negative.
-    """
-    sign = np.sign(scaled(sums))
-    colors = np.array([DARKER, NONE, BRIGHTER])[sign + 1]
-    mixed = _OPACITY * colors + (1 - _OPACITY) * ground
-    return np.where(sign[..., None] != 0, np.round(mixed).astype(np.uint8), ground)
+    k = (np.arange(_SIDE_PX) * side) // _SIDE_PX
+    return image[y + k[:, None], x + k]
 
 
 def png(rgb: NDArray[np.uint8]) -> bytes:
@@ -62,16 +36,30 @@ def png(rgb: NDArray[np.uint8]) -> bytes:
     return data.tobytes()
 
 
-def film(pictures: Sequence[NDArray[np.uint8]]) -> bytes:
-    """Return the bytes of a WebP file with pictures side by side.
+def film(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
+    """Draw the events of a film over its frames.
 
-    Its quality is the best at which it has at most `MOST_FILM_BYTES`, or the least of all.
+    Parameters
+    ----------
+    lights
+        (N, side, side) frames, tone-mapped to [0, 1].
+    sums
+        (N, side, side) sums of polarities: blue if positive, red if negative.
+
+    Returns
+    -------
+    bytes
+        A lossless WebP file with the N pictures side by side. Its frames have the most gray levels
+        with which the file has at most `MOST_FILM_BYTES`, or one.
     """
-    strip = Image.fromarray(np.concatenate(pictures, axis=1))
+    colors = np.array([DARKER, NONE, BRIGHTER], np.uint8)[np.sign(sums) + 1]
     data = b""
-    for quality in _QUALITIES:
+    for levels in _GRAYS:
+        dark = np.round((1 - lights) * (levels - 1)) / max(levels - 1, 1)
+        pale = np.round(np.array(NONE) * (1 - _CONTRAST * dark[..., None])).astype(np.uint8)
+        drawn = np.where(sums[..., None] != 0, colors, pale)
         file = BytesIO()
-        strip.save(file, "WEBP", quality=quality, method=4)
+        Image.fromarray(np.concatenate(drawn, axis=1)).save(file, "WEBP", lossless=True, quality=50)
         data = file.getvalue()
         if len(data) <= MOST_FILM_BYTES:
             break

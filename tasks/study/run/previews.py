@@ -6,13 +6,14 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events, SensorModel
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.pictures import central_area, central_crop, drawn_over, film, png
+from tasks.study.run.pictures import central_area, central_crop, film, png
 
 _GAMMA = 2.2
 
@@ -77,17 +78,19 @@ def preview_files(
         entry = {"file": file, "scene": scene, "speed": speed, "kind": kind, "width": width}
         index.append({**entry, "cutoff_hz": cutoff_hz, "caption": caption})
 
-    grounds = [
-        np.repeat(
-            (central_crop(np.clip(frame, 0, 1)) ** (1 / _GAMMA) * 255).astype(np.uint8)[..., None],
-            *(3, 2),
-        )
-        for frame in frames
-    ]
-    caption = "radiance at the window's end"
-    add("frame", job.render.resolution, "inf", caption, "png", png(grounds[-1]))
+    last = central_crop(np.clip(frames[-1], 0, 1)) ** (1 / _GAMMA) * 255
+    gray = np.repeat(last.astype(np.uint8)[..., None], 3, axis=2)
+    add("frame", job.render.resolution, "inf", "radiance at the window's end", "png", png(gray))
     for (width, cutoff_hz), of_one in sums.items():
-        pictures = [drawn_over(*both) for both in zip(grounds, of_one, strict=True)]
-        add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", film(pictures))
+        lights = np.stack([_seen(frame, of_one.shape[1]) for frame in frames])
+        add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", film(lights, of_one))
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
     return files
+
+
+def _seen(frame: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """Return the center of a frame as a sensor of `side` px there sees it, tone-mapped."""
+    top, left, size = central_area(*frame.shape)
+    center = np.clip(frame[top : top + size, left : left + size], 0, 1)
+    seen = cv2.resize(center, (side, side), interpolation=cv2.INTER_AREA)
+    return (seen ** (1 / _GAMMA)).astype(np.float32)

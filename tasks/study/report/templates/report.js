@@ -112,10 +112,10 @@ class Plot {
       text(panel.reference_label, right - 36, at + 4, "end").setAttribute("class", "halo");
     }
     if (limit && x(limit.x) < right) {
-      const from = Math.max(x(limit.x), LEFT), upright = `translate(${from - 4} ${below ? BOTTOM - 5 : TOP + 5}) rotate(-90)`;
+      const from = Math.max(x(limit.x), LEFT), upright = `translate(${from - 4} ${below ? TOP + 22 : BOTTOM - 22}) rotate(-90)`;
       svg(root, "rect", { class: "beyond", x: from, y: TOP, width: right - from, height: BOTTOM - TOP });
       line("limit", from, from, TOP, BOTTOM);
-      svg(root, "text", { class: "halo", transform: upright, "text-anchor": below ? "start" : "end" }, limit.label);
+      svg(root, "text", { class: "halo", transform: upright, "text-anchor": below ? "end" : "start" }, limit.label);
     }
     const places = [];
     keys.forEach((key, series) => {
