@@ -16,7 +16,7 @@ from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError
-from tasks.evaluation.scorers.answers import ask, dense_flow_answer
+from tasks.evaluation.scorers.answers import ask, flow_answer
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.recording.flow import Start, check, even_windows_us, event_corners, spread
@@ -82,11 +82,13 @@ def score_dense_flow(
         sample = DenseFlowSample(before, during, centers_px, np.zeros_like(centers_px))
         for name, method in loaded.items():
             answer, _ = ask("dense_flow", name, method, sample)
-            flow, failure = dense_flow_answer(name, sample, answer)
-            values = reference.values(flow_at(flow, centers_px))
+            estimate = flow_answer("dense_flow", name, answer, np.zeros(sample.shape))
+            values = reference.values(flow_at(estimate.flow, centers_px))
             for item, value in enumerate(values):
                 scores.append(
-                    RecordingScore(name, reference.metric, value, window.end_us, item, failure)
+                    RecordingScore(
+                        *(name, reference.metric, value, window.end_us, item), estimate.failure
+                    )
                 )
         on_progress("dense_flow", done, len(windows))
     if not scores:
