@@ -68,6 +68,7 @@ def fit(
     from tasks.fitting.profile_file import write_profile
     from tasks.fitting.steps import read_steps
     from tasks.recording.clock import on_one_clock
+    from tasks.recording.pairs import check_frames
     from tasks.recording.recording import open_recording
     from tasks.rig.light import light_of_crop
 
@@ -80,7 +81,10 @@ def fit(
     notes: list[str] = []
     if opened is not None:
         camera = open_recording(recording, format=format, reading=reading)
-        opened = on_one_clock(camera, opened, shift_us, notes)
+        if shift_us == 0:
+            check_frames(camera, opened)
+        else:
+            opened = on_one_clock(camera, opened, shift_us, notes)
     evidence = Evidence(
         still_s=still,
         frames=opened,

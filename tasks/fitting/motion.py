@@ -19,6 +19,7 @@ Float64 = NDArray[np.float64]
 
 _HUBER = 1.345  # standard deviations
 _SHARE = 0.3  # of the filter in the delay, squared: from where the search starts
+_PIXELS = 0.05  # of a time constant: thresholds that differ between pixels by 10 %, in simulations
 _NOISY = 0.05  # of the change of the light that stays: more of it hides the filter
 _STEP_US, _STEP = 2.0, 0.01  # of the derivatives
 
@@ -70,7 +71,8 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     threshold, by least squares with Huber's loss: delay, share of the filter, and both thresholds.
 
     The intervals are those of a bootstrap over tiles of pixels, to first order, widened by the
-    change of the answer with light from every second frame. An exposure smooths the frames as the
+    change of the answer with light from every second frame, and by 5 % of the time constant for
+    thresholds that differ between pixels by up to 10 %. An exposure smooths the frames as the
     filter smooths the events, so that the cutoff may be lower by as much. A filter also smooths
     errors of the light: where more than a twentieth of its change stays unexplained, the cutoff is
     only bounded from below, and the latency by the delay.
@@ -108,6 +110,8 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
         one.widened(abs(theirs - one.value))
         for one, theirs in zip(found.estimates(), other.answer(), strict=True)
     )
+    apart = _PIXELS * pole.value
+    pole, latency = pole.widened(apart), latency.widened(poles * apart)
     blur = (1e-6 * exposure_us) ** 2 / (12 * poles)
     slowest = math.sqrt(pole.high**2 + blur)
     latency = latency.widened(poles * (slowest - pole.high))

@@ -15,7 +15,7 @@ from tasks.recording.levels import Levels, busiest, levels_of, light_of
 from tasks.recording.pairs import PairSums
 from tasks.recording.recording import Recording, cut
 
-_PIXELS = 0.03  # effect of thresholds that differ between pixels by 10 %, in simulations
+_PIXELS = 0.04  # effect of thresholds that differ between pixels by 10 %, in simulations
 _PASSES = 6
 _HUBER = 1.345  # standard deviations
 _DELAYS = 21  # from which a search starts
@@ -192,7 +192,7 @@ def fit_thresholds(
     """Estimate both thresholds.
 
     The interval is that of a bootstrap over tiles of pixels, widened by the change of the answer
-    with every second frame, which bounds the error from light between the frames. Three percent are
+    with every second frame, which bounds the error from light between the frames. Four percent are
     added for thresholds that differ between pixels by up to 10 %.
 
     Parameters
