@@ -74,7 +74,8 @@ PRESETS = {
             ),
             tracking=Tracking(
                 methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
-                sigmas_mm=(5.0, PAPER_SIGMA_MM),
+                # 2.5 mm at 24 cm is as large an angle as the 20 mm of "paper" at 1.8 m.
+                sigmas_mm=(2.5, PAPER_SIGMA_MM),
                 max_events=50_000,
                 tracking_window_s=0.072,  # 24 ms at 0.6 m/s: the path and the largest delay
             ),

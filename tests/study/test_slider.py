@@ -207,6 +207,8 @@ def test_claim_22_follows_the_rows():
     ideal = {(task, scene, INF): -0.3 for task in SERIES for scene in PRINTS}
     assert verdict(slider_rows(changed=ideal)).status is Status.HOLDS
     assert verdict(slider_rows(0.0)).status is Status.UNDECIDED
+    one_print = [row for row in slider_rows() if row.scene == "pebbles"]
+    assert "Judged on pebbles only." in verdict(one_print).note
     few = verdict(slider_rows(samples=3))
     assert few.status is Status.UNDECIDED
     assert "too few for an interval" in few.note

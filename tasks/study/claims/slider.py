@@ -33,6 +33,7 @@ from tasks.study.results.slider import (
     PRINTS,
     light_label,
 )
+from tasks.study.results.words import join_words
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
@@ -67,7 +68,7 @@ class SliderClaim(Claim):
         del scaling
         outcomes: list[Status] = []
         lines: list[str] = []
-        samples: list[int] = []
+        samples: dict[str, int] = {}  # by print, of the series with the fewest
         missing = [PHOTOMETRIC.task, TRACKING.task]
         for series, decides in _judged(scores):
             metric = TASKS[series.task].metric
@@ -80,13 +81,17 @@ class SliderClaim(Claim):
                 if decides:
                     missing = [task for task in missing if task != series.task]
                     outcomes += [one.status for one in found.values()]
-                    samples.append(scores.samples(series, scene))
+                    count = scores.samples(series, scene)
+                    samples[scene] = min(count, samples.get(scene, count))
         outcomes += [Status.NOT_MEASURED] * len(missing)
         if lines and missing:
             lines += [f"{TASKS[task].title}: not measured" for task in missing]
-        scope = ""
-        if samples and min(samples) < MIN_SAMPLES_FOR_INTERVAL:
-            scope = f"{too_few_text(min(samples))}."
+        parts = []
+        if samples and set(PRINTS) - set(samples):
+            parts.append(f"Judged on {join_words([*samples])} only")
+        if samples and min(samples.values()) < MIN_SAMPLES_FOR_INTERVAL:
+            parts.append(too_few_text(min(samples.values())))
+        scope = f"{'; '.join(parts)}." if parts else ""
         ours = "\n".join(lines) or "no rows of the virtual slider"
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
