@@ -103,7 +103,7 @@ class NetworkSettings(TaskSettings):
 
 _E2VID_S = 10.5  # core seconds of a window at 1280 px, as measured for docs/learned.md
 _OURS_S = _E2VID_S / 4  # half as many channels
-_ERAFT_S = 180.0  # of a pair of windows, from 240 and 1280 px
+_ERAFT_S = 90.0  # of a pair of windows
 
 
 def _share(width: int) -> float:
