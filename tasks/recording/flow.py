@@ -32,7 +32,10 @@ from tasks.recording.score import CONTRAST_GAIN, END_POINT_ERROR, RecordingScore
 from tasks.recording.tracks import strong_corners, track
 
 _SIGMAS = 4  # that a search goes from its start, in every method
-LOCAL = ("photometric_flow", "photometric_flow_unknown_contrast", "photometric_flow_with_delay")
+LOCAL = (
+    *("photometric_flow", "photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
+    "photometric_flow_with_delay",
+)
 """Methods whose search ends at the nearest minimum: they start from contrast maximization."""
 
 
