@@ -121,7 +121,21 @@ class Start:
 
     @classmethod
     def of(cls, options: FlowOptions, contrast_threshold: float, width: int) -> Start:
-        """Return it for a sensor of some width, px."""
+        """Return it for a sensor.
+
+        Parameters
+        ----------
+        options
+            Windows and patches.
+        contrast_threshold
+            Log units.
+        width
+            Width of the sensor, px.
+
+        Returns
+        -------
+        Start
+        """
         reach_px = options.search_px or width / 16
         return cls(contrast_threshold, options.patch_px, reach_px / _SIGMAS)
 
@@ -133,7 +147,23 @@ class Start:
     def sample(
         self, events: Events, window_us: tuple[int, int], log_image: NDArray, center_px: NDArray
     ) -> FlowSample:
-        """Return the patch around a corner."""
+        """Return the patch around a corner.
+
+        Parameters
+        ----------
+        events
+            Events of the window, and any others.
+        window_us
+            Start and end of the window.
+        log_image
+            (H, W) log light at its start, or NaN.
+        center_px
+            The corner.
+
+        Returns
+        -------
+        FlowSample
+        """
         return flow_sample(
             events,
             *window_us,

@@ -165,6 +165,10 @@ class Levels:
             Time constant of each pole, seconds; 0 for none.
         poles
             1 or 2.
+
+        Returns
+        -------
+        (N,) log units.
         """
         u, steps_s = self.log_light, 1e-6 * np.diff(self.light_us)
         t_us = self.t_us - delay_us

@@ -28,7 +28,15 @@ class Explained:
         self._total = 0.0
 
     def add(self, before: NDArray, after: NDArray, found: PairSums) -> None:
-        """Add a pair: log light before and after, and the events between."""
+        """Add a pair of frames.
+
+        Parameters
+        ----------
+        before, after
+            (H, W) log light of both.
+        found
+            The events between.
+        """
         weight = np.exp(2 * before).ravel()
         change = (after - before).ravel()
         columns = np.stack([found.on.ravel(), -found.off.ravel()])
