@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.kernels.elementary import inlined, jit
+from sensor.kernels.elementary import jit
 
 # Limits of a dt. In float64 a pole does not move below the first and does not lag above the second.
 # So no cutoff and no light overflows.
@@ -79,30 +79,6 @@ def photoreceptor_step(dt_s: float, cutoff_hz: float, poles: int = 2) -> Step:
         return Step(*first, v2_u0=phi - e, v2_u1=1.0 - phi)
     v2_u1 = 1.0 + e - 2.0 * phi
     return Step(*first, v2_v1=x * e, v2_u0=1.0 - e - x * e - v2_u1, v2_u1=v2_u1)
-
-
-@inlined
-def in_registers(step):
-    """Return an entry of an array of `STEP` as a `Step`, which a loop need not load again."""
-    return Step(step.x, step.e, step.v1_u0, step.v1_u1, step.v2_v1, step.v2_u0, step.v2_u1)
-
-
-@inlined
-def advance_poles(step, u0, u1, v1, v2):
-    """Return the outputs of both poles of a pixel at the end of an interval.
-
-    Parameters
-    ----------
-    step
-        The coefficients of `photoreceptor_step`.
-    u0, u1
-        Log intensity at both ends.
-    v1, v2
-        Outputs of the poles at the start.
-    """
-    v1_end = step.e * v1 + step.v1_u0 * u0 + step.v1_u1 * u1
-    v2_end = step.e * v2 + step.v2_v1 * v1 + step.v2_u0 * u0 + step.v2_u1 * u1
-    return v1_end, v2_end
 
 
 @jit

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor.kernels.elementary import exp, inlined, jit
-from sensor.kernels.photoreceptor import advance_poles, in_registers
 
 # Relative safety margin of the float32 bounds on the light, and the range of these bounds.
 BOUND_MARGIN = 1e-6
@@ -231,12 +230,14 @@ def flag_by_all(n, response, step, drift, comparators, flag):
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
     memory, C_on, C_off, _ = comparators
-    loaded = in_registers(step)
+    x, e, v1_u0, v1_u1 = step.x, step.e, step.v1_u0, step.v1_u1
+    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
     for i in range(n):
-        v1_1, v2_1 = advance_poles(loaded, u0[i], u1[i], v1[i], v2[i])
-        v1_end[i], v2_end[i] = v1_1, v2_1
+        v1_end[i] = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_1 = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
+        v2_end[i] = v2_1
         ends = Ends(u0[i], u1[i], v1[i], v2[i], v2_1, memory[i], C_on[i], C_off[i])
-        flag[i] = may_fire(ends, loaded.x, loaded.e, drift, poles)
+        flag[i] = may_fire(ends, x, e, drift, poles)
 
 
 @jit
@@ -254,13 +255,15 @@ def flag_by_cubic(n, response, step, drift, comparators, flag):
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
     memory, C_on, C_off, _ = comparators
-    loaded = in_registers(step)
-    x, second = loaded.x, poles - 1.0
+    x, e, v1_u0, v1_u1 = step.x, step.e, step.v1_u0, step.v1_u1
+    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
+    second = poles - 1.0
     inverse_x, third = 1.0 / x, x * (1.0 / 3.0)
     off_cubic = x * x * x * x * (1.0 / 384.0)
     leak = drift * (1.0 / 3.0)
     for i in range(n):
-        v1_1, v2_1 = advance_poles(loaded, u0[i], u1[i], v1[i], v2[i])
+        v1_1 = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_1 = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
         v1_end[i], v2_end[i] = v1_1, v2_1
         S = (u1[i] - u0[i]) * inverse_x
         to_v1, to_v2 = v1[i] - u0[i], v2[i] - u0[i]
@@ -293,13 +296,15 @@ def flag_by_chord(n, response, step, drift, comparators, flag):
     """
     u0, u1, v1, v2, v1_end, v2_end, poles = response
     memory, C_on, C_off, _ = comparators
-    loaded = in_registers(step)
+    e, v1_u0, v1_u1 = step.e, step.v1_u0, step.v1_u1
+    v2_v1, v2_u0, v2_u1 = step.v2_v1, step.v2_u0, step.v2_u1
     second = poles - 1.0
-    of_v1, of_u, of_slope = 2.0 * second, 2.0 * second - 1.0, (1.0 - second) / loaded.x
-    grown = 1.0 / loaded.e
-    off_chord = loaded.x * loaded.x * (1.0 / 8.0)
+    of_v1, of_u, of_slope = 2.0 * second, 2.0 * second - 1.0, (1.0 - second) / step.x
+    grown = 1.0 / step.e
+    off_chord = step.x * step.x * (1.0 / 8.0)
     for i in range(n):
-        v1_1, v2_1 = advance_poles(loaded, u0[i], u1[i], v1[i], v2[i])
+        v1_1 = e * v1[i] + v1_u0 * u0[i] + v1_u1 * u1[i]
+        v2_1 = e * v2[i] + v2_v1 * v1[i] + v2_u0 * u0[i] + v2_u1 * u1[i]
         v1_end[i], v2_end[i] = v1_1, v2_1
         S = of_slope * (u1[i] - u0[i])
         curvature_start = of_u * u0[i] - of_v1 * v1[i] + v2[i] + S
