@@ -162,7 +162,9 @@ class Simulate:
         readings = found.pop("photoreceptors")
         if readings != ("two_pole",):
             found["photoreceptor"] = readings[0] if len(readings) == 1 else readings
-        return {name: value for name, value in found.items() if value != ()}
+        if not self.sensors:
+            del found["sensors"]
+        return found
 
     def models(self, render: Render) -> Iterator[tuple[StudySensor, Light, SensorModel]]:
         """Yield each sensor in each light, with each photoreceptor and threshold; white is 1.

@@ -34,8 +34,10 @@ class Lamp:
 def changes(value):
     """Yield the value with each of its leaves changed, one at a time, and the leaf's place."""
     if dataclasses.is_dataclass(value):
-        for name in (one.name for one in dataclasses.fields(value)):
-            for changed, place in changes(getattr(value, name)):
+        for field in dataclasses.fields(value):
+            found, name = getattr(value, field.name), field.name
+            several = found is None and "tuple" in str(field.type)
+            for changed, place in [((1.0,), "")] if several else changes(found):
                 yield dataclasses.replace(value, **{name: changed}), f".{name}{place}"
     elif isinstance(value, dict):
         for name in value:

@@ -285,7 +285,20 @@ def published(
 
 
 def has_sensors(widths: Iterable[int], cutoffs_hz: Iterable[float]) -> bool:
-    """Return whether all these widths, px, and lights, as cutoffs in Hz, are the paper's."""
+    """Return whether sensors and lights are the paper's.
+
+    Parameters
+    ----------
+    widths
+        Sensor widths, px.
+    cutoffs_hz
+        Photoreceptor cutoffs, Hz.
+
+    Returns
+    -------
+    bool
+        True if all of them are.
+    """
     return {*widths} <= {*WIDTHS} and {*cutoffs_hz} <= {*CUTOFFS_HZ}
 
 

@@ -18,7 +18,18 @@ _VIEW = 0.25  # of the image's side, around its center
 
 
 def central_area(height: int, width: int) -> tuple[int, int, int]:
-    """Return the first row, the first column and the side of the center of an image, px."""
+    """Return the center of an image.
+
+    Parameters
+    ----------
+    height, width
+        Size of the image, px.
+
+    Returns
+    -------
+    row, column, side
+        First row, first column and side, px.
+    """
     side = max(2, round(width * _VIEW))
     return (height - side) // 2, (width - side) // 2, side
 

@@ -8,7 +8,20 @@ from tasks.study.results.words import PACKAGED, BaseSpeeds, rate_label, speed_la
 
 
 def choice_tables(choices: Choices, base: BaseSpeeds = PACKAGED) -> list[Table]:
-    """Make the table of each scene from the choices of one series."""
+    """Make the table of each scene from the choices of one series.
+
+    Parameters
+    ----------
+    choices
+        The choices by scene, cutoff and speed.
+    base
+        Speed of the camera at factor 1.
+
+    Returns
+    -------
+    list of Table
+        One for each scene.
+    """
     cutoffs_hz = list(dict.fromkeys(cutoff for _, cutoff, _ in choices))
     heads = [Text(""), *map(cutoff_text, cutoffs_hz)]
     tables = []

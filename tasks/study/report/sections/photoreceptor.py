@@ -64,7 +64,9 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
         for series in run.series
         if is_main(series) and (found := leads(readings, series))
     ]
-    verdicts = [run.verdicts, *(judge_all(one[0], run.scaling) for one in run.others.values())]
+    verdicts = [run.verdicts]
+    if run.verdicts:
+        verdicts += [judge_all(one[0], run.scaling) for one in run.others.values()]
     return Readings(names, tables, _verdicts(verdicts, heads))
 
 

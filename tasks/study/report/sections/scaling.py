@@ -35,7 +35,20 @@ def _law_text(slopes: Slopes) -> str:
 
 
 def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
-    """Plot histograms: most light at base speed, least light at base and at highest speed."""
+    """Plot histograms: most light at base speed, least light at base and at highest speed.
+
+    Parameters
+    ----------
+    one
+        Scaling statistics of a scene.
+    base
+        Speed of the camera at factor 1.
+
+    Returns
+    -------
+    Plot
+        Shares of the events by the time since the pixel's last event.
+    """
     settings = one.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))
     chosen = dict.fromkeys([best_light, worst, min(settings, key=lambda s: (s[0], -s[1]))])
