@@ -66,7 +66,6 @@ FIRST = (
     "tasks/test_cli_light.py",
     "study/test_run.py",
     "study/test_report.py",
-    "study/test_threads.py",
     "test_guards.py",
 )
 

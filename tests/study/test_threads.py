@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from another_process import run_python
 from light_scenes import small_carpet_folder
 
@@ -39,6 +41,7 @@ def rows_with(threads, scene_folder, folder):
     return json.loads(run_python(CODE, scene_folder, out, **environment).stdout)
 
 
+@pytest.mark.slow
 def test_rows_do_not_depend_on_the_threads_of_blas(tmp_path):
     """Promise: the same rows to the last bit, including frames, with one thread and with two.
 

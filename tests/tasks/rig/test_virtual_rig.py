@@ -126,6 +126,7 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
     assert solved.covariance == frames_solved.covariance
 
 
+@pytest.mark.slow
 def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, eres):
     """Promise: the page from the solved poses is light in known motion: the cutoff of the sensor
     and its latency of 0 are in their intervals, and the profile has them."""
