@@ -1,4 +1,4 @@
-"""Train our own small networks on random crops from our own simulator."""
+"""Train small networks of our own on random crops."""
 
 from __future__ import annotations
 
