@@ -2,8 +2,10 @@
 study."""
 
 import os
+import re
 import subprocess
 import sys
+import tarfile
 import zipfile
 from importlib.metadata import version
 from pathlib import Path
@@ -55,6 +57,8 @@ def test_every_scene_and_template_is_in_it(wheel):
     in_wheel = zipfile.ZipFile(wheel)
     expected = {f"eres_render/_scenes/{f.relative_to(ROOT / 'scenes')}": f for f in files("scenes")}
     assert len([name for name in expected if name.endswith(".exr")]) > 20
+    commit = in_wheel.read("tasks/commit.txt").decode()
+    assert re.fullmatch(r"[0-9a-f]{12}(-dirty)?\n", commit)
     for package in PACKAGES:
         expected |= {str(f.relative_to(ROOT)): f for f in files(package)}
     for name, file in expected.items():
@@ -65,6 +69,21 @@ def test_nothing_else_is_in_it(wheel):
     """Promise: the wheel contains no tests, benchmarks or caches."""
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert tops == {*PACKAGES, f"eres_events-{version('eres-events')}.dist-info"}
+
+
+def test_the_source_archive_is_small(tmp_path):
+    """Promise: results of whole runs are not in the source archive, which knows its commit."""
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--target", str(tmp_path / "tool")]
+    subprocess.run([*pip, "hatchling"], check=True)
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path)]
+    found = {**os.environ, "PYTHONPATH": str(tmp_path / "tool")}
+    subprocess.run(build, check=True, cwd=ROOT, env=found, capture_output=True)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    assert archive.stat().st_size < 20e6
+    with tarfile.open(archive) as files_in:
+        names = [name.partition("/")[2] for name in files_in.getnames()]
+    assert {"tasks/commit.txt", "CITATION.cff", "docs/results.md"} < set(names)
+    assert not [name for name in names if name.startswith("docs/results/")]
 
 
 def files(folder):
@@ -87,7 +106,9 @@ def test_the_import_names_are_its_own(run):
 
 
 def test_the_command_works(run):
-    assert run("eres", "--version") == f"eres {version('eres-events')}\n"
+    commit = r"git [0-9a-f]{12}(-dirty)? as installed"
+    version_ = f"eres {version('eres-events')} \\({commit}\\), Mitsuba {version('mitsuba')}\n"
+    assert re.fullmatch(version_, run("eres", "--version"))
     said = run("eres", "doctor")
     assert "renders use:" in said
     assert str(run.environment) in said

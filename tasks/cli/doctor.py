@@ -15,7 +15,7 @@ from eres_render.rendering.backend import probe_variants
 from eres_render.scene.load import scene_root
 from eres_render.storage.cache import cache_dir
 from tasks.cli.table import Table
-from tasks.study.run.provenance import versions
+from tasks.provenance import versions
 
 _GB = 1e9
 

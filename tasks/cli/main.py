@@ -67,7 +67,7 @@ def _name(group: ModuleType) -> str:
 def main() -> None:
     """Run the command line; exit code 1 for an error, 2 for wrong usage, 130 for Ctrl-C."""
     if sys.argv[1:] == ["--version"]:
-        print(f"eres {version(DISTRIBUTION)}")
+        print(_version())
         return
     handler = RichHandler(console=terminal.err, show_time=False, show_path=False, show_level=False)
     logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])
@@ -96,6 +96,12 @@ def main() -> None:
         terminal.err.print("stopped; the same command continues after the completed parts")
         sys.exit(130)
     sys.exit(code or 0)
+
+
+def _version() -> str:
+    from tasks.provenance import code
+
+    return f"eres {version(DISTRIBUTION)} ({code()}), Mitsuba {version('mitsuba')}"
 
 
 def _fail(text: str) -> None:

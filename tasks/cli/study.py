@@ -39,6 +39,7 @@ def study(
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
     weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
+    mix: Annotated[bool, arg(help_behavior_hint="")] = False,
 ) -> None:
     """Ask which resolution serves a task best.
 
@@ -74,6 +75,9 @@ def study(
         Address of a Dask scheduler, tcp://HOST:PORT, whose workers compute the jobs.
     weights
         Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
+    mix
+        Continue a run even with another version of Mitsuba or another device (GPU or CPU) than it
+        was begun with. Their frames differ slightly.
     """
     from dataclasses import replace
 
@@ -120,7 +124,7 @@ def study(
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
     asked = with_weights(asked, named_weights(weights, in_use))
     with progress_bar(terminal.err) as on_progress:
-        run_study(asked, out, scheduler, on_progress)
+        run_study(asked, out, scheduler, on_progress, mix=mix)
     _show_scores(out)
     _show_claims(out)
     terminal.out.print(f"\nreport: {write_report(out)}", soft_wrap=True)

@@ -116,7 +116,7 @@ def _train(
     if seed < 0:
         raise TrainingError(f"seed: found {seed}, expected 0 or more")
     from tasks.cli.progress_bar import progress_bar
-    from tasks.study.run.provenance import environment
+    from tasks.provenance import environment
 
     try:
         from tasks.learned.training.start import start

@@ -16,6 +16,7 @@ from eres_render import load_scene
 from eres_render.errors import RenderError
 from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage.cache import cache_dir
+from tasks import provenance as environment
 from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study.config import (
@@ -32,7 +33,6 @@ from tasks.study.config import (
 from tasks.study.report import write_report
 from tasks.study.results.scaling import read_scaling
 from tasks.study.run import frame_cache, local, run_study
-from tasks.study.run import provenance as environment
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import jobs_of
 
@@ -301,6 +301,31 @@ def test_where_the_finished_jobs_were_computed_stays_known(
     assert not_json.startswith(f"{file}: not JSON: Expecting property name")
     assert not_json.endswith("; the provenance of the finished jobs is lost")
     assert not_text.startswith(f"{file}: cores: found 2, expected a string; ")
+
+
+@pytest.mark.parametrize(
+    ("name", "before"), [("mitsuba", "3.8.0"), ("Mitsuba variant", "cuda_ad_mono")]
+)
+def test_a_run_is_not_continued_with_another_renderer(
+    finished, scene_folder, tmp_path, monkeypatch, name, before
+):
+    """Promise: neither Mitsuba nor the device changes within a run, unless the user says so."""
+    run, study = tmp_path / "run", tiny_study(scene_folder)
+    shutil.copytree(finished[0], run)
+    file = run / "environment.json"
+    here = json.loads(file.read_text())
+    file.write_text(json.dumps(here | {name: before}))
+    assert run_study(study, run) == finished[1]  # nothing is left to compute
+    next((run / "parts").iterdir()).unlink()
+    with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, .* --mix$"):
+        run_study(study, run)
+    # A cluster's environment is known only when a job is done.
+    monkeypatch.setattr(local.ThisProcess, "environment", lambda self: {})
+    with pytest.raises(StudyError, match=f"^{name}: found .*, expected {before}, "):
+        run_study(study, run)
+    assert json.loads(file.read_text()) == here | {name: before}
+    assert run_study(study, run, mix=True) == finished[1]
+    assert json.loads(file.read_text())[name] == f"{before}; {here[name]}"
 
 
 FULL = "No space left on device"

@@ -81,6 +81,10 @@ class Cluster:
     def cores(self) -> int:
         return max(1, self.worker_count())
 
+    def environment(self) -> dict[str, str]:
+        """As `Scheduler.environment`: nothing, as workers come and go."""
+        return {}
+
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:

@@ -17,12 +17,12 @@ from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.timings import timings_file
+from tasks.provenance import environment
 from tasks.row import Row
 from tasks.study.config import digest
 from tasks.study.run.frame_cache import frames_folder
 from tasks.study.run.highlights import Highlights
 from tasks.study.run.jobs import Job
-from tasks.study.run.provenance import environment
 
 _BYTES_PER_PX_S = 4500  # space for 2250 half-float frames per second of path
 

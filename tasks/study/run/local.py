@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from eres_render.cores import cores
 from eres_render.progress import Progress
+from eres_render.rendering.backend import select_variant
+from tasks.provenance import environment
 from tasks.study.run.compile_ahead import compiling_ahead
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.jobs import QueuedJob
@@ -21,6 +23,10 @@ class ThisProcess:
     def cores(self) -> int:
         """Number of cores that this process may use."""
         return cores()
+
+    def environment(self) -> dict[str, str]:
+        """As `Scheduler.environment`."""
+        return environment(select_variant())
 
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress

@@ -15,18 +15,23 @@ from eres_render.storage.atomic import write_bytes
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError, StudyError
 from tasks.evaluation.settings import check_methods
+from tasks.provenance import check_renderer, command, together
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import Job, QueuedJob, jobs_of, trials
-from tasks.study.run.provenance import command, together
 from tasks.study.run.scheduler import Scheduler, open_scheduler
 
 _log = logging.getLogger(__name__)
 
 
 def run_study(
-    study: Study, out: Path, scheduler: str | None = None, on_progress: Progress = silent
+    study: Study,
+    out: Path,
+    scheduler: str | None = None,
+    on_progress: Progress = silent,
+    *,
+    mix: bool = False,
 ) -> list[Row]:
     """Render, simulate and score every job of a study, except for those that `out` already has.
 
@@ -46,6 +51,8 @@ def run_study(
         Address of a Dask scheduler with workers that compute the jobs; None for this process.
     on_progress
         Called as jobs proceed; jobs of earlier starts count as done.
+    mix
+        Whether the run may continue with another Mitsuba or device than it was begun with.
 
     Returns
     -------
@@ -55,7 +62,8 @@ def run_study(
     ------
     StudyError
         The study asks for something impossible, `out` is a file, or the cluster cannot be reached
-        or has other code or scenes.
+        or has other code or scenes; or Mitsuba or the device is another than that of the finished
+        jobs, unless `mix`.
     TaskError
         A method does not exist or is for another task.
     MethodError
@@ -79,7 +87,10 @@ def run_study(
             is_first = job is highlighted[job.scene.name]
             if key not in rows_of or (is_first and not _has_highlights(out, job.scene.name)):
                 to_do.append(QueuedJob(job, key, is_first))
+        begun = _environment_so_far(out / "environment.json") if rows_of else {}
         if to_do:
+            if not mix:
+                check_renderer(begun, computing.environment())
             _log.info("%s", estimate_work([queued.job for queued in to_do], computing.cores).text())
             new = trials(study, [queued.job for queued in to_do], [work[key] for key in rows_of])
             _try_own_methods(new, computing, on_progress)
@@ -87,9 +98,11 @@ def run_study(
             one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes
         }
         write_bytes(out / "study.json", _json({**to_json(study), "base_m_per_s": speeds}))
-        environments = [_environment_so_far(out / "environment.json")] if rows_of else []
+        environments = [begun]
         counted = _counted(on_progress, len(work) - len(to_do), len(work))
         for queued, computed in computing.compute(to_do, counted):
+            if not mix:  # workers of a cluster differ
+                check_renderer(together(environments), computed.environment)
             for name, data in computed.files.items():
                 write_bytes(out / name, data)
             environments.append(computed.environment)

@@ -22,6 +22,10 @@ class Scheduler(Protocol):
     @property
     def cores(self) -> int: ...
 
+    def environment(self) -> dict[str, str]:
+        """Return what is known of where the jobs will be computed, as `provenance.environment`."""
+        ...
+
     def compute(
         self, jobs: Sequence[QueuedJob], on_progress: Progress
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:

@@ -4,12 +4,12 @@ import importlib.util
 import subprocess
 from pathlib import Path
 
-from tasks.study.run import provenance
+from tasks import provenance
 
 
 def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
     """Promise: a run stores the commit of its code, and "dirty" covers its code alone."""
-    copy = tmp_path / "tasks" / "study" / "run" / "provenance.py"
+    copy = tmp_path / "tasks" / "provenance.py"
     copy.parent.mkdir(parents=True)
     copy.write_text(Path(provenance.__file__).read_text())
 

@@ -12,6 +12,10 @@ from pathlib import Path
 
 from eres_render.cores import cores
 from tasks import DISTRIBUTION
+from tasks.errors import StudyError
+
+MITSUBA, VARIANT = "mitsuba", "Mitsuba variant"
+"""Names in an environment: Mitsuba's version, and its variant, which names the device."""
 
 _BETWEEN = "; "  # separates the values of one name
 _CODE = ("eres_render", "sensor", "tasks", "scenes", "pyproject.toml")
@@ -34,14 +38,22 @@ def environment(variant: str | None = None) -> dict[str, str]:
         Variant of Mitsuba, if something was rendered.
     """
     return {
-        "code": _git_commit() or f"eres {version(DISTRIBUTION)} as installed",
-        **({"Mitsuba variant": variant} if variant else {}),
+        "code": code(),
+        **({VARIANT: variant} if variant else {}),
         "python": platform.python_version(),
         **versions(),
         "system": platform.platform(),
         "processor": _processor(),
         "cores": str(cores()),
     }
+
+
+def code() -> str:
+    """Return the commit of the code, or the version if there is no commit."""
+    built_from = Path(__file__).with_name("commit.txt")  # in wheels alone
+    if built_from.exists():
+        return f"git {built_from.read_text().strip()} as installed"
+    return _git_commit() or f"eres {version(DISTRIBUTION)} as installed"
 
 
 def versions() -> dict[str, str]:
@@ -55,7 +67,7 @@ def _git_commit() -> str | None:
 
     Only changed code makes it "dirty", as the run's folder may be in the checkout.
     """
-    root = Path(__file__).parents[3]
+    root = Path(__file__).parents[1]
     if not (root / ".git").exists():
         return None
     commit = _git(root, "rev-parse", "--short=12", "HEAD")
@@ -95,3 +107,28 @@ def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
     for name, found in chain.from_iterable(one.items() for one in environments):
         values.setdefault(name, {}).update(dict.fromkeys(found.split(_BETWEEN)))
     return {name: _BETWEEN.join(found) for name, found in values.items()}
+
+
+def check_renderer(begun: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Check that jobs are rendered as those that are done.
+
+    Another version of Mitsuba, or another device, draws other random numbers or rounds otherwise.
+
+    Parameters
+    ----------
+    begun
+        Environment of the finished jobs.
+    now
+        Environment of another job.
+
+    Raises
+    ------
+    StudyError
+        Mitsuba or its variant is none of those of the finished jobs.
+    """
+    for name in (MITSUBA, VARIANT):
+        if name in begun and name in now and now[name] not in begun[name].split(_BETWEEN):
+            raise StudyError(
+                f"{name}: found {now[name]}, expected {begun[name]}, with which the run was begun: "
+                "continue with that, or choose another folder, or mix both with --mix"
+            )
