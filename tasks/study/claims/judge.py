@@ -16,6 +16,7 @@ from tasks.study.claims.reconstruction import RECONSTRUCTION_CLAIMS
 from tasks.study.claims.scaling import SCALING_CLAIMS
 from tasks.study.claims.slider import ON_THE_SLIDER
 from tasks.study.claims.tracking import TRACKING_CLAIMS
+from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
@@ -27,6 +28,7 @@ CLAIMS: tuple[Claim, ...] = (
     *DENSE_FLOW_CLAIMS,
     *TRACKING_CLAIMS,
     ON_THE_SLIDER,
+    *TRAINING_CLAIMS,
     BEATS_DOING_NOTHING,
 )
 

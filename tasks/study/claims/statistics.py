@@ -173,7 +173,9 @@ def margin(width: int, other: int, cutoff_hz: float, speed: float = 1.0) -> Stat
     return median(width, cutoff_hz, speed) - median(other, cutoff_hz, speed)
 
 
-def lead(widths: Sequence[int], cutoff_hz: float, speed: float = 1.0) -> Statistic:
+def lead(
+    widths: Sequence[int], cutoff_hz: float, speed: float = 1.0, method: str = ""
+) -> Statistic:
     """Return how much better the best of some widths is than the best of all others.
 
     Medians choose the two widths, in each bootstrap draw again; the lead is the median of the
@@ -187,14 +189,16 @@ def lead(widths: Sequence[int], cutoff_hz: float, speed: float = 1.0) -> Statist
         Photoreceptor cutoff, Hz.
     speed
         Factor on the base speed.
+    method
+        Another method than that of the claim; "" for that of the claim.
 
     Returns
     -------
     Statistic
         In the metric's unit; positive if one of `widths` is the best.
     """
-    first = [SceneCell(width, cutoff_hz, speed) for width in widths]
-    rest = [SceneCell(width, cutoff_hz, speed) for width in WIDTHS if width not in widths]
+    first = [SceneCell(width, cutoff_hz, speed, method) for width in widths]
+    rest = [SceneCell(width, cutoff_hz, speed, method) for width in WIDTHS if width not in widths]
 
     def of(medians: Medians[SceneCell]) -> NDArray[np.float64]:
         best = np.argmax([medians[cell] for cell in first], axis=0)

@@ -1,0 +1,59 @@
+"""The paper's claim about training, tested with twins: networks that differ only in the light of
+the events they learned from."""
+
+from __future__ import annotations
+
+from tasks.study.claims.claim import Claim, SceneClaim
+from tasks.study.claims.numbers import Best, Number, Quantity
+from tasks.study.claims.statistics import IDEAL, NIGHT, Statistic, lead, median
+from tasks.study.results.metrics import Series
+
+_NOTE = (
+    "The twin learned from the same crops in ideal light alone; everything else about its training "
+    "is the same. Gain and cost are at 1280 px. The numbers are those of one pair of trainings."
+)
+
+
+def _overcomes(title: str, statement: str, series: Series, twin: str) -> SceneClaim:
+    """Return the claim about a network and its twin."""
+    numbers: dict[str, Quantity] = {
+        "best": Best(NIGHT),
+        "lead": Number(lead([1280], NIGHT), above=0),
+        "fast": Number(lead([1280], NIGHT, 2.0)),
+        "twin": Number(lead([1280], NIGHT, method=twin)),
+        "gain": Number(_over_twin(twin, NIGHT), above=0),
+        "cost": Number(_over_twin(twin, IDEAL)),
+    }
+    return SceneClaim(
+        number=23,
+        title=title,
+        statement=statement,
+        series=series,
+        numbers=numbers,
+        text="night: best {best}, lead of 1280 px {lead}, at speed 2 {fast}; of the twin {twin}; "
+        "over the twin {gain} at night, {cost} in ideal light",
+        paper="the sentence alone, no numbers",
+        note=_NOTE,
+    )
+
+
+def _over_twin(twin: str, cutoff_hz: float) -> Statistic:
+    """Return how much better the network is than its twin, on the same images."""
+    one, other = (median(1280, cutoff_hz, method=method).cells[0] for method in ("", twin))
+    return Statistic((one, other), lambda medians: medians.difference(one, other))
+
+
+TRAINING_CLAIMS: tuple[Claim, ...] = (
+    _overcomes(
+        "Trained at night, a network reconstructs best with the finest sensor",
+        "With night events in the training set, image reconstruction at 50 Hz is best at 1280 px.",
+        Series("video", "our_reconstruction_all_light", "psnr_db"),
+        "our_reconstruction_ideal_light",
+    ),
+    _overcomes(
+        "Trained at night, a network estimates flow best with the finest sensor",
+        "With night events in the training set, dense flow at 50 Hz is best at 1280 px.",
+        Series("dense_flow", "our_flow_all_light", "rnepe_px"),
+        "our_flow_ideal_light",
+    ),
+)
