@@ -16,6 +16,7 @@ from tasks.learned.e2vid import E2vid, options_of
 from tasks.learned.e2vid_network import E2VIDRecurrent
 from tasks.learned.eraft import ERaft
 from tasks.learned.eraft_network import ERAFT
+from tasks.methods.our_reconstruction import DECAYS
 
 RECONSTRUCTION, FLOW = "eres reconstruction", "eres flow"
 """Names of the architectures in files."""
@@ -29,8 +30,8 @@ class OurReconstruction(E2vid):
 
     @property
     def bins(self) -> int:
-        """Bins of the voxel grids; the network has one channel more, for the sums of events."""
-        return super().bins - 1
+        """Bins of the voxel grids; the network has further channels, for sums of events."""
+        return super().bins - len(DECAYS)
 
 
 def save(

@@ -1,8 +1,9 @@
 """Our reconstruction: a small recurrent U-Net of E2VID's family, trained on our own simulator.
 
 It differs from E2VID (`tasks.methods.e2vid`) in its input: the voxel grid is in log units, C times
-the sum of polarities, not normalized; and one channel more has each pixel's sum of all its events
-so far, which fades with each event as in the high-pass filter (`tasks.methods.high_pass_filter`).
+the sum of polarities, not normalized; and further channels have each pixel's sums of all its events
+so far, which fade with each event as in the high-pass filter (`tasks.methods.high_pass_filter`), at
+several rates: one that fades fast is sharp, one that fades slowly has large structures, and ghosts.
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ from numpy.typing import NDArray
 from sensor import Events
 from sensor.representations import voxel_grid
 from tasks.methods.e2vid import WINDOW_US, E2vid, Network
-from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.methods.high_pass_filter import PER_EVENT_DECAY, HighPassFilter
+
+DECAYS = (0.004, 0.015, 0.25, PER_EVENT_DECAY)
+"""Decays per event of the sums; the last is that of the high-pass filter."""
 
 
 class InputGrids:
@@ -31,7 +35,8 @@ class InputGrids:
 
     def __init__(self, width: int, height: int, contrast_threshold: float, bins: int) -> None:
         self._C, self._bins = contrast_threshold, bins
-        self._sums = HighPassFilter(width, height, contrast_threshold, cutoff_hz=0.0)
+        size = width, height, contrast_threshold
+        self._sums = [HighPassFilter(*size, 0.0, decay) for decay in DECAYS]
         self._last_us = 0
 
     def push(self, events: Events) -> NDArray[np.float32]:
@@ -44,14 +49,17 @@ class InputGrids:
 
         Returns
         -------
-        (bins + 1, height, width), log units: the voxel grid, and the sums at the window's end.
+        (bins + 4, height, width), log units: the voxel grid, and the sums at the window's end in
+        the order of `DECAYS`.
         """
-        self._sums.push(events)
+        for sums in self._sums:
+            sums.push(events)
         if len(events):
             self._last_us = int(events.t_us[-1])
-        grid = np.empty((self._bins + 1, events.height, events.width), np.float32)
-        grid[:-1] = self._C * voxel_grid(events, self._bins, normalize=False)
-        grid[-1] = self._sums.image(self._last_us)
+        grid = np.empty((self._bins + len(DECAYS), events.height, events.width), np.float32)
+        grid[: self._bins] = self._C * voxel_grid(events, self._bins, normalize=False)
+        for k, sums in enumerate(self._sums, start=self._bins):
+            grid[k] = sums.image(self._last_us)
         return grid
 
 

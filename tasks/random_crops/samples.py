@@ -23,7 +23,7 @@ class VideoSample(NamedTuple):
     Attributes
     ----------
     grids
-        (windows, bins + 1, S, S) inputs of the network.
+        (windows, bins + 4, S, S) inputs of the network.
     pictures
         (windows, S, S) the true image at the end of each, as it is scored, in [0, 1].
     """

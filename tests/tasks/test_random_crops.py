@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 from sensor.representations import voxel_grid
 from tasks.errors import TaskError
 from tasks.methods.high_pass_filter import HighPassFilter
-from tasks.methods.our_reconstruction import OurReconstruction
+from tasks.methods.our_reconstruction import DECAYS, OurReconstruction
 from tasks.random_crops.crop import DARK_LEVEL, random_crop
 from tasks.random_crops.motion import Motion
 from tasks.random_crops.samples import flow_sample, video_sample
@@ -212,16 +212,19 @@ def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
 
 
 def test_inputs_are_in_log_units(crop):
-    """Promise: bins add up to C times the polarities, and the last channel is the high-pass filter
-    without its decay in time."""
+    """Promise: bins add up to C times the polarities; each further channel is the high-pass filter
+    without its decay in time, with a decay per event of its own, the last with the filter's."""
     grids = video_sample(crop, 5, run_in=0).grids
-    slow = HighPassFilter(SIDE, SIDE, crop.contrast_threshold, cutoff_hz=0.0)
+    size = SIDE, SIDE, crop.contrast_threshold
+    filters = [HighPassFilter(*size, 0.0, decay) for decay in DECAYS[:-1]]
+    filters.append(HighPassFilter(*size, cutoff_hz=0.0))
     for grid, events, end_us in zip(grids, crop.events, crop.ends_us, strict=True):
         total = np.zeros((SIDE, SIDE))
         np.add.at(total, (events.y, events.x), crop.contrast_threshold * events.p)
-        np.testing.assert_allclose(grid[:-1].sum(axis=0), total, atol=1e-4)
-        slow.push(events)
-        np.testing.assert_allclose(grid[-1], slow.image(end_us), atol=1e-6)
+        np.testing.assert_allclose(grid[:5].sum(axis=0), total, atol=1e-4)
+        for channel, one in zip(grid[5:], filters, strict=True):
+            one.push(events)
+            np.testing.assert_allclose(channel, one.image(end_us), atol=1e-6)
 
 
 def test_a_flow_sample_pairs_windows_with_the_later_ones_flow(crop):

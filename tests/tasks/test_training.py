@@ -135,6 +135,19 @@ def test_a_training_starts_from_the_high_pass_filter():
     assert torch.corrcoef(torch.stack([image.flatten(), sums.flatten()]))[0, 1] > 0.9
 
 
+def test_a_new_memory_lasts():
+    """Promise: before the first step, without new input, the memory fades by less than a fifth in
+    a window, so that gradients reach far back."""
+    network = Reconstruction(TINY, "ideal", 0).network
+    zero = torch.zeros(1, network.options.num_bins, 32, 32)
+    with torch.inference_mode():
+        _, states = network(zero)
+        full = [(torch.zeros_like(hidden), torch.ones_like(cell)) for hidden, cell in states]
+        _, after = network(zero, full)
+    for (_, before), (_, cell) in zip(states, after, strict=True):
+        assert (cell - before).min() > 0.8
+
+
 def test_stored_weights_give_the_same_images(run):
     """Promise: weights.pt is in half precision, and the method that reads it has the trained
     network's output."""

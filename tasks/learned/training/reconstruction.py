@@ -15,6 +15,7 @@ from tasks.learned.training.settings import ReconstructionTraining
 from tasks.methods.blank_video import BlankVideo
 from tasks.methods.e2vid import DARKEST
 from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.methods.our_reconstruction import DECAYS
 from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import EQUALIZATION, video_sample
 from tasks.random_crops.settings import Light
@@ -23,6 +24,7 @@ from tasks.video import VideoMethod, picture, psnr_db
 # Bytes of a pixel, of all windows through which gradients flow, by channels at full resolution.
 _BYTES_PER_PX_AND_CHANNEL = 200  # 125 were measured in bfloat16
 _GAIN = 2.0  # of the sums of events in the first output, before the sigmoid
+_KEEP = 2.0  # first bias of the memory's keep gates: it lasts 8 windows, with 0 it would last 2
 _OTHERS = 0.1  # share of the other channels' first weights there
 
 
@@ -49,7 +51,7 @@ class Reconstruction(Problem):
 
     def __init__(self, settings: ReconstructionTraining, light: Light, seed: int) -> None:
         options = E2vidOptions(
-            num_bins=settings.bins + 1,  # and the sums of events
+            num_bins=settings.bins + len(DECAYS),
             num_encoders=settings.encoders,
             base_num_channels=settings.base_channels,
             num_residual_blocks=settings.residual_blocks,
@@ -135,6 +137,9 @@ def _start_as_the_filter(network: E2VIDRecurrent) -> None:
     unet = network.unetrecurrent
     middle = unet.head.conv2d.kernel_size[0] // 2
     with torch.no_grad():
+        for encoder in unet.encoders:
+            keep = encoder.recurrent_block.Gates.bias.chunk(4)[1]
+            keep.fill_(_KEEP)
         for channel, sign in enumerate((1.0, -1.0)):
             unet.head.conv2d.weight[channel] = 0.0
             unet.head.conv2d.bias[channel] = 0.0
