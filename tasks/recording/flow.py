@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.errors import TaskError
@@ -97,8 +98,8 @@ def check(options: FlowOptions) -> None:
         if not value >= least:
             said = name.replace("_", "-")
             raise TaskError(f"{said}: found {value:g}, expected at least {least:g}")
-    if options.search_px is not None and not options.search_px > 0:
-        raise TaskError(f"search-px: found {options.search_px:g}, expected a positive number")
+    if options.search_px is not None:
+        check_positive("search-px", options.search_px, TaskError)
 
 
 @dataclass(frozen=True, slots=True)

@@ -430,7 +430,7 @@ def test_images_are_those_of_the_filter(made, recording, tmp_path, eres):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--fps", 0], "fps: found 0, expected a positive number"),
+        (["--fps", 0], "fps: found 0.0, expected a positive number"),
         (["--fps", 1], "there is no image at 1 per second"),
         (["--method", "blnk"], "no method 'blnk'"),
         (["--equalization", "some"], "equalization: found 'some', expected one of none"),
