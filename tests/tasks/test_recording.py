@@ -15,7 +15,7 @@ from tasks.flow import flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.recording.clock import estimate_shift
 from tasks.recording.evaluate import evaluate_recording
-from tasks.recording.flow import spread
+from tasks.recording.flow_windows import spread
 from tasks.recording.frames import open_frames
 from tasks.recording.images import score_reconstruction
 from tasks.recording.levels import busiest
