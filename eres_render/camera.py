@@ -363,8 +363,8 @@ class Camera:
         >>> camera.project([0.1, 0.0, 1.0]), camera.zoomed(2.0).project([0.1, 0.0, 2.0])
         (array([370., 240.]), array([370., 240.]))
         """
-        center = {"cx": self.cx, "cy": self.cy, "distortion": self.distortion}
-        return Camera(self.width, self.height, fx=times * self.fx, fy=times * self.fy, **center)
+        fx, fy, center = times * self.fx, times * self.fy, {"cx": self.cx, "cy": self.cy}
+        return Camera(self.width, self.height, fx=fx, fy=fy, **center, distortion=self.distortion)
 
     def grid(self, n: int) -> Float64:
         """Return (n * n, 2) pixels that span the image evenly, its corners included."""
