@@ -4,7 +4,6 @@ import re
 from types import SimpleNamespace
 
 from tasks.study.report.templating import TEMPLATES
-from tasks.study.results.choice import Choice
 from tasks.study.results.comparison import ComparisonTable
 from tasks.study.results.words import PACKAGED
 
@@ -23,11 +22,6 @@ def macro(name: str, *values: object, **named: object) -> str:
     """Draw a macro of the templates."""
     module = TEMPLATES.get_template("macros.html").module
     return without_space(getattr(module, name)(*values, **named)).strip()
-
-
-def choice_cell(choice: Choice | None) -> str:
-    """Draw a cell of a table of choices."""
-    return macro("choice_cell", choice)
 
 
 def comparison_html(table: ComparisonTable) -> str:

@@ -200,7 +200,6 @@ def test_scores_below_doing_nothing_are_struck(tmp_path: Path) -> None:
     told = answers_of(page)["carpet", "Reconstruction", "night, 1.8 m/s"]
     assert told.kind == "struck"
     assert told.rest.startswith("doing nothing is as good")
-    assert 'class="worthless"' in page
 
 
 def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
@@ -344,7 +343,7 @@ def test_every_task_has_its_place(tmp_path: Path) -> None:
         *("Reconstruction", "Video reconstruction", "Optical flow", "Pose tracking")
     }
     for _, name in options:
-        assert len(re.findall(rf"<summary>[^<]* by {re.escape(name)}</summary>", page)) == 2
+        assert len(re.findall(rf"<summary>[^<]* by {re.escape(name)}</summary>", page)) == 1
     assert "2 mm: 100\u202f%, 20 mm: 0\u202f%" in page
     assert "no convergence in n passes (36)" in page
     assert {p.stem for p in (tmp_path / "figures").iterdir()} == {

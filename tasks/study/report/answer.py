@@ -89,8 +89,7 @@ def _width_text(choice: Choice | None, *, tied: bool) -> str:
         return MISSING
     if not choice.worthwhile:
         return "none"
-    smaller = tied and choice.tied is not None and choice.tied < choice.enough
-    return f"{choice.enough} ({choice.tied})" if smaller else str(choice.enough)
+    return f"{choice.enough} ({choice.tied})" if tied and choice.tied else str(choice.enough)
 
 
 def _paper_text(choice: Choice | None) -> str:

@@ -61,7 +61,6 @@ def _others(run: FinishedRun) -> Sequence[Scores] | None:
 SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html"),
     Section("previews", "Previews", "Events of each sensor", "previews.html"),
-    Section("choice", "Choice", "Which resolution to choose", "choice.html"),
     Section("tables", "Tables", "All scores", "comparison.html"),
     Section("slider", "Slider", "On the slider, beside the paper", "slider.html", slider_section),
     Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from tasks.study.results.choice import Choice
 from tasks.study.results.words import cutoff_detail, cutoff_label
 
 
@@ -18,8 +17,7 @@ class Text(NamedTuple):
     kind: str = ""
 
 
-Cell = Sequence[Text] | Choice | None  # an arrow joins several texts
-Rows = Mapping[Text, Sequence[Cell]]
+Rows = Mapping[Text, Sequence[Text]]
 
 
 @dataclass(frozen=True, slots=True)

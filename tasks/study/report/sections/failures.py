@@ -49,7 +49,7 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
 
     blocks = {
         cutoff_text(hz): {
-            Text(one.variant): [[text(one, width, hz)] for width in widths] for one in found
+            Text(one.variant): [text(one, width, hz) for width in widths] for one in found
         }
         for hz in scores.cutoffs_hz(found[0])
     }
@@ -111,6 +111,6 @@ def failure_table(scores: Scores) -> Table | None:
         failed = reasons.total()
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))
         share = share_text(failed / total if total else None)
-        rows[Text(one.title)] = [[Text(f"{failed:,} of {total:,}")], [Text(share)], [Text(why)]]
+        rows[Text(one.title)] = [Text(f"{failed:,} of {total:,}"), Text(share), Text(why)]
     heads = [Text(head) for head in ("method", "failed", "share", "why")]
     return Table("failures", "Failures", "", heads, {Text(""): rows}) if rows else None

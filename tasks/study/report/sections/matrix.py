@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Text, cutoff_text
-from tasks.study.results.choice import Choice
+from tasks.study.results.choice import Choice, choose
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.words import (
@@ -102,18 +102,17 @@ def _answer(
 ) -> Answer:
     scene, cutoff_hz, speed = at
     where = f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, run.base_speeds)}"
-    choice = run.choices[series].get(at)
+    choice = choose(run.scores, series, *at)
     if choice is None:
         return Answer(where, MISSING, "samples are missing", "", None, 0, "[]")
     rate_hz = choice.event_rates_hz[choice.enough]
     share = rate_hz / run.bus_hz
-    tied = choice.tied if choice.tied and choice.tied < choice.enough else None
     return Answer(
         where=where,
         width=str(choice.enough),
         facts=f"{rate_label(rate_hz)} · {'<1' if share < 0.01 else round(100 * share)}\u202f%",
         kind="struck" if not choice.worthwhile else "over" if share > 1 else "",
-        tied=tied if choice.worthwhile else None,
+        tied=choice.tied if choice.worthwhile else None,
         fineness=round(100 * widths.index(choice.enough) / max(len(widths) - 1, 1)),
         on_buses=_on_buses(choice),
     )

@@ -74,19 +74,17 @@ def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
     metric = TASKS[series.task].metric
     fine, coarse = found[0].widths
     with_paper = any(lead.paper is not None for lead in found)
-    blocks: dict[Text, dict[Text, list[list[Text]]]] = {}
+    blocks: dict[Text, dict[Text, list[Text]]] = {}
     for lead in found:
         cells = [
-            [
-                Text(MISSING)
-                if one is None or choice is None
-                else Text(one.text(metric.decimals), f"enough: {choice.enough} px")
-            ]
+            Text(MISSING)
+            if one is None or choice is None
+            else Text(one.text(metric.decimals), f"enough: {choice.enough} px")
             for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
         head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed_label(lead.scene, lead.speed)}")
-        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[[Text(paper)]] * with_paper]
+        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[Text(paper)] * with_paper]
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse} px, {metric.unit}"
     label = f"Photoreceptors, {series.title}"
     last = [Text("paper")] * with_paper
@@ -95,7 +93,7 @@ def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
 
 def _verdicts(found: list[list[Verdict]], heads: list[Text]) -> Table:
     rows = {
-        Text(f"{of_claim[0].number}", of_claim[0].title): [[Text(one.status)] for one in of_claim]
+        Text(f"{of_claim[0].number}", of_claim[0].title): [Text(one.status) for one in of_claim]
         for of_claim in zip(*found, strict=True)
         if len({one.status for one in of_claim}) > 1
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
-from tasks.study.report.table import Cell, Rows, Table, Text
+from tasks.study.report.table import Rows, Table, Text
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper_slider import (
     NOTHING_MM,
@@ -107,22 +107,21 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
     for scene in PRINTS:
         for speed, factor in _speeds():
             where = [Condition(scene, width, 0.0, factor) for width in _WIDTHS]
-            rows: dict[Text, list[Cell]] = {
+            rows = {
                 Text("paper"): [
-                    [_paper_text(series, value, width)]
+                    _paper_text(series, value, width)
                     for value, (width, _) in zip(paper[scene, speed], SIZES_PX[scene], strict=True)
                 ]
             }
             lights = scores.cutoffs_hz(series)
             for hz in lights:
                 rows[Text(light_label(hz))] = [
-                    [_our_text(scores, series, at._replace(cutoff_hz=hz))] for at in where
+                    _our_text(scores, series, at._replace(cutoff_hz=hz)) for at in where
                 ]
             if lights:  # doing nothing is the same in every light
                 idle = [scores.baseline(series, at._replace(cutoff_hz=lights[0])) for at in where]
                 rows[Text("doing nothing")] = [
-                    [Text(MISSING if one.median is None else metric.text(one.median))]
-                    for one in idle
+                    Text(MISSING if one.median is None else metric.text(one.median)) for one in idle
                 ]
             blocks[Text(scene, f"{speed:g} m/s")] = rows
     heads = [Text(""), *(Text(f"{width} px", distance_label(width)) for width in _WIDTHS)]
@@ -149,15 +148,15 @@ def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
     """Count the prints on which the full size is best, by series, light and speed."""
     blocks: dict[Text, Rows] = {}
     for series, paper in pairs:
-        rows: dict[Text, list[Cell]] = {
+        rows = {
             Text("paper"): [
-                [_share([_full_is_best(series, paper[scene, speed]) for scene in PRINTS])]
+                _share([_full_is_best(series, paper[scene, speed]) for scene in PRINTS])
                 for speed in SPEEDS_M_PER_S
             ]
         }
         for hz in scores.cutoffs_hz(series):
             rows[Text(light_label(hz))] = [
-                [_share([_ours_is_best(scores, series, s, hz, factor) for s in PRINTS])]
+                _share([_ours_is_best(scores, series, s, hz, factor) for s in PRINTS])
                 for _, factor in _speeds()
             ]
         blocks[Text(series.title)] = rows
