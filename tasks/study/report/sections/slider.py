@@ -28,9 +28,6 @@ from tasks.study.results.words import MISSING
 
 _WIDTHS = [width for width, _ in FIELD_PX]
 
-# Our task and method by the paper's, where they differ.
-_OURS = {("flow", "e_raft"): ("dense_flow", "eraft")}
-
 _Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: values by distance
 
 
@@ -61,7 +58,7 @@ def slider_section(run: FinishedRun) -> SliderSection | None:
     pairs = [
         (series, paper)
         for task_method, paper in _paper().items()
-        for series in _series(scores, *_OURS.get(task_method, task_method))
+        for series in _series(scores, *task_method)
     ]
     if not any(_measured(scores, series) for series, _ in pairs):
         return None
