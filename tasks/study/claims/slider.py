@@ -10,12 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tasks.registry import TASKS
-from tasks.study.claims.claim import Claim, too_few_text
+from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import PHOTOMETRIC
 from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores
 from tasks.study.claims.statistics import margin
 from tasks.study.claims.verdict import Status, Verdict
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper_slider import (
     NOTHING_MM,
@@ -33,7 +32,6 @@ from tasks.study.results.slider import (
     PRINTS,
     light_label,
 )
-from tasks.study.results.words import join_words
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
@@ -86,12 +84,8 @@ class SliderClaim(Claim):
         outcomes += [Status.NOT_MEASURED] * len(missing)
         if lines and missing:
             lines += [f"{TASKS[task].title}: not measured" for task in missing]
-        parts = []
-        if samples and set(PRINTS) - set(samples):
-            parts.append(f"Judged on {join_words([*samples])} only")
-        if samples and min(samples.values()) < MIN_SAMPLES_FOR_INTERVAL:
-            parts.append(too_few_text(min(samples.values())))
-        scope = f"{'; '.join(parts)}." if parts else ""
+        only = samples if set(PRINTS) - set(samples) else ()
+        scope = scope_text(only, min(samples.values(), default=None))
         ours = "\n".join(lines) or "no rows of the virtual slider"
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
