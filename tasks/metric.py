@@ -29,6 +29,11 @@ class Metric:
         """Arrow that points to better scores."""
         return "↑" if self.higher_is_better else "↓"
 
+    @property
+    def near(self) -> str:
+        """The negligible difference, with its unit."""
+        return f"{self.negligible:g} {self.unit}"
+
     def text(self, value: float, sign: str = "") -> str:
         """Format a score or a difference of scores, without the unit.
 

@@ -72,8 +72,10 @@ def measured(
 
 
 def on_buses(choice: Choice) -> dict[float, int | None]:
-    """Return the sufficient widths by capacity in Mev/s."""
-    return {bus.capacity_hz / 1e6: bus.enough for bus in choice.on_buses}
+    """Return the sufficient widths by capacity in Mev/s, where the next slower bus has another."""
+    found = list(choice.on_buses.items())
+    last = [None, *(width for _, width in found)]
+    return {hz / 1e6: width for i, (hz, width) in enumerate(found) if i == 0 or width != last[i]}
 
 
 def test_a_bus_is_asked_of_every_width_of_the_study() -> None:
@@ -144,7 +146,7 @@ def test_nothing_that_doing_nothing_beats_is_recommended(
     values, idle, rates_hz = ({w: v[k] for w, v in found.items()} for k in range(3))
     choice = measured(values, rates_hz, nothing=idle)
     recommended = [(math.inf, choice.enough)] if choice.worthwhile else []
-    recommended += [(bus.capacity_hz, bus.enough) for bus in choice.on_buses if bus.enough]
+    recommended += [(hz, width) for hz, width in choice.on_buses.items() if width]
     for capacity_hz, width in recommended:
         assert values[width] > idle[width]
         assert rates_hz[width] <= capacity_hz

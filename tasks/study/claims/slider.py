@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -39,13 +38,6 @@ _FAST = round(_FAST_M_PER_S / BASE_SPEED_M_PER_S, 9)
 _NATIVE_PATCH = "61 px patch"
 
 
-class _Judged(NamedTuple):
-    """A series, and whether it decides."""
-
-    series: Series
-    decides: bool
-
-
 @dataclass(frozen=True, kw_only=True)
 class SliderClaim(Claim):
     """The middle distance is better than the nearest, on every print and in every real light."""
@@ -68,7 +60,7 @@ class SliderClaim(Claim):
         lines: list[str] = []
         samples: dict[str, int] = {}  # by print, of the series with the fewest
         missing = [PHOTOMETRIC.task, TRACKING.task]
-        for series, decides in _judged(scores):
+        for series, decides in _judged(scores).items():
             metric = TASKS[series.task].metric
             for scene in (one for one in PRINTS if one in scores.scenes(series)):
                 found = dict(_readings(scores, series, scene))
@@ -90,16 +82,13 @@ class SliderClaim(Claim):
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
 
-def _judged(scores: Scores) -> Iterator[_Judged]:
-    """Yield the series of a run, with those that only stand beside."""
+def _judged(scores: Scores) -> dict[Series, bool]:
+    """Return the series of a run, and whether they decide or only stand beside."""
     tracking = judged_series(scores)
-    beside = (
-        PHOTOMETRIC._replace(variant=_NATIVE_PATCH),
-        TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm"),
-    )
-    for one in dict.fromkeys((PHOTOMETRIC, beside[0], tracking, beside[1])):
-        if one is not None and one in scores.series():
-            yield _Judged(one, one in (PHOTOMETRIC, tracking))
+    native = PHOTOMETRIC._replace(variant=_NATIVE_PATCH)
+    papers_start = TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm")
+    every = (PHOTOMETRIC, native, tracking, papers_start)
+    return {one: one in (PHOTOMETRIC, tracking) for one in every if one in scores.series()}
 
 
 def _readings(scores: Scores, series: Series, scene: str) -> Iterator[tuple[float, Reading]]:

@@ -53,7 +53,7 @@ BLOCKS = {"overview": overview, "details": details}
 
 def _rule_text(found: Mapping[Series, Choices]) -> str:
     metrics = dict.fromkeys(TASKS[one.task].metric for one in found)
-    near = join_words([f"{metric.negligible:g} {metric.unit}" for metric in metrics], "or")
+    near = join_words([metric.near for metric in metrics], "or")
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "
         '"None": not even the best beats doing nothing by more than that.'

@@ -36,23 +36,6 @@ class Pick:
 
 
 @dataclass(frozen=True, slots=True)
-class OnBus:
-    """Width that is enough on a bus.
-
-    Attributes
-    ----------
-    capacity_hz
-        Capacity of the bus, events/s. The same width is enough on faster buses, up to the next
-        entry.
-    enough
-        Smallest width that the bus carries and that is enough, px; None if no width is.
-    """
-
-    capacity_hz: float
-    enough: int | None
-
-
-@dataclass(frozen=True, slots=True)
 class Choice:
     """Best width under one condition, and the smallest that is as good.
 
@@ -67,8 +50,8 @@ class Choice:
         paired 95 % interval of the difference contains zero. None if there is none, or the samples
         are too few for an interval.
     on_buses
-        Result of the rule for the widths that a bus carries: for the slowest bus of a real camera,
-        and for each faster bus with another result.
+        `enough` of the widths that a bus carries, by the capacity of each bus of real cameras in
+        events/s; None if none of them is worthwhile.
     paper
         `enough` from the paper's medians; None if the paper lacks one of the widths.
     """
@@ -78,7 +61,7 @@ class Choice:
     enough: int
     worthwhile: bool
     tied: int | None
-    on_buses: tuple[OnBus, ...]
+    on_buses: Mapping[float, int | None]
     paper: int | None
 
 
@@ -127,6 +110,11 @@ def choose(
             return None
         cells[width], medians[width], rates[width] = cell, cell.median, cell.event_rate_hz
     picked = pick(medians, nothing, metric)
+    on_buses: dict[float, int | None] = {}
+    for capacity_hz in capacities_hz():
+        carried = {w: median for w, median in medians.items() if rates[w] <= capacity_hz}
+        found = pick(carried, nothing, metric) if carried else None
+        on_buses[capacity_hz] = found.enough if found and found.worthwhile else None
     best = cells[picked.best]
     smaller = [width for width in cells if width < picked.enough]
     if best.samples < MIN_SAMPLES_FOR_INTERVAL:
@@ -137,7 +125,7 @@ def choose(
         enough=picked.enough,
         worthwhile=picked.worthwhile,
         tied=next((width for width in smaller if _tied(best, cells[width], sign)), None),
-        on_buses=_on_buses(medians, rates, nothing, metric),
+        on_buses=on_buses,
         paper=pick(printed, {}, metric).enough if len(printed) == len(medians) else None,
     )
 
@@ -167,23 +155,6 @@ def pick(medians: Mapping[int, float], nothing: Mapping[int, float], metric: Met
     worthwhile = gain(best) > metric.negligible
     near = [w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible]
     return Pick(best, min(w for w in near if not worthwhile or gain(w) > 0), worthwhile)
-
-
-def _on_buses(
-    medians: Mapping[int, float],
-    rates_hz: Mapping[int, float],
-    nothing: Mapping[int, float],
-    metric: Metric,
-) -> tuple[OnBus, ...]:
-    """Apply the rule to the widths that each capacity carries; skip capacities without effect."""
-    found: list[OnBus] = []
-    for capacity_hz in capacities_hz():
-        carried = {w: median for w, median in medians.items() if rates_hz[w] <= capacity_hz}
-        picked = pick(carried, nothing, metric) if carried else None
-        enough = picked.enough if picked and picked.worthwhile else None
-        if not found or enough != found[-1].enough:
-            found.append(OnBus(capacity_hz, enough))
-    return tuple(found)
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:

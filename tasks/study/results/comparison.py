@@ -105,10 +105,9 @@ class ComparisonTable:
         if self.contrast_threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {self.contrast_threshold:g}; "
         share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
-        near = f"{metric.negligible:g} {metric.unit}"
         last = f"{share.head}: {share.meaning}" if share else "M/s: million events per second"
         return (
-            f"{paper}bold: best of the column; underlined: the smallest within {near} of "
+            f"{paper}bold: best of the column; underlined: the smallest within {metric.near} of "
             f"it; struck out: no better than doing nothing; {last}; "
             f"{MISSING}: not measured, or samples are missing (n of N)"
         )

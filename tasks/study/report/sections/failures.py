@@ -55,7 +55,7 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
     }
     caption = f"{scene}: share of successful trials, and median error of all trials"
     heads = [Text(""), *width_texts(widths)]
-    return Table("sweep", f"Perturbations, {scene}", caption, heads, blocks)
+    return Table(caption, heads, blocks)
 
 
 def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
@@ -113,4 +113,5 @@ def failure_table(scores: Scores) -> Table | None:
         share = share_text(failed / total if total else None)
         rows[Text(one.title)] = [Text(f"{failed:,} of {total:,}"), Text(share), Text(why)]
     heads = [Text(head) for head in ("method", "failed", "share", "why")]
-    return Table("failures", "Failures", "", heads, {Text(""): rows}) if rows else None
+    caption = "Failures over all conditions"
+    return Table(caption, heads, {Text(""): rows}, "failures") if rows else None

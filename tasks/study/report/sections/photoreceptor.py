@@ -86,9 +86,8 @@ def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
         head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed_label(lead.scene, lead.speed)}")
         blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[Text(paper)] * with_paper]
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse} px, {metric.unit}"
-    label = f"Photoreceptors, {series.title}"
     last = [Text("paper")] * with_paper
-    return Table("sweep", label, caption, [Text(""), *heads, *last], blocks)
+    return Table(caption, [Text(""), *heads, *last], blocks)
 
 
 def _verdicts(found: list[list[Verdict]], heads: list[Text]) -> Table:
@@ -97,5 +96,4 @@ def _verdicts(found: list[list[Verdict]], heads: list[Text]) -> Table:
         for of_claim in zip(*found, strict=True)
         if len({one.status for one in of_claim}) > 1
     }
-    caption = "Claims with another verdict"
-    return Table("sweep", caption, caption, [Text("claim"), *heads], {Text(""): rows})
+    return Table("Claims with another verdict", [Text("claim"), *heads], {Text(""): rows})

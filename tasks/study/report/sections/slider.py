@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
-from tasks.study.report.table import Rows, Table, Text
+from tasks.study.report.table import Rows, Table, Text, score_text
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper_slider import (
     NOTHING_MM,
@@ -16,7 +16,7 @@ from tasks.study.results.paper_slider import (
     slider_scores,
     worse_than_nothing,
 )
-from tasks.study.results.scores import Condition, Scores, beats
+from tasks.study.results.scores import Condition, Scores
 from tasks.study.results.slider import (
     BASE_SPEED_M_PER_S,
     FIELD_PX,
@@ -113,7 +113,7 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
             lights = scores.cutoffs_hz(series)
             for hz in lights:
                 rows[Text(light_label(hz))] = [
-                    _our_text(scores, series, at._replace(cutoff_hz=hz)) for at in where
+                    score_text(scores, series, at._replace(cutoff_hz=hz)) for at in where
                 ]
             if lights:  # doing nothing is the same in every light
                 idle = [scores.baseline(series, at._replace(cutoff_hz=lights[0])) for at in where]
@@ -123,7 +123,7 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
             blocks[Text(scene, f"{speed:g} m/s")] = rows
     heads = [Text(""), *(Text(f"{width} px", distance_label(width)) for width in _WIDTHS)]
     caption = f"{series.title}: median {metric.label} [{metric.unit}] {metric.arrow}"
-    return Table("sweep", series.title, caption, heads, blocks)
+    return Table(caption, heads, blocks)
 
 
 def _paper_text(series: Series, value: float, width: int) -> Text:
@@ -131,14 +131,6 @@ def _paper_text(series: Series, value: float, width: int) -> Text:
     worse = series.task == "tracking" and value > NOTHING_MM
     small = "" if width in _WIDTHS else f"{width} px"
     return Text(TASKS[series.task].metric.text(value), small, "struck" if worse else "")
-
-
-def _our_text(scores: Scores, series: Series, where: Condition) -> Text:
-    cell = scores.cell(series, where)
-    if cell.median is None:
-        return Text(MISSING)
-    idle = beats(cell, scores.baseline(series, where), series) is False
-    return Text(TASKS[series.task].metric.text(cell.median), "", "struck" if idle else "")
 
 
 def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
@@ -158,7 +150,7 @@ def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
             ]
         blocks[Text(series.title)] = rows
     heads = [Text(""), *(Text(f"{speed:g} m/s") for speed in SPEEDS_M_PER_S)]
-    return Table("sweep", "Prints on which the full size is best", "", heads, blocks)
+    return Table("On how many prints the full size is best", heads, blocks)
 
 
 def _full_is_best(series: Series, values: Sequence[float]) -> bool:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from tasks.registry import TASKS
 from tasks.study.report.plot import Line, Panel, Plot, width_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
-from tasks.study.report.table import Rows, Table, Text, cutoff_text
+from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Condition, Scores, base_speed, beats
+from tasks.study.results.scores import Condition, Scores, base_speed
 from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, share_text
 
 Comparison = tuple[Plot, Table, Table]
@@ -76,8 +76,8 @@ def _compare(
     by_threshold = f"by contrast threshold, {scene}"
     return (
         score_plot(f"Scores {by_threshold}", series, width_keys(widths), panels, bus_hz),
-        Table("sweep", f"Choice {by_threshold}", "", [Text(""), *heads], {Text(""): choices}),
-        Table("sweep", f"Numbers {by_threshold}", caption, [Text("sensor"), *heads], blocks),
+        Table(f"Choice {by_threshold}", [Text(""), *heads], {Text(""): choices}),
+        Table(caption, [Text("sensor"), *heads], blocks),
     )
 
 
@@ -90,10 +90,7 @@ def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed:
 
 
 def _score(scores: Scores, series: Series, where: Condition) -> Text:
-    cell = scores.cell(series, where)
-    if cell.median is None:
-        return Text(MISSING)
-    idle = beats(cell, scores.baseline(series, where), series) is False
+    cell, text = scores.cell(series, where), score_text(scores, series, where)
     failed = f", {share_text(cell.failure_share)} fail" if cell.failed.any() else ""
     rate = f"{rate_label(cell.event_rate_hz)} M/s{failed}"
-    return Text(TASKS[series.task].metric.text(cell.median), rate, "struck" if idle else "")
+    return text if cell.median is None else text._replace(small=rate)

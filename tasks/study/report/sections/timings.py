@@ -42,7 +42,7 @@ def stage_table(costs: Sequence[JobTimings]) -> Table:
         texts = time, share, "\n".join(sums), "\n".join(rates)
         rows[Text(stage)] = [Text(text) for text in texts]
     heads = [Text(head) for head in ("stage", "time", "share", "amount", "rate")]
-    return Table("stages", "Time of each stage", "Stages, sum over jobs", heads, {Text(""): rows})
+    return Table("Stages, sum over jobs", heads, {Text(""): rows}, "stages")
 
 
 def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
@@ -66,8 +66,7 @@ def method_table(costs: Sequence[JobTimings]) -> Table:
         for series, every in found.items()
     }
     heads = [Text("method"), *width_texts(widths), Text("estimates"), Text("total")]
-    caption = "Time of an estimate, by sensor"
-    return Table("costs", "Time of each method", caption, heads, {Text(""): rows})
+    return Table("Time of an estimate, by sensor", heads, {Text(""): rows}, "costs")
 
 
 def _estimate(costs: Sequence[MethodTimings]) -> Text:
