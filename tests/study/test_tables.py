@@ -199,7 +199,7 @@ def test_failed_items_count_and_are_shown() -> None:
     assert table.blocks[0].lines[0].entries[0].cell.median == 2.0
     page = comparison_html(table)
     for cell in (
-        '"ideal"><strong>2.00',
+        '"ideal"><strong><u>2.00</u></strong>',
         'class="rate" data-label="native px">1.00</td>',
         ">33%</td>",
     ):
