@@ -18,12 +18,6 @@ def without_space(page: str) -> str:
     return re.sub(r">\s+<", "><", page)
 
 
-def macro(name: str, *values: object, **named: object) -> str:
-    """Draw a macro of the templates."""
-    module = TEMPLATES.get_template("macros.html").module
-    return without_space(getattr(module, name)(*values, **named)).strip()
-
-
 def comparison_html(table: ComparisonTable) -> str:
     """Draw our medians and the paper's."""
     template = TEMPLATES.get_template("comparison.html")

@@ -351,6 +351,16 @@ def test_every_task_has_its_place(tmp_path: Path) -> None:
     }
 
 
+def test_a_single_perturbation_is_in_the_tables_alone(tmp_path: Path) -> None:
+    """Promise: success is listed by perturbation if there are several; one is in all scores."""
+    several = all_tasks()
+    one = [r for r in several if r.variant != "sigma 20 mm"]
+    for name, rows, listed in (("several", several, 1), ("one", one, 0)):
+        page = page_of(make_run(tmp_path / name, rows))
+        assert page.count("Numbers by scene") == listed
+        assert "2 mm, the largest perturbation" in page
+
+
 def test_a_run_of_one_task_needs_no_selector(tmp_path: Path) -> None:
     """Event integration alone: its plots are visible, and there is no selector."""
     page = html_of(tmp_path, paper_rows(samples=1))

@@ -14,10 +14,10 @@ from tasks.study.results.words import MISSING, share_text
 
 
 def sweeps(scores: Scores) -> dict[str, list[Series]]:
-    """Return the series of each tracking method by ascending perturbation, by the method's name."""
+    """Return the series of each tracking method with several perturbations, ascending, by name."""
     methods = dict.fromkeys(one.method for one in scores.series() if one.task == TRACKING.task)
     found = [sweep(scores, method) for method in methods]
-    return {of_one[0]._replace(variant="").name: of_one for of_one in found if of_one}
+    return {of_one[0]._replace(variant="").name: of_one for of_one in found if of_one[1:]}
 
 
 def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
