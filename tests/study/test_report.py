@@ -102,13 +102,17 @@ def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
 
 
 def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
-    """The page has tables, plot data, claims and provenance, all escaped."""
+    """The page has tables, plot data, claims and provenance, all escaped; each speed has one block
+    of scores."""
     page = html_of(tmp_path, paper_rows())
     for width in WIDTHS:
         assert f">{width} px<" in page
     for text in ("ideal", "day", "night", "24.09", "no events", "claim 9", "--preset quick"):
         assert text in page
     assert "llvm &lt;mono&gt;" in page
+    (scores,) = re.findall(r'<section id="tables".*?</section>', page, re.DOTALL)
+    blocks = re.findall(r'class="block">.*?<small>([^<]*)</small>', scores)
+    assert blocks == ["0.9 m/s", "1.2 m/s", "1.8 m/s"]
     (plot,) = plots_of(page)
     assert [key["label"] for key in plot["keys"]] == [str(width) for width in WIDTHS]
     for panel in plot["panels"]:
