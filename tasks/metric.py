@@ -30,6 +30,11 @@ class Metric:
         return "↑" if self.higher_is_better else "↓"
 
     @property
+    def heading(self) -> str:
+        """Its label, unit and arrow."""
+        return f"{self.label} [{self.unit}] {self.arrow}"
+
+    @property
     def near(self) -> str:
         """The negligible difference, with its unit."""
         return f"{self.negligible:g} {self.unit}"

@@ -14,6 +14,7 @@ from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
 from tasks.study.results.words import (
     MISSING,
+    capitalized,
     rate_label,
     share_text,
 )
@@ -84,8 +85,7 @@ class ComparisonTable:
     def title(self) -> str:
         """Return the title with metric, unit and the better direction."""
         metric = TASKS[self.series.task].metric
-        name = self.series.title[0].upper() + self.series.title[1:]
-        return f"{name}: median {metric.label} [{metric.unit}] {metric.arrow}"
+        return f"{capitalized(self.series.title)}: median {metric.heading}"
 
     @property
     def source(self) -> str | None:

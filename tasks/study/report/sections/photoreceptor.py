@@ -14,6 +14,7 @@ from tasks.study.results.perturbation import is_main
 from tasks.study.results.readings import Lead, leads
 from tasks.study.results.words import (
     MISSING,
+    BaseSpeeds,
     capitalized,
     cutoff_label,
     photoreceptor_label,
@@ -60,7 +61,7 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
     names = [photoreceptor_label(name) for name in readings]
     heads = [Text(name, "" if i else "this page") for i, name in enumerate(names)]
     tables = [
-        _table(series, found, heads)
+        _table(series, found, heads, run.base_speeds)
         for series in run.series
         if is_main(series) and (found := leads(readings, series))
     ]
@@ -70,7 +71,7 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
     return Readings(names, tables, _verdicts(verdicts, heads))
 
 
-def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
+def _table(series: Series, found: list[Lead], heads: list[Text], base: BaseSpeeds) -> Table:
     metric = TASKS[series.task].metric
     fine, coarse = found[0].widths
     with_paper = any(lead.paper is not None for lead in found)
@@ -83,7 +84,8 @@ def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
             for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
-        head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed_label(lead.scene, lead.speed)}")
+        speed = speed_label(lead.scene, lead.speed, base)
+        head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed}")
         blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[Text(paper)] * with_paper]
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse} px, {metric.unit}"
     last = [Text("paper")] * with_paper

@@ -122,7 +122,7 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
                 ]
             blocks[Text(scene, f"{speed:g} m/s")] = rows
     heads = [Text(""), *(Text(f"{width} px", distance_label(width)) for width in _WIDTHS)]
-    caption = f"{series.title}: median {metric.label} [{metric.unit}] {metric.arrow}"
+    caption = f"{series.title}: median {metric.heading}"
     return Table(caption, heads, blocks)
 
 

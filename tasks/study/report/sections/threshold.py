@@ -70,8 +70,8 @@ def _compare(
         Text(f"C = {s.contrast_threshold:g}", "this page" if s is first else "") for s in ascending
     ]
     caption = (
-        f"{scene}: median {metric.label} [{metric.unit}] {metric.arrow}, and million events per "
-        "second; struck out: no better than doing nothing"
+        f"{scene}: median {metric.heading}, and million events per second; struck out: no better "
+        "than doing nothing"
     )
     by_threshold = f"by contrast threshold, {scene}"
     return (
