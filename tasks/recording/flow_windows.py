@@ -263,8 +263,20 @@ class Reference(Protocol):
     centers_px: NDArray[np.float64]
 
     def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
-        """Return the score of a flow, (2,) px per window, at one of the points."""
-        ...
+        """Score a flow at one of the points.
+
+        Parameters
+        ----------
+        item
+            Number of the point.
+        flow_px
+            (2,) the flow, px per window.
+
+        Returns
+        -------
+        float
+            The score, in the unit of the metric.
+        """
 
 
 class _Tracks:

@@ -45,7 +45,22 @@ def cutoff_text(cutoff_hz: float) -> Text:
 
 
 def score_text(scores: Scores, series: Series, where: Condition) -> Text:
-    """Return a median score, struck out if it is no better than doing nothing."""
+    """Print a median score.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Method and task.
+    where
+        Condition.
+
+    Returns
+    -------
+    Text
+        Struck out if it is no better than doing nothing; a dash if samples are missing.
+    """
     cell = scores.cell(series, where)
     if cell.median is None:
         return Text(MISSING)
