@@ -28,7 +28,8 @@ from tasks.methods import load_method
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX
 from tasks.recording.calibration import read_calibration
 from tasks.recording.clock import estimate_shift
-from tasks.recording.flow import score_flow, spread
+from tasks.recording.flow import score_flow
+from tasks.recording.flow_windows import spread
 from tasks.recording.frames import Frames, open_frames
 from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import FlowOptions

@@ -258,6 +258,114 @@ class Camera:
         """
         return _undistorted_positions(self)
 
+    def cropped(self, left: int, top: int, width: int, height: int) -> Camera:
+        """Return the camera whose image is a part of this camera's, pixel by pixel.
+
+        Parameters
+        ----------
+        left, top
+            First column and row of the part, px; it may lie outside the image.
+        width, height
+            Size of the part, px.
+
+        Returns
+        -------
+        camera
+            It shows at (x, y) what this camera shows at (x + left, y + top), through the same lens.
+
+        Raises
+        ------
+        RenderError
+            If the part has no pixels, or the lens folds it.
+
+        Examples
+        --------
+        >>> from eres_render import Camera
+        >>> part = Camera(1280, 1280, fx=1000.0).cropped(0, 280, 1280, 720)
+        >>> part.height, part.fx, part.cx, part.cy
+        (720, 1000.0, 640.0, 360.0)
+        """
+        moved = {"cx": self.cx - left, "cy": self.cy - top}
+        return Camera(width, height, fx=self.fx, fy=self.fy, **moved, distortion=self.distortion)
+
+    def resized(self, width: int, height: int | None = None) -> Camera:
+        """Return the camera at another resolution.
+
+        By default it sees all that this camera sees, at the height that makes its pixels as square
+        as this camera's, to within rounding. With a given height it sees the largest central part
+        that has its shape, as a sensor does.
+
+        Parameters
+        ----------
+        width, height
+            Size of the image, px.
+
+        Returns
+        -------
+        camera
+            The camera, with the same lens.
+
+        Raises
+        ------
+        RenderError
+            If the image has no pixels.
+
+        Examples
+        --------
+        >>> from eres_render import Camera
+        >>> half = Camera(1280, 720, fx=1000.0, cx=650.0).resized(640)
+        >>> half.height, round(half.fx, 6), round(half.cx, 6), half.cy
+        (360, 500.0, 325.0, 180.0)
+        """
+        fov_rad, stretch = self.fov_rad, 1.0
+        if height is None:
+            height = round(width * self.height / self.width)
+            stretch = height * self.width / (self.height * width)
+        else:
+            share = self.height * width / (self.width * height)  # of this width, if < 1
+            if share < 1:
+                fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
+        fx = Camera(width, height, fov_rad).fx
+        fy = fx * (self.fy / self.fx) * stretch
+        return Camera(
+            width,
+            height,
+            fov_rad,
+            fy=fy,
+            cx=0.5 * width + fx / self.fx * (self.cx - 0.5 * self.width),
+            cy=0.5 * height + fy / self.fy * (self.cy - 0.5 * self.height),
+            distortion=self.distortion,
+        )
+
+    def zoomed(self, times: float) -> Camera:
+        """Return the camera with longer focal lengths.
+
+        Parameters
+        ----------
+        times
+            New focal lengths over the old ones. From as many times the distance, a camera that
+            faces a plane then sees the same of it at each pixel, if it has no lens.
+
+        Returns
+        -------
+        camera
+            It has the same size, principal point and distortion.
+
+        Raises
+        ------
+        RenderError
+            If the focal lengths are not positive numbers, or the lens folds the image.
+
+        Examples
+        --------
+        >>> from eres_render import Camera
+        >>> camera = Camera(640, 480, fx=500.0)
+        >>> camera.project([0.1, 0.0, 1.0]), camera.zoomed(2.0).project([0.1, 0.0, 2.0])
+        (array([370., 240.]), array([370., 240.]))
+        """
+        fx, fy, center = times * self.fx, times * self.fy, {"cx": self.cx, "cy": self.cy}
+        return Camera(self.width, self.height, fx=fx, fy=fy, **center, distortion=self.distortion)
+
     def grid(self, n: int) -> Float64:
         """Return (n * n, 2) pixels that span the image evenly, its corners included."""
         x, y = np.meshgrid(np.linspace(0, self.width, n), np.linspace(0, self.height, n))

@@ -1,6 +1,7 @@
 """Errors of the render package. Each message names file, field, found and expected value."""
 
 import difflib
+import math
 from collections.abc import Collection
 
 
@@ -83,3 +84,36 @@ def nearest(name: str, known: Collection[str]) -> str:
     """
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     return f"did you mean {near[0]!r}?" if near else f"choose from: {', '.join(known)}"
+
+
+def check_positive(
+    name: str, found: float, error: type[ValueError], expected: str = "a positive number"
+) -> None:
+    """Refuse a number that is not positive, or infinite.
+
+    Parameters
+    ----------
+    name
+        Name of the setting, as the user knows it.
+    found
+        Its value.
+    error
+        Class of the error.
+    expected
+        What it has to be, if a unit says more.
+
+    Raises
+    ------
+    error
+        The number is 0, negative, infinite or no number.
+
+    Examples
+    --------
+    >>> from eres_render.errors import RenderError, check_positive
+    >>> check_positive("step_s", 0.05, RenderError)
+    >>> check_positive("step_s", 0.0, RenderError)
+    Traceback (most recent call last):
+    eres_render.errors.RenderError: step_s: found 0.0, expected a positive number
+    """
+    if not 0 < found < math.inf:
+        raise error(f"{name}: found {found}, expected {expected}")

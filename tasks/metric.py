@@ -29,6 +29,16 @@ class Metric:
         """Arrow that points to better scores."""
         return "↑" if self.higher_is_better else "↓"
 
+    @property
+    def heading(self) -> str:
+        """Its label, unit and arrow."""
+        return f"{self.label} [{self.unit}] {self.arrow}"
+
+    @property
+    def near(self) -> str:
+        """The negligible difference, with its unit."""
+        return f"{self.negligible:g} {self.unit}"
+
     def text(self, value: float, sign: str = "") -> str:
         """Format a score or a difference of scores, without the unit.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eres_render.errors import check_positive
 from eres_render.storage.atomic import write_bytes
 from sensor.model import PHOTORECEPTORS
 from tasks.errors import ResultError
@@ -62,19 +63,12 @@ class Row:
     dropped: float = 0.0  # share of the window's events that the bus lost
 
     def __post_init__(self) -> None:
-        if self.width <= 0:
-            raise ResultError(f"Row.width: found {self.width}, expected a positive number")
+        for name in ("width", "contrast_threshold", "speed"):
+            check_positive(f"Row.{name}", getattr(self, name), ResultError)
         if not self.cutoff_hz > 0:
             raise ResultError(
                 f"Row.cutoff_hz: found {self.cutoff_hz}, expected a positive number or inf"
             )
-        if not (self.contrast_threshold > 0 and math.isfinite(self.contrast_threshold)):
-            raise ResultError(
-                "Row.contrast_threshold: "
-                f"found {self.contrast_threshold}, expected a positive number"
-            )
-        if not (self.speed > 0 and math.isfinite(self.speed)):
-            raise ResultError(f"Row.speed: found {self.speed}, expected a positive number")
         if self.photoreceptor not in PHOTORECEPTORS:
             expected = " or ".join(map(repr, PHOTORECEPTORS))
             raise ResultError(

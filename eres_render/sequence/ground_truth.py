@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -124,9 +123,8 @@ class GroundTruth:
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution.
 
-        By default it sees all of the frames, at the height that makes its pixels as square as
-        theirs, to within rounding. With a given height it sees the largest central part of them
-        that has its shape, as a sensor does.
+        It sees all of the frames, or with a given height their largest central part with that
+        shape, as a sensor does; see `Camera.resized`.
 
         Parameters
         ----------
@@ -138,26 +136,7 @@ class GroundTruth:
         camera
             Its `K` is the camera matrix; its lens is that of the frames.
         """
-        whole = self._camera
-        fov_rad, stretch = whole.fov_rad, 1.0
-        if height is None:
-            height = round(width * whole.height / whole.width)
-            stretch = height * whole.width / (whole.height * width)
-        else:
-            share = whole.height * width / (whole.width * height)  # of the frames' width, if < 1
-            if share < 1:
-                fov_rad = 2 * math.atan(share * math.tan(0.5 * fov_rad))
-        fx = Camera(width, height, fov_rad).fx
-        fy = fx * (whole.fy / whole.fx) * stretch
-        return Camera(
-            width,
-            height,
-            fov_rad,
-            fy=fy,
-            cx=0.5 * width + fx / whole.fx * (whole.cx - 0.5 * whole.width),
-            cy=0.5 * height + fy / whole.fy * (whole.cy - 0.5 * whole.height),
-            distortion=whole.distortion,
-        )
+        return self._camera.resized(width, height)
 
     def of_camera(self, camera: Camera) -> GroundTruth:
         """Return the ground truth of another camera on the same path."""

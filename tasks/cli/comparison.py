@@ -35,8 +35,8 @@ def _rich_block(block: Block, table: ComparisonTable) -> Table:
         cells = [Text("do nothing" if line.width is None else line_label(line, table.series))]
         for entry in line.entries:
             styles = {
-                "ours": _style(entry.best, entry.beats_nothing is False),
-                "paper": _style(entry.paper_best, False),
+                "ours": _style(entry.best, entry.enough, entry.beats_nothing is False),
+                "paper": _style(entry.paper_best, entry.paper_enough, False),
             }
             cells += [
                 Text(c.text(table.series, entry, line), styles.get(c.kind, "")) for c in columns
@@ -45,5 +45,5 @@ def _rich_block(block: Block, table: ComparisonTable) -> Table:
     return shown
 
 
-def _style(best: bool, idle: bool) -> str:
-    return " ".join(["bold"] * best + ["strike"] * idle)
+def _style(best: bool, enough: bool, idle: bool) -> str:
+    return " ".join(["bold"] * best + ["underline"] * enough + ["strike"] * idle)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
@@ -14,76 +15,59 @@ from tasks.errors import TrainingError
 if TYPE_CHECKING:
     from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 
-_Config = Annotated[str, arg(metavar="NAME|FILE.toml")]
-_Light = Literal["ideal", "all"]
-_Device = Literal["cpu", "cuda"]
 _Runs = Annotated[
     Positional[tuple[Path, ...]], arg(metavar="RUNS", help="folders of finished trainings")
 ]
 
 
-def reconstruction(
-    out: Path,
-    config: _Config = "small",
-    light: _Light = "all",
-    seed: int = 0,
-    device: _Device | None = None,
-) -> None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrainingOptions:
+    """What a training of either network starts from.
+
+    Parameters
+    ----------
+    out
+        Folder of the training.
+    config
+        Settings: small, or trial, smaller still and done in minutes, or a TOML file
+        (docs/training.md).
+    light
+        Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.
+    seed
+        Seed of crops and first weights.
+    device
+        Where to compute; by default a GPU if PyTorch finds one.
+    """
+
+    out: Path
+    config: Annotated[str, arg(metavar="NAME|FILE.toml")] = "small"
+    light: Literal["ideal", "all"] = "all"
+    seed: int = 0
+    device: Literal["cpu", "cuda"] | None = None
+
+
+def reconstruction(training: OmitArgPrefixes[TrainingOptions]) -> None:
     """Train our network for reconstruction: images from events alone.
 
     OUT gets weights.pt at the end, for --weights our_reconstruction_all_light=OUT/weights.pt (or
     ideal_light, as trained), and as it goes the learning curve, curve.csv and curve.png. The same
     command continues after an interruption.
-
-    Parameters
-    ----------
-    out
-        Folder of the training.
-    config
-        Settings: small, or trial, smaller still and done in minutes, or a TOML file
-        (docs/training.md).
-    light
-        Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.
-    seed
-        Seed of crops and first weights.
-    device
-        Where to compute; by default a GPU if PyTorch finds one.
     """
     from tasks.learned.training.settings import RECONSTRUCTIONS, find_training
 
-    _train(find_training(RECONSTRUCTIONS, config), light, seed, out, device)
+    _train(find_training(RECONSTRUCTIONS, training.config), training)
 
 
-def flow(
-    out: Path,
-    config: _Config = "small",
-    light: _Light = "all",
-    seed: int = 0,
-    device: _Device | None = None,
-) -> None:
+def flow(training: OmitArgPrefixes[TrainingOptions]) -> None:
     """Train our network for dense optical flow.
 
     OUT gets weights.pt at the end, for --weights our_flow_all_light=OUT/weights.pt (or ideal_light,
     as trained), and as it goes the learning curve, curve.csv and curve.png. The same command
     continues after an interruption.
-
-    Parameters
-    ----------
-    out
-        Folder of the training.
-    config
-        Settings: small, or trial, smaller still and done in minutes, or a TOML file
-        (docs/training.md).
-    light
-        Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.
-    seed
-        Seed of crops and first weights.
-    device
-        Where to compute; by default a GPU if PyTorch finds one.
     """
     from tasks.learned.training.settings import FLOWS, find_training
 
-    _train(find_training(FLOWS, config), light, seed, out, device)
+    _train(find_training(FLOWS, training.config), training)
 
 
 def card(runs: _Runs, out: Path | None = None) -> None:
@@ -106,15 +90,9 @@ def card(runs: _Runs, out: Path | None = None) -> None:
         write_text(out, text)
 
 
-def _train(
-    settings: ReconstructionTraining | FlowTraining,
-    light: _Light,
-    seed: int,
-    out: Path,
-    device: _Device | None,
-) -> None:
-    if seed < 0:
-        raise TrainingError(f"seed: found {seed}, expected 0 or more")
+def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOptions) -> None:
+    if options.seed < 0:
+        raise TrainingError(f"seed: found {options.seed}, expected 0 or more")
     from tasks.cli.progress_bar import progress_bar
     from tasks.provenance import environment
 
@@ -129,10 +107,10 @@ def _train(
     with progress_bar(terminal.err) as on_progress:
         problem, scores = start(
             settings,
-            light,
-            seed,
-            out.resolve(),
-            device=device,
+            options.light,
+            options.seed,
+            options.out.resolve(),
+            device=options.device,
             made_with=environment(),
             on_progress=on_progress,
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render import Camera, GroundTruth, RadianceSequence
+from eres_render import GroundTruth, RadianceSequence
 from sensor.optics import crop_to_aspect
 
 
@@ -53,14 +53,7 @@ def central_part(
     seen = columns.stop - columns.start, rows.stop - rows.start
     if seen == (whole.width, whole.height):
         return sequence, truth
-    camera = Camera(
-        *seen,
-        fx=whole.fx,
-        fy=whole.fy,
-        cx=whole.cx - columns.start,
-        cy=whole.cy - rows.start,
-        distortion=whole.distortion,
-    )
+    camera = whole.cropped(columns.start, rows.start, *seen)
     manifest = replace(
         sequence.manifest,
         width=camera.width,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from eres_render.errors import check_positive
 from tasks.errors import TaskError
 
 
@@ -35,8 +36,7 @@ class FrameCameraOptions:
         TaskError
             The text names the option.
         """
-        if not 0 < self.exposure < math.inf:
-            raise TaskError(f"exposure: found {self.exposure}, expected seconds above 0")
+        check_positive("exposure", self.exposure, TaskError, "a positive number of seconds")
         if not self.full_well > 0:
             raise TaskError(f"full_well: found {self.full_well}, expected a positive number")
         if not 0 <= self.read_noise < math.inf:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.engine.bank import DARK_FRACTION
@@ -75,8 +76,7 @@ class SimulationOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        if not 0 < self.speed < np.inf:
-            raise TaskError(f"speed: found {self.speed}, expected a positive factor")
+        check_positive("speed", self.speed, TaskError, "a positive factor")
 
 
 AS_IN_THE_FRAMES = SimulationOptions()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import check_positive
 from sensor.engine.bank import white_level
 from tasks.errors import TaskError
 from tasks.footage import images, video
@@ -99,8 +99,8 @@ def open_footage(
     path = Path(path)
     if not path.exists():
         raise TaskError(f"{path}: found neither a video nor a folder of images under this name")
-    if fps is not None and not 0 < fps < math.inf:
-        raise TaskError(f"fps: found {fps}, expected a positive number of frames per second")
+    if fps is not None:
+        check_positive("fps", fps, TaskError, "a positive number of frames per second")
     coded: Callable[[], Iterator[Coded]]
     if path.is_dir():
         files = images.list_images(path)

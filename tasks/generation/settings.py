@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eres_render.errors import check_positive
 from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
 from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json
@@ -94,7 +95,7 @@ class DatasetSettings:
 
         check("seed", self.seed >= 0, "a whole number of at least 0")
         for name in ("seconds", "max_displacement_px", "truth_step_s"):
-            check(name, 0 < getattr(self, name) < math.inf, "a positive number")
+            check_positive(name, getattr(self, name), TaskError)
         cutoffs = self.cutoffs_hz
         different = bool(cutoffs) and len({*cutoffs}) == len(cutoffs)
         check("cutoffs_hz", different and min(cutoffs) > 0, "different positive numbers of Hz")

@@ -65,25 +65,7 @@ def save(
         torch.save(content, unfinished)
 
 
-def load_reconstruction(file: Path, light: str) -> OurReconstruction:
-    """Read weights of our network for reconstruction.
-
-    Parameters
-    ----------
-    file
-        A file that `save` wrote.
-    light
-        The light of its training, "ideal" or "all".
-
-    Returns
-    -------
-    The network.
-
-    Raises
-    ------
-    WeightsError
-        The file cannot be read, or is of another network or light.
-    """
+def _reconstruction(file: Path, light: str) -> OurReconstruction:
     state = _weights(file, RECONSTRUCTION, light)
     with torch.device("meta"):
         network = E2VIDRecurrent(options_of(state, file))
@@ -91,25 +73,7 @@ def load_reconstruction(file: Path, light: str) -> OurReconstruction:
     return OurReconstruction(network, "our reconstruction")
 
 
-def load_flow(file: Path, light: str) -> ERaft:
-    """Read weights of our network for dense flow.
-
-    Parameters
-    ----------
-    file
-        A file that `save` wrote.
-    light
-        The light of its training, "ideal" or "all".
-
-    Returns
-    -------
-    The network.
-
-    Raises
-    ------
-    WeightsError
-        The file cannot be read, or is of another network or light.
-    """
+def _flow(file: Path, light: str) -> ERaft:
     state = _weights(file, FLOW, light)
     shape = tuple(state[_FIRST].shape) if _FIRST in state else ()
     narrower = [n for n in (1, 2, 4, 8, 16) if len(shape) == 4 and shape[0] == _CHANNELS // n]
@@ -124,11 +88,12 @@ def load_flow(file: Path, light: str) -> ERaft:
     return ERaft(network, shape[1], "our flow")
 
 
-# As `load_reconstruction` and `load_flow`, each of one method.
-reconstruction_ideal_light = partial(load_reconstruction, light="ideal")
-reconstruction_all_light = partial(load_reconstruction, light="all")
-flow_ideal_light = partial(load_flow, light="ideal")
-flow_all_light = partial(load_flow, light="all")
+# Each reads a file that `save` wrote, and raises a `WeightsError` if it cannot be read, or is of
+# another network or light.
+reconstruction_ideal_light = partial(_reconstruction, light="ideal")
+reconstruction_all_light = partial(_reconstruction, light="all")
+flow_ideal_light = partial(_flow, light="ideal")
+flow_all_light = partial(_flow, light="all")
 
 
 def _weights(file: Path, architecture: str, light: str) -> dict[str, Tensor]:

@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import check_positive
 from sensor import Events
 from sensor.events import concatenate
 from sensor.representations import voxel_grid
@@ -80,8 +81,8 @@ class E2vid:
     ) -> None:
         network.check_size(width, height)
         for name, value in (("window_us", window_us), ("events_per_px", events_per_px)):
-            if value is not None and not 0 < value < math.inf:
-                raise TaskError(f"{self.NAME}: {name}: found {value}, expected a positive number")
+            if value is not None:
+                check_positive(f"{self.NAME}: {name}", value, TaskError)
         self._network, self._window_us = network, window_us
         self._count = None
         if events_per_px is not None:

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Literal
 
+from eres_render.errors import check_positive
 from tasks.errors import TaskError
 
 Light = Literal["ideal", "all"]
@@ -56,8 +57,7 @@ class Crops:
         if not 0 <= self.ideal_share <= 1:
             raise TaskError(f"ideal_share: found {self.ideal_share}, expected 0 to 1")
         for name in ("window_ms", "max_displacement_px"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise TaskError(f"{name}: found {getattr(self, name)}, expected a positive number")
+            check_positive(name, getattr(self, name), TaskError)
         for field in fields(self):
             found = getattr(self, field.name)
             if isinstance(found, tuple) and not 0 < found[0] <= found[1] < math.inf:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.methods import check_method
@@ -161,8 +162,7 @@ def _thresholds(
     notes: list[str],
 ) -> Thresholds:
     if given is not None:
-        if not given > 0:
-            raise TaskError(f"threshold: found {given:g}, expected a positive number")
+        check_positive("threshold", given, TaskError)
         return Thresholds(given, given)
     model = recording.header.model
     if model is not None:

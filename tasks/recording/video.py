@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.evaluation.scorers.answers import ask, image_answer
@@ -44,8 +45,7 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     TaskError
         The rate is not positive, there are more than a million, or there is none.
     """
-    if not 0 < options.fps < math.inf:
-        raise TaskError(f"fps: found {options.fps:g}, expected a positive number")
+    check_positive("fps", options.fps, TaskError)
     step_us = 1e6 / options.fps
     start_us = recording.start_us + step_us if options.start is None else 1e6 * options.start
     end_us = recording.end_us if options.end is None else 1e6 * options.end

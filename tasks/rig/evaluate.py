@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera, Plane
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events
 from sensor.events import concatenate
@@ -91,9 +92,7 @@ class RigEvaluation:
 
     def __post_init__(self) -> None:
         for name in ("windows", "features", "travel_m", "initial_sigma_mm"):
-            value = getattr(self, name)
-            if not 0 < value < math.inf:
-                raise RigError(f"{name}: found {value}, expected a positive number")
+            check_positive(name, getattr(self, name), RigError)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera, Distortion
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor.formats import read_events, read_header
 from tasks.errors import RigError
@@ -44,8 +45,7 @@ class Board:
             raise RigError(
                 f"board: found {self.columns}x{self.rows} inner corners, expected at least 3x3"
             )
-        if not 0 < self.square_m < np.inf:
-            raise RigError(f"square: found {self.square_m}, expected a positive number of meters")
+        check_positive("square", self.square_m, RigError, "a positive number of meters")
 
     def points_m(self) -> NDArray[np.float32]:
         """Return the inner corners, (N, 3) m, row by row."""

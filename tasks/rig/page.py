@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from eres_render.errors import check_positive
 from eres_render.scene.texture_recipes import TextureRecipe
 from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.settings_reader import read_json
@@ -69,8 +70,7 @@ class Page:
 
     def __post_init__(self) -> None:
         for name in ("width_m", "height_m", "dot_m", "marker_m"):
-            if not getattr(self, name) > 0:
-                raise RigError(f"{name}: found {getattr(self, name)}, expected a positive number")
+            check_positive(name, getattr(self, name), RigError)
         markers(self.dictionary)
 
     def corners(self, number: int) -> Float64:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from eres_render import Camera, Distortion
 from eres_render.calibration import read_camera
+from eres_render.errors import check_positive
 from eres_render.storage.settings_reader import Vector3, read_toml
 from tasks.errors import RigError
 
@@ -53,7 +54,7 @@ class PageSettings:
 
     def __post_init__(self) -> None:
         for name in ("width_m", "height_m", "picture_width_m", "picture_height_m", "marker_m"):
-            _positive(self, name)
+            check_positive(name, getattr(self, name), RigError)
         for side in ("width", "height"):
             page, picture = getattr(self, f"{side}_m"), getattr(self, f"picture_{side}_m")
             if not picture <= page:
@@ -95,7 +96,7 @@ class SliderSettings:
 
     def __post_init__(self) -> None:
         for name in ("travel_m", "acceleration_mps2", "pause_s"):
-            _positive(self, name)
+            check_positive(name, getattr(self, name), RigError)
         if not self.speeds_mps or not all(0 < speed < math.inf for speed in self.speeds_mps):
             raise RigError(f"speeds_mps: found {self.speeds_mps}, expected positive numbers")
         for speed in self.speeds_mps:
@@ -230,9 +231,3 @@ def read_rig(file: Path) -> RigSettings:
         If the file cannot be read, or a field is missing, unknown or out of range.
     """
     return read_toml(RigSettings, file, RigError)
-
-
-def _positive(settings: object, name: str) -> None:
-    value = getattr(settings, name)
-    if not 0 < value < math.inf:
-        raise RigError(f"{name}: found {value}, expected a positive number")

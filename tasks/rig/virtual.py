@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from eres_render import Camera, RadianceSequence, load_scene, render_scene
 from eres_render.calibration import write_camera
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.exr import write_luminance
@@ -134,8 +135,7 @@ def render_rig(
     settings = read_rig(rig_file)
     if settings.slider is None:
         raise RigError(f"{rig_file}: slider: missing, expected the strokes to render")
-    if not 0 < depth_m < np.inf:
-        raise RigError(f"depth: found {depth_m}, expected a positive number of meters")
+    check_positive("depth", depth_m, RigError, "a positive number of meters")
     frame_camera.check()
     page = lay_out(settings.page)
     codes = draw(page, settings.page)

@@ -228,3 +228,42 @@ def test_a_view_that_leaves_the_plane_is_refused(small_carpet):
 def test_cameras_that_cannot_be_are_refused(values, message):
     with pytest.raises(RenderError, match=message):
         Camera(10, 7, **values)
+
+
+@pytest.mark.parametrize("camera", [WIDE, BENT], ids=["pinhole", "lens"])
+def test_cropping_the_camera_is_cropping_the_image(camera):
+    """Analytic: a point is at the pixel of the whole image less the part's first one."""
+    points = camera.rays(camera.grid(7)) * 2.0
+    part = camera.cropped(30, 11, 41, 23)
+    assert (part.width, part.height, part.fx, part.fy) == (41, 23, camera.fx, camera.fy)
+    assert part.distortion == camera.distortion
+    np.testing.assert_allclose(part.project(points), camera.project(points) - (30, 11), atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", [WIDE, BENT], ids=["pinhole", "lens"])
+def test_resizing_the_camera_is_scaling_the_image(camera):
+    """Analytic: pixels scale with the sides; with a given height they are those of a central crop,
+    through the same lens; neither axis is stretched."""
+    points = camera.rays(camera.grid(7)) * 2.0
+    whole = camera.project(points)
+    half = camera.resized(64)
+    assert (half.width, half.height, half.distortion) == (64, 36, camera.distortion)
+    np.testing.assert_allclose(half.project(points), 0.5 * whole, atol=1e-9)
+    odd = camera.resized(50)  # 28.125 rows, rounded: pixels are not quite as square
+    np.testing.assert_allclose(odd.project(points), whole * (50 / 128, 28 / 72), atol=1e-9)
+    square = camera.resized(36, 36)  # of the central 72 columns
+    expected = (camera.cropped(28, 0, 72, 72).project(points)) / 2
+    np.testing.assert_allclose(square.project(points), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", [WIDE, BENT], ids=["pinhole", "lens"])
+def test_zooming_spreads_the_image_about_the_principal_point(camera):
+    """Analytic: pixels are as many times as far from it; the lens keeps its coefficients."""
+    points = camera.rays(camera.grid(7)) * 2.0
+    center = np.array([camera.cx, camera.cy])
+    zoomed = camera.zoomed(1.5)
+    assert (zoomed.width, zoomed.height, zoomed.distortion) == (128, 72, camera.distortion)
+    expected = center + 1.5 * (camera.project(points) - center)
+    np.testing.assert_allclose(zoomed.project(points), expected, atol=1e-9)
+    with pytest.raises(RenderError, match=r"fx: found -130\.0"):
+        camera.zoomed(-1.0)

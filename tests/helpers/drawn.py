@@ -4,7 +4,6 @@ import re
 from types import SimpleNamespace
 
 from tasks.study.report.templating import TEMPLATES
-from tasks.study.results.choice import Choice
 from tasks.study.results.comparison import ComparisonTable
 from tasks.study.results.words import PACKAGED
 
@@ -17,17 +16,6 @@ def section(template: str, **data: object) -> str:
 def without_space(page: str) -> str:
     """Leave out the white space between tags."""
     return re.sub(r">\s+<", "><", page)
-
-
-def macro(name: str, *values: object, **named: object) -> str:
-    """Draw a macro of the templates."""
-    module = TEMPLATES.get_template("macros.html").module
-    return without_space(getattr(module, name)(*values, **named)).strip()
-
-
-def choice_cell(choice: Choice | None) -> str:
-    """Draw a cell of a table of choices."""
-    return macro("choice_cell", choice)
 
 
 def comparison_html(table: ComparisonTable) -> str:

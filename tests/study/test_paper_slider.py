@@ -47,7 +47,7 @@ def test_the_best_distance_of_each_column_is_the_printed_one(table: dict[str, np
         "high_pass_filter": ["211", "111", "220"],
         "photometric_flow": ["221", "221", "221"],
         "contrast_maximization": ["222", "222", "222"],
-        "e_raft": ["222", "222", "222"],
+        "eraft": ["222", "222", "222"],
         "photometric_tracking": ["221", "211", "221"],
     }
     wrong = []

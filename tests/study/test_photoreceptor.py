@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -123,6 +125,9 @@ def test_the_page_is_about_two_poles_and_shows_the_other_reading(tmp_path, eres)
     assert 'id="photoreceptor"' not in lone
     assert "the pole of v2e" in page
     assert "lead of 1280 over 640 px" in page
+    (run / "study.json").write_text(json.dumps({"base_m_per_s": {"carpet": 3.0}}))
+    (section,) = re.findall(r'<section id="photoreceptor".*?</section>', page_of(run), re.DOTALL)
+    assert "day, 3 m/s" in section
     code, out, _ = eres("claims", run)
     assert code == 0
     assert "With the pole of v2e: " in out

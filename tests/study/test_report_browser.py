@@ -180,7 +180,7 @@ def test_the_answer_for_a_bus_by_keyboard(page: sync_api.Page) -> None:
     page.keyboard.press("ArrowDown")
     page.keyboard.press("ArrowDown")
     assert page.locator("#bus").input_value() == "12"
-    assert cell.inner_text().split() == ["128", "2.1", "·", "17", "%"]
+    assert cell.inner_text().split() == ["128", "2.10", "·", "17", "%"]
     assert cell.evaluate("one => one.style.getPropertyValue('--fine')") == "0%"
     assert float(lines.first.get_attribute("x1")) < float(at)
     assert page.locator(".plots:not([hidden]) text", has_text="bus 12 Mev/s").count() == 3

@@ -23,7 +23,7 @@ from finished_runs import make_run, page_of
 from small_study import only
 from study_rows import EI, paper_rows
 from tasks.errors import StudyError
-from tasks.evaluation.distance import farther, longer_lens
+from tasks.evaluation.distance import farther
 from tasks.row import Row
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Status
@@ -92,7 +92,7 @@ def test_the_same_point_at_the_same_pixel_from_farther_away():
     """Analytic: through a lens as many times longer, to rounding; and the motion between two
     poses, too."""
     camera = Camera(119, 67, fx=164.6)
-    far = longer_lens(camera, 2.7)
+    far = camera.zoomed(2.7)
     one, two = facing(), facing(0.006)
     poses = farther(np.stack([one, two]), WALL, 2.7)
     assert poses[:, 2, 3] == pytest.approx(-2.7 * 0.236)
@@ -114,7 +114,7 @@ def test_pixels_twice_as_large_see_what_is_seen_from_twice_as_far(tmp_path):
     assert light.integrator == "emission"  # nothing reflects: no light to bake
     mean = light.frame(T).reshape(18, 2, 32, 2).mean(axis=(1, 3))
     coarse = Camera(32, 18, fx=45.0)
-    far = Renderer(scene, spp=256, camera=longer_lens(coarse, 2.0)).frame(farther(T, WALL, 2.0))
+    far = Renderer(scene, spp=256, camera=coarse.zoomed(2.0)).frame(farther(T, WALL, 2.0))
     assert np.abs(far / mean - 1).mean() < 0.01
     assert far.std() > 0.05 * far.mean()
 

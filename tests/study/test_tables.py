@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from dataclasses import replace
 
 import pytest
@@ -60,6 +61,22 @@ def test_the_best_of_a_column_is_marked_and_the_baseline_is_not() -> None:
     lines = comparison_table(Scores(grid()), EI).blocks[0].lines
     assert [line.entries[0].best for line in lines] == [False, True, False]
     assert lines[-1].entries[0].cell.median == 12.0
+
+
+def test_the_smallest_sensor_that_is_as_good_is_underlined() -> None:
+    """346 px is 0.09 dB below the best, 240 px 0.11; the paper's medians choose too. Where
+    doing nothing is as good, none is."""
+    values = {240: 19.89, 346: 19.91, 1280: 20.0}
+    rows = [row(width, 0, value) for width, value in values.items()]
+    table = comparison_table(Scores(rows), EI)
+    entries = [line.entries[0] for line in table.blocks[0].lines[:3]]
+    assert [one.enough for one in entries] == [False, True, False]
+    assert [one.paper_enough for one in entries] == [False, False, True]
+    assert re.findall(r"<u>([^<]*)</u>", comparison_html(table)) == ["19.91", "24.09"]
+    assert "underlined: the smallest within 0.1 dB of it" in table.footnote
+    idle = [replace(r, method="no_events", value=19.95, event_rate_hz=0.0) for r in rows]
+    lines = comparison_table(Scores(rows + idle), EI).blocks[0].lines
+    assert not any(entry.enough for line in lines for entry in line.entries)
 
 
 @pytest.mark.parametrize("broken", ["absent", "nan"])
@@ -182,7 +199,7 @@ def test_failed_items_count_and_are_shown() -> None:
     assert table.blocks[0].lines[0].entries[0].cell.median == 2.0
     page = comparison_html(table)
     for cell in (
-        '"ideal"><strong>2.00',
+        '"ideal"><strong><u>2.00</u></strong>',
         'class="rate" data-label="native px">1.00</td>',
         ">33%</td>",
     ):

@@ -15,7 +15,7 @@ from tasks.flow import flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.recording.clock import estimate_shift
 from tasks.recording.evaluate import evaluate_recording
-from tasks.recording.flow import spread
+from tasks.recording.flow_windows import spread
 from tasks.recording.frames import open_frames
 from tasks.recording.images import score_reconstruction
 from tasks.recording.levels import busiest
@@ -430,7 +430,7 @@ def test_images_are_those_of_the_filter(made, recording, tmp_path, eres):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--fps", 0], "fps: found 0, expected a positive number"),
+        (["--fps", 0], "fps: found 0.0, expected a positive number"),
         (["--fps", 1], "there is no image at 1 per second"),
         (["--method", "blnk"], "no method 'blnk'"),
         (["--equalization", "some"], "equalization: found 'some', expected one of none"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eres_render import Trajectory
 from sensor import Events
 from sensor.events import concatenate
-from tasks.evaluation.distance import farther, longer_lens
+from tasks.evaluation.distance import farther
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, path_answer
 from tasks.evaluation.scorers.base import Score
@@ -58,7 +58,7 @@ class TrackingScorer:
         model = self._setting.model
         camera = self._reference.truth.camera(model.width)
         if self._setting.distance != 1.0:
-            camera = longer_lens(camera, self._setting.distance)
+            camera = camera.zoomed(self._setting.distance)
         events = concatenate(self._parts)
         self._parts = []
         seed = int(np.random.SeedSequence([task.seed, clip]).generate_state(1)[0])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TypeVar
 
-from eres_render.errors import nearest
+from eres_render.errors import check_positive, nearest
 from eres_render.storage.settings_reader import read_toml
 from tasks.errors import TrainingError
 from tasks.random_crops.settings import Crops, FlowCrops
@@ -15,11 +15,11 @@ from tasks.random_crops.settings import Crops, FlowCrops
 T = TypeVar("T", "ReconstructionTraining", "FlowTraining")
 
 
-def _check_positive(settings: object, besides: tuple[str, ...] = ()) -> None:
+def _check_numbers(settings: object, besides: tuple[str, ...] = ()) -> None:
     for one in fields(settings):  # type: ignore[arg-type]
         found = getattr(settings, one.name)
-        if isinstance(found, int | float) and one.name not in besides and not 0 < found < math.inf:
-            raise TrainingError(f"{one.name}: found {found}, expected a positive number")
+        if isinstance(found, int | float) and one.name not in besides:
+            check_positive(one.name, found, TrainingError)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +64,7 @@ class Schedule:
     checkpoint_minutes: float = 5.0
 
     def __post_init__(self) -> None:
-        _check_positive(self)
+        _check_numbers(self)
 
     def rate(self, step: int) -> float:
         """Return the learning rate of a step."""
@@ -123,7 +123,7 @@ class ReconstructionTraining:
     windows_at_once: int = 8
 
     def __post_init__(self) -> None:
-        _check_positive(self, besides=("run_in_windows", "residual_blocks"))
+        _check_numbers(self, besides=("run_in_windows", "residual_blocks"))
         if self.bins < 2:
             raise TrainingError(f"bins: found {self.bins}, expected at least 2")
         for name in ("run_in_windows", "residual_blocks"):
@@ -177,7 +177,7 @@ class FlowTraining:
     fading: float = 0.8
 
     def __post_init__(self) -> None:
-        _check_positive(self)
+        _check_numbers(self)
         if self.narrower not in (1, 2, 4, 8, 16):
             raise TrainingError(f"narrower: found {self.narrower}, expected 1, 2, 4, 8 or 16")
         for name in ("bins", "windows"):

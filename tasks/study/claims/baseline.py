@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
-from tasks.study.claims.claim import Claim, too_few_text
+from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.verdict import Status, Verdict, settled
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
+from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.scaling import Scaling
@@ -37,8 +37,7 @@ class BaselineClaim(Claim):
         """
         found = {series: _outcomes(scores, series) for series in shown_series(scores)}
         counts = [scores.samples(one, scene) for one in found for scene in scores.scenes(one)]
-        samples = min(counts, default=0)
-        scope = f"{too_few_text(samples)}." if samples < MIN_SAMPLES_FOR_INTERVAL else ""
+        scope = scope_text(samples=min(counts, default=0))
         outcomes = [outcome for of_series in found.values() for outcome in of_series.values()]
         ours = "\n".join(_text(*one) for one in found.items()) or "no rows of any method"
         return self.verdict(outcomes, ours, "not reported", scope)

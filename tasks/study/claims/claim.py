@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -215,11 +215,8 @@ class SceneClaim(Claim):
         if not judged:
             return ""
         claimed = self.scenes or paper_scores().scenes(self.series)
-        parts = [f"Judged on {join_words(judged)} only"] if set(claimed) - set(judged) else []
-        few = min(scores.samples(series, scene) for scene in judged)
-        if self._cells and few < MIN_SAMPLES_FOR_INTERVAL:
-            parts.append(too_few_text(few))
-        return f"{'; '.join(parts)}." if parts else ""
+        few = min(scores.samples(series, scene) for scene in judged) if self._cells else None
+        return scope_text(judged if set(claimed) - set(judged) else (), few)
 
 
 class _Found(NamedTuple):
@@ -239,7 +236,24 @@ def _likeness(found: _Found) -> str:
     return f"numbers like the paper's on {sum(compared)} of {len(compared)} scenes"
 
 
-def too_few_text(samples: int) -> str:
-    """Return a text that says that the samples are too few for an interval."""
-    plural = "sample" if samples == 1 else "samples"
-    return f"{samples} {plural}, too few for an interval ({MIN_SAMPLES_FOR_INTERVAL} needed)"
+def scope_text(only: Collection[str] = (), samples: int | None = None) -> str:
+    """Say what a verdict is based on, where that is less than the claim is about.
+
+    Parameters
+    ----------
+    only
+        Scenes that are judged, if others are missing.
+    samples
+        Samples of the scene that has the fewest; None where their number does not matter.
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
+    parts = [f"Judged on {join_words([*only])} only"] if only else []
+    if samples is not None and samples < MIN_SAMPLES_FOR_INTERVAL:
+        plural = "sample" if samples == 1 else "samples"
+        needed = f"({MIN_SAMPLES_FOR_INTERVAL} needed)"
+        parts.append(f"{samples} {plural}, too few for an interval {needed}")
+    return f"{'; '.join(parts)}." if parts else ""

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, Number, Reading, SceneScores, Score
+from tasks.study.claims.numbers import Best, Number, Reading, SceneScores, Score, best_and_lead
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
     NIGHT,
     SceneCell,
+    Statistic,
     growth,
     lead,
     margin,
@@ -21,7 +23,7 @@ from tasks.study.claims.statistics import (
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS
 from tasks.study.results.scores import Condition
-from tasks.study.results.words import cutoff_label
+from tasks.study.results.words import capitalized, cutoff_label
 
 PHOTOMETRIC = Series("flow", "photometric_flow", "rnepe_px")
 CONTRAST = Series("flow", "contrast_maximization", "rnepe_px")
@@ -33,7 +35,6 @@ _SEARCHES = (
 )
 _FAST = 10.0  # factor of the paper's 9 m/s on carpet
 UP_TO_2 = [(IDEAL, 1.0), *((cutoff_hz, speed) for cutoff_hz in (DAY, NIGHT) for speed in SPEEDS)]
-_QUOTIENTS = [growth(width) / growth(width, CONTRAST.method) for width in WIDTHS]
 
 
 def _wins_of_finest(on: SceneScores) -> Reading:
@@ -58,16 +59,61 @@ def _against_initial_flow(on: SceneScores) -> Reading:
     return Reading(f", {better} than the initial flow's {on.metric.text(nothing)} px")
 
 
+def suffers_less(
+    name: str,
+    series: Series,
+    growths: Sequence[Statistic],
+    photometric: Sequence[Statistic],
+    *,
+    beside: tuple[Mapping[str, str], ...] = (),
+    note: str = "",
+) -> SceneClaim:
+    """Return claim 21, which the paper makes of two methods.
+
+    Parameters
+    ----------
+    name
+        The method in words.
+    series
+        The scores to read.
+    growths, photometric
+        Growth of the error when the light falls, at each of `WIDTHS`: of the method, and of
+        photometric flow.
+    beside, note
+        As in `SceneClaim`.
+
+    Returns
+    -------
+    SceneClaim
+        The claim.
+    """
+    quotients = [other / own for other, own in zip(photometric, growths, strict=True)]
+    return SceneClaim(
+        number=21,
+        title=f"{capitalized(name)} suffers less from low light than photometric flow",
+        statement="On carpet and at every width, the error grows less from no cutoff to 50 Hz "
+        f"with {name} than with photometric flow.",
+        series=series,
+        scenes=("carpet",),
+        numbers={
+            "own": Number(growths[-1], unit="times", sign=""),
+            "photometric": Number(photometric[-1], unit="times", sign=""),
+            "quotient": Number(smallest(*quotients), above=1, unit="", sign=""),
+        },
+        text="{own} against {photometric} at 1280 px; smallest quotient {quotient}",
+        beside=beside,
+        note="At base speed. The quotient is the growth with photometric flow over that with "
+        f"{name}. {note}".strip(),
+    )
+
+
 FLOW_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
         number=12,
         title="Photometric flow in ideal light: 640 px is best",
         statement="With no cutoff, 640 px has the smallest error.",
         series=PHOTOMETRIC,
-        numbers={
-            "best": Best(IDEAL),
-            "lead": Number(lead([640], IDEAL), above=0),
-        },
+        numbers=best_and_lead([640], IDEAL),
         text="best {best}, lead of 640 px {lead}",
         beside=_SEARCHES,
         note="At base speed: ideal pixels send the same events at every speed, only faster. The "
@@ -140,20 +186,10 @@ FLOW_CLAIMS: tuple[Claim, ...] = (
         note="The paper's text says 0.2 px. Both of its tables have 0.12 px, so we compare with "
         "the tables.",
     ),
-    SceneClaim(
-        number=21,
-        title="Contrast maximization suffers less from low light than photometric flow",
-        statement="On carpet and at every width, the error grows less from no cutoff to 50 Hz "
-        "with contrast maximization than with photometric flow.",
-        series=PHOTOMETRIC,
-        scenes=("carpet",),
-        numbers={
-            "contrast": Number(growth(1280, CONTRAST.method), unit="times", sign=""),
-            "photometric": Number(growth(1280), unit="times", sign=""),
-            "quotient": Number(smallest(*_QUOTIENTS), above=1, unit="", sign=""),
-        },
-        text="{contrast} against {photometric} at 1280 px; smallest quotient {quotient}",
-        note="At base speed. The quotient is the growth with photometric flow over that with "
-        "contrast maximization. The paper says the same of E-RAFT.",
+    suffers_less(
+        *("contrast maximization", PHOTOMETRIC),
+        [growth(width, CONTRAST.method) for width in WIDTHS],
+        [growth(width) for width in WIDTHS],
+        note="The paper says the same of E-RAFT.",
     ),
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tasks.metric import Metric
 from tasks.registry import TASKS
-from tasks.study.claims.statistics import SceneCell, Statistic
+from tasks.study.claims.statistics import SceneCell, Statistic, lead
 from tasks.study.claims.verdict import Status, settled
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.metrics import Series
@@ -230,3 +230,21 @@ class Best(NamedTuple):
     def __call__(self, on: SceneScores) -> Reading:
         width = on.best_width(*self)
         return Reading(f"{Score(width, *self)(on).text} at {width} px")
+
+
+def best_and_lead(widths: Sequence[int], cutoff_hz: float) -> dict[str, Quantity]:
+    """Return the numbers of a claim that one of some widths is best in a light, at base speed.
+
+    Parameters
+    ----------
+    widths
+        The widths, px.
+    cutoff_hz
+        Photoreceptor cutoff, Hz.
+
+    Returns
+    -------
+    dict
+        "best", and "lead", which decides.
+    """
+    return {"best": Best(cutoff_hz), "lead": Number(lead(widths, cutoff_hz), above=0)}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, Number, Quantity, Score
+from tasks.study.claims.numbers import Best, Number, Score, best_and_lead
 from tasks.study.claims.statistics import (
     DAY,
     IDEAL,
@@ -37,21 +38,35 @@ _OTHER_VIDEO = tuple(
         *("late_truth", "filtered_truth"),
     )
 )
-_FINE_THEN_COARSE: dict[str, Quantity] = {
-    "ideal": Best(IDEAL),
-    "ideal_lead": Number(lead([1280], IDEAL), above=0),
-    "night": Best(NIGHT),
-    "night_lead": Number(lead([240], NIGHT), above=0),
-}
-_BEST_OF_VIDEO = (
-    "ideal: best {ideal}, lead of 1280 px {ideal_lead}; night: best {night}, lead of 240 px "
-    "{night_lead}"
-)
 _ONE_VIDEO = (
     "The samples come from one video, so they are not independent and the intervals are too narrow."
 )
 _LOSSES = [median(width, IDEAL) - median(width, NIGHT) for width in WIDTHS]
 _SPREADS = [spread(*(median(width, IDEAL, speed) for speed in SPEEDS)) for width in WIDTHS]
+
+
+def _fine_then_coarse(
+    title: str, subject: str, series: Series, *beside: Mapping[str, str]
+) -> SceneClaim:
+    """Claim 10, which the paper makes of two methods."""
+    return SceneClaim(
+        number=10,
+        title=f"{title}: finest in ideal light, coarse at night",
+        statement=f"{subject} reconstructs best at 1280 px in ideal light and at 240 px at night.",
+        series=series,
+        scenes=("carpet",),
+        numbers={
+            "ideal": Best(IDEAL),
+            "ideal_lead": Number(lead([1280], IDEAL), above=0),
+            "night": Best(NIGHT),
+            "night_lead": Number(lead([240], NIGHT), above=0),
+        },
+        text="ideal: best {ideal}, lead of 1280 px {ideal_lead}; night: best {night}, lead of 240 "
+        "px {night_lead}",
+        beside=beside,
+        note=_ONE_VIDEO,
+    )
+
 
 RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     SceneClaim(
@@ -60,8 +75,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         statement="With no cutoff, 1280 px reconstructs best, well above 640 px.",
         series=EVENT_INTEGRATION,
         numbers={
-            "best": Best(IDEAL),
-            "lead": Number(lead([1280], IDEAL), above=0),
+            **best_and_lead([1280], IDEAL),
             "margin": Number(margin(1280, 640, IDEAL), above=0),
         },
         text="best {best}, 1280 over 640 px {margin}",
@@ -77,8 +91,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         "ideal light.",
         series=EVENT_INTEGRATION,
         numbers={
-            "best": Best(DAY),
-            "lead": Number(lead([1280], DAY), above=0),
+            **best_and_lead([1280], DAY),
             "day": Number(margin(1280, 640, DAY), above=0),
             "ideal": Number(margin(1280, 640, IDEAL)),
             "fall": Number(margin(1280, 640, IDEAL) - margin(1280, 640, DAY), above=0),
@@ -103,10 +116,7 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         statement="At 50 Hz the best width is 240, 346 or 640 px, neither the coarsest nor the "
         "finest.",
         series=EVENT_INTEGRATION,
-        numbers={
-            "best": Best(NIGHT),
-            "lead": Number(lead([240, 346, 640], NIGHT), above=0),
-        },
+        numbers=best_and_lead([240, 346, 640], NIGHT),
         text="best {best}; inner widths over 128 and 1280 px {lead}",
         note="At base speed. The number compares the best inner width with the better of 128 and "
         "1280 px.",
@@ -154,33 +164,13 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         beside=_UPSAMPLINGS,
         note="At speeds 1, 1.3 and 2.",
     ),
-    SceneClaim(
-        number=10,
-        title="High-pass filter: finest in ideal light, coarse at night",
-        statement="The high-pass filter reconstructs best at 1280 px in ideal light and at 240 px "
-        "at night.",
-        series=HIGH_PASS,
-        scenes=("carpet",),
-        numbers=_FINE_THEN_COARSE,
-        text=_BEST_OF_VIDEO,
-        beside=(
-            {"method": "high_pass_filter_no_event_decay"},
-            {"variant": "equalization none"},
-            {"variant": "equalization clahe"},
-        ),
-        note=_ONE_VIDEO,
+    _fine_then_coarse(
+        *("High-pass filter", "The high-pass filter", HIGH_PASS),
+        {"method": "high_pass_filter_no_event_decay"},
+        {"variant": "equalization none"},
+        {"variant": "equalization clahe"},
     ),
-    SceneClaim(
-        number=10,
-        title="E2VID: finest in ideal light, coarse at night",
-        statement="E2VID reconstructs best at 1280 px in ideal light and at 240 px at night.",
-        series=E2VID,
-        scenes=("carpet",),
-        numbers=_FINE_THEN_COARSE,
-        text=_BEST_OF_VIDEO,
-        beside=_OTHER_VIDEO,
-        note=_ONE_VIDEO,
-    ),
+    _fine_then_coarse("E2VID", "E2VID", E2VID, *_OTHER_VIDEO),
     SceneClaim(
         number=11,
         title="E2VID at night: the finest sensor is worse than the coarsest",

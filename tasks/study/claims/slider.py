@@ -5,17 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from tasks.registry import TASKS
-from tasks.study.claims.claim import Claim, too_few_text
+from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.flow import PHOTOMETRIC
 from tasks.study.claims.numbers import NotMeasured, Number, Reading, SceneScores
 from tasks.study.claims.statistics import margin
 from tasks.study.claims.verdict import Status, Verdict
-from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper_slider import (
     NOTHING_MM,
@@ -33,19 +31,11 @@ from tasks.study.results.slider import (
     PRINTS,
     light_label,
 )
-from tasks.study.results.words import join_words
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
 _FAST = round(_FAST_M_PER_S / BASE_SPEED_M_PER_S, 9)
 _NATIVE_PATCH = "61 px patch"
-
-
-class _Judged(NamedTuple):
-    """A series, and whether it decides."""
-
-    series: Series
-    decides: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +60,7 @@ class SliderClaim(Claim):
         lines: list[str] = []
         samples: dict[str, int] = {}  # by print, of the series with the fewest
         missing = [PHOTOMETRIC.task, TRACKING.task]
-        for series, decides in _judged(scores):
+        for series, decides in _judged(scores).items():
             metric = TASKS[series.task].metric
             for scene in (one for one in PRINTS if one in scores.scenes(series)):
                 found = dict(_readings(scores, series, scene))
@@ -86,26 +76,19 @@ class SliderClaim(Claim):
         outcomes += [Status.NOT_MEASURED] * len(missing)
         if lines and missing:
             lines += [f"{TASKS[task].title}: not measured" for task in missing]
-        parts = []
-        if samples and set(PRINTS) - set(samples):
-            parts.append(f"Judged on {join_words([*samples])} only")
-        if samples and min(samples.values()) < MIN_SAMPLES_FOR_INTERVAL:
-            parts.append(too_few_text(min(samples.values())))
-        scope = f"{'; '.join(parts)}." if parts else ""
+        only = samples if set(PRINTS) - set(samples) else ()
+        scope = scope_text(only, min(samples.values(), default=None))
         ours = "\n".join(lines) or "no rows of the virtual slider"
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
 
-def _judged(scores: Scores) -> Iterator[_Judged]:
-    """Yield the series of a run, with those that only stand beside."""
+def _judged(scores: Scores) -> dict[Series, bool]:
+    """Return the series of a run, and whether they decide or only stand beside."""
     tracking = judged_series(scores)
-    beside = (
-        PHOTOMETRIC._replace(variant=_NATIVE_PATCH),
-        TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm"),
-    )
-    for one in dict.fromkeys((PHOTOMETRIC, beside[0], tracking, beside[1])):
-        if one is not None and one in scores.series():
-            yield _Judged(one, one in (PHOTOMETRIC, tracking))
+    native = PHOTOMETRIC._replace(variant=_NATIVE_PATCH)
+    papers_start = TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm")
+    every = (PHOTOMETRIC, native, tracking, papers_start)
+    return {one: one in (PHOTOMETRIC, tracking) for one in every if one in scores.series()}
 
 
 def _readings(scores: Scores, series: Series, scene: str) -> Iterator[tuple[float, Reading]]:

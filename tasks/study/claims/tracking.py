@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tasks.study.claims.claim import Claim, SceneClaim
-from tasks.study.claims.numbers import Best, Number, Score
+from tasks.study.claims.numbers import Best, Number, Score, best_and_lead
 from tasks.study.claims.statistics import IDEAL, NIGHT, growth, lead
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import (
@@ -52,10 +52,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
         number=18,
         title="Pose tracking in ideal light: the finest sensor is best",
         statement="With no cutoff, 1280 px has the smallest position error.",
-        numbers={
-            "best": Best(IDEAL),
-            "lead": Number(lead([1280], IDEAL), above=0),
-        },
+        numbers=best_and_lead([1280], IDEAL),
         text="best {best}, lead of 1280 px {lead}",
         note="At base speed.",
     ),
@@ -69,8 +66,7 @@ TRACKING_CLAIMS: tuple[Claim, ...] = (
             "ideal": Score(1280, IDEAL),
             "night": Score(1280, NIGHT),
             "growth": Number(growth(1280), above=1, unit="times", decimals=1, sign=""),
-            "best": Best(NIGHT),
-            "lead": Number(lead([346], NIGHT), above=0),
+            **best_and_lead([346], NIGHT),
         },
         text="{ideal} → {night} at 1280 px, growth {growth}; best at night {best}, lead of 346 px "
         "{lead}",

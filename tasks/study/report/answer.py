@@ -53,7 +53,7 @@ BLOCKS = {"overview": overview, "details": details}
 
 def _rule_text(found: Mapping[Series, Choices]) -> str:
     metrics = dict.fromkeys(TASKS[one.task].metric for one in found)
-    near = join_words([f"{metric.negligible:g} {metric.unit}" for metric in metrics], "or")
+    near = join_words([metric.near for metric in metrics], "or")
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "
         '"None": not even the best beats doing nothing by more than that.'
@@ -89,8 +89,7 @@ def _width_text(choice: Choice | None, *, tied: bool) -> str:
         return MISSING
     if not choice.worthwhile:
         return "none"
-    smaller = tied and choice.tied is not None and choice.tied < choice.enough
-    return f"{choice.enough} ({choice.tied})" if smaller else str(choice.enough)
+    return f"{choice.enough} ({choice.tied})" if tied and choice.tied else str(choice.enough)
 
 
 def _paper_text(choice: Choice | None) -> str:

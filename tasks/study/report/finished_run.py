@@ -16,7 +16,6 @@ from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.bandwidth import usual_bus_hz
-from tasks.study.results.choice import Choices, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import has_sensors
 from tasks.study.results.perturbation import shown_series
@@ -96,11 +95,6 @@ class FinishedRun:
         """Return the distinct numbers of samples per scene, ascending."""
         scores = self.scores
         return sorted({scores.samples(s, at) for s in scores.series() for at in scores.scenes(s)})
-
-    @cached_property
-    def choices(self) -> dict[Series, Choices]:
-        """Return the choice of a width for every condition, by series."""
-        return {one: choose_all(self.scores, one) for one in self.series}
 
     @cached_property
     def scaling(self) -> dict[str, Scaling]:

@@ -21,7 +21,6 @@ from tasks.study.report.tables_csv import to_csv
 from tasks.study.report.templating import TEMPLATES
 from tasks.study.results.comparison import comparison_table
 from tasks.study.results.perturbation import is_main
-from tasks.study.results.scores import Scores
 
 MAX_BYTES = 15_000_000
 """Maximum size of a report, bytes."""
@@ -53,18 +52,15 @@ class Section:
     data: Callable[[FinishedRun], object] = lambda run: run
 
 
-def _others(run: FinishedRun) -> Sequence[Scores] | None:
-    """Return the scores of all contrast thresholds but the first."""
-    return run.found[1:] or None
-
-
 SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html"),
     Section("previews", "Previews", "Events of each sensor", "previews.html"),
-    Section("choice", "Choice", "Which resolution to choose", "choice.html"),
     Section("tables", "Tables", "All scores", "comparison.html"),
     Section("slider", "Slider", "On the slider, beside the paper", "slider.html", slider_section),
-    Section("threshold", "Threshold", "Contrast threshold", "threshold.html", _others),
+    Section(
+        *("threshold", "Threshold", "Contrast threshold", "threshold.html"),
+        lambda run: run.found[1:] or None,
+    ),
     Section(
         *("photoreceptor", "Photoreceptor", "Photoreceptor", "photoreceptor.html"),
         compare_photoreceptors,
@@ -103,13 +99,17 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
         `MAX_BYTES`.
     """
     run = read_run(run_dir)
-    page = _page(run, sections).encode()
+    collected = [(section, section.data(run)) for section in sections]
+    shown = [(section, data) for section, data in collected if data is not None]
+    template = TEMPLATES.get_template("page.html")
+    page = template.render(colors=COLORS, run=run, sections=shown).encode()
     if len(page) > MAX_BYTES:
         raise ResultError(
             f"{run_dir}: found {len(page) / 1e6:.1f} MB of report, expected at most "
             f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
         )
-    for name, found in {"tables": run.found, **_named_tables(run)}.items():
+    others = {f"tables_{name}": found for name, found in run.others.items()}
+    for name, found in {"tables": run.found, **others}.items():
         tables = [comparison_table(one, series) for one in found for series in one.series()]
         write_bytes(run_dir / f"{name}.csv", to_csv(tables).encode())
     for series in filter(is_main, run.series):
@@ -120,17 +120,3 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     report = run_dir / "report.html"
     write_bytes(report, page)
     return report
-
-
-def _named_tables(run: FinishedRun) -> dict[str, Sequence[Scores]]:
-    """Return the scores of the photoreceptors that the page does not use, by name of a table."""
-    return {f"tables_{name}": found for name, found in run.others.items()}
-
-
-def _page(run: FinishedRun, sections: Sequence[Section]) -> str:
-    collected = [(section, section.data(run)) for section in sections]
-    return TEMPLATES.get_template("page.html").render(
-        colors=COLORS,
-        run=run,
-        sections=[(section, data) for section, data in collected if data is not None],
-    )

@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from tasks.study.results.choice import Choice
-from tasks.study.results.words import cutoff_detail, cutoff_label
+from tasks.registry import TASKS
+from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Condition, Scores, beats
+from tasks.study.results.words import MISSING, cutoff_detail, cutoff_label
 
 
 class Text(NamedTuple):
@@ -18,8 +20,7 @@ class Text(NamedTuple):
     kind: str = ""
 
 
-Cell = Sequence[Text] | Choice | None  # an arrow joins several texts
-Rows = Mapping[Text, Sequence[Cell]]
+Rows = Mapping[Text, Sequence[Text]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,20 +31,41 @@ class Table:
     ----------
     kind
         CSS class.
-    label
-        Name for screen readers.
     """
 
-    kind: str
-    label: str
     caption: str
     heads: Sequence[Text]
     blocks: Mapping[Text, Rows]
+    kind: str = ""
 
 
 def cutoff_text(cutoff_hz: float) -> Text:
     """Return the name and the frequency of a cutoff."""
     return Text(cutoff_label(cutoff_hz), cutoff_detail(cutoff_hz))
+
+
+def score_text(scores: Scores, series: Series, where: Condition) -> Text:
+    """Print a median score.
+
+    Parameters
+    ----------
+    scores
+        Scores of a run.
+    series
+        Method and task.
+    where
+        Condition.
+
+    Returns
+    -------
+    Text
+        Struck out if it is no better than doing nothing; a dash if samples are missing.
+    """
+    cell = scores.cell(series, where)
+    if cell.median is None:
+        return Text(MISSING)
+    idle = beats(cell, scores.baseline(series, where), series) is False
+    return Text(TASKS[series.task].metric.text(cell.median), "", "struck" if idle else "")
 
 
 def width_texts(widths: Sequence[int]) -> list[Text]:

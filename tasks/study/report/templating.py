@@ -10,7 +10,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
 from tasks.study.report.sections import (
-    choice,
     failures,
     matrix,
     scaling,
@@ -43,7 +42,7 @@ TEMPLATES.globals |= {
     "TRACKING": perturbation.TRACKING,
 }
 for _module in (
-    *(choice, failures, matrix, scaling, threshold, timings, tradeoff),
+    *(failures, matrix, scaling, threshold, timings, tradeoff),
     *(comparison, perturbation, scores, verdict, words),
 ):
     TEMPLATES.filters |= {

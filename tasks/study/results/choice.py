@@ -36,76 +36,33 @@ class Pick:
 
 
 @dataclass(frozen=True, slots=True)
-class OnBus:
-    """Width that is enough on a bus.
-
-    Attributes
-    ----------
-    capacity_hz
-        Capacity of the bus, events/s. The same width is enough on faster buses, up to the next
-        entry.
-    enough
-        Smallest width that the bus carries and that is enough, px; None if no width is.
-    """
-
-    capacity_hz: float
-    enough: int | None
-
-
-@dataclass(frozen=True, slots=True)
 class Choice:
     """Best width under one condition, and the smallest that is as good.
 
     Attributes
     ----------
-    scene, cutoff_hz, speed
-        Condition.
-    scores, event_rates_hz
-        Median score and median event rate by width in px.
+    event_rates_hz
+        Median event rate by width in px.
     best, enough, worthwhile
         Result of the rule for all widths, as in `Pick`.
     tied
-        Smallest width that the samples do not separate from the best: the paired 95 % interval of
-        the difference contains zero. None if the samples are too few for an interval.
+        Smallest width, smaller than `enough`, that the samples do not separate from the best: the
+        paired 95 % interval of the difference contains zero. None if there is none, or the samples
+        are too few for an interval.
     on_buses
-        Result of the rule for the widths that a bus carries: for the slowest bus of a real camera,
-        and for each faster bus with another result.
-    nothing
-        Median score of doing nothing at the best width; None if it was not run.
+        `enough` of the widths that a bus carries, by the capacity of each bus of real cameras in
+        events/s; None if none of them is worthwhile.
     paper
         `enough` from the paper's medians; None if the paper lacks one of the widths.
-    metric
-        Metric of the scores.
     """
 
-    scene: str
-    cutoff_hz: float
-    speed: float
-    scores: Mapping[int, float]
     event_rates_hz: Mapping[int, float]
     best: int
     enough: int
     worthwhile: bool
     tied: int | None
-    on_buses: tuple[OnBus, ...]
-    nothing: float | None
+    on_buses: Mapping[float, int | None]
     paper: int | None
-    metric: Metric
-
-    @property
-    def loss(self) -> float:
-        """Return how much worse `enough` is than `best`, at least 0."""
-        return abs(self.scores[self.best] - self.scores[self.enough])
-
-    @property
-    def gain(self) -> float | None:
-        """Return the distance of `best` from doing nothing; None if that was not run."""
-        return None if self.nothing is None else abs(self.scores[self.best] - self.nothing)
-
-    def saving(self, width: int) -> float | None:
-        """Return the event rate at `width` over that at `enough`; None without events there."""
-        rate = self.event_rates_hz[self.enough]
-        return self.event_rates_hz[width] / rate if rate > 0 else None
 
 
 Choices = dict[tuple[str, float, float], Choice | None]
@@ -153,23 +110,23 @@ def choose(
             return None
         cells[width], medians[width], rates[width] = cell, cell.median, cell.event_rate_hz
     picked = pick(medians, nothing, metric)
-    tied = None
-    if cells[picked.best].samples >= MIN_SAMPLES_FOR_INTERVAL:
-        tied = next(width for width, cell in cells.items() if _tied(cells[picked.best], cell, sign))
+    on_buses: dict[float, int | None] = {}
+    for capacity_hz in capacities_hz():
+        carried = {w: median for w, median in medians.items() if rates[w] <= capacity_hz}
+        found = pick(carried, nothing, metric) if carried else None
+        on_buses[capacity_hz] = found.enough if found and found.worthwhile else None
+    best = cells[picked.best]
+    smaller = [width for width in cells if width < picked.enough]
+    if best.samples < MIN_SAMPLES_FOR_INTERVAL:
+        smaller = []
     return Choice(
-        scene=scene,
-        cutoff_hz=cutoff_hz,
-        speed=speed,
-        scores=medians,
         event_rates_hz=rates,
         best=picked.best,
         enough=picked.enough,
         worthwhile=picked.worthwhile,
-        tied=tied,
-        on_buses=_on_buses(medians, rates, nothing, metric),
-        nothing=nothing.get(picked.best),
+        tied=next((width for width in smaller if _tied(best, cells[width], sign)), None),
+        on_buses=on_buses,
         paper=pick(printed, {}, metric).enough if len(printed) == len(medians) else None,
-        metric=metric,
     )
 
 
@@ -198,23 +155,6 @@ def pick(medians: Mapping[int, float], nothing: Mapping[int, float], metric: Met
     worthwhile = gain(best) > metric.negligible
     near = [w for w in medians if abs(medians[best] - medians[w]) <= metric.negligible]
     return Pick(best, min(w for w in near if not worthwhile or gain(w) > 0), worthwhile)
-
-
-def _on_buses(
-    medians: Mapping[int, float],
-    rates_hz: Mapping[int, float],
-    nothing: Mapping[int, float],
-    metric: Metric,
-) -> tuple[OnBus, ...]:
-    """Apply the rule to the widths that each capacity carries; skip capacities without effect."""
-    found: list[OnBus] = []
-    for capacity_hz in capacities_hz():
-        carried = {w: median for w, median in medians.items() if rates_hz[w] <= capacity_hz}
-        picked = pick(carried, nothing, metric) if carried else None
-        enough = picked.enough if picked and picked.worthwhile else None
-        if not found or enough != found[-1].enough:
-            found.append(OnBus(capacity_hz, enough))
-    return tuple(found)
 
 
 def _tied(best: Cell, other: Cell, sign: float) -> bool:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
+from tasks.study.results.choice import pick
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CONTRAST_THRESHOLD, has_sensors, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
 from tasks.study.results.words import (
     MISSING,
+    capitalized,
     rate_label,
     share_text,
 )
@@ -26,6 +28,8 @@ class Entry:
     paper: float | None
     best: bool = False  # of the widths in this column; False if one is missing
     paper_best: bool = False
+    enough: bool = False  # smallest as good as the best, as in `Pick`; False if none is worthwhile
+    paper_enough: bool = False
     beats_nothing: bool | None = None  # None if either is missing
 
     @property
@@ -81,8 +85,7 @@ class ComparisonTable:
     def title(self) -> str:
         """Return the title with metric, unit and the better direction."""
         metric = TASKS[self.series.task].metric
-        name = self.series.title[0].upper() + self.series.title[1:]
-        return f"{name}: median {metric.label} [{metric.unit}] {metric.arrow}"
+        return f"{capitalized(self.series.title)}: median {metric.heading}"
 
     @property
     def source(self) -> str | None:
@@ -101,10 +104,11 @@ class ComparisonTable:
         paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
         if self.contrast_threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {self.contrast_threshold:g}; "
-        share = TASKS[self.series.task].share_column
+        share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
         last = f"{share.head}: {share.meaning}" if share else "M/s: million events per second"
         return (
-            f"{paper}bold: best of the column; struck out: no better than doing nothing; {last}; "
+            f"{paper}bold: best of the column; underlined: the smallest within {metric.near} of "
+            f"it; struck out: no better than doing nothing; {last}; "
             f"{MISSING}: not measured, or samples are missing (n of N)"
         )
 
@@ -172,12 +176,15 @@ def _block(
         cells = [scores.cell(series, condition) for condition in where]
         nothing = [scores.baseline(series, condition) for condition in where]
         paper = [scores.published(series, condition) for condition in where]
-        best = _best([cell.median for cell in cells], series)
-        paper_best = _best(paper, series)
+        best, enough = _picked(widths, [c.median for c in cells], nothing, series)
+        paper_best, paper_enough = _picked(widths, paper, [], series)
         columns.append(
             [
-                Entry(cell, value, i == best, i == paper_best, beats(cell, idle, series))
-                for i, (cell, value, idle) in enumerate(zip(cells, paper, nothing, strict=True))
+                Entry(
+                    *(cell, value, width == best, width == paper_best),
+                    *(width == enough, width == paper_enough, beats(cell, idle, series)),
+                )
+                for width, cell, value, idle in zip(widths, cells, paper, nothing, strict=True)
             ]
         )
         nothings.append([Entry(cell, None) for cell in nothing])
@@ -206,12 +213,16 @@ def _same(values: list[float | None]) -> bool:
     return all(value is not None and math.isclose(value, first, rel_tol=1e-6) for value in others)
 
 
-def _best(values: list[float | None], series: Series) -> int | None:
-    """Return the index of the best value, or None if a value is missing."""
-    present = [value for value in values if value is not None]
-    if not present or len(present) < len(values):
-        return None
-    return present.index(max(present, key=lambda value: TASKS[series.task].metric.sign * value))
+def _picked(
+    widths: Sequence[int], values: Sequence[float | None], nothing: Sequence[Cell], series: Series
+) -> tuple[int | None, int | None]:
+    """Return the best width and that which is enough; None where a value is missing."""
+    medians = {w: value for w, value in zip(widths, values, strict=True) if value is not None}
+    if len(medians) < len(widths):
+        return None, None
+    idle = {w: c.median for w, c in zip(widths, nothing, strict=False) if c.median is not None}
+    found = pick(medians, idle, TASKS[series.task].metric)
+    return found.best, found.enough if found.worthwhile else None
 
 
 def _number(series: Series, value: float | None, sign: str = "") -> str:

@@ -39,7 +39,7 @@ _METHODS = (
     ("video", "high_pass_filter", "psnr_db"),
     ("flow", "photometric_flow", "rnepe_px"),
     ("flow", "contrast_maximization", "rnepe_px"),
-    ("flow", "e_raft", "rnepe_px"),
+    ("dense_flow", "eraft", "rnepe_px"),
     ("tracking", "photometric_tracking", "position_error_mm"),
 )
 
@@ -72,7 +72,7 @@ class SliderScore:
     picture
         Name of the print.
     task, method, metric
-        As in `tasks.row.Row`; the paper's E-RAFT is `e_raft`.
+        As in `tasks.row.Row`.
     width, height
         Size of the field of view, px.
     distance_m

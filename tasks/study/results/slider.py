@@ -25,11 +25,6 @@ def distance_label(width: int) -> str:
     return f"{100 * NEAREST_M * FIELD_PX[-1][0] / width:.1f} cm"
 
 
-def slider_speed_label(speed: float) -> str:
-    """Return a factor on the base speed as the slider's speed."""
-    return f"{BASE_SPEED_M_PER_S * speed:.1f} m/s"
-
-
 def light_label(cutoff_hz: float) -> str:
     """Return the light in which a pixel has a cutoff, see `sensor.cutoff_in_light`."""
     if math.isinf(cutoff_hz):

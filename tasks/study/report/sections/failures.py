@@ -14,10 +14,10 @@ from tasks.study.results.words import MISSING, share_text
 
 
 def sweeps(scores: Scores) -> dict[str, list[Series]]:
-    """Return the series of each tracking method by ascending perturbation, by the method's name."""
+    """Return the series of each tracking method with several perturbations, ascending, by name."""
     methods = dict.fromkeys(one.method for one in scores.series() if one.task == TRACKING.task)
     found = [sweep(scores, method) for method in methods]
-    return {of_one[0]._replace(variant="").name: of_one for of_one in found if of_one}
+    return {of_one[0]._replace(variant="").name: of_one for of_one in found if of_one[1:]}
 
 
 def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
@@ -49,13 +49,13 @@ def sweep_table(scores: Scores, found: list[Series], scene: str) -> Table:
 
     blocks = {
         cutoff_text(hz): {
-            Text(one.variant): [[text(one, width, hz)] for width in widths] for one in found
+            Text(one.variant): [text(one, width, hz) for width in widths] for one in found
         }
         for hz in scores.cutoffs_hz(found[0])
     }
     caption = f"{scene}: share of successful trials, and median error of all trials"
     heads = [Text(""), *width_texts(widths)]
-    return Table("sweep", f"Perturbations, {scene}", caption, heads, blocks)
+    return Table(caption, heads, blocks)
 
 
 def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
@@ -111,6 +111,7 @@ def failure_table(scores: Scores) -> Table | None:
         failed = reasons.total()
         why = ", ".join(f"{reason} ({count:,})" for reason, count in reasons.most_common(4))
         share = share_text(failed / total if total else None)
-        rows[Text(one.title)] = [[Text(f"{failed:,} of {total:,}")], [Text(share)], [Text(why)]]
+        rows[Text(one.title)] = [Text(f"{failed:,} of {total:,}"), Text(share), Text(why)]
     heads = [Text(head) for head in ("method", "failed", "share", "why")]
-    return Table("failures", "Failures", "", heads, {Text(""): rows}) if rows else None
+    caption = "Failures over all conditions"
+    return Table(caption, heads, {Text(""): rows}, "failures") if rows else None

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Text, cutoff_text
-from tasks.study.results.choice import Choice
+from tasks.study.results.bandwidth import capacities_hz
+from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.words import (
@@ -22,6 +23,14 @@ from tasks.study.results.words import (
 )
 
 
+class Shown(NamedTuple):
+    """The width that is enough; its event rate and share of the bus; its rank, 0 to 100 %."""
+
+    width: str
+    facts: str
+    fineness: str = "0%"
+
+
 @dataclass(frozen=True, slots=True)
 class Answer:
     """The answer for a task in one light at one speed.
@@ -30,25 +39,18 @@ class Answer:
     ----------
     where
         Light and speed in words.
-    width, facts
-        The width that is enough, or a dash; its event rate and the share of the bus.
+    shown
+        What the page shows without a limit, then for each bus of real cameras.
     kind
         "", "struck" (doing nothing is as good) or "over" (more events than the bus carries).
     tied
         Smaller width that the samples do not separate from the best, px; None if there is none.
-    fineness
-        Rank of the width among those of the study, 0 (coarsest) to 100 (finest).
-    on_buses
-        JSON list of [capacity in Mev/s, width in px or null, Mev/s], as in `Choice.on_buses`.
     """
 
     where: str
-    width: str
-    facts: str
-    kind: str
-    tied: int | None
-    fineness: int
-    on_buses: str
+    shown: Sequence[Shown]
+    kind: str = ""
+    tied: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ def matrix(run: FinishedRun) -> Matrix:
         }
         blocks[scene] = Block([speed_label(scene, one, run.base_speeds) for one in speeds], rows)
     metrics = dict.fromkeys(TASKS[one.task].metric for one in series)
-    near = join_words([f"{metric.negligible:g} {metric.unit}" for metric in metrics], "or")
+    near = join_words([metric.near for metric in metrics], "or")
     return Matrix(near, widths, [*map(cutoff_text, cutoffs_hz)], blocks)
 
 
@@ -102,27 +104,27 @@ def _answer(
 ) -> Answer:
     scene, cutoff_hz, speed = at
     where = f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, run.base_speeds)}"
-    choice = run.choices[series].get(at)
+    choice = choose(run.scores, series, *at)
     if choice is None:
-        return Answer(where, MISSING, "samples are missing", "", None, 0, "[]")
-    rate_hz = choice.event_rates_hz[choice.enough]
-    share = rate_hz / run.bus_hz
-    tied = choice.tied if choice.tied and choice.tied < choice.enough else None
-    return Answer(
-        where=where,
-        width=str(choice.enough),
-        facts=f"{rate_label(rate_hz)} · {'<1' if share < 0.01 else round(100 * share)}\u202f%",
-        kind="struck" if not choice.worthwhile else "over" if share > 1 else "",
-        tied=tied if choice.worthwhile else None,
-        fineness=round(100 * widths.index(choice.enough) / max(len(widths) - 1, 1)),
-        on_buses=_on_buses(choice),
-    )
-
-
-def _on_buses(choice: Choice) -> str:
+        missing = Shown(MISSING, "samples are missing")
+        return Answer(where, [missing] * (1 + len(capacities_hz())))
     rates_hz = choice.event_rates_hz
-    found = [
-        (bus.capacity_hz / 1e6, bus.enough, bus.enough and rates_hz[bus.enough] / 1e6)
-        for bus in choice.on_buses
+
+    def shown(width: int, bus_hz: float) -> Shown:
+        share = rates_hz[width] / bus_hz
+        of_bus = "<1" if share < 0.01 else round(100 * share)
+        fineness = round(100 * widths.index(width) / max(len(widths) - 1, 1))
+        return Shown(
+            *(str(width), f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%")
+        )
+
+    usual = shown(choice.enough, run.bus_hz)
+    if not choice.worthwhile:
+        on_any_bus = usual._replace(facts="on any bus")
+        return Answer(where, [usual, *[on_any_bus] * len(choice.on_buses)], "struck")
+    on_buses = [
+        Shown("none", "fits this bus") if width is None else shown(width, bus_hz)
+        for bus_hz, width in choice.on_buses.items()
     ]
-    return json.dumps(found)
+    over = rates_hz[choice.enough] > run.bus_hz
+    return Answer(where, [usual, *on_buses], "over" if over else "", choice.tied)

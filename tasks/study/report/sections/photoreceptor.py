@@ -14,6 +14,7 @@ from tasks.study.results.perturbation import is_main
 from tasks.study.results.readings import Lead, leads
 from tasks.study.results.words import (
     MISSING,
+    BaseSpeeds,
     capitalized,
     cutoff_label,
     photoreceptor_label,
@@ -60,7 +61,7 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
     names = [photoreceptor_label(name) for name in readings]
     heads = [Text(name, "" if i else "this page") for i, name in enumerate(names)]
     tables = [
-        _table(series, found, heads)
+        _table(series, found, heads, run.base_speeds)
         for series in run.series
         if is_main(series) and (found := leads(readings, series))
     ]
@@ -70,34 +71,31 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
     return Readings(names, tables, _verdicts(verdicts, heads))
 
 
-def _table(series: Series, found: list[Lead], heads: list[Text]) -> Table:
+def _table(series: Series, found: list[Lead], heads: list[Text], base: BaseSpeeds) -> Table:
     metric = TASKS[series.task].metric
     fine, coarse = found[0].widths
     with_paper = any(lead.paper is not None for lead in found)
-    blocks: dict[Text, dict[Text, list[list[Text]]]] = {}
+    blocks: dict[Text, dict[Text, list[Text]]] = {}
     for lead in found:
         cells = [
-            [
-                Text(MISSING)
-                if one is None or choice is None
-                else Text(one.text(metric.decimals), f"enough: {choice.enough} px")
-            ]
+            Text(MISSING)
+            if one is None or choice is None
+            else Text(one.text(metric.decimals), f"enough: {choice.enough} px")
             for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
-        head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed_label(lead.scene, lead.speed)}")
-        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[[Text(paper)]] * with_paper]
+        speed = speed_label(lead.scene, lead.speed, base)
+        head = Text(f"{cutoff_label(lead.cutoff_hz)}, {speed}")
+        blocks.setdefault(Text(lead.scene), {})[head] = [*cells, *[Text(paper)] * with_paper]
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse} px, {metric.unit}"
-    label = f"Photoreceptors, {series.title}"
     last = [Text("paper")] * with_paper
-    return Table("sweep", label, caption, [Text(""), *heads, *last], blocks)
+    return Table(caption, [Text(""), *heads, *last], blocks)
 
 
 def _verdicts(found: list[list[Verdict]], heads: list[Text]) -> Table:
     rows = {
-        Text(f"{of_claim[0].number}", of_claim[0].title): [[Text(one.status)] for one in of_claim]
+        Text(f"{of_claim[0].number}", of_claim[0].title): [Text(one.status) for one in of_claim]
         for of_claim in zip(*found, strict=True)
         if len({one.status for one in of_claim}) > 1
     }
-    caption = "Claims with another verdict"
-    return Table("sweep", caption, caption, [Text("claim"), *heads], {Text(""): rows})
+    return Table("Claims with another verdict", [Text("claim"), *heads], {Text(""): rows})

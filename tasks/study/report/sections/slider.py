@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
-from tasks.study.report.table import Cell, Rows, Table, Text
+from tasks.study.report.table import Rows, Table, Text, score_text
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper_slider import (
     NOTHING_MM,
@@ -16,7 +16,7 @@ from tasks.study.results.paper_slider import (
     slider_scores,
     worse_than_nothing,
 )
-from tasks.study.results.scores import Condition, Scores, beats
+from tasks.study.results.scores import Condition, Scores
 from tasks.study.results.slider import (
     BASE_SPEED_M_PER_S,
     FIELD_PX,
@@ -27,9 +27,6 @@ from tasks.study.results.slider import (
 from tasks.study.results.words import MISSING
 
 _WIDTHS = [width for width, _ in FIELD_PX]
-
-# Our task and method by the paper's, where they differ.
-_OURS = {("flow", "e_raft"): ("dense_flow", "eraft")}
 
 _Paper = Mapping[tuple[str, float], Sequence[float]]  # by print and speed: values by distance
 
@@ -61,7 +58,7 @@ def slider_section(run: FinishedRun) -> SliderSection | None:
     pairs = [
         (series, paper)
         for task_method, paper in _paper().items()
-        for series in _series(scores, *_OURS.get(task_method, task_method))
+        for series in _series(scores, *task_method)
     ]
     if not any(_measured(scores, series) for series, _ in pairs):
         return None
@@ -107,27 +104,26 @@ def _table(scores: Scores, series: Series, paper: _Paper) -> Table:
     for scene in PRINTS:
         for speed, factor in _speeds():
             where = [Condition(scene, width, 0.0, factor) for width in _WIDTHS]
-            rows: dict[Text, list[Cell]] = {
+            rows = {
                 Text("paper"): [
-                    [_paper_text(series, value, width)]
+                    _paper_text(series, value, width)
                     for value, (width, _) in zip(paper[scene, speed], SIZES_PX[scene], strict=True)
                 ]
             }
             lights = scores.cutoffs_hz(series)
             for hz in lights:
                 rows[Text(light_label(hz))] = [
-                    [_our_text(scores, series, at._replace(cutoff_hz=hz))] for at in where
+                    score_text(scores, series, at._replace(cutoff_hz=hz)) for at in where
                 ]
             if lights:  # doing nothing is the same in every light
                 idle = [scores.baseline(series, at._replace(cutoff_hz=lights[0])) for at in where]
                 rows[Text("doing nothing")] = [
-                    [Text(MISSING if one.median is None else metric.text(one.median))]
-                    for one in idle
+                    Text(MISSING if one.median is None else metric.text(one.median)) for one in idle
                 ]
             blocks[Text(scene, f"{speed:g} m/s")] = rows
     heads = [Text(""), *(Text(f"{width} px", distance_label(width)) for width in _WIDTHS)]
-    caption = f"{series.title}: median {metric.label} [{metric.unit}] {metric.arrow}"
-    return Table("sweep", series.title, caption, heads, blocks)
+    caption = f"{series.title}: median {metric.heading}"
+    return Table(caption, heads, blocks)
 
 
 def _paper_text(series: Series, value: float, width: int) -> Text:
@@ -137,32 +133,24 @@ def _paper_text(series: Series, value: float, width: int) -> Text:
     return Text(TASKS[series.task].metric.text(value), small, "struck" if worse else "")
 
 
-def _our_text(scores: Scores, series: Series, where: Condition) -> Text:
-    cell = scores.cell(series, where)
-    if cell.median is None:
-        return Text(MISSING)
-    idle = beats(cell, scores.baseline(series, where), series) is False
-    return Text(TASKS[series.task].metric.text(cell.median), "", "struck" if idle else "")
-
-
 def _wins(scores: Scores, pairs: Sequence[tuple[Series, _Paper]]) -> Table:
     """Count the prints on which the full size is best, by series, light and speed."""
     blocks: dict[Text, Rows] = {}
     for series, paper in pairs:
-        rows: dict[Text, list[Cell]] = {
+        rows = {
             Text("paper"): [
-                [_share([_full_is_best(series, paper[scene, speed]) for scene in PRINTS])]
+                _share([_full_is_best(series, paper[scene, speed]) for scene in PRINTS])
                 for speed in SPEEDS_M_PER_S
             ]
         }
         for hz in scores.cutoffs_hz(series):
             rows[Text(light_label(hz))] = [
-                [_share([_ours_is_best(scores, series, s, hz, factor) for s in PRINTS])]
+                _share([_ours_is_best(scores, series, s, hz, factor) for s in PRINTS])
                 for _, factor in _speeds()
             ]
         blocks[Text(series.title)] = rows
     heads = [Text(""), *(Text(f"{speed:g} m/s") for speed in SPEEDS_M_PER_S)]
-    return Table("sweep", "Prints on which the full size is best", "", heads, blocks)
+    return Table("On how many prints the full size is best", heads, blocks)
 
 
 def _full_is_best(series: Series, values: Sequence[float]) -> bool:

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from tasks.registry import TASKS
 from tasks.study.report.plot import Line, Panel, Plot, width_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
-from tasks.study.report.table import Cell, Rows, Table, Text, cutoff_text
+from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Condition, Scores, base_speed, beats
+from tasks.study.results.scores import Condition, Scores, base_speed
 from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, share_text
 
 Comparison = tuple[Plot, Table, Table]
@@ -54,40 +54,43 @@ def _compare(
     metric = TASKS[series.task].metric
     speed, widths = base_speed(first, series), first.widths(series)
     panels: list[Panel] = []
-    choices: dict[Text, list[Cell]] = {}
+    choices: dict[Text, list[Text]] = {}
     blocks: dict[Text, Rows] = {}
     for hz in first.cutoffs_hz(series):
         where = [Condition(scene, width, hz, speed) for width in widths]
         points = [[score_point(s, series, at, base) for s in ascending] for at in where]
         light = cutoff_text(hz)
         panels.append(Panel(*light[:2], [Line([*filter(None, of_one)]) for of_one in points]))
-        choices[light] = [
-            choose(s, series, scene, hz, speed) if s.widths(series) else None for s in ascending
-        ]
+        choices[light] = [_enough(s, series, scene, hz, speed) for s in ascending]
         blocks[light] = {
-            Text(f"{at.width} px"): [[_score(scores, series, at)] for scores in ascending]
+            Text(f"{at.width} px"): [_score(scores, series, at) for scores in ascending]
             for at in where
         }
     heads = [
         Text(f"C = {s.contrast_threshold:g}", "this page" if s is first else "") for s in ascending
     ]
     caption = (
-        f"{scene}: median {metric.label} [{metric.unit}] {metric.arrow}, and million events per "
-        "second; struck out: no better than doing nothing"
+        f"{scene}: median {metric.heading}, and million events per second; struck out: no better "
+        "than doing nothing"
     )
     by_threshold = f"by contrast threshold, {scene}"
     return (
         score_plot(f"Scores {by_threshold}", series, width_keys(widths), panels, bus_hz),
-        Table("choice", f"Choice {by_threshold}", "", [Text(""), *heads], {Text(""): choices}),
-        Table("sweep", f"Numbers {by_threshold}", caption, [Text("sensor"), *heads], blocks),
+        Table(f"Choice {by_threshold}", [Text(""), *heads], {Text(""): choices}),
+        Table(caption, [Text("sensor"), *heads], blocks),
     )
 
 
+def _enough(scores: Scores, series: Series, scene: str, cutoff_hz: float, speed: float) -> Text:
+    choice = choose(scores, series, scene, cutoff_hz, speed) if scores.widths(series) else None
+    if choice is None:
+        return Text(MISSING, "samples are missing")
+    tied = f"tied {choice.tied}" if choice.tied else ""
+    return Text(f"{choice.enough} px", tied, "" if choice.worthwhile else "struck")
+
+
 def _score(scores: Scores, series: Series, where: Condition) -> Text:
-    cell = scores.cell(series, where)
-    if cell.median is None:
-        return Text(MISSING)
-    idle = beats(cell, scores.baseline(series, where), series) is False
+    cell, text = scores.cell(series, where), score_text(scores, series, where)
     failed = f", {share_text(cell.failure_share)} fail" if cell.failed.any() else ""
     rate = f"{rate_label(cell.event_rate_hz)} M/s{failed}"
-    return Text(TASKS[series.task].metric.text(cell.median), rate, "struck" if idle else "")
+    return text if cell.median is None else text._replace(small=rate)

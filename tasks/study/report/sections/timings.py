@@ -40,9 +40,9 @@ def stage_table(costs: Sequence[JobTimings]) -> Table:
         share = f"{100 * sum(took_s) / total_s:.0f}\u202f%" if total_s else MISSING
         time = _time(sum(took_s)) if any(took_s) else MISSING
         texts = time, share, "\n".join(sums), "\n".join(rates)
-        rows[Text(stage)] = [[Text(text)] for text in texts]
+        rows[Text(stage)] = [Text(text) for text in texts]
     heads = [Text(head) for head in ("stage", "time", "share", "amount", "rate")]
-    return Table("stages", "Time of each stage", "Stages, sum over jobs", heads, {Text(""): rows})
+    return Table("Stages, sum over jobs", heads, {Text(""): rows}, "stages")
 
 
 def _rate(amounts: Sequence[float], seconds: Sequence[float], unit: str) -> str:
@@ -59,15 +59,14 @@ def method_table(costs: Sequence[JobTimings]) -> Table:
     widths = sorted({one.width for every in found.values() for one in every})
     rows = {
         Text(series.title): [
-            *([_estimate([one for one in every if one.width == width])] for width in widths),
-            [Text(f"{sum(one.estimates for one in every):,}")],
-            [Text(_time(sum(one.cpu_s for one in every)))],
+            *(_estimate([one for one in every if one.width == width]) for width in widths),
+            Text(f"{sum(one.estimates for one in every):,}"),
+            Text(_time(sum(one.cpu_s for one in every))),
         ]
         for series, every in found.items()
     }
     heads = [Text("method"), *width_texts(widths), Text("estimates"), Text("total")]
-    caption = "Time of an estimate, by sensor"
-    return Table("costs", "Time of each method", caption, heads, {Text(""): rows})
+    return Table("Time of an estimate, by sensor", heads, {Text(""): rows}, "costs")
 
 
 def _estimate(costs: Sequence[MethodTimings]) -> Text:

@@ -190,30 +190,17 @@ class Plot {
 const plots = [...document.querySelectorAll(".plot")].map((root) => new Plot(root));
 
 // Shows in each cell of the answer the width that is enough on the chosen bus.
-const answers = document.querySelector(".matrix"), widths = answers.dataset.widths.split(" ").map(Number);
-const cells = [...answers.querySelectorAll("td")].map((cell) => {
-  const [width, facts, tied] = ["b", "small", "i"].map((name) => cell.querySelector(name));
-  const asked = { width: width.textContent, facts: facts.textContent, fine: cell.style.getPropertyValue("--fine") };
-  return { cell, width, facts, tied, asked, over: cell.classList.contains("over"), buses: JSON.parse(cell.dataset.buses) };
-});
+const cells = [...document.querySelectorAll(".matrix td")].map((cell) => (
+  { cell, over: cell.classList.contains("over"), shown: JSON.parse(cell.dataset.shown) }
+));
 function answer() {
-  for (const { cell, width, facts, tied, asked, over, buses } of cells) {
-    const found = bus.value ? buses.findLast(([capacity]) => capacity <= Number(bus.value)) : undefined;
-    let shown = asked;
-    if (bus.value && cell.classList.contains("struck")) shown = { ...asked, facts: "on any bus" };
-    else if (bus.value && buses.length) {
-      const [, px, rate] = found ?? [0, null, 0];
-      const share = (100 * rate) / Number(bus.value);
-      shown = px === null ? { width: "none", facts: "fits this bus", fine: "0%" } : {
-        width: px, facts: `${Number(rate.toPrecision(3))} · ${share < 1 ? "<1" : Math.round(share)}\u202f%`,
-        fine: `${(100 * widths.indexOf(px)) / Math.max(widths.length - 1, 1)}%`,
-      };
-    }
-    width.textContent = shown.width;
-    facts.textContent = shown.facts;
-    cell.classList.toggle("over", shown === asked && over);
-    cell.style.setProperty("--fine", shown.fine);
-    if (tied) tied.hidden = shown !== asked;
+  for (const { cell, over, shown } of cells) {
+    const [width, facts, fineness] = shown[bus.selectedIndex], tied = cell.querySelector("i");
+    cell.querySelector("b").textContent = width;
+    cell.querySelector("small").textContent = facts;
+    cell.style.setProperty("--fine", fineness);
+    cell.classList.toggle("over", over && !bus.value);
+    if (tied) tied.hidden = Boolean(bus.value);
   }
 }
 bus.addEventListener("change", () => (answer(), plots.forEach((plot) => plot.draw())));

@@ -1,0 +1,326 @@
+"""Windows of a recording in which flow is scored, and what it is compared with.
+
+With frames, a window lasts from one frame to the next, and the reference is where corners of the
+first are in the second. Without frames there is no reference: the score is how much sharper the
+image of the events becomes when they are moved back along the flow, the flow warp loss of
+Stoffregen et al., "Reducing the Sim-to-Real Gap for Event Cameras" (ECCV 2020), for the patch
+around each corner of that image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eres_render.errors import check_positive
+from sensor import Events
+from tasks.errors import TaskError
+from tasks.flow import FlowSample, flow_sample
+from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
+from tasks.recording.frames import Frames
+from tasks.recording.options import FlowOptions
+from tasks.recording.pairs import inside
+from tasks.recording.recording import Recording, cut
+from tasks.recording.score import CONTRAST_GAIN, END_POINT_ERROR
+from tasks.recording.tracks import strong_corners, track
+
+_SIGMAS = 4  # that a search goes from its start, in every method
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A window of events, [start_us, end_us), and the number of the frame at its start, if any."""
+
+    start_us: int
+    end_us: int
+    frame: int = 0
+
+    @property
+    def before_us(self) -> int:
+        """Start of the window before, of the same length."""
+        return 2 * self.start_us - self.end_us
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What all samples of a recording have in common.
+
+    Parameters
+    ----------
+    contrast_threshold
+        Log units.
+    patch_px
+        Side of a patch, px.
+    sigma_px
+        Scale of the flow, from zero, px.
+    """
+
+    contrast_threshold: float
+    patch_px: int
+    sigma_px: float
+
+    @classmethod
+    def of(cls, options: FlowOptions, contrast_threshold: float, width: int) -> Start:
+        """Return it for a sensor.
+
+        Parameters
+        ----------
+        options
+            Windows and patches.
+        contrast_threshold
+            Log units.
+        width
+            Width of the sensor, px.
+
+        Returns
+        -------
+        Start
+        """
+        reach_px = options.search_px or width / 16
+        return cls(contrast_threshold, options.patch_px, reach_px / _SIGMAS)
+
+    @property
+    def reach_px(self) -> float:
+        """Largest flow along each axis, px."""
+        return _SIGMAS * self.sigma_px
+
+    def sample(
+        self, events: Events, window: Window, log_image: NDArray, center_px: NDArray
+    ) -> FlowSample:
+        """Return the patch around a corner.
+
+        Parameters
+        ----------
+        events
+            Events of the window, and any others.
+        window
+            The window.
+        log_image
+            (H, W) log light at its start, or NaN.
+        center_px
+            The corner.
+
+        Returns
+        -------
+        FlowSample
+        """
+        return flow_sample(
+            events,
+            window.start_us,
+            window.end_us,
+            log_image=log_image,
+            contrast_threshold=self.contrast_threshold,
+            center_px=center_px,
+            side_px=self.patch_px,
+            initial=np.zeros(2),
+            initial_sigma_px=self.sigma_px,
+        )
+
+
+def followed(
+    recording: Recording,
+    frames: Frames | None,
+    start: Start,
+    options: FlowOptions,
+    on_progress: Callable[[int, int], None],
+    *,
+    with_before: bool = False,
+) -> Iterator[tuple[Window, Events, Reference]]:
+    """Yield the windows in which flow is scored, one after the other.
+
+    Parameters
+    ----------
+    recording
+        The events.
+    frames
+        Frames of the same camera, if there are some.
+    start
+        Patches.
+    options
+        Length and largest number of the windows, and largest number of points in each.
+    on_progress
+        Called after each window with the number of those done and of all.
+    with_before
+        Whether to yield the events of the window before, too; windows without one are left out.
+
+    Yields
+    ------
+    window, events, reference
+        A window, its events, and what flow in it is compared with.
+
+    Raises
+    ------
+    TaskError
+        An option is out of range, the recording has no such window, or nothing can be followed.
+    """
+    _check(options)
+    windows = _windows(recording, frames, options, with_before)
+    starts_us = [one.before_us if with_before else one.start_us for one in windows]
+    starts_us = np.minimum.accumulate(starts_us[::-1])[::-1].tolist()  # cut needs ascending ones
+    cuts = [(start_us, one.end_us) for start_us, one in zip(starts_us, windows, strict=True)]
+    points = 0
+    for done, (window, events) in enumerate(
+        zip(windows, cut(recording.parts(), cuts), strict=True), start=1
+    ):
+        if frames is None:
+            during = events.between(window.start_us, window.end_us)
+            reference: Reference = _Sharpness(window, during, start, options.features)
+        else:
+            reference = _Tracks(window, frames, options.features)
+        points += len(reference.centers_px)
+        yield window, events, reference
+        on_progress(done, len(windows))
+    if not points:
+        raise TaskError(
+            f"{recording.path}: found nothing to follow in any window, expected corners"
+        )
+
+
+def _check(options: FlowOptions) -> None:
+    """Refuse windows, features or patches of no size."""
+    for name, least in (("window_ms", 1e-3), ("windows", 1), ("features", 1), ("patch_px", 3)):
+        value = getattr(options, name)
+        if not value >= least:
+            said = name.replace("_", "-")
+            raise TaskError(f"{said}: found {value:g}, expected at least {least:g}")
+    if options.search_px is not None:
+        check_positive("search-px", options.search_px, TaskError)
+
+
+def _windows(
+    recording: Recording, frames: Frames | None, options: FlowOptions, with_before: bool
+) -> list[Window]:
+    if frames is None:
+        return _even_windows(recording, options, first=int(with_before))
+    middle_us = frames.middle_us.tolist()
+    found = [Window(middle_us[k], middle_us[k + 1], k) for k in inside(recording, frames)]
+    if with_before:
+        found = [window for window in found if window.before_us >= recording.start_us]
+        if not found:
+            raise TaskError(
+                f"{recording.path}: found no frame with as many events before it as there are to "
+                "the next one, expected one: dense flow compares two windows"
+            )
+    return [found[i] for i in spread(range(len(found)), options.windows)]
+
+
+def _even_windows(recording: Recording, options: FlowOptions, first: int) -> list[Window]:
+    """Return windows of even length, spread over a recording; leave out the `first` ones."""
+    length_us = round(1e3 * options.window_ms)
+    whole = (recording.end_us - recording.start_us) // length_us
+    if whole <= first:
+        long_ms = (recording.end_us - recording.start_us) / 1000
+        least = "a window" if first == 0 else f"{first + 1} windows"
+        raise TaskError(
+            f"{recording.path}: found {long_ms:g} ms of events, expected at least {least} of "
+            f"{options.window_ms:g} ms (--window-ms)"
+        )
+    numbers = spread(range(first, whole), options.windows)
+    begins_us = [recording.start_us + n * length_us for n in numbers]
+    return [Window(begin, begin + length_us) for begin in begins_us]
+
+
+def spread(numbers: Sequence[int], most: int) -> list[int]:
+    """Return at most so many of some numbers, spread evenly.
+
+    Parameters
+    ----------
+    numbers, most
+        The numbers, and how many to return at most.
+
+    Returns
+    -------
+    list of int
+
+    Examples
+    --------
+    >>> from tasks.recording.flow_windows import spread
+    >>> spread(range(10), 4)
+    [1, 3, 6, 8]
+    """
+    if len(numbers) <= most:
+        return list(numbers)
+    return [numbers[int((k + 0.5) * len(numbers) / most)] for k in range(most)]
+
+
+class Reference(Protocol):
+    """What the flow at some points of a window is compared with.
+
+    Attributes
+    ----------
+    metric
+        Name of the score.
+    centers_px
+        (N, 2) the points.
+    """
+
+    metric: str
+    centers_px: NDArray[np.float64]
+
+    def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
+        """Score a flow at one of the points.
+
+        Parameters
+        ----------
+        item
+            Number of the point.
+        flow_px
+            (2,) the flow, px per window.
+
+        Returns
+        -------
+        float
+            The score, in the unit of the metric.
+        """
+
+
+class _Tracks:
+    """Tracks of corners from the frame at the start of a window to the next one."""
+
+    metric = END_POINT_ERROR.name
+
+    def __init__(self, window: Window, frames: Frames, features: int) -> None:
+        k = window.frame
+        found = track(frames.light(k), frames.light(k + 1), features)
+        self.centers_px, self._flow_px = found.start_px, found.flow_px
+
+    def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
+        """Return the distance of a flow from the track, px."""
+        return float(np.linalg.norm(flow_px - self._flow_px[item]))
+
+
+class _Sharpness:
+    """How much sharper the events around corners become along a flow."""
+
+    metric = CONTRAST_GAIN.name
+
+    def __init__(self, window: Window, events: Events, start: Start, features: int) -> None:
+        self._reach_px = start.reach_px
+        self._contrasts, centers_px = [], []
+        unknown = np.full((events.height, events.width), np.nan)
+        for center_px in _event_corners(events)[:features]:
+            sample = start.sample(events, window, unknown, center_px)
+            if len(sample.t):
+                contrast = Contrast(sample, self._reach_px, offset_px=EVEN_OFFSET_PX)
+                self._contrasts.append((contrast, contrast(np.zeros(2))))
+                centers_px.append(center_px)
+        self.centers_px = np.array(centers_px).reshape(-1, 2)
+
+    def value(self, item: int, flow_px: NDArray[np.float64]) -> float:
+        """Return the gain of a flow, 1 for zero flow."""
+        contrast, still = self._contrasts[item]
+        return contrast(np.clip(flow_px, -self._reach_px, self._reach_px)) / still
+
+
+def _event_corners(events: Events) -> NDArray[np.float64]:
+    """Return the (N, 2) corners of the image of events, px, the strongest first."""
+    size = events.width * events.height
+    pixel = events.y.astype(np.int64) * events.width + events.x
+    image = np.bincount(pixel, minlength=size).reshape(events.height, events.width)
+    smooth = cv2.GaussianBlur(np.sqrt(image).astype(np.float32), (0, 0), 1.0)
+    return strong_corners(np.asarray(smooth, np.float32))
