@@ -287,7 +287,7 @@ def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> 
     """Promise: `eres study` hands both to the study, and refuses a path for several scenes."""
     asked: list[Study] = []
 
-    def run(study: Study, *given: object) -> None:
+    def run(study: Study, *given: object, **options: object) -> None:
         asked.append(study)
         raise StudyError("enough")
 

@@ -281,7 +281,7 @@ def test_the_terminal_prints_the_first_threshold(tmp_path, monkeypatch, eres) ->
     """Return the output of `eres study`: the first threshold's scores, and the place of the
     others."""
     run = run_of(tmp_path, several(usual_rows(samples=1)))
-    monkeypatch.setattr("tasks.study.run.run_study", lambda *given: None)
+    monkeypatch.setattr("tasks.study.run.run_study", lambda *given, **options: None)
     code, out, _ = eres("study", "--out", run)
     assert code == 0
     assert "24.09" in out

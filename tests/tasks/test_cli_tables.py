@@ -107,7 +107,7 @@ def every_table(clip, finished_run, screen):
     with pytest.MonkeyPatch.context() as patch:
         for name, function in fast.items():
             patch.setattr(convergence, name, function)
-        patch.setattr("tasks.study.run.run_study", lambda *_: [])
+        patch.setattr("tasks.study.run.run_study", lambda *_, **__: [])
         patch.setattr("tasks.study.report.write_report", lambda run: run / "report.html")
         patch.setattr(
             "tasks.rig.recording.open_recording", lambda path: SimpleNamespace(folder=path)
