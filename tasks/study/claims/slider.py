@@ -1,4 +1,4 @@
-"""The paper's claim about real data, judged on the virtual slider."""
+"""The paper's claim about real data, judged on the virtual slider or on recordings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tasks.study.results.paper_slider import (
     slider_scores,
     worse_than_nothing,
 )
-from tasks.study.results.perturbation import TRACKING, judged_series
+from tasks.study.results.perturbation import TRACKING, judged_series, sweep
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
@@ -48,9 +48,43 @@ class _Judged(NamedTuple):
     decides: bool
 
 
+class Compared(NamedTuple):
+    """The cells of a print that are compared."""
+
+    middle: int  # px, width of the field from the middle distance
+    full: int  # px, from the nearest
+    speed: float  # as in `Condition`
+    words: str = ""  # of these, where the claim itself does not say them
+
+
 @dataclass(frozen=True, kw_only=True)
 class SliderClaim(Claim):
     """The middle distance is better than the nearest, on every print and in every real light."""
+
+    def prints(self, scores: Scores, series: Series) -> list[str]:
+        """Return the prints of a series."""
+        return [one for one in PRINTS if one in scores.scenes(series)]
+
+    def compared(self, scores: Scores, series: Series, scene: str) -> Compared | None:
+        """Return what is compared on a print, None if it is not there."""
+        del scores, series, scene
+        return Compared(_MIDDLE, _FULL, _FAST)
+
+    def lights_hz(self, scores: Scores, series: Series) -> list[float]:
+        """Return the cutoffs that decide."""
+        return [hz for hz in scores.cutoffs_hz(series) if not math.isinf(hz)]
+
+    def light(self, hz: float) -> str:
+        """Return a light in words."""
+        return light_label(hz)
+
+    def tracking(self, scores: Scores) -> Series | None:
+        """Return the series of tracking that decides."""
+        return judged_series(scores)
+
+    def scope(self, prints: list[str]) -> str:
+        """Say which prints were judged, where that is not all."""
+        return f"Judged on {join_words(prints)} only" if set(PRINTS) - set(prints) else ""
 
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
         """Compare the two distances at the highest speed.
@@ -70,14 +104,16 @@ class SliderClaim(Claim):
         lines: list[str] = []
         samples: dict[str, int] = {}  # by print, of the series with the fewest
         missing = [PHOTOMETRIC.task, TRACKING.task]
-        for series, decides in _judged(scores):
+        for series, decides in _judged(scores, self.tracking(scores)):
             metric = TASKS[series.task].metric
-            for scene in (one for one in PRINTS if one in scores.scenes(series)):
-                found = dict(_readings(scores, series, scene))
+            for scene in self.prints(scores, series):
+                at = self.compared(scores, series, scene)
+                found = dict(self._readings(SceneScores(scores, series, scene), at))
                 fails = [hz for hz, one in found.items() if one.status is Status.DOES_NOT_HOLD]
-                texts = [f"{light_label(hz)} {one.text}" for hz, one in found.items()]
-                lost = f" (does not hold in {', '.join(map(light_label, fails))})" if fails else ""
-                lines.append(f"{scene}, {series.name} [{metric.unit}]: {'; '.join(texts)}{lost}")
+                texts = [f"{self.light(hz)} {one.text}" for hz, one in found.items()]
+                lost = f" (does not hold in {', '.join(map(self.light, fails))})" if fails else ""
+                where = f"{scene}{at.words if at else ''}"
+                lines.append(f"{where}, {series.name} [{metric.unit}]: {'; '.join(texts)}{lost}")
                 if decides:
                     missing = [task for task in missing if task != series.task]
                     outcomes += [one.status for one in found.values()]
@@ -86,19 +122,64 @@ class SliderClaim(Claim):
         outcomes += [Status.NOT_MEASURED] * len(missing)
         if lines and missing:
             lines += [f"{TASKS[task].title}: not measured" for task in missing]
-        parts = []
-        if samples and set(PRINTS) - set(samples):
-            parts.append(f"Judged on {join_words([*samples])} only")
+        parts = [text for text in [samples and self.scope([*samples])] if text]
         if samples and min(samples.values()) < MIN_SAMPLES_FOR_INTERVAL:
             parts.append(too_few_text(min(samples.values())))
         scope = f"{'; '.join(parts)}." if parts else ""
         ours = "\n".join(lines) or "no rows of the virtual slider"
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
+    def _readings(self, on: SceneScores, at: Compared | None) -> Iterator[tuple[float, Reading]]:
+        """Yield the lead of the middle distance in each light that decides."""
+        for hz in self.lights_hz(on.scores, on.series):
+            try:
+                if at is None:
+                    raise NotMeasured("not measured")
+                lead = margin(at.middle, at.full, hz, at.speed)
+                on.require(lead.cells)
+                yield hz, Number(lead, above=0, unit="")(on)
+            except NotMeasured:
+                yield hz, Reading("not measured", Status.NOT_MEASURED)
 
-def _judged(scores: Scores) -> Iterator[_Judged]:
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedSliderClaim(SliderClaim):
+    """The same on recordings: the two nearest distances at the highest speed, any print and light.
+
+    Rows say neither distance nor lens: a wider field is a nearer camera.
+    """
+
+    def prints(self, scores: Scores, series: Series) -> list[str]:
+        """Return the prints of a series."""
+        return scores.scenes(series)
+
+    def compared(self, scores: Scores, series: Series, scene: str) -> Compared | None:
+        """Return what is compared on a print, None if there is one distance."""
+        widths = sorted({at.width for at in scores.conditions(series) if at.scene == scene})
+        if len(widths) < 2:
+            return None
+        (middle, full), speed = widths[-2:], scores.speeds(series, scene)[-1]
+        return Compared(middle, full, speed, f", {middle} px or {full} px at {speed:g} m/s")
+
+    def lights_hz(self, scores: Scores, series: Series) -> list[float]:
+        """Return all cutoffs: that of a real camera may be unknown."""
+        return scores.cutoffs_hz(series)
+
+    def light(self, hz: float) -> str:
+        """Return a light in words."""
+        return "cutoff unknown" if math.isinf(hz) else f"cutoff {hz:g} Hz"
+
+    def tracking(self, scores: Scores) -> Series | None:
+        """Return tracking from the start nearest to the truth."""
+        return next(iter(sweep(scores, TRACKING.method)), None)
+
+    def scope(self, prints: list[str]) -> str:
+        """Name the prints."""
+        return f"Judged on recordings of {join_words(prints)}"
+
+
+def _judged(scores: Scores, tracking: Series | None) -> Iterator[_Judged]:
     """Yield the series of a run, with those that only stand beside."""
-    tracking = judged_series(scores)
     beside = (
         PHOTOMETRIC._replace(variant=_NATIVE_PATCH),
         TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm"),
@@ -106,20 +187,6 @@ def _judged(scores: Scores) -> Iterator[_Judged]:
     for one in dict.fromkeys((PHOTOMETRIC, beside[0], tracking, beside[1])):
         if one is not None and one in scores.series():
             yield _Judged(one, one in (PHOTOMETRIC, tracking))
-
-
-def _readings(scores: Scores, series: Series, scene: str) -> Iterator[tuple[float, Reading]]:
-    """Yield the lead of the middle distance in each light with a cutoff."""
-    on = SceneScores(scores, series, scene)
-    for hz in scores.cutoffs_hz(series):
-        if math.isinf(hz):
-            continue
-        lead = margin(_MIDDLE, _FULL, hz, _FAST)
-        try:
-            on.require(lead.cells)
-            yield hz, Number(lead, above=0, unit="")(on)
-        except NotMeasured:
-            yield hz, Reading("not measured", Status.NOT_MEASURED)
 
 
 def _paper_lines() -> Iterator[str]:
@@ -148,8 +215,10 @@ def _paper_lead(found: Mapping[tuple[str, str, int], float], method: str, pictur
     return full - middle
 
 
+_NUMBER = 22
+
 ON_THE_SLIDER = SliderClaim(
-    number=22,
+    number=_NUMBER,
     title="On a slider at 0.6 m/s, about 640x360 px are better than the full size",
     statement="On every print, with photometric flow and with pose tracking, errors at 0.6 m/s are "
     f"smaller at {_MIDDLE} px, from 43 cm, than at {_FULL} px, from 24 cm.",
@@ -157,4 +226,13 @@ ON_THE_SLIDER = SliderClaim(
     "same way (eres rig). The paper does not say its light, so every light with a cutoff decides; "
     "nor does it say whether its patches of 61 px grow with the image: those that do decide, as in "
     "the other claims.",
+)
+
+ON_RECORDINGS = RecordedSliderClaim(
+    number=_NUMBER,
+    title="On a slider, more pixels from nearer are not better",
+    statement="On every print, with photometric flow and with pose tracking, errors at the highest "
+    "speed are smaller from the second nearest distance than from the nearest.",
+    note="Truth is the print seen from the solved poses. The paper does not say whether its "
+    "patches of 61 px grow with the image: those that do decide, as in the other claims.",
 )
