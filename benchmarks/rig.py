@@ -125,7 +125,7 @@ def stills_of(out: Path, width: int, depth_m: float) -> None:
 def main(out: Path, settings: list[str]) -> None:
     """Print one line for each setting and source."""
     print(
-        "camera depth  source unknowns             found  rms px  image px  flow px  pos mm"
+        "camera depth  source unknowns                    found  rms px  image px  flow px  pos mm"
         "  latency ms  detect CPU s  solve CPU s"
     )
     for setting in settings:
@@ -152,7 +152,7 @@ def main(out: Path, settings: list[str]) -> None:
             visible = _visible(recording, truth, sorted(set(found.t_us.tolist())))
             extra = ",".join(solved.estimated[8:]) or "-"
             print(
-                f"{width:5.0f} {100 * depth_m:4.1f} cm {source:>6} {extra:<20} "
+                f"{width:5.0f} {100 * depth_m:4.1f} cm {source:>6} {extra:<25} "
                 f"{len(found.t_us):4d}/{visible:<4d} {solved.rms_px:5.2f} {errors.image_px:8.3f} "
                 f"{errors.flow_px:9.4f} {errors.position_mm:8.2f} {solved.latency_ms:9.2f} "
                 f"{found_s - start_s:12.1f} {solved_s - found_s:12.1f}",

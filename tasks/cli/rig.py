@@ -10,6 +10,7 @@ from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
+from tasks.errors import RigError
 
 _RigFile = Annotated[Positional[Path], arg(metavar="RIG", help="rig.toml")]
 _Recording = Annotated[
@@ -255,6 +256,8 @@ def solve(
     from tasks.rig.markers import read_detections
     from tasks.rig.recording import open_recording
 
+    if not recordings:
+        raise RigError("solve: found no recording, expected at least one folder")
     check_new(out, overwrite)
     unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
     opened = [open_recording(folder) for folder in recordings]

@@ -158,9 +158,11 @@ def evaluate_rig(
     Raises
     ------
     RigError
-        If there are no crops, the contrast threshold is not known, no window has even speed, or
-        distances have no speed in common.
+        If there are no crops, the contrast threshold is not known, no window has even speed,
+        distances have no speed in common, or tracking gets a camera with a lens.
     """
+    if not folders:
+        raise RigError("crops: found no folder, expected those of `eres rig crop`")
     crops = [one for folder in folders for one in crops_in(folder)]
     found: list[list[Row]] = []
     for k, one in enumerate(crops):
@@ -195,6 +197,11 @@ def crops_in(folder: Path) -> list[Path]:
 
 def _load(folder: Path, settings: RigEvaluation) -> _Crop:
     cropped = read_crop(folder)
+    if settings.tracking and any(cropped.lens):
+        raise RigError(
+            f"{folder / FILE_NAME}: lens: found {cropped.lens}, expected a pinhole for tracking; "
+            "score --tasks flow video"
+        )
     page = page_files.read_page(folder / page_files.FILE_NAME)
     file = folder / EVENTS_NAME
     model = read_header(file).model

@@ -48,7 +48,7 @@ class _Judged(NamedTuple):
     decides: bool
 
 
-class Compared(NamedTuple):
+class _Compared(NamedTuple):
     """The cells of a print that are compared."""
 
     middle: int  # px, width of the field from the middle distance
@@ -61,28 +61,28 @@ class Compared(NamedTuple):
 class SliderClaim(Claim):
     """The middle distance is better than the nearest, on every print and in every real light."""
 
-    def prints(self, scores: Scores, series: Series) -> list[str]:
+    def _prints(self, scores: Scores, series: Series) -> list[str]:
         """Return the prints of a series."""
         return [one for one in PRINTS if one in scores.scenes(series)]
 
-    def compared(self, scores: Scores, series: Series, scene: str) -> Compared | None:
+    def _compared(self, scores: Scores, series: Series, scene: str) -> _Compared | None:
         """Return what is compared on a print, None if it is not there."""
         del scores, series, scene
-        return Compared(_MIDDLE, _FULL, _FAST)
+        return _Compared(_MIDDLE, _FULL, _FAST)
 
-    def lights_hz(self, scores: Scores, series: Series) -> list[float]:
+    def _lights_hz(self, scores: Scores, series: Series) -> list[float]:
         """Return the cutoffs that decide."""
         return [hz for hz in scores.cutoffs_hz(series) if not math.isinf(hz)]
 
-    def light(self, hz: float) -> str:
+    def _light(self, hz: float) -> str:
         """Return a light in words."""
         return light_label(hz)
 
-    def tracking(self, scores: Scores) -> Series | None:
+    def _tracking(self, scores: Scores) -> Series | None:
         """Return the series of tracking that decides."""
         return judged_series(scores)
 
-    def scope(self, prints: list[str]) -> str:
+    def _scope(self, prints: list[str]) -> str:
         """Say which prints were judged, where that is not all."""
         return f"Judged on {join_words(prints)} only" if set(PRINTS) - set(prints) else ""
 
@@ -104,14 +104,14 @@ class SliderClaim(Claim):
         lines: list[str] = []
         samples: dict[str, int] = {}  # by print, of the series with the fewest
         missing = [PHOTOMETRIC.task, TRACKING.task]
-        for series, decides in _judged(scores, self.tracking(scores)):
+        for series, decides in _judged(scores, self._tracking(scores)):
             metric = TASKS[series.task].metric
-            for scene in self.prints(scores, series):
-                at = self.compared(scores, series, scene)
+            for scene in self._prints(scores, series):
+                at = self._compared(scores, series, scene)
                 found = dict(self._readings(SceneScores(scores, series, scene), at))
                 fails = [hz for hz, one in found.items() if one.status is Status.DOES_NOT_HOLD]
-                texts = [f"{self.light(hz)} {one.text}" for hz, one in found.items()]
-                lost = f" (does not hold in {', '.join(map(self.light, fails))})" if fails else ""
+                texts = [f"{self._light(hz)} {one.text}" for hz, one in found.items()]
+                lost = f" (does not hold in {', '.join(map(self._light, fails))})" if fails else ""
                 where = f"{scene}{at.words if at else ''}"
                 lines.append(f"{where}, {series.name} [{metric.unit}]: {'; '.join(texts)}{lost}")
                 if decides:
@@ -122,16 +122,16 @@ class SliderClaim(Claim):
         outcomes += [Status.NOT_MEASURED] * len(missing)
         if lines and missing:
             lines += [f"{TASKS[task].title}: not measured" for task in missing]
-        parts = [text for text in [samples and self.scope([*samples])] if text]
+        parts = [text for text in [samples and self._scope([*samples])] if text]
         if samples and min(samples.values()) < MIN_SAMPLES_FOR_INTERVAL:
             parts.append(too_few_text(min(samples.values())))
         scope = f"{'; '.join(parts)}." if parts else ""
         ours = "\n".join(lines) or "no rows of the virtual slider"
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
-    def _readings(self, on: SceneScores, at: Compared | None) -> Iterator[tuple[float, Reading]]:
+    def _readings(self, on: SceneScores, at: _Compared | None) -> Iterator[tuple[float, Reading]]:
         """Yield the lead of the middle distance in each light that decides."""
-        for hz in self.lights_hz(on.scores, on.series):
+        for hz in self._lights_hz(on.scores, on.series):
             try:
                 if at is None:
                     raise NotMeasured("not measured")
@@ -149,31 +149,31 @@ class RecordedSliderClaim(SliderClaim):
     Rows say neither distance nor lens: a wider field is a nearer camera.
     """
 
-    def prints(self, scores: Scores, series: Series) -> list[str]:
+    def _prints(self, scores: Scores, series: Series) -> list[str]:
         """Return the prints of a series."""
         return scores.scenes(series)
 
-    def compared(self, scores: Scores, series: Series, scene: str) -> Compared | None:
+    def _compared(self, scores: Scores, series: Series, scene: str) -> _Compared | None:
         """Return what is compared on a print, None if there is one distance."""
         widths = sorted({at.width for at in scores.conditions(series) if at.scene == scene})
         if len(widths) < 2:
             return None
         (middle, full), speed = widths[-2:], scores.speeds(series, scene)[-1]
-        return Compared(middle, full, speed, f", {middle} px or {full} px at {speed:g} m/s")
+        return _Compared(middle, full, speed, f", {middle} px or {full} px at {speed:g} m/s")
 
-    def lights_hz(self, scores: Scores, series: Series) -> list[float]:
+    def _lights_hz(self, scores: Scores, series: Series) -> list[float]:
         """Return all cutoffs: that of a real camera may be unknown."""
         return scores.cutoffs_hz(series)
 
-    def light(self, hz: float) -> str:
+    def _light(self, hz: float) -> str:
         """Return a light in words."""
         return "cutoff unknown" if math.isinf(hz) else f"cutoff {hz:g} Hz"
 
-    def tracking(self, scores: Scores) -> Series | None:
+    def _tracking(self, scores: Scores) -> Series | None:
         """Return tracking from the start nearest to the truth."""
         return next(iter(sweep(scores, TRACKING.method)), None)
 
-    def scope(self, prints: list[str]) -> str:
+    def _scope(self, prints: list[str]) -> str:
         """Name the prints."""
         return f"Judged on recordings of {join_words(prints)}"
 

@@ -1,8 +1,10 @@
 """The whole way on a small virtual rig: render, simulate, detect, solve, crop, evaluate."""
 
+import json
 import math
 import shutil
 import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -238,6 +240,11 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
     assert {row.cutoff_hz for row in read_rows(out / "rows.parquet")} == {90.0}
     assert run(monkeypatch, *scored) == 1
     assert "exists already" in capsys.readouterr().err
+    nothing = {"solve": (), "crop": ("--calibration", calibration), "evaluate": ()}
+    for name, options in nothing.items():
+        assert run(monkeypatch, "rig", name, "--out", tmp_path / "none", *options) == 1
+        assert "expected" in capsys.readouterr().err
+        assert not (tmp_path / "none").exists()
     other = tmp_path / "other"
     other.mkdir()
     assert run(monkeypatch, "rig", "crop", other, "--calibration", calibration, "--out", crops) == 1
@@ -290,13 +297,17 @@ def test_bad_recordings_are_refused(folder, tmp_path):
         open_recording(Path(tmp_path / "nowhere"))
 
 
-def test_a_recording_that_is_too_short_is_refused(folder, frames_solved, tmp_path):
-    """Promise: shorter than a window, without events, or of one direction where the latency is
-    asked for: one line that names the recording."""
+def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp_path):
+    """Promise: tracking through a lens, shorter than a window, without events, or of one direction
+    where the latency is asked for: one line that names the recording."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     recording = open_recording(folder)
     (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    cropped = read_crop(out)
+    (out / "crop.json").write_text(json.dumps(asdict(replace(cropped, lens=(-0.1, 0, 0, 0, 0)))))
+    with pytest.raises(RigError, match=r"crop.json: lens: found .*expected a pinhole for tracking"):
+        evaluate_rig([tmp_path / "crops"], RigEvaluation())
     events = load_events(out / "events.h5")
     settings = RigEvaluation(windows=2, tracking=(), flow=(), video=("blank",))
     begins_us = int(events.t_us[len(events) // 4])
