@@ -4,9 +4,10 @@
 
 Each setting is the width of the camera (346 for a DAVIS346, 1280 for a Prophesee Gen4, both with an
 8 mm lens), the depth in meters, and the travel in meters, or "still" for 20 images of a camera that
-stands still for each, without events. OUT keeps the renders, so a second run takes
-seconds. The sensor for images of the high-pass filter has a cutoff of 200 Hz, a threshold mismatch
-of 0.03, a leak of 0.1 Hz and 0.1 % hot pixels; that for event integration has the cutoff alone.
+stands still for each, without events. A fourth part is the refinement of corners, such as
+1280:0.236:still:subpix. OUT keeps the renders, so a second run takes seconds. The sensor for images
+of the high-pass filter has a cutoff of 200 Hz, a threshold mismatch of 0.03, a leak of 0.1 Hz and
+0.1 % hot pixels; that for event integration has the cutoff alone.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import math
 import sys
 import time
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
@@ -27,6 +29,7 @@ from tasks.events.simulation import SimulationOptions, sensor_for, simulate_sequ
 from tasks.rig.bundle import RigPose, Unknowns
 from tasks.rig.calibration import compare, read_truth, solve_recording, write_truth
 from tasks.rig.detect import detect
+from tasks.rig.markers import Refinement
 from tasks.rig.page import PAPER, draw, lay_out, write_page, write_print
 from tasks.rig.recording import Frame, Recording, open_recording, write_frames_table
 from tasks.rig.settings import read_rig
@@ -130,7 +133,8 @@ def main(out: Path, settings: list[str]) -> None:
     )
     for setting in settings:
         width, depth_m = (float(part) for part in setting.split(":")[:2])
-        travel = setting.split(":")[2]
+        travel, *others = setting.split(":")[2:]
+        refinement = cast(Refinement, others[0]) if others else None
         folder = out / "rig_{}_{}_{}".format(*setting.split(":"))
         if travel == "still":
             stills_of(folder, int(width), depth_m)
@@ -142,7 +146,7 @@ def main(out: Path, settings: list[str]) -> None:
                 (folder / "events.h5").symlink_to(folder.resolve() / f"{name}.h5")
             recording = open_recording(folder)
             start_s = time.process_time()
-            found = detect(recording, source, images=IMAGES)
+            found = detect(recording, source, images=IMAGES, refinement=refinement)
             found_s = time.process_time()
             solved = solve_recording(recording, found, unknowns, math.inf)
             solved_s = time.process_time()
