@@ -10,6 +10,7 @@ from tyro.conf import Positional, arg
 
 from tasks.cli import terminal
 from tasks.cli.table import Table
+from tasks.errors import RigError
 
 _RigFile = Annotated[Positional[Path], arg(metavar="RIG", help="rig.toml")]
 _Recording = Annotated[
@@ -255,6 +256,8 @@ def solve(
     from tasks.rig.markers import read_detections
     from tasks.rig.recording import open_recording
 
+    if not recordings:
+        raise RigError("solve: found no recording, expected at least one folder")
     check_new(out, overwrite)
     unknowns = Unknowns(latency=latency, scale=scale, corner_bias=corner_bias)
     opened = [open_recording(folder) for folder in recordings]
@@ -319,25 +322,32 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
 
 
 def evaluate(
-    crops: Annotated[Positional[Path], arg(metavar="CROPS", help="folder of `eres rig crop`")],
+    crops: Annotated[
+        Positional[tuple[Path, ...]],
+        arg(metavar="CROPS", help="folders of `eres rig crop`, one for each print"),
+    ],
     out: Path,
     tasks: tuple[Literal["flow", "video", "tracking"], ...] = ("flow", "video", "tracking"),
     windows: int = 10,
     travel: float = 0.006,
     threshold: float | None = None,
+    cutoff: float | None = None,
     initial_sigma_mm: float = 5.0,
     seed: int = 0,
     overwrite: bool = False,
 ) -> None:
     """Score the methods of flow, video and tracking on the crops of a rig.
 
-    Writes rows.parquet. The truth is that of the solved poses at the time of the encoder; the delay
-    of the sensor is not taken out. Speeds are in m/s.
+    The truth is that of the solved poses at the time of the encoder; the delay of the sensor is not
+    taken out. OUT is the folder of a run: `eres claims OUT` judges the paper's claim about its
+    slider on these recordings, and `eres report OUT` draws their scores. Speeds are in m/s.
+    Distances whose crops differ by less than 10 % in width are one, and so are such speeds; each
+    has as many windows as the one with the fewest.
 
     Parameters
     ----------
     out
-        Folder for rows.parquet.
+        Folder of the run: rows.parquet, study.json with what was recorded, environment.json.
     tasks
         What is scored; tracking needs a camera without distortion.
     windows
@@ -346,6 +356,9 @@ def evaluate(
         Travel of the slider in a window, meters.
     threshold
         Contrast threshold, log units; by default that of the simulated sensor.
+    cutoff
+        Cutoff of the photoreceptor, Hz, as `eres fit --crop --motion` finds it; by default that of
+        the simulated sensor. It names the light in the report; no score depends on it.
     initial_sigma_mm
         Error from which tracking starts, of each control position, mm.
     seed
@@ -353,13 +366,14 @@ def evaluate(
     overwrite
         Replace an existing file.
     """
-    from dataclasses import replace
+    from dataclasses import asdict, replace
     from statistics import median
 
     from tasks.cli.progress_bar import progress_bar
     from tasks.events.overwriting import check_new
     from tasks.rig.evaluate import RigEvaluation, evaluate_rig
     from tasks.row import write_rows
+    from tasks.study.run.recorded import write_recorded
 
     file = out / "rows.parquet"
     check_new(file, overwrite)
@@ -367,6 +381,7 @@ def evaluate(
         windows=windows,
         travel_m=travel,
         contrast_threshold=threshold,
+        cutoff_hz=cutoff,
         initial_sigma_mm=initial_sigma_mm,
         seed=seed,
     )
@@ -378,7 +393,7 @@ def evaluate(
     )
     with progress_bar(terminal.err) as on_progress:
         rows = evaluate_rig(crops, settings, on_progress=on_progress)
-    out.mkdir(parents=True, exist_ok=True)
+    write_recorded(out, crops, asdict(settings))
     write_rows(file, rows)
     groups: dict[tuple[str, ...], list[float]] = {}
     for row in rows:

@@ -14,7 +14,7 @@ from sensor.model import Photoreceptor
 from tasks.cli import terminal
 from tasks.cli.app import RunFolder
 from tasks.cli.table import Table
-from tasks.errors import StudyError
+from tasks.errors import ResultError, StudyError
 
 _AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
 
@@ -170,8 +170,11 @@ def _show_scores(run: Path) -> None:
 
 
 def _show_claims(run: Path) -> None:
+    from typing import Any
+
+    from eres_render.storage.settings_reader import read_json
     from tasks.row import read_rows
-    from tasks.study.claims.judge import judge_all
+    from tasks.study.claims.judge import claims_of, judge_all
     from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
     from tasks.study.results.scores import by_photoreceptor
@@ -185,7 +188,8 @@ def _show_claims(run: Path) -> None:
     }
     found, *others = by_photoreceptor(read_rows(run / "rows.parquet")).values()
     scaling = read_scaling(run / "scaling")
-    verdicts = judge_all(found[0], scaling)
+    claims = claims_of(read_json(dict[str, Any], run / "study.json", ResultError))
+    verdicts = judge_all(found[0], scaling, claims)
     for verdict in verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
         terminal.out.print(
@@ -206,7 +210,7 @@ def _show_claims(run: Path) -> None:
         name = photoreceptor_label(scores.photoreceptor)
         changed = [
             f"{there.number} {marks[there.status]}"
-            for here, there in zip(verdicts, judge_all(scores, scaling), strict=True)
+            for here, there in zip(verdicts, judge_all(scores, scaling, claims), strict=True)
             if here.status != there.status
         ]
         terminal.out.print(f"With {name}: {', '.join(changed) or 'the same verdicts'}")

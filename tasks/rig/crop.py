@@ -228,9 +228,11 @@ def crop(
     Raises
     ------
     RigError
-        If a recording has no solution, the pages differ, two recordings have one name, or there is
-        no common field.
+        If there is no recording, one has no solution, the pages differ, two recordings have one
+        name, or there is no common field.
     """
+    if not recordings:
+        raise RigError("crop: found no recording, expected at least one folder")
     solved = [calibration.of(one) for one in recordings]
     if len({one.folder.resolve().name for one in recordings}) < len(recordings):
         raise RigError("crop: found two recordings of one name, expected different names")

@@ -7,7 +7,7 @@ sensor is not in it, as it is part of what is scored.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -39,6 +39,7 @@ from tasks.rig import page as page_files
 from tasks.rig import slider as slider_files
 from tasks.rig.bundle import RigPose
 from tasks.rig.calibration import on_page
+from tasks.rig.cells import in_cells
 from tasks.rig.crop import EVENTS_NAME, FILE_NAME, Cropped, read_crop
 from tasks.rig.page import Page, read_page_image, reflectance
 from tasks.rig.slider import Slider
@@ -75,6 +76,9 @@ class RigEvaluation:
         Error of the initial path's control positions, mm.
     contrast_threshold
         C, log units; by default that of the file of events, if it was simulated.
+    cutoff_hz
+        Cutoff of the photoreceptor, Hz, for the rows; by default that of the file of events, if it
+        was simulated, and inf otherwise. No score depends on it.
     seed
         Seed of the initial errors.
     """
@@ -88,11 +92,14 @@ class RigEvaluation:
     initial_sigma_px: float = INITIAL_SIGMA_PX
     initial_sigma_mm: float = 5.0
     contrast_threshold: float | None = None
+    cutoff_hz: float | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
         for name in ("windows", "features", "travel_m", "initial_sigma_mm"):
             check_positive(name, getattr(self, name), RigError)
+        if self.cutoff_hz is not None:
+            check_positive("cutoff_hz", self.cutoff_hz, RigError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,14 +136,14 @@ class _Crop:
 
 
 def evaluate_rig(
-    folder: Path, settings: RigEvaluation, *, on_progress: Progress = silent
+    folders: Sequence[Path], settings: RigEvaluation, *, on_progress: Progress = silent
 ) -> list[Row]:
     """Score methods on all crops of a rig.
 
     Parameters
     ----------
-    folder
-        The folder that `eres rig crop` wrote.
+    folders
+        Folders that `eres rig crop` wrote, such as one for each print.
     settings
         What is scored.
     on_progress
@@ -145,31 +152,57 @@ def evaluate_rig(
     Returns
     -------
     rows
-        `speed` is in m/s, `width` that of the crop, `scene` the picture; `cutoff_hz` is inf if it
-        is not known.
+        `speed` and `speed_m_s` are in m/s, `width` is that of the crop, `scene` the picture;
+        `cutoff_hz` is inf if it is not known. Distances, speeds and samples are in the cells of
+        `in_cells`.
 
     Raises
     ------
     RigError
-        If there are no crops, the contrast threshold is not known, or no window has even speed.
+        If there are no crops, the contrast threshold is not known, no window has even speed,
+        distances have no speed in common, or tracking gets a camera with a lens.
     """
-    folders = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
     if not folders:
-        raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
-    rows: list[Row] = []
-    for k, one in enumerate(folders):
+        raise RigError("crops: found no folder, expected those of `eres rig crop`")
+    crops = [one for folder in folders for one in crops_in(folder)]
+    found: list[list[Row]] = []
+    for k, one in enumerate(crops):
         crop = _load(one, settings)
-        windows = _windows(crop.slider, crop.events, settings)
+        try:
+            windows = _windows(crop.slider, crop.events, settings)
+        except RigError as error:
+            raise RigError(f"{one}: {error}") from None
+        rows: list[Row] = []
         for n, window in enumerate(windows):
             rows += _flow_rows(crop, window, settings)
             rows += _tracking_rows(crop, window, settings)
-            on_progress("evaluating", k + (n + 1) / len(windows), len(folders))
+            on_progress("evaluating", k + (n + 1) / len(windows), len(crops))
         rows += _video_rows(crop, windows, settings)
-    return rows
+        found.append(rows)
+    return in_cells(found)
+
+
+def crops_in(folder: Path) -> list[Path]:
+    """Return the folders of the crops that `eres rig crop` wrote.
+
+    Raises
+    ------
+    RigError
+        If there is none.
+    """
+    found = sorted(file.parent for file in folder.glob(f"*/{FILE_NAME}"))
+    if not found:
+        raise RigError(f"{folder}: found no crop, expected those of `eres rig crop`")
+    return found
 
 
 def _load(folder: Path, settings: RigEvaluation) -> _Crop:
     cropped = read_crop(folder)
+    if settings.tracking and any(cropped.lens):
+        raise RigError(
+            f"{folder / FILE_NAME}: lens: found {cropped.lens}, expected a pinhole for tracking; "
+            "score --tasks flow video"
+        )
     page = page_files.read_page(folder / page_files.FILE_NAME)
     file = folder / EVENTS_NAME
     model = read_header(file).model
@@ -185,12 +218,14 @@ def _load(folder: Path, settings: RigEvaluation) -> _Crop:
         reflectance(read_page_image(folder / page_files.IMAGE_NAME, page)),
         concatenate(list(read_events(file))),
         C,
-        math.inf if model is None else model.cutoff_hz,
+        settings.cutoff_hz or (math.inf if model is None else model.cutoff_hz),
     )
 
 
 def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_Window]:
     """Return windows of even speed along the way."""
+    if not len(events):
+        raise RigError(f"{EVENTS_NAME}: found no events, expected some")
     first_us, last_us = int(events.t_us[0]), int(events.t_us[-1])
     first_us, last_us = max(first_us, int(slider.t_us[0])), min(last_us, int(slider.t_us[-1]))
     middles_us = slider.evenly_along(settings.windows, first_us, last_us)
@@ -206,8 +241,9 @@ def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_W
             found.append(_Window(len(found), start_us, end_us, (x0, x1)))
     if not found:
         raise RigError(
-            f"evaluate: found no window of even speed among {settings.windows}, expected some; "
-            "give more windows, or less travel"
+            f"{EVENTS_NAME}: found no window of even speed among {settings.windows} in "
+            f"{1e-6 * (last_us - first_us):.3g} s, expected some of {1e3 * settings.travel_m:g} mm "
+            "of travel; give more windows, or less travel"
         )
     return found
 

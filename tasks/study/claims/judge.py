@@ -6,6 +6,7 @@ No bound of a claim is fitted to our results.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from tasks.row import Row
 from tasks.study.claims.baseline import BEATS_DOING_NOTHING
@@ -14,7 +15,7 @@ from tasks.study.claims.dense_flow import DENSE_FLOW_CLAIMS
 from tasks.study.claims.flow import FLOW_CLAIMS
 from tasks.study.claims.reconstruction import RECONSTRUCTION_CLAIMS
 from tasks.study.claims.scaling import SCALING_CLAIMS
-from tasks.study.claims.slider import ON_THE_SLIDER
+from tasks.study.claims.slider import ON_RECORDINGS, ON_THE_SLIDER
 from tasks.study.claims.tracking import TRACKING_CLAIMS
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Verdict
@@ -31,6 +32,22 @@ CLAIMS: tuple[Claim, ...] = (
     *TRAINING_CLAIMS,
     BEATS_DOING_NOTHING,
 )
+
+
+def claims_of(config: Mapping[str, Any]) -> tuple[Claim, ...]:
+    """Return the claims that a run is about.
+
+    Parameters
+    ----------
+    config
+        The content of its study.json.
+
+    Returns
+    -------
+    tuple of Claim
+        All, or that of the slider if the events were recorded.
+    """
+    return (ON_RECORDINGS,) if "recorded" in config else CLAIMS
 
 
 def judge_all(

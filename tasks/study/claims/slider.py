@@ -1,10 +1,11 @@
-"""The paper's claim about real data, judged on the virtual slider."""
+"""The paper's claim about real data, judged on the virtual slider or on recordings."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from tasks.study.results.paper_slider import (
     slider_scores,
     worse_than_nothing,
 )
-from tasks.study.results.perturbation import TRACKING, judged_series
+from tasks.study.results.perturbation import TRACKING, judged_series, sweep
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
@@ -31,6 +32,7 @@ from tasks.study.results.slider import (
     PRINTS,
     light_label,
 )
+from tasks.study.results.words import join_words
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
@@ -38,9 +40,43 @@ _FAST = round(_FAST_M_PER_S / BASE_SPEED_M_PER_S, 9)
 _NATIVE_PATCH = "61 px patch"
 
 
+class _Compared(NamedTuple):
+    """The cells of a print that are compared."""
+
+    middle: int  # px, width of the field from the middle distance
+    full: int  # px, from the nearest
+    speed: float  # as in `Condition`
+    words: str = ""  # of these, where the claim itself does not say them
+
+
 @dataclass(frozen=True, kw_only=True)
 class SliderClaim(Claim):
     """The middle distance is better than the nearest, on every print and in every real light."""
+
+    def _prints(self, scores: Scores, series: Series) -> list[str]:
+        """Return the prints of a series."""
+        return [one for one in PRINTS if one in scores.scenes(series)]
+
+    def _compared(self, scores: Scores, series: Series, scene: str) -> _Compared | None:
+        """Return what is compared on a print, None if it is not there."""
+        del scores, series, scene
+        return _Compared(_MIDDLE, _FULL, _FAST)
+
+    def _lights_hz(self, scores: Scores, series: Series) -> list[float]:
+        """Return the cutoffs that decide."""
+        return [hz for hz in scores.cutoffs_hz(series) if not math.isinf(hz)]
+
+    def _light(self, hz: float) -> str:
+        """Return a light in words."""
+        return light_label(hz)
+
+    def _tracking(self, scores: Scores) -> Series | None:
+        """Return the series of tracking that decides."""
+        return judged_series(scores)
+
+    def _only(self, prints: list[str]) -> list[str]:
+        """Return the prints that were judged, where that is not all."""
+        return prints if set(PRINTS) - set(prints) else []
 
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
         """Compare the two distances at the highest speed.
@@ -60,14 +96,16 @@ class SliderClaim(Claim):
         lines: list[str] = []
         samples: dict[str, int] = {}  # by print, of the series with the fewest
         missing = [PHOTOMETRIC.task, TRACKING.task]
-        for series, decides in _judged(scores).items():
+        for series, decides in _judged(scores, self._tracking(scores)).items():
             metric = TASKS[series.task].metric
-            for scene in (one for one in PRINTS if one in scores.scenes(series)):
-                found = dict(_readings(scores, series, scene))
+            for scene in self._prints(scores, series):
+                at = self._compared(scores, series, scene)
+                found = dict(self._readings(SceneScores(scores, series, scene), at))
                 fails = [hz for hz, one in found.items() if one.status is Status.DOES_NOT_HOLD]
-                texts = [f"{light_label(hz)} {one.text}" for hz, one in found.items()]
-                lost = f" (does not hold in {', '.join(map(light_label, fails))})" if fails else ""
-                lines.append(f"{scene}, {series.name} [{metric.unit}]: {'; '.join(texts)}{lost}")
+                texts = [f"{self._light(hz)} {one.text}" for hz, one in found.items()]
+                lost = f" (does not hold in {', '.join(map(self._light, fails))})" if fails else ""
+                where = f"{scene}{at.words if at else ''}"
+                lines.append(f"{where}, {series.name} [{metric.unit}]: {'; '.join(texts)}{lost}")
                 if decides:
                     missing = [task for task in missing if task != series.task]
                     outcomes += [one.status for one in found.values()]
@@ -76,33 +114,65 @@ class SliderClaim(Claim):
         outcomes += [Status.NOT_MEASURED] * len(missing)
         if lines and missing:
             lines += [f"{TASKS[task].title}: not measured" for task in missing]
-        only = samples if set(PRINTS) - set(samples) else ()
-        scope = scope_text(only, min(samples.values(), default=None))
+        scope = scope_text(self._only([*samples]), min(samples.values(), default=None))
         ours = "\n".join(lines) or "no rows of the virtual slider"
         return self.verdict(outcomes, ours, "\n".join(_paper_lines()), scope)
 
+    def _readings(self, on: SceneScores, at: _Compared | None) -> Iterator[tuple[float, Reading]]:
+        """Yield the lead of the middle distance in each light that decides."""
+        for hz in self._lights_hz(on.scores, on.series):
+            try:
+                if at is None:
+                    raise NotMeasured("not measured")
+                lead = margin(at.middle, at.full, hz, at.speed)
+                on.require(lead.cells)
+                yield hz, Number(lead, above=0, unit="")(on)
+            except NotMeasured:
+                yield hz, Reading("not measured", Status.NOT_MEASURED)
 
-def _judged(scores: Scores) -> dict[Series, bool]:
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedSliderClaim(SliderClaim):
+    """The same on recordings: the two nearest distances at the highest speed, any print and light.
+
+    Rows say neither distance nor lens: a wider field is a nearer camera.
+    """
+
+    def _prints(self, scores: Scores, series: Series) -> list[str]:
+        """Return the prints of a series."""
+        return scores.scenes(series)
+
+    def _compared(self, scores: Scores, series: Series, scene: str) -> _Compared | None:
+        """Return what is compared on a print, None if there is one distance."""
+        widths = sorted({at.width for at in scores.conditions(series) if at.scene == scene})
+        if len(widths) < 2:
+            return None
+        (middle, full), speed = widths[-2:], scores.speeds(series, scene)[-1]
+        return _Compared(middle, full, speed, f", {middle} px or {full} px at {speed:g} m/s")
+
+    def _lights_hz(self, scores: Scores, series: Series) -> list[float]:
+        """Return all cutoffs: that of a real camera may be unknown."""
+        return scores.cutoffs_hz(series)
+
+    def _light(self, hz: float) -> str:
+        """Return a light in words."""
+        return "cutoff unknown" if math.isinf(hz) else f"cutoff {hz:g} Hz"
+
+    def _tracking(self, scores: Scores) -> Series | None:
+        """Return tracking from the start nearest to the truth."""
+        return next(iter(sweep(scores, TRACKING.method)), None)
+
+    def _only(self, prints: list[str]) -> list[str]:
+        """Return the prints."""
+        return [f"recordings of {join_words(prints)}"] if prints else []
+
+
+def _judged(scores: Scores, tracking: Series | None) -> dict[Series, bool]:
     """Return the series of a run, and whether they decide or only stand beside."""
-    tracking = judged_series(scores)
     native = PHOTOMETRIC._replace(variant=_NATIVE_PATCH)
     papers_start = TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm")
-    every = (PHOTOMETRIC, native, tracking, papers_start)
+    every = [one for one in (PHOTOMETRIC, native, tracking, papers_start) if one is not None]
     return {one: one in (PHOTOMETRIC, tracking) for one in every if one in scores.series()}
-
-
-def _readings(scores: Scores, series: Series, scene: str) -> Iterator[tuple[float, Reading]]:
-    """Yield the lead of the middle distance in each light with a cutoff."""
-    on = SceneScores(scores, series, scene)
-    for hz in scores.cutoffs_hz(series):
-        if math.isinf(hz):
-            continue
-        lead = margin(_MIDDLE, _FULL, hz, _FAST)
-        try:
-            on.require(lead.cells)
-            yield hz, Number(lead, above=0, unit="")(on)
-        except NotMeasured:
-            yield hz, Reading("not measured", Status.NOT_MEASURED)
 
 
 def _paper_lines() -> Iterator[str]:
@@ -131,8 +201,10 @@ def _paper_lead(found: Mapping[tuple[str, str, int], float], method: str, pictur
     return full - middle
 
 
+_NUMBER = 22
+
 ON_THE_SLIDER = SliderClaim(
-    number=22,
+    number=_NUMBER,
     title="On a slider at 0.6 m/s, about 640x360 px are better than the full size",
     statement="On every print, with photometric flow and with pose tracking, errors at 0.6 m/s are "
     f"smaller at {_MIDDLE} px, from 43 cm, than at {_FULL} px, from 24 cm.",
@@ -140,4 +212,13 @@ ON_THE_SLIDER = SliderClaim(
     "same way (eres rig). The paper does not say its light, so every light with a cutoff decides; "
     "nor does it say whether its patches of 61 px grow with the image: those that do decide, as in "
     "the other claims.",
+)
+
+ON_RECORDINGS = RecordedSliderClaim(
+    number=_NUMBER,
+    title="On a slider, more pixels from nearer are not better",
+    statement="On every print, with photometric flow and with pose tracking, errors at the highest "
+    "speed are smaller from the second nearest distance than from the nearest.",
+    note="Truth is the print seen from the solved poses. The paper does not say whether its "
+    "patches of 61 px grow with the image: those that do decide, as in the other claims.",
 )

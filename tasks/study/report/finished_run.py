@@ -13,7 +13,7 @@ from eres_render.storage.settings_reader import read_json, read_typed
 from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.row import read_rows
-from tasks.study.claims.judge import judge_all
+from tasks.study.claims.judge import CLAIMS, claims_of, judge_all
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.metrics import Series
@@ -120,11 +120,13 @@ class FinishedRun:
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
-        """Return the verdicts on the paper's claims; none if the sensors are not the paper's."""
-        of = self.scores
-        if not all(has_sensors(of.widths(one), of.cutoffs_hz(one)) for one in self.series):
-            return []
-        return judge_all(of, self.scaling)
+        """Return the verdicts on the paper's claims; none if the sensors are not the paper's.
+
+        Recordings are judged with any sensor.
+        """
+        of, claims = self.scores, claims_of(self.config)
+        papers = all(has_sensors(of.widths(one), of.cutoffs_hz(one)) for one in self.series)
+        return judge_all(of, self.scaling, claims) if papers or claims is not CLAIMS else []
 
     def picture(self, name: str, reason: str) -> str:
         """Read a PNG or WebP file of the run as a data URL.

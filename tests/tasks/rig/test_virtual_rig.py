@@ -1,8 +1,10 @@
 """The whole way on a small virtual rig: render, simulate, detect, solve, crop, evaluate."""
 
+import json
 import math
 import shutil
 import sys
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +29,10 @@ from tasks.rig.calibration import (
 from tasks.rig.crop import common_boxes, crop, homography, read_crop
 from tasks.rig.detect import detect
 from tasks.rig.evaluate import RigEvaluation, evaluate_rig
+from tasks.rig.markers import Detections
 from tasks.rig.recording import open_recording
 from tasks.rig.virtual import render_rig
+from tasks.row import read_rows
 
 RIG = """
 camera = {width = 200, height = 150, fx = 260.0, cx = 104.0, cy = 71.0}
@@ -173,7 +177,7 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     settings = RigEvaluation(
         windows=2, features=4, flow=("contrast_maximization", "initial_flow"), tracking=()
     )
-    rows = evaluate_rig(tmp_path / "crops", settings)
+    rows = evaluate_rig([tmp_path / "crops"], settings)
     assert {row.task for row in rows} == {"flow", "video"}
     assert {round(row.speed, 3) for row in rows} == {0.06}
     median = {
@@ -230,6 +234,17 @@ def test_commands(folder, tmp_path, monkeypatch, capsys):
         run(monkeypatch, "rig", "crop", folder, "--calibration", calibration, "--out", crops) == 0
     )
     assert (crops / "near" / "crop.json").exists()
+    out = tmp_path / "scores"
+    scored = ("rig", "evaluate", crops, "--out", out, "--tasks", "video", "--windows", 2)
+    assert run(monkeypatch, *scored, "--cutoff", 90) == 0
+    assert {row.cutoff_hz for row in read_rows(out / "rows.parquet")} == {90.0}
+    assert run(monkeypatch, *scored) == 1
+    assert "exists already" in capsys.readouterr().err
+    nothing = {"solve": (), "crop": ("--calibration", calibration), "evaluate": ()}
+    for name, options in nothing.items():
+        assert run(monkeypatch, "rig", name, "--out", tmp_path / "none", *options) == 1
+        assert "expected" in capsys.readouterr().err
+        assert not (tmp_path / "none").exists()
     other = tmp_path / "other"
     other.mkdir()
     assert run(monkeypatch, "rig", "crop", other, "--calibration", calibration, "--out", crops) == 1
@@ -280,6 +295,39 @@ def test_bad_recordings_are_refused(folder, tmp_path):
 
     with pytest.raises(RigError, match="found no folder"):
         open_recording(Path(tmp_path / "nowhere"))
+
+
+def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp_path):
+    """Promise: tracking through a lens, shorter than a window, without events, or of one direction
+    where the latency is asked for: one line that names the recording."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    recording = open_recording(folder)
+    (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
+    cropped = read_crop(out)
+    (out / "crop.json").write_text(json.dumps(asdict(replace(cropped, lens=(-0.1, 0, 0, 0, 0)))))
+    with pytest.raises(RigError, match=r"crop.json: lens: found .*expected a pinhole for tracking"):
+        evaluate_rig([tmp_path / "crops"], RigEvaluation())
+    events = load_events(out / "events.h5")
+    settings = RigEvaluation(windows=2, tracking=(), flow=(), video=("blank",))
+    begins_us = int(events.t_us[len(events) // 4])
+    for last_us, said in (
+        (begins_us + 50_000, "found no window of even speed among 2 in 0.05 s"),
+        (begins_us, "found no events, expected some"),
+    ):
+        (out / "events.h5").unlink()
+        chosen = (events.t_us >= begins_us) & (events.t_us < last_us)
+        write_events(out / "events.h5", events.where(chosen))
+        with pytest.raises(RigError, match=f"near: events.h5: {said}") as refused:
+            evaluate_rig([tmp_path / "crops"], settings)
+        assert "\n" not in str(refused.value)
+
+    found = detect(recording, "frame", images=10)
+    one_way = found.t_us < np.median(found.t_us)
+    columns = (found.t_us, found.number, found.corners_px, found.score)
+    there = Detections(*(column[one_way] for column in columns), found.source)
+    with pytest.raises(RigError, match=r"near: .*on the way there and 0 on the way back"):
+        solve_recording(recording, there, Unknowns(latency=True), 2.0)
 
 
 def test_a_calibration_of_another_camera_is_refused(folder, recording, frames_solved, tmp_path):

@@ -1,0 +1,95 @@
+"""Rows of recordings in cells like those of a study: one speed, one width, the same samples.
+
+A slider keeps its speed to some percent, and crops from one distance differ by some pixels; a study
+compares medians over as many samples and items at each width and speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from statistics import median
+
+import numpy as np
+
+from tasks.errors import RigError
+from tasks.row import Row
+
+_APART = 1.1  # ratio above which two speeds, or two widths, are different ones
+
+_Window = list[Row]  # the rows of a task in one window of one recording
+
+
+def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
+    """Group the rows of recordings by distance and speed, with equal samples in each group.
+
+    Parameters
+    ----------
+    recordings
+        The rows of each recording, with `speed` as measured, m/s.
+
+    Returns
+    -------
+    rows
+        `width` and `speed` are the medians of those that are within 10 % of each other;
+        `speed_m_s` is `speed`. Of each picture and task, those speeds are kept that each width has,
+        with as many windows at each, evenly spread, and as many items, the first. Samples count
+        from 0 at each speed and width.
+
+    Raises
+    ------
+    RigError
+        If the recordings of a picture have no speed in common.
+    """
+    every = [row for rows in recordings for row in rows]
+    speeds = _groups(row.speed for row in every)
+    widths = _groups(float(row.width) for row in every)
+    tasks: dict[tuple[str, str], dict[tuple[int, float], list[_Window]]] = {}
+    for rows in recordings:
+        windows: dict[tuple[str, str, int, float, int], _Window] = {}
+        for row in rows:
+            width, speed = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
+            moved = replace(row, width=width, speed=speed, speed_m_s=speed)
+            windows.setdefault((row.scene, row.task, width, speed, row.sample), []).append(moved)
+        for (scene, task, width, speed, _), window in windows.items():
+            cells = tasks.setdefault((scene, task), {})
+            cells.setdefault((width, speed), []).append(window)
+    return [row for (scene, _), cells in tasks.items() for row in _equal(scene, cells)]
+
+
+def _groups(values: Iterable[float]) -> dict[float, float]:
+    """Return the median of the group of each value; a gap of 10 % separates groups."""
+    groups: list[list[float]] = []
+    for value in sorted(set(values)):
+        if groups and value < _APART * groups[-1][-1]:
+            groups[-1].append(value)
+        else:
+            groups.append([value])
+    return {value: median(group) for group in groups for value in group}
+
+
+def _equal(scene: str, cells: dict[tuple[int, float], list[_Window]]) -> list[Row]:
+    """Return the rows of a task on a picture, cut to what each width has."""
+    widths = {width for width, _ in cells}
+    most = {w: max(_items(one) for at in cells if at[0] == w for one in cells[at]) for w in widths}
+    items = min(most.values())
+    full = {at: [one for one in cells[at] if _items(one) >= items] for at in cells}
+    speeds = {speed for _, speed in cells if all(full.get((w, speed)) for w in widths)}
+    if not speeds:
+        named = " and ".join(f"{width} px" for width in sorted(widths))
+        raise RigError(
+            f"evaluate: {scene}: found no speed that the crops of {named} have in common, expected "
+            "one; record the same speeds from each distance, or give more windows"
+        )
+    kept = {at: windows for at, windows in full.items() if at[1] in speeds}
+    count = min(len(windows) for windows in kept.values())
+    rows = []
+    for windows in kept.values():
+        spread = np.linspace(0, len(windows) - 1, count).round().astype(int).tolist()
+        for sample, index in enumerate(spread):
+            rows += [replace(row, sample=sample) for row in windows[index] if row.item < items]
+    return rows
+
+
+def _items(window: _Window) -> int:
+    return 1 + max(row.item for row in window)

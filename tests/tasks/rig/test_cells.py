@@ -1,0 +1,113 @@
+"""Rows of recordings in cells as a study has them, and claim 22 on them."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from finished_runs import page_of
+from tasks.errors import RigError
+from tasks.rig.cells import in_cells
+from tasks.row import Row, write_rows
+from tasks.study.claims.judge import CLAIMS, claims_of, judge_all
+from tasks.study.claims.verdict import Status
+from tasks.study.run.recorded import write_recorded
+
+INF = float("inf")
+SERIES = {
+    "flow": ("photometric_flow", "initial_flow", "rnepe_px", ""),
+    "tracking": ("photometric_tracking", "initial_path", "position_error_mm", "sigma 5 mm"),
+}
+
+
+def recording(width, speeds, lead=0.0, scene="mine", items=3):
+    """Rows of a recording with a window at each speed; errors are smaller by `lead`."""
+    rows = []
+    for sample, speed in enumerate(speeds):
+        for task, (method, nothing, metric, variant) in SERIES.items():
+            for item in range(items if task == "flow" else 1):
+                for name, value in ((method, 1.0 - lead + 0.01 * sample), (nothing, 3.0)):
+                    at = (width, INF, 0.2, speed, sample)
+                    rows.append(Row(scene, task, name, *at, metric, value, 1e6, variant, item))
+    return rows
+
+
+def keys(rows, task):
+    return {(row.width, row.speed_m_s, row.sample, row.item) for row in rows if row.task == task}
+
+
+def test_speeds_and_widths_within_a_tenth_are_one():
+    """Promise: two recordings of one distance, and a speed that wobbles, are cells of a study:
+    samples count from 0 in each, and no score is changed."""
+    slow, fast = [0.199, 0.2, 0.203], [0.6, 0.59, 0.61]
+    rows = in_cells([recording(640, slow), recording(644, fast), recording(1190, slow + fast)])
+    assert keys(rows, "tracking") == {
+        (w, v, k, 0) for w in (642, 1190) for v in (0.2, 0.6) for k in range(3)
+    }
+    assert all(row.speed == row.speed_m_s for row in rows)
+    near = [row.value for row in rows if (row.method, row.width) == ("photometric_tracking", 1190)]
+    assert near == [1.0 + 0.01 * k for k in range(6)]
+
+
+def test_each_width_has_as_many_windows_and_items():
+    """Promise: of unequal recordings what all have is kept, evenly spread and the first items; a
+    window with few items is left out, not all others cut to it."""
+    far, near = recording(640, [0.2] * 5), recording(1190, [0.2] * 3, items=4)
+    sparse = [row for row in far if row.sample != 1 or row.item == 0]
+    rows = in_cells([sparse, near])
+    assert keys(rows, "flow") == {
+        (w, 0.2, k, i) for w in (640, 1190) for k in range(3) for i in range(3)
+    }
+    kept = [row.value for row in rows if (row.method, row.width) == ("photometric_tracking", 640)]
+    assert kept == [1.0, 1.02, 1.04]  # samples 0, 2 and 4
+    alone = in_cells([recording(640, [0.2, 0.6]), recording(1190, [0.6])])
+    assert {row.speed for row in alone} == {0.6}
+    with pytest.raises(RigError, match="mine: found no speed that the crops of 640 px and 1190 px"):
+        in_cells([recording(640, [0.2]), recording(1190, [0.6])])
+
+
+def recorded(middle_lead, tasks=tuple(SERIES), windows=9):
+    speeds = [0.2] * windows + [0.6] * windows
+    every = [recording(440, speeds), recording(650, speeds, middle_lead), recording(1200, speeds)]
+    return [row for row in in_cells(every) if row.task in tasks]
+
+
+def verdict(rows):
+    (claim,) = claims_of({"recorded": []})
+    (found,) = judge_all(rows, {}, [claim])
+    return found
+
+
+def test_claim_22_on_recordings():
+    """Promise: the second nearest distance against the nearest, at the highest speed, on any print
+    and with a cutoff that nobody knows; a study is judged on all claims."""
+    assert claims_of({"scenes": ["forest"]}) is CLAIMS
+    found = verdict(recorded(0.3))
+    assert (found.number, found.status) == (22, Status.HOLDS)
+    assert "mine, 650 px or 1200 px at 0.6 m/s" in found.ours
+    assert "cutoff unknown +0.3" in found.ours
+    assert "Judged on recordings of mine only." in found.note
+    assert verdict(recorded(-0.3)).status is Status.DOES_NOT_HOLD
+    slower = [replace(row, value=row.value - 1) if (row.width, row.speed) == (650, 0.2) else row
+              for row in recorded(-0.3)]  # fmt: skip
+    assert verdict(slower).status is Status.DOES_NOT_HOLD
+    assert verdict(recorded(0.3, tasks=("flow",))).status is Status.NOT_MEASURED
+    one = verdict([row for row in recorded(0.3) if row.width == 1200])
+    assert one.status is Status.NOT_MEASURED
+    assert "too few for an interval" in verdict(recorded(0.3, windows=3)).note
+
+
+def test_the_folder_is_that_of_a_run(tmp_path, eres):
+    """Promise: `eres claims` and the report read it, and judge the one claim that it is about."""
+    write_recorded(tmp_path, [tmp_path / "crops"], {"windows": 9})
+    assert json.loads((tmp_path / "study.json").read_text())["recorded"] == [
+        str(tmp_path / "crops")
+    ]
+    write_rows(tmp_path / "rows.parquet", recorded(0.3))
+    code, out, _ = eres("claims", tmp_path)
+    assert code == 0
+    assert "22 holds" in out
+    assert "holds: 1, does not hold: 0, undecided: 0, not measured: 0" in out
+    page = page_of(tmp_path)
+    assert "650 px or 1200 px at 0.6 m/s" in page
+    assert 'id="slider"' not in page  # the paper's table is of other prints and distances
