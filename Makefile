@@ -6,6 +6,9 @@ PYTHON ?= python3
 RUN ?= runs/quick
 BIN := .venv/bin
 
+# Python may keep its bytecode in .venv and in __pycache__, or each process would compile it again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-slow docs answers lint format bench clean
 
 demo: .venv/.ready .venv/.llvm

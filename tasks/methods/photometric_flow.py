@@ -282,7 +282,8 @@ def _damped_step(curvature, gradient, held, damping):
             return b, False
         for j in range(i + 1, n):
             factor = A[j, i] / A[i, i]
-            A[j] -= factor * A[i]
+            for k in range(n):  # an assignment of rows compiles slowly
+                A[j, k] -= factor * A[i, k]
             b[j] -= factor * b[i]
     for i in range(n - 1, -1, -1):
         for j in range(i + 1, n):

@@ -1,4 +1,4 @@
-"""Before the first job, a second process compiles the methods' kernels."""
+"""Before the first job, two processes compile the kernels of the sensor and of the methods."""
 
 import subprocess
 
@@ -55,26 +55,34 @@ def commands(monkeypatch):
 @pytest.mark.parametrize(
     ("cores", "cached", "methods", "starts"),
     [
-        (2, False, ("photometric_flow", "initial_flow"), True),
-        (1, False, ("photometric_flow",), False),
-        (2, True, ("photometric_flow",), False),
-        (2, False, (), False),
-        (2, False, ("mine.flow:estimate",), False),
+        (2, (), ("photometric_flow", "initial_flow"), ["sensor", "methods"]),
+        (1, (), ("photometric_flow",), []),
+        (2, ("sensor", "tasks"), ("photometric_flow",), []),
+        (2, ("sensor",), ("photometric_flow",), ["methods"]),
+        (2, ("tasks",), ("photometric_flow",), ["sensor"]),
+        (2, (), (), ["sensor"]),
+        (2, (), ("mine.flow:estimate",), ["sensor"]),
     ],
 )
-def test_a_process_starts_where_it_saves_time(
+def test_processes_start_where_they_save_time(
     monkeypatch, commands, cores, cached, methods, starts
 ):
-    """Promise: with a second core, and where no kernel is compiled yet; it ends with the jobs."""
+    """Promise: with a second core, and where no kernel is compiled yet; they end with the jobs."""
+
+    def is_cached(kernel):
+        place = getattr(getattr(kernel, "py_func", None), "__module__", "")
+        return place.split(".")[0] in cached
+
     monkeypatch.setattr(compile_ahead, "cores", lambda: cores)
-    monkeypatch.setattr(compile_ahead, "is_cached", lambda _: cached)
+    monkeypatch.setattr(compile_ahead, "is_cached", is_cached)
     tasks = Evaluate(flow=Flow(methods=methods), tracking=Tracking(methods=()))
     with compiling_ahead(tasks.items()):
-        assert len(commands) == starts
+        calls = [command[-1].partition("; compile_")[2] for command in commands]
+        assert [call.partition("(")[0] for call in calls] == starts
         assert not NoProcess.killed
-    assert len(NoProcess.killed) == starts
-    if starts:
-        assert "'flow:initial_flow', 'flow:photometric_flow'" in commands[0][-1]
+    assert len(NoProcess.killed) == len(starts)
+    if starts[1:]:
+        assert "'flow:initial_flow', 'flow:photometric_flow'" in calls[1]
 
 
 RUN = """
@@ -98,7 +106,7 @@ study = replace(
     evaluate=tasks,
 )
 run_study(study, Path(sys.argv[2]))
-places = ("tasks.methods.", "tasks.numerics.")
+places = ("tasks.methods.", "tasks.numerics.", "sensor.kernels.")
 kernels = {{
     f"{{value.py_func.__module__}}.{{value.py_func.__name__}}": value
     for name, module in sys.modules.items() if name.startswith(places)
@@ -111,13 +119,15 @@ print([name for name, one in kernels.items() if one.stats.cache_misses])
 
 @pytest.mark.slow
 def test_a_study_compiles_nothing_that_was_compiled_ahead(tmp_path):
-    """Promise: the sample's arrays have the types of a study's, for the methods of preset quick."""
+    """Promise: the samples' arrays have the types of a study's, for the sensor and the methods of
+    preset quick."""
     quick = {task: tuple(n for n in names if "delay" not in n) for task, names in TASKS.items()}
     methods = [f"{task}:{name}" for task, names in quick.items() for name in names]
     folder = light_evenly(small_carpet_folder(tmp_path / "carpet"), "carpet", 3.0)
     cache = {"NUMBA_CACHE_DIR": str(tmp_path / "numba")}
     run_python(
-        f"from {compile_methods.__module__} import compile_methods; compile_methods({methods!r})",
+        f"from {compile_methods.__module__} import compile_methods, compile_sensor;"
+        f"compile_sensor(); compile_methods({methods!r})",
         **cache,
     )
     found = run_python(RUN.format(names=quick), folder, tmp_path / "run", **cache).stdout

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +34,9 @@ class TrackingScorer:
         duration_us = round(self._truth.duration_s * 1e6)
         self._end_us = setting.start_us + duration_us + task.max_delay_us
         self._max_events = round(task.max_events * (1 + task.max_delay_us / duration_us))
-        self._kept = np.zeros((model.height, model.width), bool)
-        rng = np.random.default_rng([task.seed, reference.sequence.manifest.clip])
-        chosen = rng.permutation(self._kept.size)[: _PIXELS_PER_EVENT * task.max_events]
-        self._kept.ravel()[chosen] = True
+        seed = task.seed, reference.sequence.manifest.clip
+        count = _PIXELS_PER_EVENT * task.max_events
+        self._kept = _random_pixels(seed, model.height, model.width, count)
         self._parts: list[Events] = []
 
     def _pose(self, t_s: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -97,3 +97,12 @@ class TrackingScorer:
 
     def _error_mm(self, path: Trajectory) -> float:
         return position_error_mm(path, self._pose, 0.0, self._truth.duration_s)
+
+
+@lru_cache(maxsize=8)
+def _random_pixels(seed: tuple[int, int], height: int, width: int, count: int) -> NDArray[np.bool_]:
+    """Return a mask of random pixels, the same array for all settings of a width."""
+    kept = np.zeros((height, width), bool)
+    kept.ravel()[np.random.default_rng(seed).permutation(kept.size)[:count]] = True
+    kept.flags.writeable = False
+    return kept

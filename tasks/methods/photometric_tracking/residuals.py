@@ -45,7 +45,7 @@ class PixelEvents(NamedTuple):
     y: NDArray[np.uint16]
     t_us: NDArray[np.int32]
     t_before_us: NDArray[np.int32]
-    p: NDArray[np.integer]  # or sums of several polarities
+    p: NDArray[np.int16]  # or sums of several polarities
 
 
 class Geometry(NamedTuple):
@@ -93,7 +93,7 @@ def problem_of(sample: TrackingSample, duration_us: int) -> tuple[Problem, str]:
         sample.y[inside],
         sample.t_us[inside],
         sample.t_before_us[inside],
-        sample.p[inside],
+        sample.p[inside].astype(np.int16),
     )
     wanted = RESIDUALS_PER_UNKNOWN * 6 * len(sample.initial.knots_s)
     problem = Problem(

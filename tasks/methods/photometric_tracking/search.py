@@ -105,7 +105,9 @@ def cholesky_solve(A, b):
     for k in range(n):
         if not (A[k, k] > 0.0 and A[k, k] < np.inf):
             return b, False
-        A[k, k:] /= math.sqrt(A[k, k])
+        root = math.sqrt(A[k, k])
+        for j in range(k, n):  # an assignment of the row compiles slowly
+            A[k, j] /= root
         b[k] /= A[k, k]
         for i in range(k + 1, n):
             factor = A[k, i]

@@ -1,7 +1,8 @@
-"""Compile the methods' kernels in a process of their own, while this one compiles the sensor's.
+"""Compile the sensor's and the methods' kernels in two processes, while this one makes textures.
 
-Numba compiles in one thread of a process at a time. The first job of the first run simulates
-before it scores, so that the methods' kernels would wait for the sensor's, and a core would idle.
+Numba compiles in one thread of a process at a time. The first job of the first run renders, then
+simulates, then scores, so that the kernels of each would wait for what comes before, and a core
+would idle. Whoever needs a kernel that another process compiles waits for it.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from numpy.typing import NDArray
 
 from eres_render import Camera, Plane
 from eres_render.cores import cores
-from sensor import Events
+from sensor import Events, SensorModel, simulate_bank
 from sensor.compiling import is_cached
+from sensor.kernels.advance import advance_pixels
 from tasks.evaluation.settings import TaskSettings
 from tasks.flow import FlowSample, flow_sample
 from tasks.methods import load_method
@@ -34,7 +36,7 @@ _SHIFT_PX = 2.0  # of the image in the window, to the right
 
 @contextmanager
 def compiling_ahead(tasks: Iterable[tuple[str, TaskSettings]]) -> Iterator[None]:
-    """Compile the methods of some tasks in another process, if no kernel of theirs is cached.
+    """Compile the sensor and the methods of some tasks, each in a process, if none is cached.
 
     Parameters
     ----------
@@ -47,17 +49,31 @@ def compiling_ahead(tasks: Iterable[tuple[str, TaskSettings]]) -> Iterator[None]
         for name in settings.methods
         if task in _SAMPLES and name in TASKS[task].methods
     }
-    process = None
-    if methods and cores() > 1 and not _any_is_cached(methods):
-        code = f"from {__name__} import compile_methods; compile_methods({sorted(methods)!r})"
-        command = [sys.executable, "-P", "-c", code]
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wanted = []
+    if cores() > 1 and not is_cached(advance_pixels):
+        wanted.append("compile_sensor()")
+    if cores() > 1 and methods and not _any_is_cached(methods):
+        wanted.append(f"compile_methods({sorted(methods)!r})")
+    processes = [_start(call) for call in wanted]
     try:
         yield
     finally:
-        if process:
+        for process in processes:
             process.kill()
             process.wait()
+
+
+def _start(call: str) -> subprocess.Popen[bytes]:
+    code = f"from {__name__} import {call.partition('(')[0]}; {call}"
+    command = [sys.executable, "-P", "-c", code]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def compile_sensor() -> None:
+    """Simulate two sensors of a few pixels; Numba caches the kernels."""
+    frames = np.exp(np.random.default_rng(0).normal(size=(3, 16, 16))).astype(np.float32)
+    models = [SensorModel(width=size, height=size, cutoff_hz=200.0) for size in (8, 16)]
+    simulate_bank(frames, [0.0, 1e-3, 0.05], models)  # a short and a long interval
 
 
 def compile_methods(methods: Sequence[str]) -> None:

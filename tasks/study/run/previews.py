@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.cores import cores
 from sensor import Events, SensorModel
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
@@ -81,9 +83,14 @@ def preview_files(
     last = central_crop(np.clip(frames[-1], 0, 1)) ** (1 / _GAMMA) * 255
     gray = np.repeat(last.astype(np.uint8)[..., None], 3, axis=2)
     add("frame", job.render.resolution, "inf", "radiance at the window's end", "png", png(gray))
-    for (width, cutoff_hz), of_one in sums.items():
-        lights = np.stack([_seen(frame, of_one.shape[1]) for frame in frames])
-        add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", film(lights, of_one))
+
+    def drawn(of_one: Sums) -> bytes:
+        return film(np.stack([_seen(frame, of_one.shape[1]) for frame in frames]), of_one)
+
+    with ThreadPoolExecutor(cores()) as pool:
+        films = list(pool.map(drawn, sums.values()))
+    for (width, cutoff_hz), data in zip(sums, films, strict=True):
+        add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", data)
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
     return files
 
