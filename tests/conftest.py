@@ -67,6 +67,8 @@ FIRST = (
     "study/test_run.py",
     "study/test_report.py",
     "test_guards.py",
+    "tasks/test_full_disk.py",
+    "tasks/test_view.py",  # the last of all by name
 )
 
 

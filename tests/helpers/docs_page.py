@@ -27,11 +27,15 @@ ANYTHING_OR_NUMBER = re.compile(r"(\.\.\.|\d+(?:\.\d+)?)")
 
 
 def follow(page: str, folder: Path) -> str:
-    """Do all steps of a page in a folder; return the output of its commands and its Python."""
+    """Do all steps of a page in a folder; return the output of its commands and its Python.
+
+    A report has no static figures, which take longest and which no page shows.
+    """
     said = io.StringIO()
     before = 0
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), logged(said):
         patch.chdir(folder)
+        patch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
         patch.setattr(terminal, "out", terminal.Console(file=said, width=200))
         patch.setattr(terminal, "err", terminal.Console(file=said, width=200))
         for language, name, text in BLOCK.findall((DOCS / page).read_text()):
