@@ -81,8 +81,8 @@ def lit(relief: Float32, x: float, y: float, z: float) -> Float32:
     _sweep(
         np.ascontiguousarray(heights[rows, columns]),
         seen[rows, columns],
-        np.float32(abs(x / y)),
-        np.float32(z / abs(y)),
+        abs(x / y),
+        z / abs(y),
     )
     return seen.T if turned else seen
 

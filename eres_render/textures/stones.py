@@ -30,7 +30,7 @@ _SKY = 0.45  # share of the light that comes from everywhere
 # Calibrated, with the rocks' speckle and the dark of the gaps, so that two images 50 ms apart at
 # 0.7 m/s score about 13 dB against each other and ideal event integration comes within 0.7 dB of
 # the paper's scores at each resolution.
-_MIDDLE_FROM, _MIDDLE_TO = -2.09, -1.42
+MIDDLE_FROM, _MIDDLE_TO = -2.09, -1.42
 _CONTRAST, _SHADING = 0.45, 0.8
 
 # The kinds of rock: log reflectance, how it varies from stone to stone and within a stone.
@@ -70,6 +70,33 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     reflectance
         (height_px, width_px) float32 in [0.02, 0.85].
     """
+    log_reflectance, relief = unlit_bed(width_px, height_px, texel_m, seed)
+    log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - MIDDLE_FROM)
+    log_reflectance += np.float32(_SHADING) * log_light(relief, _SUN, _SKY)
+    return saturated(log_reflectance)
+
+
+def unlit_bed(
+    width_px: int, height_px: int, texel_m: float, seed: int
+) -> tuple[Float32, Float32]:
+    """Return a bed of stones before light falls on it.
+
+    Parameters
+    ----------
+    width_px, height_px
+        Texels along the columns' and the rows' direction.
+    texel_m
+        Size of a texel.
+    seed
+        Seed of all randomness.
+
+    Returns
+    -------
+    log_reflectance
+        (height_px, width_px) float32.
+    relief
+        (height_px, width_px) float32 heights, texels.
+    """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
     radius_px = _radii(shape, _LARGEST_M / texel_m, rng)
@@ -91,10 +118,8 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     owner = np.full(shape, -1, dtype=np.int32)
     stones = (radius_px, numbers, mean, kind, outlines)
     _lay_stones(owner, relief, log_reflectance, stones, (grain, swirl, speckle))
-    log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - _MIDDLE_FROM)
-    relief += 0.12 * speckle + 0.25 * grain
-    log_reflectance += np.float32(_SHADING) * log_light(relief, _SUN, _SKY)
-    return saturated(log_reflectance)
+    relief = relief + 0.12 * speckle + 0.25 * grain
+    return log_reflectance, relief
 
 
 def _radii(shape: tuple[int, int], largest_px: float, rng: np.random.Generator) -> Float32:
