@@ -19,26 +19,30 @@ _TUFT_TEXELS = 6  # from one tuft of yarn to the next, 7 mm
 _LENGTH, _BREADTH = 0.95, 0.48  # half axes of a tuft, in tufts; they lie on each other like tiles
 _HEIGHT = 0.75  # of a tuft, in tufts
 _LEAN = 0.35  # how much higher its tip is than its root, of the height
+_BRUSHED, _SPREAD = 0.45, 0.7  # how the pile turns from place to place, from tuft to tuft, rad
+_FIBER_SHADE = 0.07  # from fiber to fiber of a tuft, in log reflectance
+_FADING = 0.30  # from place to place, in log reflectance when new
 _LAMP = (0.80, -0.25, 0.55)  # towards the lamp that shades the pile
 _SKY = 0.35  # share of the light that comes from everywhere
 
 # Share of the dye's contrast that is left in the worn carpet, and of the pile's shading that the
 # many lamps of a room leave. Calibrated so that two images 50 ms apart at 0.9 m/s score about
 # 13.5 dB against each other, and on the spectral slope of the carpet's images.
-_CONTRAST, _SHADING = 0.56, 0.18
+_CONTRAST, _SHADING = 0.62, 0.14
 
-# Reflectance of the dyed yarns, new.
+# Reflectance of the dyed yarns, new, and of the weave between the tufts.
 _IVORY, _GOLD, _ROSE, _RED, _INDIGO, _UMBER = 0.52, 0.41, 0.31, 0.25, 0.16, 0.09
+_WEAVE = 0.15
 
 
 def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
     """Return the reflectance of a hand-tufted carpet with a design of the Bokhara kind.
 
     A field of octagonal guls within star and zigzag borders is tufted in six yarns, tuft by tuft,
-    so every outline is stepped. The tufts are leaves of yarn that lean the way the pile was last
-    brushed, each on the next one. Their relief is shaded once, by a low lamp and light from
-    everywhere, with the shadows that they cast; that shading is part of the texture: the carpet is
-    rendered as a flat, Lambertian surface.
+    so every outline is stepped. The tufts are leaves of yarn that lie along the rows, more or less,
+    as the pile was last brushed, each on the next one. Their relief is shaded once, by a low lamp
+    and light from everywhere, with the shadows that they cast; that shading is part of the texture:
+    the carpet is rendered as a flat, Lambertian surface.
 
     Parameters
     ----------
@@ -68,15 +72,15 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     log_yarn += 0.10 * _dye_lots(rows, rng)[:, None]
     log_yarn += 0.16 * _along_the_yarn(tufts, rng)
     log_yarn += 0.08 * rng.standard_normal(tufts, dtype=np.float32)
-    log_yarn += 0.36 * fractal_noise(tufts, columns / 4, 4, rng)  # fading
+    log_yarn += _FADING * fractal_noise(tufts, columns / 4, 4, rng)  # fading
     middle = math.log(_RED)
     log_yarn = middle + _CONTRAST * (log_yarn - middle)
 
-    brushed = 1.2 * fractal_noise(tufts, 80, 10, rng)
+    brushed = _BRUSHED * fractal_noise(tufts, 80, 10, rng)
     jitter = rng.random((rows, columns, 4), dtype=np.float32)
     fibers = _fibers(rng)
     relief = np.zeros(shape, dtype=np.float32)
-    log_reflectance = np.full(shape, math.log(_UMBER), dtype=np.float32)  # the ground weave
+    log_reflectance = np.full(shape, math.log(_WEAVE), dtype=np.float32)
     _lay_tufts(relief, log_reflectance, log_yarn, brushed, jitter, fibers)
     log_reflectance += np.float32(_SHADING) * log_light(relief, _LAMP, _SKY, least=0.05)
     return saturated(log_reflectance)
@@ -105,17 +109,16 @@ def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float,
         return u - period_m * np.round(u / period_m)
 
     # The ground: a lattice of fine lines with a flower in each mesh.
-    u, v = repeat(x, 0.06), repeat(y, 0.06)
-    paint(diamond(u, v) < 0.020, _ROSE)
-    paint(diamond(u, v) < 0.011, _UMBER)
-    paint(diamond(repeat(x + 0.03, 0.06), repeat(y + 0.03, 0.06)) < 0.0075, _GOLD)
+    u, v = repeat(x, 0.115), repeat(y, 0.095)
+    paint(diamond(u, v) < 0.036, _ROSE)
+    paint(diamond(u, v) < 0.017, _UMBER)
 
     # Lines that join the guls, and the small guls where they are farthest from the large ones.
     gul_x_m, gul_y_m = 0.46, 0.38
     u, v = repeat(x, gul_x_m), repeat(y, gul_y_m)
-    paint((abs(u) < 0.006) | (abs(v) < 0.006), _INDIGO)
+    paint((abs(u) < 0.010) | (abs(v) < 0.010), _INDIGO)
     s, t = repeat(x + 0.5 * gul_x_m, gul_x_m), repeat(y + 0.5 * gul_y_m, gul_y_m)
-    for size_m, reflectance in ((0.094, _UMBER), (0.086, _IVORY), (0.066, _INDIGO), (0.054, _GOLD)):
+    for size_m, reflectance in ((0.106, _UMBER), (0.092, _IVORY), (0.070, _INDIGO), (0.052, _GOLD)):
         paint(diamond(s, 1.2 * t) < size_m, reflectance)
     paint((abs(s) < 0.012) & (abs(t) < 0.075), _UMBER)
     paint((abs(t) < 0.012) & (abs(s) < 0.095), _UMBER)
@@ -124,19 +127,19 @@ def _design(x: NDArray[np.float64], y: NDArray[np.float64], half_m: tuple[float,
     # The large guls: an octagon in quarters of two colors, a frame of hooks, a star in the middle.
     gul = octagon(u, v)
     quarter = (u * v) > 0
-    paint(gul < 0.172, _UMBER)
+    paint(gul < 0.178, _UMBER)
     paint(gul < 0.164, _IVORY)
-    paint((gul < 0.156) & quarter, _INDIGO)
-    paint((gul < 0.156) & ~quarter, _GOLD)
-    petals = diamond(repeat(u + 0.018, 0.036), repeat(v + 0.018, 0.036)) < 0.012
-    paint((gul < 0.146) & petals & quarter, _IVORY)
-    paint((gul < 0.146) & petals & ~quarter, _UMBER)
-    paint(gul < 0.098, _UMBER)
-    paint(gul < 0.091, _ROSE)
-    hooks = (abs(repeat(np.arctan2(v, u), np.pi / 6)) < 0.10) & (gul < 0.091)
+    paint((gul < 0.150) & quarter, _INDIGO)
+    paint((gul < 0.150) & ~quarter, _GOLD)
+    petals = diamond(abs(u) - 0.115, abs(v) - 0.055) < 0.024
+    paint(petals & quarter, _IVORY)
+    paint(petals & ~quarter, _UMBER)
+    paint(gul < 0.100, _UMBER)
+    paint(gul < 0.086, _ROSE)
+    hooks = (abs(repeat(np.arctan2(v, u), np.pi / 4)) < 0.14) & (gul < 0.086)
     paint(hooks, _IVORY)
-    paint(star(u, v) < 0.050, _UMBER)
-    paint(star(u, v) < 0.043, _IVORY)
+    paint(star(u, v) < 0.054, _UMBER)
+    paint(star(u, v) < 0.042, _IVORY)
     paint(star(u, v) < 0.026, _RED)
     paint(star(u, v) < 0.014, _UMBER)
 
@@ -205,9 +208,6 @@ def _fibers(rng: np.random.Generator) -> Float32:
     return (grain / grain.std()).astype(np.float32)
 
 
-_FIBER_SHADE = 0.10
-
-
 @numba.njit(cache=True)
 def _lay_tufts(
     relief: Float32,
@@ -229,7 +229,7 @@ def _lay_tufts(
         for k in range(columns):
             cy = (i - 0.5 + 0.7 * (jitter[i, k, 0] - 0.5)) * _TUFT_TEXELS
             cx = (k - 0.5 + 0.7 * (jitter[i, k, 1] - 0.5)) * _TUFT_TEXELS
-            turn = brushed[i, k] + 1.2 * (jitter[i, k, 2] - 0.5)
+            turn = brushed[i, k] + _SPREAD * (jitter[i, k, 2] - 0.5)
             size = 0.8 + 0.4 * jitter[i, k, 3]
             ca, sa = math.cos(turn), math.sin(turn)
             seed = 7919 * i + 104729 * k

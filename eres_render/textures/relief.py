@@ -7,7 +7,6 @@ import math
 import cv2
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
 from eres_render.textures.fractal_noise import Float32
 

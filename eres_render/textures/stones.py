@@ -76,9 +76,7 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     return saturated(log_reflectance)
 
 
-def unlit_bed(
-    width_px: int, height_px: int, texel_m: float, seed: int
-) -> tuple[Float32, Float32]:
+def unlit_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> tuple[Float32, Float32]:
     """Return a bed of stones before light falls on it.
 
     Parameters
