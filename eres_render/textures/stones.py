@@ -31,7 +31,7 @@ _SKY = 0.45  # share of the light that comes from everywhere
 # 0.7 m/s score about 13 dB against each other and ideal event integration comes within 0.7 dB of
 # the paper's scores at each resolution.
 MIDDLE_FROM, _MIDDLE_TO = -2.09, -1.42
-_CONTRAST, _SHADING = 0.45, 0.8
+_CONTRAST, _SHADING = 0.45, 0.62
 
 # The kinds of rock: log reflectance, how it varies from stone to stone and within a stone.
 _KINDS = np.array(
