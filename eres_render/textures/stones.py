@@ -23,7 +23,7 @@ _OVERLAP = 2  # of 12 points on a stone's rim, how many may lie on a stone place
 
 _FACETS = 7  # half-planes that cut a stone's outline
 _OUTLINES = 1024  # different ones; each stone turns and flattens its own
-_SUN = (-0.60, -0.75, 0.60)  # towards the light that shades the stones: left, above, out of the bed
+SUN = (-0.60, -0.75, 0.60)  # towards the light that shades the stones: left, above, out of the bed
 _SKY = 0.45  # share of the light that comes from everywhere
 
 # Middle of the log reflectance before and after its contrast is reduced, as if by dust.
@@ -72,7 +72,7 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     """
     log_reflectance, relief = unlit_bed(width_px, height_px, texel_m, seed)
     log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - MIDDLE_FROM)
-    log_reflectance += np.float32(_SHADING) * log_light(relief, _SUN, _SKY)
+    log_reflectance += np.float32(_SHADING) * log_light(relief, SUN, _SKY)
     return saturated(log_reflectance)
 
 
