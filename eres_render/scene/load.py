@@ -60,8 +60,9 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
     ----------
     name_or_path
         Name of a packaged scene, of a variant of one ("varnished_room"), or of a print before a
-        camera on a slider ("forest", "pebbles", "split_rocks"), path of a folder with a scene.xml and a scene.toml, or path of any
-        Mitsuba file (.xml) with exactly one camera, which gives the field of view.
+        camera on a slider ("forest", "pebbles", "split_rocks"), path of a folder with a scene.xml
+        and a scene.toml, or path of any Mitsuba file (.xml) with exactly one camera, which gives
+        the field of view.
     trajectory_file
         Poses T_world_cam in TUM format, in place of the path in scene.toml. The camera passes
         through each pose at its time. Times count from the first pose; the time of that pose is

@@ -72,7 +72,7 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     log_yarn += 0.10 * _dye_lots(rows, rng)[:, None]
     log_yarn += 0.16 * _along_the_yarn(tufts, rng)
     log_yarn += 0.08 * rng.standard_normal(tufts, dtype=np.float32)
-    log_yarn += _FADING * fractal_noise(tufts, columns / 4, 4, rng)  # fading
+    log_yarn += _FADING * fractal_noise(tufts, max(columns / 4, 4), 4, rng)  # fading
     middle = math.log(_RED)
     log_yarn = middle + _CONTRAST * (log_yarn - middle)
 
@@ -204,8 +204,8 @@ _STRANDS = 512  # sides of the square of fibers that tufts are cut from
 def _fibers(rng: np.random.Generator) -> Float32:
     """Return the log shade of fibers that run along the columns, standard deviation 1."""
     grain = rng.standard_normal((_STRANDS, _STRANDS), dtype=np.float32)
-    grain = cv2.GaussianBlur(grain, (0, 0), sigmaX=4.0, sigmaY=0.6)
-    return (grain / grain.std()).astype(np.float32)
+    strands = cv2.GaussianBlur(grain, (0, 0), sigmaX=4.0, sigmaY=0.6)
+    return (strands / strands.std()).astype(np.float32)
 
 
 @numba.njit(cache=True)
