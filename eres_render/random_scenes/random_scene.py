@@ -25,7 +25,7 @@ from eres_render.trajectory.tum import tum_text
 
 Float64 = NDArray[np.float64]
 
-VERSION = 1  # raise it with every change after which a seed gives another scene
+VERSION = 2  # raise it with every change after which a seed gives another scene
 
 _FOV_DEG = 60.0
 _STILL, _MOVING = (2, 6), (1, 4)  # number of things and objects, both ends included

@@ -24,6 +24,7 @@ from eres_render.scene.settings import (
 from eres_render.scene.xml import read_scene_xml
 from eres_render.storage.settings_reader import read_toml
 
+_GROUPS = (".", "variants", "slider")  # folders of packaged scenes; only the first are listed
 _TUM_CLEARANCE_M = 0.01  # for a path of given poses; ten times the near clip of the camera
 
 
@@ -35,8 +36,8 @@ def scene_root() -> Path:
 
 
 def _packaged(name: str) -> Path | None:
-    """Return the folder of a packaged scene or of a print before the slider, None if neither."""
-    folders = (scene_root() / name, scene_root() / "slider" / name)
+    """Return the folder of a packaged scene, of a variant or of a print, None if there is none."""
+    folders = (scene_root() / group / name for group in _GROUPS)
     return next((f for f in folders if name.isidentifier() and (f / "scene.toml").is_file()), None)
 
 
@@ -58,9 +59,10 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
     Parameters
     ----------
     name_or_path
-        Name of a packaged scene, or of a print before a camera on a slider ("forest", "pebbles",
-        "split_rocks"), path of a folder with a scene.xml and a scene.toml, or path of any
-        Mitsuba file (.xml) with exactly one camera, which gives the field of view.
+        Name of a packaged scene, of a variant of one ("varnished_room"), or of a print before a
+        camera on a slider ("forest", "pebbles", "split_rocks"), path of a folder with a scene.xml
+        and a scene.toml, or path of any Mitsuba file (.xml) with exactly one camera, which gives
+        the field of view.
     trajectory_file
         Poses T_world_cam in TUM format, in place of the path in scene.toml. The camera passes
         through each pose at its time. Times count from the first pose; the time of that pose is

@@ -16,6 +16,7 @@ from eres_render.textures.carpet import bokhara
 from eres_render.textures.forest import forest
 from eres_render.textures.fractal_noise import Float32
 from eres_render.textures.nature import garden_view
+from eres_render.textures.pebble_print import pebble_print
 from eres_render.textures.split_rocks import split_rocks
 from eres_render.textures.stones import pebble_bed
 
@@ -37,8 +38,9 @@ class Texture:
 
 
 TEXTURES: dict[str, Texture] = {
-    "carpet": Texture(3, bokhara),
-    "stones": Texture(3, pebble_bed),
+    "carpet": Texture(4, bokhara),
+    "stone_bed": Texture(1, pebble_bed),
+    "stones": Texture(3, pebble_print),
     "garden_view": Texture(2, garden_view),
     "forest": Texture(1, forest),
     "split_rocks": Texture(1, split_rocks),

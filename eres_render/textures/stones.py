@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import cv2
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.textures.fractal_noise import Float32, fractal_noise
 from eres_render.textures.reflectance import saturated
+from eres_render.textures.relief import log_light
 
 # Radii of stones: from a small boulder to a grain of sand. The number of stones tried per area goes
 # with radius^-2 per octave, the scale-free law of a dead-leaves mosaic. Stones without room are
@@ -23,15 +23,15 @@ _OVERLAP = 2  # of 12 points on a stone's rim, how many may lie on a stone place
 
 _FACETS = 7  # half-planes that cut a stone's outline
 _OUTLINES = 1024  # different ones; each stone turns and flattens its own
-_SUN = (-0.45, -0.55, 0.70)  # towards the light that shades the stones: left, above, out of the bed
+SUN = (-0.60, -0.75, 0.60)  # towards the light that shades the stones: left, above, out of the bed
 _SKY = 0.45  # share of the light that comes from everywhere
 
 # Middle of the log reflectance before and after its contrast is reduced, as if by dust.
 # Calibrated, with the rocks' speckle and the dark of the gaps, so that two images 50 ms apart at
 # 0.7 m/s score about 13 dB against each other and ideal event integration comes within 0.7 dB of
 # the paper's scores at each resolution.
-_MIDDLE_FROM, _MIDDLE_TO = -2.09, -1.42
-_CONTRAST = 0.45
+MIDDLE_FROM, _MIDDLE_TO = -2.09, -1.42
+_CONTRAST, _SHADING = 0.45, 0.62
 
 # The kinds of rock: log reflectance, how it varies from stone to stone and within a stone.
 _KINDS = np.array(
@@ -70,6 +70,31 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     reflectance
         (height_px, width_px) float32 in [0.02, 0.85].
     """
+    log_reflectance, relief = unlit_bed(width_px, height_px, texel_m, seed)
+    log_reflectance = _MIDDLE_TO + _CONTRAST * (log_reflectance - MIDDLE_FROM)
+    log_reflectance += np.float32(_SHADING) * log_light(relief, SUN, _SKY)
+    return saturated(log_reflectance)
+
+
+def unlit_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> tuple[Float32, Float32]:
+    """Return a bed of stones before light falls on it.
+
+    Parameters
+    ----------
+    width_px, height_px
+        Texels along the columns' and the rows' direction.
+    texel_m
+        Size of a texel.
+    seed
+        Seed of all randomness.
+
+    Returns
+    -------
+    log_reflectance
+        (height_px, width_px) float32.
+    relief
+        (height_px, width_px) float32 heights, texels.
+    """
     rng = np.random.default_rng(seed)
     shape = (height_px, width_px)
     radius_px = _radii(shape, _LARGEST_M / texel_m, rng)
@@ -91,8 +116,8 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     owner = np.full(shape, -1, dtype=np.int32)
     stones = (radius_px, numbers, mean, kind, outlines)
     _lay_stones(owner, relief, log_reflectance, stones, (grain, swirl, speckle))
-    log_reflectance += _log_shading(relief + 0.12 * speckle + 0.25 * grain)
-    return saturated(_MIDDLE_TO + _CONTRAST * (log_reflectance - _MIDDLE_FROM))
+    relief = relief + 0.12 * speckle + 0.25 * grain
+    return log_reflectance, relief
 
 
 def _radii(shape: tuple[int, int], largest_px: float, rng: np.random.Generator) -> Float32:
@@ -186,44 +211,3 @@ def _lay_stones(
                 if abs(v + 0.08 * w + 0.02 * g + 0.25 * u - vein_at) < vein_width:
                     value += 0.5 * (-0.8 - value)
                 log_reflectance[y, x] = value
-
-
-def _log_shading(relief: Float32) -> Float32:
-    """Return the log of the light on a relief, heights in texels: the sun with shadows, the sky."""
-    sun = np.array(_SUN) / np.linalg.norm(_SUN)
-    slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
-    slope_y = cv2.Sobel(relief, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-    up = 1 / np.sqrt(1 + np.square(slope_x) + np.square(slope_y))
-    facing = (np.float32(sun[2]) - np.float32(sun[0]) * slope_x - np.float32(sun[1]) * slope_y) * up
-    buried = np.zeros_like(relief)
-    for size_px in (2, 8, 32):
-        # Blurring at a coarser scale loses nothing, and is 20 times faster.
-        step = max(1, size_px // 4)
-        small = cv2.resize(relief, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
-        small = cv2.GaussianBlur(small, (0, 0), size_px / step, borderType=cv2.BORDER_REFLECT)
-        around = cv2.resize(small, relief.shape[::-1], interpolation=cv2.INTER_LINEAR)
-        buried += np.maximum(around - relief, 0) / np.float32(size_px)
-    sky = np.exp(np.float32(-1.2) * buried) * (np.float32(0.5) + np.float32(0.5) * up)
-    light = (1 - _SKY) * np.maximum(facing, 0) * _sunlit(relief, *sun) + _SKY * sky
-    return np.log(light + np.float32(0.015), dtype=np.float32)
-
-
-@numba.njit(cache=True)
-def _sunlit(relief: Float32, sun_x: float, sun_y: float, sun_z: float) -> Float32:
-    """Return the share of the sun that each texel sees, for a sun nearer to the top than the left.
-
-    The height below which all is in shadow is carried from row to row, away from the sun.
-    """
-    height, width = relief.shape
-    lit = np.ones_like(relief)
-    sideways = sun_x / sun_y  # columns crossed per row; the sun is above and to the left
-    drop = sun_z / abs(sun_y)
-    shadow = relief[0].copy()
-    for y in range(1, height):
-        before = shadow.copy()
-        for x in range(width):
-            left = before[max(x - 1, 0)]
-            horizon = (1 - sideways) * before[x] + sideways * left - drop
-            lit[y, x] = min(1.0, max(0.0, 1.0 - (horizon - relief[y, x])))
-            shadow[x] = max(relief[y, x], horizon)
-    return lit
