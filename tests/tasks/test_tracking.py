@@ -26,7 +26,7 @@ from tasks.tracking import (
     tracking_sample,
 )
 
-WIDTH = 640
+WIDTH = 480
 C = 0.2
 SPEED_MPS = 0.9
 DURATION_S = 0.014
