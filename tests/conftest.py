@@ -1,6 +1,7 @@
 """Fixtures and settings of all tests."""
 
 import fcntl
+import gc
 import hashlib
 import os
 import sys
@@ -76,6 +77,12 @@ def pytest_collection_modifyitems(items):
     """Put the tests of `FIRST` first; the Makefile tells xdist to keep the order."""
     places = {ROOT / "tests" / file: place for place, file in enumerate(FIRST)}
     items.sort(key=lambda item: places.get(item.path, len(places)))
+
+
+def pytest_collection_finish():
+    """Leave modules and tests out of later garbage collections: 0.08 s each in place of 0.26 s."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
