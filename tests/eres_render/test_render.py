@@ -274,9 +274,10 @@ def test_a_place_that_is_no_folder_is_refused(tmp_path, renderer):
 
 
 def test_a_full_disk_ends_the_render_and_leaves_nothing_half_written(
-    tmp_path, renderer, uninterrupted
+    tmp_path, renderer, uninterrupted, monkeypatch
 ):
     """A limit on file size acts as the full disk; afterwards the render continues."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # or a module's would be cut off
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     clip = tmp_path / "clip"
     resource.setrlimit(resource.RLIMIT_FSIZE, (5000, hard))

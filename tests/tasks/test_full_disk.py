@@ -46,7 +46,8 @@ print("codes", codes)
 def run(*commands):
     """Run (limit in bytes or None, arguments) pairs; return the exit code and stderr of each."""
     asked = json.dumps([(limit, list(map(str, arguments))) for limit, arguments in commands])
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    # Or a limit would cut off the bytecode of a module, which Python then cannot load any more.
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         [sys.executable, "-c", COMMANDS, asked], capture_output=True, text=True, env=environment
     )

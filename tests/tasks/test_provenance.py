@@ -18,6 +18,7 @@ def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
         command = ["git", "-C", str(tmp_path), *identity, *arguments]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
+    (tmp_path / ".gitignore").write_text("__pycache__/\n")
     git("init")
     git("add", ".")
     git("commit", "-m", "code")
