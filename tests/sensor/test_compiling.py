@@ -45,8 +45,12 @@ def folder(tmp_path):
 
 @pytest.fixture
 def variables(tmp_path):
-    """The environment of a process that finds the package, with an empty cache."""
+    """The environment of a process that finds the package, with an empty cache.
+
+    Python takes bytecode for that of an edited file of the same size and second.
+    """
     return {
+        "PYTHONDONTWRITEBYTECODE": "1",
         "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
         "PYTHONPATH": f"{tmp_path}:{environment()['PYTHONPATH']}",
     }
