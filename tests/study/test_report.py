@@ -267,9 +267,14 @@ def test_films_move_next_to_old_pictures(tmp_path: Path) -> None:
     assert "the events of 5 ms over the frame at their end; a film shows 40 ms in a second" in page
 
 
-def test_a_run_without_previews_says_so(tmp_path: Path) -> None:
-    """Previews are optional; the report says that they are absent."""
-    assert "This run has no previews." in html_of(tmp_path, paper_rows())
+def test_a_run_of_rows_alone_has_no_empty_sections(tmp_path: Path) -> None:
+    """Promise: previews, scaling statistics and timings are optional, as for recordings; without
+    them neither their sections nor links to them are there."""
+    page = html_of(tmp_path, paper_rows())
+    for name in ("previews", "scaling", "costs"):
+        assert f'id="{name}"' not in page
+        assert f'href="#{name}"' not in page
+    assert 'id="claims"' in page
 
 
 def test_a_scene_with_markup_in_its_name_stays_text(tmp_path: Path) -> None:

@@ -142,7 +142,6 @@ def section_of(folder: Path) -> str:
 
 def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:
     """The picture, the law, and a histogram in the best light and at night at both speeds."""
-    assert "no scaling statistics" in section_of(tmp_path)
     folder = tmp_path / "scaling"
     folder.mkdir()
     write_made(folder)

@@ -93,8 +93,3 @@ def test_rates_and_times_are_those_of_the_jobs() -> None:
     # 50 ms an estimate; 20 of them had 0.4 million events.
     assert table["optical flow by photometric flow"] == ["50 ms; 2.5 s / Mev", "60", "26 s"]
     assert "initial flow" not in "".join(table)
-
-
-def test_a_run_without_costs_says_so() -> None:
-    """Promise: runs from before costs existed still have a report."""
-    assert "no timings" in costs_html([])

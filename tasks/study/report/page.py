@@ -54,7 +54,10 @@ class Section:
 
 SECTIONS = (
     Section("tradeoff", "Trade-off", "Score against event rate", "tradeoff.html"),
-    Section("previews", "Previews", "Events of each sensor", "previews.html"),
+    Section(
+        *("previews", "Previews", "Events of each sensor", "previews.html"),
+        lambda run: run.previews or None,
+    ),
     Section("tables", "Tables", "All scores", "comparison.html"),
     Section("slider", "Slider", "On the slider, beside the paper", "slider.html", slider_section),
     Section(
@@ -66,9 +69,15 @@ SECTIONS = (
         compare_photoreceptors,
     ),
     Section("convergence", "Failures", "Failures", "failures.html"),
-    Section("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
+    Section(
+        *("scaling", "Scaling", "Why finer sensors fire faster", "scaling.html"),
+        lambda run: run.scaling.keys() & run.scenes or None,
+    ),
     Section("claims", "Claims", "The paper's claims", "claims.html"),
-    Section("costs", "Timings", "Timings of this run", "timings.html"),
+    Section(
+        *("costs", "Timings", "Timings of this run", "timings.html"),
+        lambda run: run.timings or None,
+    ),
     Section("provenance", "Provenance", "Provenance", "provenance.html"),
 )
 """Sections of a report, in order."""
