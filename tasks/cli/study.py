@@ -186,9 +186,11 @@ def _show_claims(run: Path) -> None:
         Status.UNDECIDED: "[yellow]undecided[/yellow]",
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
-    found, *others = by_photoreceptor(read_rows(run / "rows.parquet")).values()
+    rows = read_rows(run / "rows.parquet")
+    found, *others = by_photoreceptor(rows).values()
     scaling = read_scaling(run / "scaling")
-    claims = claims_of(read_json(dict[str, Any], run / "study.json", ResultError))
+    config = read_json(dict[str, Any], run / "study.json", ResultError)
+    claims = claims_of(config, {row.scene for row in rows})
     verdicts = judge_all(found[0], scaling, claims)
     for verdict in verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""

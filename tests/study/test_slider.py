@@ -238,8 +238,8 @@ def test_the_papers_numbers_of_claim_22():
 
 
 def test_the_report_has_the_162_numbers_beside_ours(tmp_path):
-    """Promise: a run on the slider shows all of the paper's numbers; another run has no such
-    section."""
+    """Promise: a run on the slider shows all of the paper's numbers, and claim 22 alone; another
+    run has no such section."""
     page = without_space(page_of(make_run(tmp_path / "slider", slider_rows(samples=1))))
     section = page.split('<section id="slider"')[1].split("</section>")[0]
     rows = re.findall(r'<th scope="row">paper</th>((?:<td[^>]*>.*?</td>)+)', section)
@@ -251,6 +251,7 @@ def test_the_report_has_the_162_numbers_beside_ours(tmp_path):
     assert "6 of its 9 position errors" in section
     assert "23.6 cm" in section
     assert "17 lux" in section
+    assert re.findall(r"<small>claim (\d+)</small>", page) == ["22"]
     other = page_of(make_run(tmp_path / "carpet", paper_rows(EI, samples=1)))
     assert 'id="slider"' not in other
 

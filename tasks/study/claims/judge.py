@@ -21,6 +21,7 @@ from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
+from tasks.study.results.slider import PRINTS
 
 CLAIMS: tuple[Claim, ...] = (
     *SCALING_CLAIMS,
@@ -34,20 +35,24 @@ CLAIMS: tuple[Claim, ...] = (
 )
 
 
-def claims_of(config: Mapping[str, Any]) -> tuple[Claim, ...]:
+def claims_of(config: Mapping[str, Any], scenes: Iterable[str]) -> tuple[Claim, ...]:
     """Return the claims that a run is about.
 
     Parameters
     ----------
     config
         The content of its study.json.
+    scenes
+        The scenes of its rows.
 
     Returns
     -------
     tuple of Claim
-        All, or that of the slider if the events were recorded.
+        All, or claim 22 if the camera was on a slider, real or virtual.
     """
-    return (ON_RECORDINGS,) if "recorded" in config else CLAIMS
+    if "recorded" in config:
+        return (ON_RECORDINGS,)
+    return (ON_THE_SLIDER,) if set(scenes) <= set(PRINTS) else CLAIMS
 
 
 def judge_all(

@@ -124,7 +124,7 @@ class FinishedRun:
 
         Recordings are judged with any sensor.
         """
-        of, claims = self.scores, claims_of(self.config)
+        of, claims = self.scores, claims_of(self.config, self.scenes)
         papers = all(has_sensors(of.widths(one), of.cutoffs_hz(one)) for one in self.series)
         return judge_all(of, self.scaling, claims) if papers or claims is not CLAIMS else []
 

@@ -87,10 +87,10 @@ def run_study(
             is_first = job is highlighted[job.scene.name]
             if key not in rows_of or (is_first and not _has_highlights(out, job.scene.name)):
                 to_do.append(QueuedJob(job, key, is_first))
-        begun = _environment_so_far(out / "environment.json") if rows_of else {}
+        so_far = _environment_so_far(out / "environment.json") if rows_of else {}
         if to_do:
             if not mix:
-                check_renderer(begun, computing.environment())
+                check_renderer(so_far, computing.environment())
             _log.info("%s", estimate_work([queued.job for queued in to_do], computing.cores).text())
             new = trials(study, [queued.job for queued in to_do], [work[key] for key in rows_of])
             _try_own_methods(new, computing, on_progress)
@@ -98,16 +98,14 @@ def run_study(
             one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes
         }
         write_bytes(out / "study.json", _json({**to_json(study), "base_m_per_s": speeds}))
-        environments = [begun]
         counted = _counted(on_progress, len(work) - len(to_do), len(work))
         for queued, computed in computing.compute(to_do, counted):
             if not mix:  # workers of a cluster differ
-                check_renderer(together(environments), computed.environment)
+                check_renderer(so_far, computed.environment)
             for name, data in computed.files.items():
                 write_bytes(out / name, data)
-            environments.append(computed.environment)
-            found = {"command": command(), **together(environments)}
-            write_bytes(out / "environment.json", _json(found))
+            so_far = together([so_far, computed.environment])
+            write_bytes(out / "environment.json", _json({"command": command(), **so_far}))
             write_rows(_rows_file(out / "parts", queued.key), computed.rows)
             rows_of[queued.key] = computed.rows
     _write_preview_index(out / "previews", list(highlighted))

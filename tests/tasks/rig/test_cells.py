@@ -10,6 +10,7 @@ from tasks.errors import RigError
 from tasks.rig.cells import in_cells
 from tasks.row import Row, write_rows
 from tasks.study.claims.judge import CLAIMS, claims_of, judge_all
+from tasks.study.claims.slider import ON_THE_SLIDER
 from tasks.study.claims.verdict import Status
 from tasks.study.run.recorded import write_recorded
 
@@ -73,15 +74,17 @@ def recorded(middle_lead, tasks=tuple(SERIES), windows=9):
 
 
 def verdict(rows):
-    (claim,) = claims_of({"recorded": []})
+    (claim,) = claims_of({"recorded": []}, ["mine"])
     (found,) = judge_all(rows, {}, [claim])
     return found
 
 
 def test_claim_22_on_recordings():
     """Promise: the second nearest distance against the nearest, at the highest speed, on any print
-    and with a cutoff that nobody knows; a study is judged on all claims."""
-    assert claims_of({"scenes": ["forest"]}) is CLAIMS
+    and with a cutoff that nobody knows; a study of other
+    scenes is judged on all claims, one of prints on the same claim of the virtual slider."""
+    assert claims_of({}, ["carpet", "forest"]) is CLAIMS
+    assert claims_of({}, ["forest"]) == (ON_THE_SLIDER,)
     found = verdict(recorded(0.3))
     assert (found.number, found.status) == (22, Status.HOLDS)
     assert "mine, 650 px or 1200 px at 0.6 m/s" in found.ours
