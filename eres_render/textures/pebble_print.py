@@ -7,7 +7,7 @@ import numpy as np
 
 from eres_render.textures.fractal_noise import Float32
 from eres_render.textures.reflectance import saturated
-from eres_render.textures.relief import lit
+from eres_render.textures.relief import faces_of, lit
 from eres_render.textures.stones import MIDDLE_FROM, unlit_bed
 
 _SUN = (-0.45, -0.55, 0.70)  # towards the light that shades the stones: left, above, out of the bed
@@ -42,10 +42,7 @@ def pebble_print(width_px: int, height_px: int, texel_m: float, seed: int) -> Fl
 def _log_shading(relief: Float32) -> Float32:
     """Return the log of the light on a relief, heights in texels: the sun with shadows, the sky."""
     sun = np.array(_SUN) / np.linalg.norm(_SUN)
-    slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
-    slope_y = cv2.Sobel(relief, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-    up = 1 / np.sqrt(1 + np.square(slope_x) + np.square(slope_y))
-    facing = (np.float32(sun[2]) - np.float32(sun[0]) * slope_x - np.float32(sun[1]) * slope_y) * up
+    faces = faces_of(relief)
     buried = np.zeros_like(relief)
     for size_px in (2, 8, 32):
         # Blurring at a coarser scale loses nothing, and is 20 times faster.
@@ -54,6 +51,6 @@ def _log_shading(relief: Float32) -> Float32:
         small = cv2.GaussianBlur(small, (0, 0), size_px / step, borderType=cv2.BORDER_REFLECT)
         around = cv2.resize(small, relief.shape[::-1], interpolation=cv2.INTER_LINEAR)
         buried += np.maximum(around - relief, 0) / np.float32(size_px)
-    sky = np.exp(np.float32(-1.2) * buried) * (np.float32(0.5) + np.float32(0.5) * up)
-    light = (1 - _SKY) * np.maximum(facing, 0) * lit(relief, *sun) + _SKY * sky
+    sky = np.exp(np.float32(-1.2) * buried) * (np.float32(0.5) + np.float32(0.5) * faces.up)
+    light = (1 - _SKY) * np.maximum(faces.cosine(*sun), 0) * lit(relief, *sun) + _SKY * sky
     return np.log(light + np.float32(0.015), dtype=np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import cv2
 import numba
@@ -12,6 +13,35 @@ from eres_render.textures.fractal_noise import Float32
 
 _SKY_ELEVATIONS_DEG = (20.0, 55.0)
 """Of the directions that stand for the sky, 8 at each: bands of about the same horizontal flux."""
+
+
+class Faces(NamedTuple):
+    """The faces of a relief's texels.
+
+    Attributes
+    ----------
+    slope_x, slope_y
+        (height, width) float32, rise along the columns' and the rows' direction.
+    up
+        (height, width) float32, upward component of the unit normal.
+    """
+
+    slope_x: Float32
+    slope_y: Float32
+    up: Float32
+
+    def cosine(self, x: float, y: float, z: float) -> Float32:
+        """Return the cosine between the normals and a direction, (height, width) float32."""
+        flat = np.float32(x) * self.slope_x, np.float32(y) * self.slope_y
+        return (np.float32(z) - flat[0] - flat[1]) * self.up
+
+
+def faces_of(relief: Float32) -> Faces:
+    """Return the faces of a relief, (height, width) heights in texels."""
+    slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
+    slope_y = cv2.Sobel(relief, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
+    up = 1 / np.sqrt(1 + np.square(slope_x) + np.square(slope_y))
+    return Faces(slope_x, slope_y, up)
 
 
 def log_light(
@@ -38,9 +68,7 @@ def log_light(
     log_light
         (height, width) float32.
     """
-    slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
-    slope_y = cv2.Sobel(relief, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
-    up = 1 / np.sqrt(1 + np.square(slope_x) + np.square(slope_y))
+    faces = faces_of(relief)
     x, y, z = np.asarray(sun, np.float64) / np.linalg.norm(sun)
     light = np.full_like(relief, least)
     lamps = [(x, y, z, 1 - sky)]
@@ -49,11 +77,7 @@ def log_light(
         turns = [math.radians(22.5 + 45 * k) for k in range(8)]
         lamps += [(flat * math.cos(a), flat * math.sin(a), high, sky / 16) for a in turns]
     for x, y, z, share in lamps:
-        facing = (np.float32(z) - np.float32(x) * slope_x - np.float32(y) * slope_y) * up
-        np.maximum(facing, 0, out=facing)
-        facing *= lit(relief, x, y, z)
-        facing *= np.float32(share / z)  # level ground gets `share`
-        light += facing
+        _add_lamp(relief, faces, x, y, z, share / z, light)  # level ground gets `share`
     return np.log(light, out=light)
 
 
@@ -72,35 +96,81 @@ def lit(relief: Float32, x: float, y: float, z: float) -> Float32:
     lit
         (height, width) float32 from 0, in shadow, to 1.
     """
-    # The sweep wants the lamp above the first row, and nearer to it than to the first column.
-    turned = abs(x) > abs(y)
-    heights, (x, y) = (relief.T, (y, x)) if turned else (relief, (x, y))
-    rows, columns = (slice(None, None, -1 if along > 0 else 1) for along in (y, x))
-    seen = np.empty_like(heights)
-    _sweep(
-        np.ascontiguousarray(heights[rows, columns]),
-        seen[rows, columns],
-        abs(x / y),
-        z / abs(y),
-    )
-    return seen.T if turned else seen
+    seen = np.empty_like(relief)
+    _lit(relief, x, y, z, seen)
+    return seen
 
 
 @numba.njit(cache=True)
-def _sweep(heights: Float32, seen: Float32, sideways: float, drop: float) -> None:
-    """Carry the height below which all is in shadow from row to row, away from the lamp.
+def _lit(relief: Float32, x: float, y: float, z: float, seen: Float32) -> None:
+    """Write the share of a lamp that each texel sees."""
+    rows, columns = relief.shape
+    horizon, nearer = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    for i in range(rows):
+        row = i if y <= 0 else rows - 1 - i
+        nearer, horizon = horizon, nearer
+        _shade_row(relief[row], x, y, z, i == 0, nearer, horizon, seen[row])
 
-    `sideways` is the columns that the light crosses for each row, 0 to 1, and `drop` how far it
-    falls meanwhile.
-    """
-    rows, columns = heights.shape
-    shadow = heights[0].copy()
-    before = shadow.copy()
-    seen[0] = 1.0
-    for i in range(1, rows):
-        before, shadow = shadow, before
+
+@numba.njit(cache=True)
+def _add_lamp(
+    relief: Float32,
+    faces: Faces,
+    x: float,
+    y: float,
+    z: float,
+    power: float,
+    light: Float32,
+) -> None:
+    """Add the light of a lamp of unit direction, `power` on a face that looks at it."""
+    rows, columns = relief.shape
+    horizon, nearer = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    seen = np.empty(columns, np.float32)
+    to_x, to_y, to_z, strength = np.float32(x), np.float32(y), np.float32(z), np.float32(power)
+    for i in range(rows):
+        row = i if y <= 0 else rows - 1 - i
+        nearer, horizon = horizon, nearer
+        _shade_row(relief[row], x, y, z, i == 0, nearer, horizon, seen)
+        slope_x, slope_y, up = faces.slope_x[row], faces.slope_y[row], faces.up[row]
         for k in range(columns):
-            horizon = (1 - sideways) * before[k] + sideways * before[max(k - 1, 0)] - drop
-            height = heights[i, k]
-            seen[i, k] = min(1.0, max(0.0, 1.0 - (horizon - height)))
-            shadow[k] = max(height, horizon)
+            cosine = (to_z - to_x * slope_x[k] - to_y * slope_y[k]) * up[k]
+            light[row, k] += max(cosine, np.float32(0)) * seen[k] * strength
+
+
+@numba.njit(cache=True)
+def _shade_row(
+    heights: Float32,
+    x: float,
+    y: float,
+    z: float,
+    first: bool,
+    nearer: Float32,
+    horizon: Float32,
+    seen: Float32,
+) -> None:
+    """Write the height below which all of a row is in shadow, and the share of the lamp it sees.
+
+    `nearer` is that height in the row before, nearer to the lamp. Light that comes more along the
+    rows than across them is followed from column to column, other light from row to row; between
+    two texels, the height is interpolated.
+    """
+    columns = len(heights)
+    step = 1 if x <= 0 else -1  # away from the lamp
+    start = 0 if x <= 0 else columns - 1
+    if abs(x) > abs(y):
+        aside, drop = abs(y / x), z / abs(x)
+        above = horizon if first else nearer
+        horizon[start], seen[start] = heights[start], 1.0
+        for k in range(start + step, start + step * columns, step):
+            line = (1 - aside) * horizon[k - step] + aside * above[k - step] - drop
+            seen[k] = min(1.0, max(0.0, 1.0 - (line - heights[k])))
+            horizon[k] = max(heights[k], line)
+    elif first:
+        horizon[:], seen[:] = heights, 1.0
+    else:
+        aside, drop = abs(x / y), z / abs(y)
+        for k in range(columns):
+            beside = min(max(k - step, 0), columns - 1)
+            line = (1 - aside) * nearer[k] + aside * nearer[beside] - drop
+            seen[k] = min(1.0, max(0.0, 1.0 - (line - heights[k])))
+            horizon[k] = max(heights[k], line)
