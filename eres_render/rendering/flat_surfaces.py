@@ -1,7 +1,8 @@
-"""A baked scene as flat pieces, each with an affine map from position to texture.
+"""A scene that glows as flat pieces, each with an affine map from position to texture.
 
-A camera sees such a piece through a homography, so the radiance at any position in the image is one
-look-up in a texture: `eres_render.rendering.lookup` makes frames of them.
+Scenes with baked light glow, and so do those that only emit. A camera sees a piece through a
+homography, so the radiance at any position in the image is one look-up in a texture:
+`eres_render.rendering.lookup` makes frames of them.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -68,7 +70,7 @@ class Bent(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FlatSurfaces:
-    """What a camera can see of a baked scene.
+    """What a camera can see of a scene that glows.
 
     Attributes
     ----------
@@ -94,15 +96,15 @@ class FlatSurfaces:
 
 
 def flat_surfaces(mi_scene: Any, baked: Collection[str]) -> FlatSurfaces:
-    """Take a baked scene apart.
+    """Take a scene apart.
 
     Parameters
     ----------
     mi_scene
-        The scene in Mitsuba; its surfaces glow.
+        The scene in Mitsuba. Surfaces that do not glow are black.
     baked
-        Ids of the shapes whose texture is a baked one: clamped, bilinear, not transformed. Any
-        other texture is traced.
+        Ids of the shapes whose texture is a baked one. Another texture is looked up if it is of
+        half-floats, clamped, bilinear and not transformed, as those are, and traced if not.
 
     Returns
     -------
@@ -170,11 +172,12 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _T
         normals = of_vertices(shape.vertex_normal(every))
     texels = np.zeros((len(faces), 3, 2))
     texture, radiance = -1, 0.0
-    emission = mi.traverse(shape.emitter())
+    emitter = shape.emitter()
+    emission = mi.traverse(emitter) if emitter is not None else {"radiance.value": 0.0}
     known = not shape.has_flipped_normals()
     if "radiance.value" in emission:
         radiance = float(np.ravel(emission["radiance.value"])[0])
-    elif baked and shape.has_vertex_texcoords():
+    elif shape.has_vertex_texcoords() and (baked or _is_like_baked(emitter, emission)):
         image = np.asarray(emission["radiance.data"])[:, :, 0]
         rows, columns = image.shape
         texels = of_vertices(shape.vertex_texcoord(every)) * (columns, rows) - 0.5
@@ -190,6 +193,45 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _T
         radiance=np.full(len(faces), radiance, np.float32),
         known=np.full(len(faces), known),
     )
+
+
+def _is_like_baked(emitter: Any, emission: Any) -> bool:
+    """Return whether a texture is one of half-floats, clamped, bilinear and not transformed.
+
+    Mitsuba does not tell how it reads a texture, so it reads some points where that shows most:
+    halfway along the largest steps between texels, and beyond the left and the upper side.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    if "radiance.data" not in emission or "radiance.to_uv" not in emission:
+        return False
+    data = np.asarray(emission["radiance.data"])
+    if data.dtype != np.float16 or data.shape[2] != 1 or not np.all(data >= 0):
+        return False
+    image = data[:, :, 0].astype(np.float32)
+    rows, columns = image.shape
+    across, down = (_largest_entry(np.diff(image, axis=axis)) for axis in (1, 0))
+    (r, k), (q, m) = _largest_entry(image - image[:, :1]), _largest_entry(image - image[:1])
+    points = [(across[1] + 0.5, across[0]), (down[1], down[0] + 0.5)]
+    points += [(-1 - k, r), (k - columns, r), (m, -1 - q), (m, q - rows)]  # mirrored, repeated
+    x, y = np.array(points, np.float32).T
+
+    si = dr.zeros(mi.SurfaceInteraction3f, len(points))
+    si.uv = mi.Point2f((x + 0.5) / columns, (y + 0.5) / rows)
+    si.wi = mi.Vector3f(0, 0, 1)
+    found = np.asarray(emitter.eval(si)[0])
+    border = cv2.BORDER_REPLICATE
+    expected = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=border).ravel()
+    return bool(np.allclose(found, expected, rtol=1e-3, atol=1e-3 * float(image.max())))
+
+
+def _largest_entry(values: NDArray[np.float32]) -> tuple[int, int]:
+    """Return row and column of the entry with the largest magnitude, (0, 0) if there is none."""
+    if not values.size:
+        return 0, 0
+    row, column = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+    return int(row), int(column)
 
 
 def _unit_normal(vertices: Float64) -> Float64:

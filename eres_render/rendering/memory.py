@@ -11,7 +11,7 @@ from eres_render.errors import RenderError
 # Five float32 frames for the white level, their stack, and its sorted copy.
 _BYTES_A_PIXEL = 60
 # Radiance; and without reflected light, the position in the image, kept from frame to frame.
-_BYTES_A_SAMPLE = {"path": 4, "baked": 8, "baked-full": 12, "emission": 12}
+_BYTES_A_SAMPLE = {"path": 4, "baked": 8, "baked-full": 12, "emission": 8}
 _MOST_SAMPLES = (1 << 32) - 1  # Dr.Jit counts them in 32 bits
 
 

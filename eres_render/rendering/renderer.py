@@ -74,8 +74,8 @@ class Renderer:
         with a ray for every sample, where "baked" looks most of them up: see
         `eres_render.rendering.lookup`), "path" (path tracing in every frame, which is noisy: see
         `measure_noise`) or "emission" (only what surfaces emit themselves: no shadows, no reflected
-        light and no noise of it; one ray for each sample). By default "emission" if nothing
-        reflects light, baked if possible, else path.
+        light and no noise of it; looked up like "baked", unless objects move). By default
+        "emission" if nothing reflects light, baked if possible, else path.
         Scenes with moving objects need "path" or "emission".
     on_progress
         Called while light is baked, if it must be.
@@ -138,11 +138,12 @@ class Renderer:
         self._look_up: LookUp | None = None
         if baked:
             self._mi_scene, shape_ids = baked_scene(scene, on_progress)
-            flat = any(shape.is_mesh() for shape in self._mi_scene.shapes())
-            if flat and self.integrator == "baked" and self.variant.startswith("llvm"):
-                self._look_up = LookUp(self._mi_scene, shape_ids)
         else:
-            self._mi_scene = load_mi_scene(scene)
+            self._mi_scene, shape_ids = load_mi_scene(scene), set()
+        glows = self.integrator in ("baked", "emission") and not scene.settings.objects
+        flat = any(shape.is_mesh() for shape in self._mi_scene.shapes())
+        if glows and flat and self.variant.startswith("llvm"):
+            self._look_up = LookUp(self._mi_scene, shape_ids)
         self._objects: tuple[MovingObject, ...] = ()
         self._placed: PlacedObjects | None = None
         if scene.settings.objects:
@@ -380,7 +381,7 @@ class Renderer:
     def _looked_up(
         self, look_up: LookUp, T_world_cam: Float64, spp: int, seed: int
     ) -> NDArray[np.float32]:
-        """Look baked light up, and trace it where that cannot be."""
+        """Look up what surfaces emit, and trace it where that cannot be."""
         import drjit as dr
         import mitsuba as mi
 
