@@ -1,4 +1,4 @@
-"""Baked light that is looked up is what rays to every sample find."""
+"""Light that is looked up is what rays to every sample find."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from eres_render.rendering.backend import select_variant
 from light_scenes import log_difference
 
 
-def glowing(mi, vertices, faces, radiance, texcoords=None):
-    """A mesh of uniform or textured radiance."""
+def glowing(mi, vertices, faces, radiance, texcoords=None, **other):
+    """A mesh of uniform or textured radiance; `other` settings of the texture."""
     texture = {"type": "uniform", "value": radiance}
     if texcoords is not None:
         bitmap = mi.Bitmap(radiance.astype(np.float32)[..., None])
         texture = {"type": "bitmap", "bitmap": bitmap, "raw": True, "format": "fp16"}
-        texture["wrap_mode"] = "clamp"
+        texture = {**texture, "wrap_mode": "clamp", **other}
     emitter = mi.load_dict({"type": "area", "radiance": texture})
     properties = mi.Properties()
     properties["emitter"] = emitter
@@ -107,3 +107,42 @@ def compare_things(scene, monkeypatch, camera, width_px, length_px, parallel):
     assert np.any(difference != 0), "nothing was looked up"
     lit = traced.frame(pose)
     assert np.any(lit > 5), "nothing was in front"
+
+
+@pytest.mark.parametrize(
+    ("other", "looked_up"),
+    [
+        ({}, True),
+        ({"wrap_mode": "repeat"}, False),
+        ({"wrap_mode": "mirror"}, False),
+        ({"filter_type": "nearest"}, False),
+        ({"format": "variant"}, False),  # floats
+        ({"to_uv": 0.5}, False),
+    ],
+)
+def test_what_surfaces_emit_is_looked_up(small_carpet, monkeypatch, other, looked_up):
+    """Promise: a texture that Mitsuba reads as a baked one is looked up, also beyond its sides, any
+    other is traced; surfaces that emit nothing are black."""
+    if not select_variant().startswith("llvm"):
+        pytest.skip("other variants trace every sample")
+    import mitsuba as mi
+
+    if "to_uv" in other:
+        other = {"to_uv": mi.ScalarTransform3f().scale(other["to_uv"])}
+    image = np.exp(np.random.default_rng(0).normal(0, 0.3, (48, 64)))
+    uv = np.array([[-0.4, -0.3], [1.2, -0.3], [1.2, 1.4], [-0.4, 1.4]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    corners = np.array([[-1.4, -1.4, -4.0], [1.5, -1.4, -4.2], [1.5, 1.4, -4.1], [-1.4, 1.4, -3.9]])
+    black = {"type": "rectangle", "to_world": mi.ScalarTransform4f().translate([1.8, 0.0, -4.5])}
+    shapes = {"print": glowing(mi, corners, faces, image, uv, **other), "black": black}
+    world = mi.load_dict({"type": "scene", **shapes})
+    monkeypatch.setattr(renderer_module, "load_mi_scene", lambda *_: world)
+    camera = Camera(WIDTH, WIDTH, fx=float(WIDTH))
+    renderer = Renderer(small_carpet, spp=16, integrator="emission", camera=camera)
+    frame = renderer.frame(np.diag([1.0, -1.0, -1.0, 1.0]))
+    assert (renderer._look_up.traced < 0.1 * frame.size) == looked_up
+    renderer._look_up = None
+    traced = renderer.frame(np.diag([1.0, -1.0, -1.0, 1.0]))
+    np.testing.assert_allclose(frame, traced, rtol=2e-3, atol=1e-6)
+    assert np.ptp(traced) > 0.5
+    assert np.any(traced == 0)
