@@ -23,7 +23,7 @@ class Scheduler(Protocol):
     def cores(self) -> int: ...
 
     def environment(self) -> dict[str, str]:
-        """Return what is known of where the jobs will be computed, as `provenance.environment`."""
+        """Return what is known about the machine, as `tasks.provenance.environment` does."""
         ...
 
     def compute(
@@ -36,7 +36,7 @@ class Scheduler(Protocol):
         jobs
             The jobs.
         on_progress
-            Called with a text, the number of jobs that are done, with fractions, and their total.
+            Called with a text, the number of finished jobs, with fractions, and the total.
 
         Returns
         -------
@@ -52,7 +52,7 @@ def open_scheduler(address: str | None) -> Iterator[Scheduler]:
     Raises
     ------
     StudyError
-        No scheduler answers at the address within seconds, or Dask is not installed.
+        As `connected` raises it.
     """
     if address is None:
         yield ThisProcess()
