@@ -277,7 +277,7 @@ class Study:
 
     def _check_sensors(self) -> None:
         """Refuse a named sensor finer than the frames, or as wide as another sensor."""
-        of_width = {width: f"the square of {width} px" for width in self.simulate.widths}
+        of_width = {width: f"{width} px of simulate.widths" for width in self.simulate.widths}
         for sensor in self.simulate.sensors:
             at = f"simulate.sensors: found {sensor.name!r}"
             if max(sensor.width, sensor.height) > self.render.resolution:

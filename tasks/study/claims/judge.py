@@ -45,7 +45,7 @@ def claims_of(config: Mapping[str, Any]) -> tuple[Claim, ...]:
     Returns
     -------
     tuple of Claim
-        All, or that of the slider if the events were recorded.
+        All claims, or only the one about the slider if the events were recorded.
     """
     return (ON_RECORDINGS,) if "recorded" in config else CLAIMS
 
@@ -74,7 +74,7 @@ def judge_all(
     Raises
     ------
     ResultError
-        As `Scores`: no rows, an unknown task or metric, or a value that is there twice.
+        As `Scores` raises it.
     """
     scores = rows if isinstance(rows, Scores) else Scores(rows)
     found = [claim.judge(scores, scaling) for claim in claims]

@@ -1,10 +1,9 @@
 """Write into Markdown pages which resolution is enough.
 
-A page holds the answer between two comments;
-
     python -m tasks.study.report.answer RUN PAGE...
 
-rewrites it. README and docs/results.md have it from docs/results/paper.
+replaces the text between two comments in each page. The answers in README.md and docs/results.md
+are those of docs/results/paper.
 """
 
 from __future__ import annotations
