@@ -205,7 +205,7 @@ _NUMBER = 22
 
 ON_THE_SLIDER = SliderClaim(
     number=_NUMBER,
-    title="On a slider at 0.6 m/s, about 640x360 px are better than the full size",
+    title="On a slider at 0.6 m/s, about 640x360 px is better than the full size",
     statement="On every print, with photometric flow and with pose tracking, errors at 0.6 m/s are "
     f"smaller at {_MIDDLE} px, from 43 cm, than at {_FULL} px, from 24 cm.",
     note="The paper's camera is real. Ours is simulated; eres rig judges your own recordings in "
