@@ -47,7 +47,7 @@ def make_recording(folder):
     width, height = SIZE
     model = SensorModel(width=width, height=height, contrast_threshold=C, dark_level=1 / 64)
     fired = simulate(light, t_s, model)
-    events = Events(*fired.columns, width, height)  # of a camera that nobody modeled
+    events = Events(*fired.columns, width, height)  # of a camera without a model
     path = folder / "recording.h5"
     write_events(path, events)
     made = MadeRecording(path, folder / "frames", events, light, np.round(1e6 * t_s).astype(int))

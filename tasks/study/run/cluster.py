@@ -204,7 +204,7 @@ def _result(future: Future, job: Job) -> ComputedJob:
             f"the last was {error.last_worker.address}"
         ) from None
     except FutureCancelledError:
-        raise StudyError(f"{named}: the Dask scheduler ended or gave up the job") from None
+        raise StudyError(f"{named}: the Dask scheduler ended or canceled the job") from None
     except OSError as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):

@@ -20,7 +20,9 @@ class Scheduler(Protocol):
     """Computes jobs on its cores, and yields each as soon as it is done."""
 
     @property
-    def cores(self) -> int: ...
+    def cores(self) -> int:
+        """Number of cores that share the work."""
+        ...
 
     def environment(self) -> dict[str, str]:
         """Return what is known about the machine, as `tasks.provenance.environment` does."""
@@ -63,5 +65,5 @@ def open_scheduler(address: str | None) -> Iterator[Scheduler]:
         if count:
             _log.info("workers at %s: %d", address, count)
         else:
-            _log.warning("no workers at %s yet; waiting for some", address)
+            _log.warning("no workers at %s yet; waiting for one", address)
         yield cluster
