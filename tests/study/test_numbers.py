@@ -7,11 +7,10 @@ the stage in `STAGE_VERSIONS`, and store the new numbers:
     PYTHONPATH=tests/helpers python tests/study/test_numbers.py --rewrite
 
 The same machine gives the same bits again, with any number of threads. Machines differ in the last
-bit of what the renderer's compiler makes of a frame, and in whether the kernels fuse multiplication
-and addition. Frames off by 2e-7 at random, and kernels compiled for a plain x86-64, moved an event
-rate by 2.4e-4 at most (one event of 4,100), a PSNR by 0.0012 dB, a flow by 0.0015 px and a path by
-0.009 mm. `HERE` allows about five times that, which is less than a 1 % larger contrast threshold
-changes.
+bit of rendered frames, and in whether the kernels fuse multiplication and addition. Frames off by
+2e-7 at random, and kernels compiled for a plain x86-64, moved an event rate by 2.4e-4 at most (one
+event of 4,100), a PSNR by 0.0012 dB, a flow by 0.0015 px and a path by 0.009 mm. `HERE` allows
+about five times that, less than the effect of a contrast threshold larger by 1 %.
 
 The numbers are those of Mitsuba's `llvm_ad_mono`. Another variant draws other samples of each
 pixel, and with 4 of them the frames differ substantially: in `scalar_rgb` event rates by 2 %,
