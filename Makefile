@@ -1,7 +1,7 @@
 # make demo    set everything up, run the quick study, say where its report is
 # make test    set everything up, run the tests
 # make docs    set everything up, build the documentation site into build/docs
-# make answers write which resolution is enough, as docs/results/paper has it, into README and docs
+# make answers write which resolution is enough, from docs/results/paper, into README and docs
 PYTHON ?= python3
 RUN ?= runs/quick
 BIN := .venv/bin

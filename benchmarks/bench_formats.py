@@ -4,9 +4,9 @@
 
 The events come from a 1/f texture with edges that moves by 0.97 px per millisecond in front of a
 640x640 sensor with C = 0.2: a few hundred thousand per frame, sorted by time, row and column. The
-formats take turns, so that other load affects all of them equally; the fastest run counts. "faery"
-is the independent codec that the tests compare with. The files are in the system's temporary
-folder, and each read follows its write, so that disks matter little.
+formats take turns, so other load affects all of them equally; the fastest run counts. "faery" is
+the independent codec that the tests compare with. The files are in the system's temporary
+folder, and each read follows its write, so disks matter little.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def stream_of(count: int, size: int = 640) -> list[Events]:
     parts: list[Events] = []
     written = 0
     while written < count:
-        # The same motion again, later: what a format makes of it depends on nothing further back.
+        # The same motion again, later: no format depends on events that far back.
         later = once.t_us + 60_000 * (written // len(once))
         part = Events(later, once.x, once.y, once.p, size, size, once.model)[: count - written]
         parts += [part[k : k + (1 << 18)] for k in range(0, len(part), 1 << 18)]

@@ -1,13 +1,13 @@
-"""Baked light that is looked up, next to a ray for every sample: time, radiance and events.
+"""Compare baked light that is looked up with a ray for every sample: time, radiance and events.
 
 Run: python benchmarks/bench_look_up.py [--width PX] [--spp N] [--k1 K] [--threads N] [SCENE ...]
 
 Renders the same poses along the path in turn with the integrators `baked-full` and `baked`, and
 prints a Markdown table: the least CPU and wall time of a frame over the rounds, averaged over the
-poses; the share of pixels that were looked up; and the difference of log radiance, rms, largest,
-and in how many pixels of a million it is more than 1e-3. Then the events of an ideal sensor (C =
-0.2) on 21 frames of each, with 0.5 px of motion from frame to frame. With `--k1` all through a lens
-with that first radial term, whose corners look where those of the scene's camera do.
+poses; the share of pixels that were looked up; and the difference of log radiance: rms, largest,
+and the number of pixels per million where it exceeds 1e-3. Then come the events of an ideal sensor
+(C = 0.2) on 21 frames of each, with 0.5 px of motion from frame to frame. With `--k1` all frames
+are seen through a lens with that first radial term and the same corners of the view.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def row(scene: Scene, width: int, spp: int, k1: float) -> list[str]:
 
 
 def through_lens(camera: Camera, k1: float) -> Camera:
-    """Return a camera whose lens has a radial term, and whose corners look where they did."""
+    """Return a camera whose lens has a radial term, and the same corners of the view."""
     lens = Distortion(k1=k1)
     corner = camera.rays(np.zeros(2))[:2]
     drawn_in = float(lens.distort(corner)[0] / corner[0])

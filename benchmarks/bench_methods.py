@@ -3,10 +3,10 @@
     python benchmarks/bench_methods.py [--runs 5] [--patches 20]
 
 A texture with a natural spectrum and edges moves along a diagonal. An ideal sensor with C = 0.2
-sees it for 50 ms. It moves by 13.75 px at 640 px and by 27.5 px at 1280 px, that is at 550 px/s at
+sees it for 50 ms. It moves by 13.75 px at 640 px and by 27.5 px at 1280 px, which is 550 px/s at
 1280 px. EI and HF get the events of a whole sensor, and EI also enlarges its sum to 1280 px. Flow
 methods get patches at random places, and initial flows with the study's errors. The result is the
-minimum of the runs; the methods take turns, so that other load affects all of them equally.
+minimum of the runs; the methods take turns, so other load affects all of them equally.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ RENDER_PX = 1280
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Something to be measured.
+    """One measurement.
 
     Parameters
     ----------
     name, where
         Names of the method and of its input.
     events
-        That one call goes through.
+        Number of events that one call processes.
     fits
-        Solutions that one call finds; 0 where it is not a matter of solutions.
+        Number of solutions that one call finds; 0 for methods that find none.
     call
         Runs it.
     """

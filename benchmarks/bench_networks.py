@@ -1,9 +1,9 @@
-"""Time and memory of E2VID and E-RAFT on this machine, with weights from random numbers.
+"""Measure time and memory of E2VID and E-RAFT on this machine, with random weights.
 
     python benchmarks/bench_networks.py                  both, at 128 to 1280 px
     python benchmarks/bench_networks.py --widths 1280 --runs 1 --updates 1 --float32
 
-Each line is a process of its own: the median of the runs after the first, and its largest memory.
+Each line is a separate process: the median of the runs after the first, and its peak memory.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from eres_render import Clip, Renderer, list_scenes, load_scene, render_clip
 
 _WIDTH, _SPP = 1280, 16
 _ROUNDS = 5
-_WINDOW_S = 0.008  # at 0.5 px a frame: about 10 frames a round
+_WINDOW_S = 0.008  # at 0.5 px per frame: about 10 frames per round
 
 
 def main() -> None:
@@ -52,7 +52,7 @@ def samples_per_s(renderer: Renderer) -> tuple[list[float], list[float]]:
     pose = renderer.trajectory.pose(0.0)
     mitsuba_frame(pose)  # compile
     renderer.frame(pose)
-    _ = renderer.white_level  # once a scene, not once a clip
+    _ = renderer.white_level  # once per scene, not once per clip
     ours, bare = [], []
     with tempfile.TemporaryDirectory() as folder:
         for k in range(_ROUNDS):

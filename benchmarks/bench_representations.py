@@ -1,10 +1,10 @@
-"""Measure the representations: ns of CPU an event, and the share of the empty array.
+"""Measure the representations: ns of CPU time per event, and the time of the empty array.
 
     python benchmarks/bench_representations.py [--size 1280] [--events 2] [--runs 5]
 
 The events come from a moving texture with edges (as in bench_formats.py) and fill one window. A
-representation writes its whole array, whatever the number of events: "array" says how long that
-takes alone, in ms. The representations take turns; the fastest run counts.
+representation writes its whole array, whatever the number of events: "array" is the time of that
+alone, in ms. The representations take turns; the fastest run counts.
 """
 
 from __future__ import annotations

@@ -6,9 +6,9 @@ A texture with a natural spectrum and edges moves by 0.97 px per frame, with fra
 = 0.2. "dense" fires about 0.2 events per pixel and frame, "sparse" a tenth of that (frames 0.1 ms
 apart). Events come from `stream`, in parts: `simulate` also allocates memory for all of them, which
 on a virtual machine can take as long as the rest. The result is the run with the least wall-clock
-time, with its user and system time in ns per pixel and frame; the kinds take turns, so that other
-load affects all of them equally. The NumPy column is the time to read the same frames once and
-compute `np.log(frame + dark)`.
+time, with its user and system time in ns per pixel and frame; the kinds take turns, so other load
+affects all of them equally. The NumPy column is the speed over that of reading the same frames once
+and computing `np.log(frame + dark)`.
 
 The second table compares nine settings that share the frames with nine runs: with the frames in
 memory, and with OpenEXR files that each run reads.

@@ -1,11 +1,11 @@
-"""Baked light looked up and traced, where looking up gains least: small images, few samples.
+"""Compare looking up baked light with tracing where it gains least: small images, few samples.
 
 Run: python benchmarks/bench_small_images.py
 
-Prints a Markdown table of the CPU time of a frame traced over that of the same frame looked up:
-the least of several rounds in turn, averaged over poses; "*" where `LookUp.pays` traces instead.
-The scenes are carpet, room, and a wall behind many small triangles, whose every edge is drawn into
-the map of pixels to trace.
+Prints a Markdown table of the CPU time of a traced frame over that of the same frame looked up:
+the least of several rounds in turn, averaged over poses; "*" where `LookUp.pays` chooses tracing.
+The scenes are carpet, room, and a wall behind many small triangles, every edge of which is drawn
+into the map of pixels to trace.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""CPU time of a training step in one thread: making its crops, and learning from them.
+"""Measure the CPU time of a training step in one thread: making its crops, and learning from them.
 
 python benchmarks/bench_training.py [--steps 3] [--config small]
 """

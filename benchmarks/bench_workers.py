@@ -1,8 +1,8 @@
 """Measure how a study scales: the same small jobs on one and on two workers of one core each.
 
-Both clusters run all the time and take turns. Every run has its own seed of the renderer, so that
-it renders its frames. Each worker has one core and one Numba thread; Dr.Jit always has two. Wall
-times of a busy machine say little. CPU times show the cost of distribution itself: those of the
+Both clusters run all the time and take turns. Every run has its own seed of the renderer, so it
+renders its own frames. Each worker has one core and one Numba thread; Dr.Jit always has two. Wall
+times on a busy machine say little. CPU times show the cost of distribution itself: those of the
 workers per job, and those of client and scheduler, which are this process.
 """
 

@@ -1,8 +1,8 @@
-"""Estimate preset paper's time on many workers, from `tasks.study.run.estimate`.
+"""Estimate the time of preset `paper` on many workers, from `tasks.study.run.estimate`.
 
 Workers have one core each, take the longest tasks first, and wait only for each other. The second
 table splits the jobs further, which eres does not: workers render ten frames at a time, and when a
-clip has all of them, a task simulates and scores one sensor on it.
+clip is complete, each task simulates and scores one sensor on it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Compare the sensor, or another simulator, with light that has known events in closed form.
+"""Compare the sensor, or another simulator, with light whose events are known in closed form.
 
     python benchmarks/conformance.py                      print the table
-    python benchmarks/conformance.py --write              and write docs/conformance.md
+    python benchmarks/conformance.py --write              also write docs/conformance.md
     python benchmarks/conformance.py --signals FILE.npz   write the signals and their exact events
 
 The exact events come from the formulas in this file, solved with Brent's method on the continuous
@@ -65,7 +65,7 @@ def crossings(voltage: Voltage, turns: list[float], start: float) -> list[tuple[
             def off_level(t: float, level: float = memory) -> float:
                 return voltage(t) - level
 
-            # Where rounding puts the start of a piece at or past the level, it is crossed there.
+            # If rounding puts the start of a piece at or past the level, the crossing is there.
             at_start = off_level(low) * off_level(high) > 0
             events.append((low if at_start else brentq(off_level, low, high, xtol=1e-15), sign))
     return events
@@ -124,8 +124,8 @@ def step(cutoff_hz: float) -> Signal:
 
 
 def sweep(cutoff_hz: float, frame_s: float) -> Signal:
-    """u = 1/2 sin(w t), a frequency a column, 5 to 400 Hz. With H = 1 / (1 + i w/a)^2 and poles at
-    rest, v2 = Im(H e^{i w t}) / 2 - (k0 + k1 t) e^{-a t}, k0 and k1 by v2(0) = v2'(0) = 0."""
+    """u = 1/2 sin(w t), one frequency per column, 5 to 400 Hz. With H = 1 / (1 + i w/a)^2 and poles
+    at rest, v2 = Im(H e^{i w t}) / 2 - (k0 + k1 t) e^{-a t}, k0 and k1 from v2(0) = v2'(0) = 0."""
     height, end = 0.5, 0.0985  # no level is met exactly at the end
     frequencies = np.geomspace(5, 400, 24)
     t_s = np.arange(round(end / frame_s) + 1) * frame_s

@@ -1,8 +1,8 @@
-"""Lines of code of each folder: no blank lines, comments or docstrings.
+"""Count the lines of code of each folder, without blank lines, comments and docstrings.
 
 Run: python benchmarks/count_code.py [COMMIT]
 
-Templates, JavaScript and CSS count by their lines that are not blank.
+Of templates, JavaScript and CSS, all lines count that are not blank.
 """
 
 from __future__ import annotations

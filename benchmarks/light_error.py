@@ -1,11 +1,12 @@
-"""Error of looked-up light by the number of samples per pixel, and with prefiltered textures.
+"""Measure the error of looked-up light by samples per pixel, and with prefiltered textures.
 
 Run: python benchmarks/light_error.py [SCENE ...]
 
 Prints a Markdown table: rms difference of log radiance from the mean of four renders with 1024
-samples and other seeds, over three views of 256 px whose pixels are those of a 1280-px image. The
-last column has 16 samples in textures that were averaged over two texels each way, the least that a
-mipmap can do. The logarithm is that of the sensors, with a dark level of a thousandth of white.
+samples and other seeds, over three views of 256 px whose pixels are as large as those of a 1280 px
+image. The last column has 16 samples and textures averaged over two texels along each axis, the
+least that a mipmap can do. The logarithm is that of the sensors, with a dark level of a thousandth
+of white.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def errors(name: str) -> list[float]:
 
 
 def prefilter(texels: NDArray[np.float16]) -> None:
-    """Average over two texels each way, in place, without a shift."""
+    """Average over two texels along each axis, in place, without a shift."""
     smooth = texels.astype(np.float32)
     for axis in (0, 1):
         beside = np.roll(smooth, 1, axis) + np.roll(smooth, -1, axis)

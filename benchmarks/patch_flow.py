@@ -1,11 +1,11 @@
-"""Compare photometric flow's scores with how evenly the patches really move.
+"""Compare photometric flow's scores with how evenly the flow is over the patches.
 
     python benchmarks/patch_flow.py RUN SCENE
 
 Photometric flow assumes the same flow everywhere in a patch. In a scene with depth this is wrong.
-This script finds the features of a finished study's samples again, gets the true flow all over each
-patch of 61 px (at 1280 px), and splits the run's scores at base speed in ideal light by the patch's
-departure from its center's flow, in px of a 1280 px image (root mean square).
+This script finds the features of a finished study's samples again, computes the true flow all over
+each patch of 61 px (at 1280 px), and splits the run's scores at base speed in ideal light by the
+departure of the patch's flow from that of its center, in px of a 1280 px image (root mean square).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ EVEN_PX = 0.5
 
 
 def departures_px(run: Path, scene_name: str) -> dict[tuple[int, int], float]:
-    """Return the departure of each patch from even flow, px, by sample and item."""
+    """Return the departure of each patch from uniform flow, px, by sample and item."""
     study = json.loads((run / "study.json").read_text())
     render, flow = study["render"], study["evaluate"]["flow"]
     scene = load_scene(scene_name)

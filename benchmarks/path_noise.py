@@ -4,15 +4,15 @@
 
 A camera flies past a ball in a room under a lamp, and past another under the sky. Each scene is
 path-traced at 48 px and 16 samples per pixel with four seeds, and at the same poses with 256 times
-the samples, which is the truth. An ideal sensor of 48 px sees all of them. It prints a Markdown
-table, in events per pixel and second:
+the samples, which is the truth. An ideal sensor of 48 px sees all of them. The script prints a
+Markdown table, in events per pixel and second:
 
 - log noise: estimated from a few pixels, and of the whole frames against the truth;
 - events: of the sensor at 16 samples per pixel, and at the truth;
 - false events: estimated, with their standard error, and measured: the difference between the two;
 - estimated / measured;
-- left: how many more events 64 times the samples cause than 256 times;
-- lost: events that noise removes, where a pixel fires fewer than in truth.
+- left: how many more events there are with 64 times the samples than with 256 times;
+- lost: events that noise removes, where a pixel fires fewer than in the truth.
 """
 
 from __future__ import annotations
@@ -105,14 +105,14 @@ def write_scene(folder: Path, name: str) -> Scene:
 def compare(
     scene: Scene, width: int, spp: int, more: int, seeds: int = 4
 ) -> tuple[Noise, Measured]:
-    """Return what `measure_noise` says, and what the sensor says of whole frames.
+    """Return the result of `measure_noise`, and what the sensor measures on whole frames.
 
     Parameters
     ----------
     more
-        How many times the samples truth has, a multiple of 64.
+        Factor on `spp` for the truth, a multiple of 64.
     seeds
-        Over how many renders at `spp` the sensor's figures are averaged.
+        Number of renders at `spp` over which the sensor's figures are averaged.
     """
     renderer = Renderer(scene, width, spp, integrator="path")
     clip = continuous_stretch(scene)

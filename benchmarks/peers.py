@@ -1,20 +1,20 @@
-"""Compare the sensor's speed with other simulators, those that this Python can import.
+"""Compare the sensor's speed with that of the other simulators that this Python can import.
 
     python benchmarks/peers.py [--size 1280] [--frames 25] [--runs 3]
 
 All see the same frames, moving textures as in bench_sensor.py, with one thread and C = 0.2, without
 noise, with the filter off and at 200 Hz. They take turns; the result of each is the run with the
-least CPU time, user and system. The events of all stay in memory until the end of a run and are
-sorted by time.
+least CPU time, user and system. All events stay in memory until the end of a run and are sorted by
+time.
 
 - OpenEB's CPU simulator (Numba), `metavision_core_ml.video_to_event`; from
   https://github.com/prophesee-ai/openeb. Its buffer of events is reused.
 - v2e's emulator (PyTorch), `v2ecore.emulator`, with its own lin-log scale and on the CPU; from
   https://github.com/SensorsINI/v2e: `pip install -e` of a clone, or its folder on PYTHONPATH.
 
-These two expect 8-bit values, so that their frames are scaled to 0..255, not rounded. ESIM is not
-here: esim_py reads image files, and esim_torch needs a GPU. The filters differ, so at 200 Hz all
-fire different events.
+These two expect 8-bit values, so their frames are scaled to 0..255, but not rounded. ESIM is not
+included: esim_py reads image files, and esim_torch needs a GPU. The filters differ, so at 200 Hz
+the simulators fire different events.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def v2e(_: int) -> Simulator:
     return run
 
 
-# Name, the module that must be there, and what makes the simulator.
+# Name, the module that must be installed, and the function that makes the simulator.
 PEERS = [
     ("OpenEB", "metavision_core_ml", openeb),
     ("v2e, lin-log", "v2ecore", v2e),

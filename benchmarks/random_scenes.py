@@ -1,4 +1,4 @@
-"""Number of frames of random scenes, as `eres dataset` renders them at 346 x 260 px for 1 s.
+"""Count the frames of random scenes, as `eres dataset` renders them at 346 x 260 px for 1 s.
 
 Run: python benchmarks/random_scenes.py [COUNT]
 """

@@ -1,4 +1,4 @@
-"""Measure flow and images on a public recording: DAVIS240C, slider_depth.
+"""Measure flow and images on a public recording of a DAVIS240C: slider_depth.
 
     python benchmarks/recordings.py FOLDER
 
@@ -7,9 +7,9 @@ authors': images.txt, images/, calib.txt and groundtruth.txt, and its events as 
 github.com/tub-rip/events_viz (slider_depth/), the first 50,000 of them as events_chunk.txt.
 
 Flow has 28 features in each of the four pairs of frames that the excerpt covers. Its reference is
-the tracks of corners from frame to frame. The slider gives another one that needs no frame: the
-camera moves along its x axis alone, so no point moves along y once the distortion of the lens is
-taken out. The script prints how far tracks and flow depart from that, and flow with events off the
+the tracks of corners from frame to frame. The slider gives another reference that needs no frame:
+the camera moves along its x axis only, so no point moves along y once the distortion of the lens is
+removed. The script prints how far tracks and flow depart from that, and flow with events off the
 grid of pixels, as zero flow along an axis otherwise looks sharper than it is.
 """
 

@@ -8,8 +8,8 @@ Markdown table:
 - distance: of surfaces along the camera's axis, median over image and path, and its range;
 - image motion: mean speed over the image and 24 moments of the path;
 - departure from even motion: the error of methods that assume constant flow. In the 50 ms window of
-  every clip, the distance of points half-way through it from the middle between their two ends:
-  mean over the image, then median and largest over the clips.
+  every clip, the distance of each point half-way through it from the middle of its two ends: mean
+  over the image, then median and largest over the clips.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Measure the scenes' images: contrast, spectrum, and the fall of slopes with the pixel's size.
+"""Measure the scenes' images: contrast, spectrum, and the fall of slopes with pixel size.
 
     python benchmarks/scene_statistics.py [SCENE ...]
 

@@ -1,4 +1,4 @@
-"""Measure the growth of the process by a simulation: its VmHWM, MiB, with the chunk of frames.
+"""Measure how much a simulation adds to peak memory (VmHWM), MiB, including its chunk of frames.
 
     for run in "inf 96 1" "200 48 2" "bank 16 2" "simulate 96 1"; do
         python benchmarks/sensor_memory.py $run
@@ -6,7 +6,7 @@
 
 The arguments are a cutoff in Hz for `stream`, "bank" for the nine settings of bench_sensor.py, or
 "simulate" for an ideal pixel; frames; threads. Frames of 1280x1280 px, dense, come from a
-generator that goes back and forth over twelve.
+generator that runs back and forth over twelve frames.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ The texture of bench_sensor.py moves by `--shift` px per frame, with frames 1 ms
 A sensor sees eight frame intervals; each step of the ninth then runs 300 times on five blocks of
 pixels. The least CPU time of 5 runs is printed in ns per pixel and frame, and per event. Events
 include 0.3 ns per pixel to restore the comparators' memory; the branch predictor learns what
-repeats, so that they cost a little more in a real run.
+repeats, so they cost a little more in a real run.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Events of footage with too few frames, and what motion-compensated frames bring back.
+"""Measure the events of footage with too few frames, and what motion compensation restores.
 
     python benchmarks/thin_frames.py [--width 346] [--frames 129] [SCENE ...]
 
 Renders a stretch of each scene's path with half a pixel of motion from frame to frame, keeps every
 second, 4th, 8th and 16th frame, and simulates an ideal sensor (C = 0.2) on these, on these with
-frames in between (`eres simulate --interpolate auto`), and on all. Prints a Markdown table: how far
-things move from one frame to the next as measured, the number of events over that of all frames,
-and the share of the events of all frames that are found again: with the same polarity, in the same
+frames in between (`eres simulate --interpolate auto`), and on all frames. Prints a Markdown table:
+the measured motion from one frame to the next, the number of events over that of all frames, and
+the share of the events of all frames that are found again: with the same polarity, in the same
 block of 2x2 px, in the same 16th of the stretch.
 """
 

@@ -36,7 +36,7 @@ from light_scenes import light_evenly, small_carpet_folder  # noqa: E402
 from tasks import cli  # noqa: E402
 from tasks.cli import terminal  # noqa: E402
 
-# Neither chance nor a busy machine decides a property test; examples share a test's tmp_path.
+# Property tests do not depend on chance or on a busy machine; examples share a test's tmp_path.
 settings.register_profile(
     "steady",
     deadline=None,
@@ -87,9 +87,9 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="session", autouse=True)
 def own_cache(tmp_path_factory):
-    """Start with an empty cache, so that no earlier run decides a test.
+    """Start with an empty cache, so that no earlier run affects a test.
 
-    The workers of a run share its textures, and which variants of Mitsuba work.
+    The workers of a run share the textures and the list of Mitsuba variants that work.
     """
     cache, run = tmp_path_factory.mktemp("cache"), tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:

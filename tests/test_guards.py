@@ -90,8 +90,10 @@ def test_scenes_keep_their_digests(stored):
 
 
 def test_events_are_the_same_to_the_bit():
-    """Promise: five kinds of sensor on one moving texture. The scores of a small study are held in
-    the same way by tests/study/test_numbers.py."""
+    """Promise: the events of five kinds of sensor on one moving texture.
+
+    tests/study/test_numbers.py checks the scores of a small study in the same way.
+    """
     assert event_digests() == stored_bits("events")
 
 

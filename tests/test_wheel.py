@@ -1,4 +1,4 @@
-"""The wheel: installed into an empty environment, away from the checkout, it does a complete
+"""The wheel: installed into an empty environment, away from the checkout, it runs a complete
 study."""
 
 import os

@@ -13,7 +13,7 @@ from tasks.study.results.slider import FIELD_PX, PRINTS
 from tasks.study.settings import Render, Simulate, Study
 
 SLIDER_LUX = (300.0, 67.0, 17.0)
-"""Light on the prints in the preset "slider"; the paper does not say its own."""
+"""Illuminance of the prints in the preset "slider", lux; the paper does not state its own."""
 
 PRESETS = {
     "quick": Study(
@@ -74,7 +74,7 @@ PRESETS = {
             ),
             tracking=Tracking(
                 methods=("photometric_tracking", "photometric_tracking_with_delay", "initial_path"),
-                # 2.5 mm at 24 cm is as large an angle as the 20 mm of "paper" at 1.8 m.
+                # 2.5 mm at 24 cm is about the same angle as 20 mm at 1.8 m in "paper".
                 sigmas_mm=(2.5, PAPER_SIGMA_MM),
                 max_events=50_000,
                 tracking_window_s=0.072,  # 24 ms at 0.6 m/s: the path and the largest delay
@@ -87,7 +87,7 @@ PRESETS = {
             ),
         ),
     ),
-    # What the paper leaves open, or does otherwise: claims print these numbers beside their own.
+    # Choices that the paper leaves open or makes differently; claims print their numbers as well.
     "ablations": Study(
         name="ablations",
         scenes=("carpet", "rocks", "room"),

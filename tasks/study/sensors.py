@@ -1,4 +1,4 @@
-"""The sensors of a study: ideal pixels of its widths, and cameras and sensors by name."""
+"""The sensors of a study: plain ones of its widths, and named cameras and sensors."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Light(NamedTuple):
-    """Light on the scene: the cutoff of square sensors, and the illuminance if it is given so."""
+    """Light on the scene: the cutoff of plain sensors in Hz, and the illuminance in lux or 0."""
 
     cutoff_hz: float
     illuminance_lux: float = 0.0
@@ -37,20 +37,20 @@ def light_of(illuminance_lux: float) -> Light:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudySensor:
-    """A sensor of a study: a square of ideal pixels, or a camera or a sensor of your own.
+    """A sensor of a study: a plain one without noise, a camera, or one of the user's own.
 
     Parameters
     ----------
     name
-        Name in rows and tables; "" for a square.
+        Name in rows and tables; "" for a plain sensor.
     in_light
-        The sensor in each light of the study. Dark level and cutoff reference are shares of the
+        The sensor in each light of the study. Dark level and cutoff reference are fractions of the
         white level.
     own
-        Which of the study's lists do not apply, as the sensor has a value of its own:
-        "contrast_thresholds", "photoreceptors".
+        Lists of the study that the sensor overrides with a value of its own: "contrast_thresholds",
+        "photoreceptors".
     readout
-        Its bus; None for that of the study.
+        Its bus; None for the study's bus.
     """
 
     name: str
@@ -70,14 +70,14 @@ class StudySensor:
 
 
 def bus_of(bus_mev_s: float) -> Readout | None:
-    """Return the bus of a capacity in million events per second, with the usual queue."""
+    """Return a bus of this capacity, million events per second, with the default queue."""
     return BusOptions(bus=repr(bus_mev_s)).readout()
 
 
 def plain_sensor(
     width: int, height: int, lights: Sequence[Light], dark_fraction: float
 ) -> StudySensor:
-    """Return a sensor of ideal pixels in each light.
+    """Return a sensor without noise in each light.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def plain_sensor(
     lights
         The lights.
     dark_fraction
-        Dark level, a share of the white level.
+        Dark level as a fraction of the white level.
 
     Returns
     -------
@@ -105,11 +105,11 @@ def with_pixels(
     Parameters
     ----------
     model
-        The sensor; its cutoff reference is a share of the white level.
+        The sensor; its cutoff reference is a fraction of the white level.
     contrast_threshold
         C of ON and OFF events, log units; None to keep those of the sensor.
     photoreceptor
-        Its photoreceptor; None to keep that of the sensor.
+        The photoreceptor; None to keep that of the sensor.
 
     Returns
     -------
@@ -124,12 +124,12 @@ def with_pixels(
 
 
 def in_radiance(model: SensorModel, white_level: float) -> SensorModel:
-    """Return a sensor of a study for frames.
+    """Return a sensor of a study with its levels in the frames' unit of radiance.
 
     Parameters
     ----------
     model
-        The sensor; its dark level and cutoff reference are shares of the white level.
+        The sensor; its dark level and cutoff reference are fractions of the white level.
     white_level
         Radiance of white.
 
@@ -148,7 +148,7 @@ def in_radiance(model: SensorModel, white_level: float) -> SensorModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Body:
-    """What the table of a sensor says in addition to `PixelOptions` and `BusOptions`."""
+    """Fields of a sensor's table that are not in `PixelOptions` or `BusOptions`."""
 
     name: str | None = None
     sensor: str | None = None
@@ -158,7 +158,7 @@ class _Body:
 
 
 _TABLES = (_Body, PixelOptions, BusOptions)
-_FROM_LIGHT = ("cutoff", "illuminance")  # fields of `PixelOptions` that the study's light decides
+_FROM_LIGHT = ("cutoff", "illuminance")  # fields of `PixelOptions` that the study's light sets
 
 
 def read_sensor(
@@ -169,15 +169,15 @@ def read_sensor(
     Parameters
     ----------
     found
-        The name of a camera, a TOML file, or a table: `sensor`, or `width` and `height`, or
-        neither with the profile of a camera; `name`, `threshold`, and the options of `eres
+        The name of a camera, a TOML file, or a table. A table has `sensor`, `width` and `height`,
+        or the `profile` of a camera, and may have `name`, `threshold` and the options of `eres
         simulate` for pixels and bus.
     lights
         The lights of the study.
     dark_fraction
-        Dark level, a share of the white level.
+        Dark level as a fraction of the white level.
     file, place
-        The place of the entry, for error messages. Files are relative to it.
+        File and field of the entry, for error messages. Paths are relative to the file.
 
     Returns
     -------
@@ -224,7 +224,7 @@ def read_sensor(
 def _options(
     table: dict[str, Any], file: Path, place: str
 ) -> tuple[_Body, PixelOptions, BusOptions]:
-    """Read the table of a sensor, each field by the class that has it."""
+    """Read the table of a sensor, each field with the class that defines it."""
     names = {one.name: kind for kind in _TABLES for one in fields(kind)}
     known = [name for name in names if name not in _FROM_LIGHT]
     parts: dict[type, dict[str, Any]] = {kind: {} for kind in _TABLES}
@@ -243,7 +243,7 @@ def _options(
 
 
 def _in_file(pixel: PixelOptions, file: Path) -> PixelOptions:
-    """Return pixels whose profile, if it is a file, is relative to another file."""
+    """Return the options with the path of a profile resolved relative to `file`."""
     if pixel.profile is None or not pixel.profile.endswith(".toml"):
         return pixel
     return replace(pixel, profile=str(file.parent / pixel.profile))
@@ -264,7 +264,7 @@ def _plain(body: _Body) -> SensorModel:
 
 
 def _lit(plain: SensorModel, body: _Body, pixel: PixelOptions, light: Light) -> SensorModel:
-    """Return a sensor in a light; the white level is 1."""
+    """Return a sensor in one light, for a white level of 1."""
     if light.illuminance_lux:
         pixel = replace(pixel, illuminance=light.illuminance_lux)
     else:

@@ -19,7 +19,7 @@ from tasks.study.sensors import Light, StudySensor, bus_of, light_of, plain_sens
 if TYPE_CHECKING:
     from sensor import Readout
 
-# Fields that the stored study has only where they are given.
+# Fields that study.json has only if they are given.
 _LEFT_OUT_IF_NOT_GIVEN = (
     *("question", "weights", "other_equalizations", "e2vid_window_s", "e2vid_events_per_px"),
     *("height", "same_lens", "tracking_window_s"),
@@ -27,7 +27,7 @@ _LEFT_OUT_IF_NOT_GIVEN = (
 )
 
 LEAST_RESOLUTION = 62
-"""Side of frames, px, in which `sensor.statistics.slopes_by_pixel_size` has room for its blocks."""
+"""Least side of a frame, px: `sensor.statistics.slopes_by_pixel_size` needs it for its blocks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ class Render:
     resolution
         Width of the rendered frames, px.
     height
-        Their height, px; None is square. Sensors have the frames' shape, to a pixel.
+        Their height, px; None for square frames. Sensors have the same aspect ratio, to a pixel.
     spp
         Samples per pixel.
     max_displacement_px
@@ -62,7 +62,7 @@ class Render:
     height: int | None = None
 
     def height_at(self, width: int) -> int:
-        """Return the height of a sensor of some width, px."""
+        """Return the height of a sensor of this width, px."""
         return round(width * (self.height or self.resolution) / self.resolution)
 
 
@@ -73,9 +73,9 @@ class Simulate:
     Parameters
     ----------
     widths
-        Widths of sensors with the frames' shape, px.
+        Widths of sensors with the frames' aspect ratio, px.
     cutoffs_hz
-        Photoreceptor cutoffs; inf is an ideal photoreceptor.
+        Photoreceptor cutoffs, Hz; inf is an ideal photoreceptor.
     contrast_thresholds
         Contrast thresholds C of Eq. (1), log units.
     speeds
@@ -87,18 +87,18 @@ class Simulate:
     photoreceptors
         Each is "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`.
     sensors
-        Sensors with a name, in addition to the widths; see `tasks.study.sensors`.
+        Named sensors, in addition to the widths; see `tasks.study.sensors`.
     illuminance_lux
-        Light on the scene, in place of `cutoffs_hz`, which follow from it.
+        Illuminance of the scene, lux, in place of `cutoffs_hz`, which follow from it.
     speeds_m_s
-        Mean speeds of the camera, in place of `speeds`, which follow from them on each scene.
+        Mean speeds of the camera, m/s, in place of `speeds`, which follow from them for each scene.
     bus_mev_s
         Capacity of the bus of every sensor, million events per second; None for no bus. At most
         `tasks.events.sensor_options.BusOptions.fifo` events wait.
     same_lens
         Whether all widths are one camera at several distances from a plane that it faces: half the
-        width is twice as far away. Images are the same as with larger pixels; poses are not. None
-        is no.
+        width is twice the distance. Images are the same as with larger pixels; poses are not. None
+        means no.
 
     Raises
     ------
@@ -144,7 +144,7 @@ class Simulate:
         return None if self.bus_mev_s is None else bus_of(self.bus_mev_s)
 
     def sizes(self, render: Render) -> list[tuple[int, int]]:
-        """Return widths and heights of all sensors, px, for some frames."""
+        """Return (width, height) of all sensors, px, for frames of these settings."""
         plain = [(width, render.height_at(width)) for width in self.widths]
         return [*plain, *((one.width, one.height) for one in self.sensors)]
 
@@ -157,7 +157,7 @@ class Simulate:
 
     @property
     def decides(self) -> dict[str, object]:
-        """What names results. Fields that came later count only where they are used."""
+        """Fields that name results. Those added later are included only if they are used."""
         found = {one.name: getattr(self, one.name) for one in fields(self)}
         readings = found.pop("photoreceptors")
         if readings != ("two_pole",):
@@ -169,7 +169,7 @@ class Simulate:
     def models(self, render: Render) -> Iterator[tuple[StudySensor, Light, SensorModel]]:
         """Yield each sensor in each light, with each photoreceptor and threshold; white is 1.
 
-        Ideal pixels come once, as they are the same with any photoreceptor.
+        A sensor without a cutoff comes once, as it is the same with any photoreceptor.
         """
         lights = self.lights
         sizes = self.sizes(render)[: len(self.widths)]
@@ -218,18 +218,17 @@ class Study:
     scenes
         Names or folders of scenes, or Mitsuba files (.xml).
     question
-        What the study asks, the title of its report; None is a general question.
+        What the study asks, the title of its report; None for a general question.
     render, simulate, evaluate
         How scenes are rendered, which sensors see them, and how their events are scored.
     trajectories
-        Files of poses in TUM format, in place of the paths of scenes, by the scenes' names.
+        Files of poses in TUM format by scene, in place of the scenes' own paths.
 
     Raises
     ------
     StudyError
-        If a list of sensor settings is empty or holds a value twice, a sensor is finer than the
-        frames, sensors contradict each other, a bus carries nothing, or a number is not in its
-        range.
+        If a list of sensor settings is empty or has a value twice, a sensor is finer than the
+        frames, sensors contradict each other, a bus carries nothing, or a number is out of range.
     """
 
     name: str
@@ -277,8 +276,8 @@ class Study:
         self._check_buses()
 
     def _check_sensors(self) -> None:
-        """Refuse named sensors that frames or rows cannot hold."""
-        of_width = {width: f"the square of {width} px" for width in self.simulate.widths}
+        """Refuse a named sensor finer than the frames, or as wide as another sensor."""
+        of_width = {width: f"{width} px of simulate.widths" for width in self.simulate.widths}
         for sensor in self.simulate.sensors:
             at = f"simulate.sensors: found {sensor.name!r}"
             if max(sensor.width, sensor.height) > self.render.resolution:
@@ -296,7 +295,7 @@ class Study:
             _check_list("simulate.sensors", tuple(one.name for one in self.simulate.sensors))
 
     def _check_buses(self) -> None:
-        """Refuse a bus that sends less than an event in a window."""
+        """Refuse a bus that sends less than one event per window."""
         fastest = max(self.simulate.speeds) if self.simulate.speeds_m_s is None else 1.0
         window_s = self.render.window_s / fastest
         least_mev_s = 1e-6 / window_s
@@ -340,8 +339,8 @@ def with_method(study: Study, name: str) -> Study:
     study
         The study.
     name
-        The method: one of the registry's that is in a single task, or "package.module:function",
-        whose annotations tell which task it solves.
+        A registered method that belongs to a single task, or "package.module:function", whose
+        annotations tell which task it solves.
 
     Returns
     -------
@@ -366,7 +365,7 @@ def with_weights(study: Study, weights: Mapping[str, str]) -> Study:
     study
         The study.
     weights
-        Files by the names of methods with a network.
+        Files by method; the methods have a network.
 
     Returns
     -------

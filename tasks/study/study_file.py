@@ -19,11 +19,11 @@ from tasks.study.settings import Simulate, Study, with_weights
 def read_study(file: Path) -> Study:
     """Read a study.
 
-    The tables and fields are those of `Study`; a field that is left out has its default, except
-    for `widths`, of which there are none with `sensors`. An entry of `sensors` is the name of a
-    camera, a file, or a table, see `tasks.study.sensors.read_sensor`. `bus` is a camera whose bus
-    all sensors have, in place of `bus_mev_s`. `[weights]` has the files of networks' weights, by
-    the names of their methods. All paths are relative to the file.
+    The tables and fields are those of `Study`. A field that is left out has its default, but
+    `widths` is empty if `sensors` is given. An entry of `sensors` is the name of a camera, a file,
+    or a table, see `tasks.study.sensors.read_sensor`. `bus` names a camera whose bus all sensors
+    get, in place of `bus_mev_s`. `[weights]` maps methods to files with the weights of their
+    networks. All paths are relative to the file.
 
     Raises
     ------

@@ -46,7 +46,7 @@ def anchors(page):
 
 @pytest.mark.parametrize("page", PAGES, ids=page_name)
 def test_relative_links_and_anchors_lead_somewhere(page):
-    """Promise: no link within the documentation is dead; nothing asks the network."""
+    """Promise: no link within the documentation is dead; the test needs no network."""
     for token in inline(page):
         target = str(token.attrs.get("href") or token.attrs.get("src") or "")
         if not target or re.match(r"\w+:", target):
@@ -102,7 +102,7 @@ def test_the_study_page_has_every_field_with_its_default(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(text)
     assert read_study(file) == Study(name="mine", scenes=("carpet",))
-    fields = re.sub(r"^# (\w+ =)", r"\1", text, flags=re.M)  # those whose default TOML cannot say
+    fields = re.sub(r"^# (\w+ =)", r"\1", text, flags=re.M)  # defaults TOML cannot express
     said = tomllib.loads(fields)
     assert missing_fields(Study(name="", scenes=("carpet",)), said) == []
 

@@ -1,4 +1,4 @@
-"""Chromium, and what pages are tested for in it."""
+"""Chromium, and the checks of pages in it."""
 
 import shutil
 

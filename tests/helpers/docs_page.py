@@ -20,7 +20,7 @@ from tasks.cli import terminal
 
 DOCS = Path(__file__).parents[2] / "docs"
 PACKAGES = ("eres_render", "sensor", "tasks")
-# A fenced block: language, then perhaps the name of the file that it is.
+# A fenced block: language, then perhaps the name of the file to write.
 BLOCK = re.compile(r"^```(\w+)(?: ([^\n]+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 OUTPUT = re.compile(r"output(?: (\d+)%)?")
 ANYTHING_OR_NUMBER = re.compile(r"(\.\.\.|\d+(?:\.\d+)?)")
@@ -29,7 +29,7 @@ ANYTHING_OR_NUMBER = re.compile(r"(\.\.\.|\d+(?:\.\d+)?)")
 def follow(page: str, folder: Path) -> str:
     """Do all steps of a page in a folder; return the output of its commands and its Python.
 
-    A report has no static figures, which take longest and which no page shows.
+    Reports have no static figures, which take longest and are on no page.
     """
     said = io.StringIO()
     before = 0
@@ -54,7 +54,7 @@ def follow(page: str, folder: Path) -> str:
 
 @contextmanager
 def logged(said: io.StringIO) -> Iterator[None]:
-    """Write to a text what the command line writes to stderr."""
+    """Capture what the command line writes to stderr."""
     listener = logging.StreamHandler(said)
     for package in PACKAGES:
         logging.getLogger(package).addHandler(listener)
@@ -68,7 +68,7 @@ def logged(said: io.StringIO) -> Iterator[None]:
 
 
 def run(language: str, text: str, said: io.StringIO, patch: pytest.MonkeyPatch) -> None:
-    """Run the Python of a block, or its commands, one a line."""
+    """Run the Python of a block, or its commands, one per line."""
     if language == "python":
         exec(text, {})
         return

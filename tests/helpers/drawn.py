@@ -1,4 +1,4 @@
-"""Draw sections of the report, and parts of them, alone."""
+"""Draw single sections of the report, and parts of them."""
 
 import re
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""One pixel in 200-bit arithmetic, with bisection only: the standard for the kernels.
+"""One pixel in 200-bit arithmetic, with bisection only: the reference for the kernels.
 
 It shares no code and no form of an equation with the package. It brackets and bisects every turn of
 the voltage and every crossing; 60 decimal digits survive any cancellation.
@@ -38,7 +38,7 @@ class ExactEvents:
     t_us: list[mpfr]
     p: list[int]
     margin: float
-    """Least distance, log units, of a level from where the voltage turns short of it or past it."""
+    """Least distance of a level from a turn of the voltage near it, log units."""
     worst_slowness_us: float
     """Longest time that the voltage takes for 1e-12 log units at a crossing."""
 

@@ -24,7 +24,7 @@ def make_run(folder: Path, rows: list[Row]) -> Path:
 
 
 def page_of(folder: Path, **options) -> str:
-    """Write the report of a run and return its page; static figures, which take longest, not."""
+    """Write the report of a run without static figures, which take longest; return its page."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
         return write_report(folder, **options).read_text()

@@ -34,7 +34,7 @@ def signed(name, n):
 
 
 def voxels(name, shape, keep=0.4):
-    """Return a sparse grid: a share of 5 * signed values, the others 0, float64."""
+    """Return a sparse float64 grid: a fraction `keep` has 5 * signed values, the rest is 0."""
     n = int(np.prod(shape))
     values = 5.0 * signed(name, n)
     values[uniform(f"{name}.mask", n) >= keep] = 0.0

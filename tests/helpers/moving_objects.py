@@ -35,7 +35,7 @@ SPHERE = f"""<shape type="sphere" id="ball">
 
 
 def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, turn_z_rad: float = 0.0) -> np.ndarray:
-    """Return the pose (4, 4) that moves and turns by this much."""
+    """Return the (4, 4) pose of this shift, m, and turn."""
     T = np.eye(4)
     T[:3, :3] = Rotation.from_rotvec([0, 0, turn_z_rad]).as_matrix()
     T[:3, 3] = x, y, z
@@ -48,7 +48,7 @@ def write_path(file: Path, t_s: Sequence[float], *poses: np.ndarray) -> None:
 
 
 def folder_of(folder: Path, *parts: str, objects: str = BALL) -> Path:
-    """Write a scene that a camera at rest sees from 3 m above; the ball moves by 0.4 m a second."""
+    """Write a scene that a camera at rest sees from 3 m above; the ball moves at 0.4 m/s."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "scene.xml").write_text(f'<scene version="3.0.0">{"".join(parts)}</scene>')
     (folder / "scene.toml").write_text(SETTINGS.format(objects=objects))

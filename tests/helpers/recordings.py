@@ -17,7 +17,7 @@ STEP = 10  # simulated frames from one frame of the camera to the next
 
 @dataclass(frozen=True)
 class MadeRecording:
-    """Files of a recording, and what is true of it."""
+    """Files of a recording, and its ground truth."""
 
     events_file: Path
     frames: Path
@@ -26,7 +26,7 @@ class MadeRecording:
     t_us: np.ndarray  # of each simulated frame
 
     def write_frames(self, folder, *, exposure=0, shift_us=0, table=True):
-        """Write the camera's frames, with exposures of so many simulated frames."""
+        """Write the camera's frames, each exposed for `exposure` simulated frames."""
         folder.mkdir(exist_ok=True)
         lines = []
         for k in range(0, len(self.t_us) - exposure, STEP):
@@ -47,7 +47,7 @@ def make_recording(folder):
     width, height = SIZE
     model = SensorModel(width=width, height=height, contrast_threshold=C, dark_level=1 / 64)
     fired = simulate(light, t_s, model)
-    events = Events(*fired.columns, width, height)  # of a camera that nobody modeled
+    events = Events(*fired.columns, width, height)  # of a camera without a model
     path = folder / "recording.h5"
     write_events(path, events)
     made = MadeRecording(path, folder / "frames", events, light, np.round(1e6 * t_s).astype(int))

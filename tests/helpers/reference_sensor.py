@@ -39,7 +39,7 @@ def voltage(u0, u1, v1, v2, dt, cutoff_hz, poles=2):
 
 
 def v2e_cutoff_hz(light, white, cutoff_hz):
-    """Return v2e's cutoff for a light, in the words of its authors: 8-bit gray values, 20 added."""
+    """Return v2e's cutoff for a light as its authors compute it: from 8-bit gray values plus 20."""
     return cutoff_hz * (255 * light / white + 20) / 275
 
 

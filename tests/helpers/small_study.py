@@ -34,7 +34,7 @@ STUDY = Study(
 
 
 def only(**tasks):
-    """Return tasks without all others."""
+    """Return the settings of these tasks; the others have no methods."""
     none = {task: replace(settings, methods=()) for task, settings in Evaluate().items()}
     return Evaluate(**none | tasks)
 

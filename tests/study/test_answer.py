@@ -80,7 +80,7 @@ def test_without_the_paper_there_is_no_column_for_it() -> None:
 
 
 def test_what_the_samples_do_not_tell_apart_is_in_brackets() -> None:
-    """At night 640 px lead 128 px by 1 dB in five samples and trail in four: 128 px are tied."""
+    """At night 640 px leads 128 px by 1 dB in five samples and trails in four: 128 px is tied."""
     lead = (2.0, 2.0, 2.0, 2.0, 2.0, -1.0, -1.0, -1.0, -1.0)
     rows = [
         Row("x", *EI[:2], w, 50.0, 0.2, 1.0, i, "psnr_db", 20.0 + (w == 640) * d, 1e6)

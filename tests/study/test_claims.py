@@ -119,8 +119,8 @@ def _tail(r: Row) -> tuple[int, float, float, float, int, str, float, float]:
 
 
 def test_one_scene_that_fails_settles_it_and_one_that_lacks_rows_does_not() -> None:
-    """It fails on any scene: does not hold. It holds on some and lacks rows on others: not
-    measured."""
+    """A claim that fails on any scene does not hold; one that holds on some scenes and lacks rows
+    on others is not measured."""
     carpet = paper_rows(scenes=("carpet",))
     rocks = paper_rows(EI, FAILURES[3], scenes=("rocks",))
     assert verdict(3, carpet + rocks).status is Status.DOES_NOT_HOLD
@@ -260,7 +260,7 @@ def test_the_least_certain_scene_decides() -> None:
 
 
 def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
-    """Return value, interval and unit, or value and unit."""
+    """The text has value, interval and unit, or value and unit."""
     assert Estimate(1.0, 0.5, 1.5).text(unit="dB") == "+1.00 [+0.50, +1.50] dB"
     assert Estimate(1.0, None, None).text(unit="dB") == "+1.00 dB"
 

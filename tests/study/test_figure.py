@@ -71,7 +71,7 @@ def test_errors_have_a_logarithmic_axis_and_say_which_way_is_better() -> None:
 
 def test_the_bus_is_a_line_and_what_does_not_fit_is_shaded() -> None:
     """Promise: in every panel a line is at the capacity of the bus, the part above it is shaded up
-    to the edge, and all marks are still inside: 1280 px fire 2097 Mev/s, the bus carries 600."""
+    to the edge, and all marks are still inside: 1280 px fires 2097 Mev/s, the bus carries 600."""
     for axes in figure(tradeoff_plots(scores(12.0), EI, BUS_HZ)).axes:
         (line,) = (one for one in axes.get_lines() if list(one.get_xdata()) == [600, 600])
         assert line.get_linestyle() == "-"

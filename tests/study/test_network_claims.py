@@ -140,7 +140,7 @@ def test_training_at_night_overcomes_the_trend_if_the_finest_is_best_and_beats_t
     assert found.status is Status.HOLDS
     assert "over the twin +9.50" in found.ours
     assert "+0.50" in found.ours.partition("at night, ")[2]
-    assert found.paper == "the sentence alone, no numbers"
+    assert found.paper == "only the sentence, no numbers"
     if series is HF:  # at night the filter, and so this network, is best at 240 px
         assert verdict(name, twins(at_night=0.0, all_light=0.5)).status is Status.DOES_NOT_HOLD
     assert verdict(name, twins(at_night=9.0, all_light=-20)).status is Status.DOES_NOT_HOLD

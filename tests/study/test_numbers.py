@@ -1,21 +1,21 @@
-"""The numbers of a small study, row by row beside those of tests/data/study_numbers.csv.
+"""The numbers of a small study, compared row by row with tests/data/study_numbers.csv.
 
 No change of results goes unnoticed: a row that is not as stored fails, and the message says by how
-much. If the change is meant, say so in CHANGELOG.md under "Numbers change", raise the number of the
-stage in `STAGE_VERSIONS`, and store the new numbers:
+much. If the change is intended, say so in CHANGELOG.md under "Numbers change", raise the number of
+the stage in `STAGE_VERSIONS`, and store the new numbers:
 
     PYTHONPATH=tests/helpers python tests/study/test_numbers.py --rewrite
 
 The same machine gives the same bits again, with any number of threads. Machines differ in the last
-bit of what the renderer's compiler makes of a frame, and in whether the kernels fuse multiplication
-and addition. Frames off by 2e-7 at random, and kernels compiled for a plain x86-64, moved an event
-rate by 2.4e-4 at most (one event of 4,100), a PSNR by 0.0012 dB, a flow by 0.0015 px and a path by
-0.009 mm. `HERE` allows some five times that: less than 1 % more contrast threshold makes of it.
+bit of rendered frames, and in whether the kernels fuse multiplication and addition. Frames off by
+2e-7 at random, and kernels compiled for a plain x86-64, moved an event rate by 2.4e-4 at most (one
+event of 4,100), a PSNR by 0.0012 dB, a flow by 0.0015 px and a path by 0.009 mm. `HERE` allows
+about five times that, less than the effect of a contrast threshold larger by 1 %.
 
 The numbers are those of Mitsuba's `llvm_ad_mono`. Another variant draws other samples of each
-pixel, and with 4 of them the frames differ in earnest: in `scalar_rgb` event rates by 2 %, a PSNR
-by 0.04 dB. Features are then found elsewhere and events are drawn at other pixels, so a flow or a
-path has no counterpart. `ELSEWHERE` compares the rest, roughly.
+pixel, and with 4 of them the frames differ substantially: in `scalar_rgb` event rates by 2 %,
+a PSNR by 0.04 dB. Features are then found elsewhere and events are drawn at other pixels, so a flow
+or a path has no counterpart. `ELSEWHERE` compares the rest, roughly.
 """
 
 import csv
@@ -49,7 +49,7 @@ BASELINES = ("no_events", "blank", "initial_flow", "initial_path")
 class Tolerances:
     """Tolerance of a row; None where there is nothing to compare."""
 
-    event_rate: float  # a share of it
+    event_rate: float  # relative
     psnr_db: float
     rnepe_px: float | None
     position_error_mm: float | None
@@ -125,7 +125,7 @@ def test_numbers_are_those_that_are_stored(run):
     allowed = HERE if variant == VARIANT else ELSEWHERE
     found = changes(FILE.read_text(), table(rows), allowed)
     assert not found, (
-        f"{len(found)} of {len(rows)} rows are not as stored (variant {variant}). If it is meant, "
+        f"{len(found)} of {len(rows)} rows are not as stored (variant {variant}). If intended, "
         f'say so in CHANGELOG.md, "Numbers change", and run: {COMMAND}\n' + "\n".join(found)
     )
 

@@ -99,7 +99,7 @@ def test_light_in_lux_decides_the_cutoff_by_the_profile(tmp_path) -> None:
 
 
 def test_speeds_in_m_per_s_are_factors_on_each_scene(tmp_path) -> None:
-    """Carpet has 0.9 m/s at factor 1, rocks 0.7: 1.8 m/s are 2 there and 2.571 here."""
+    """Factor 1 is 0.9 m/s on carpet and 0.7 m/s on rocks, so 1.8 m/s is 2 and 2.571."""
     study = read(tmp_path, "speeds_m_s = [1.8]", QUIET)
     for name, factor in (("carpet", 2.0), ("rocks", 1.8 / 0.7)):
         (setting, *_) = jobs_of(study, load_scene(name))[0].settings(1.0)
@@ -141,7 +141,7 @@ def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
         ("sensors = [{width = 9, cutoff = 1}]", "unknown: the light of the study decides it"),
         ('sensors = [{width = 9, leak = "a"}]', r"simulate.sensors\[0\].leak: found 'a', expected"),
         ('sensors = ["gen3-cd", "dvxplorer"]', "'dvxplorer' and 'gen3-cd', both 640 px wide"),
-        ('sensors = ["davis346"]\nwidths = [346]', "and the square of 346 px, both 346 px wide"),
+        ('sensors = ["davis346"]\nwidths = [346]', "and 346 px of simulate.widths, both 346 px"),
         ('sensors = ["none.toml"]', "none.toml: no such file"),
         ('photoreceptors = ["v2e", "v2e"]', "photoreceptors: found .*expected each of them once"),
         ('photoreceptors = ["v2"]', r"photoreceptors\[0\]: found 'v2', expected 'two_pole' or"),
@@ -249,7 +249,7 @@ def test_rows_say_what_was_asked(rows) -> None:
 
 def test_what_a_bus_drops_does_not_reach_the_methods(rows) -> None:
     """Physics: a bus of 2000 events/s and a queue of 50 take 50 + 50 events of a window of 25 ms,
-    which is far less than pixels fire, so reconstruction gains less than without a bus."""
+    far fewer than the pixels fire, so reconstruction gains less than without a bus."""
     flat = [r for r in rows if r.sensor == "flat" and math.isinf(r.cutoff_hz)]
     sent = {r.event_rate_hz * (1 - r.dropped) * 0.025 for r in flat}
     assert 49 < max(sent) <= 101
@@ -284,7 +284,7 @@ def test_the_page_says_lux_for_every_sensor(run) -> None:
 
 
 def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> None:
-    """Promise: `eres study` hands both to the study, and refuses a path for several scenes."""
+    """Promise: `eres study` passes both to the study, and refuses a path for several scenes."""
     asked: list[Study] = []
 
     def run(study: Study, *given: object, **options: object) -> None:

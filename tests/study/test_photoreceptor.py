@@ -1,4 +1,4 @@
-"""Several photoreceptors in one study: the same frames, one page, the others beside it."""
+"""Several photoreceptors in one study: the same frames, a page for one, a section for the rest."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tasks.study.results.scores import Scores, by_photoreceptor, by_threshold
 from tasks.study.run.jobs import Job, jobs_of
 
 GAIN_DB = 2.0
-"""What v2e adds at 1280 px in all light but the ideal."""
+"""Gain of v2e at 1280 px in all light but the ideal."""
 
 
 def of_v2e(rows: list[Row]) -> list[Row]:
@@ -78,7 +78,7 @@ def test_readings_are_apart_and_two_poles_come_first() -> None:
 
 
 def test_a_camera_with_its_own_pixels_is_among_all_readings_and_thresholds() -> None:
-    """Promise: it is compared with squares of each photoreceptor and threshold, not left out."""
+    """Promise: it is compared with the sensors of each photoreceptor and threshold."""
     plain = paper_rows(EI, samples=1, scenes=["carpet"])
     own = [
         replace(r, width=304, sensor="atis", photoreceptor="v2e", contrast_threshold=0.13)

@@ -166,7 +166,7 @@ def test_the_answer_is_in_the_words_of_the_study(tmp_path: Path) -> None:
     page = without_space(page_of(run))
     assert "<title>Is 640 px &lt;too&gt; much?</title>" in page
     assert "<h1>Is 640 px &lt;too&gt; much?</h1>" in page
-    assert "Study robot · hall · 7 samples a scene" in page
+    assert "Study robot · hall · 7 samples per scene" in page
     assert ("hall", "Reconstruction", "day, 12 m/s") in answers_of(page)
     assert "hall</span>" not in page.split("<h1>")[0]
     assert "<h1>Which event-camera resolution is enough?</h1>" in html_of(tmp_path, rows)
@@ -183,7 +183,7 @@ def test_the_bus_of_the_study_is_that_of_the_page(tmp_path: Path) -> None:
 
 
 def test_a_width_that_the_samples_do_not_settle_is_tied(tmp_path: Path) -> None:
-    """640 px lead 128 px by 1 dB in five samples and trail in four: tied. With five samples there
+    """640 px leads 128 px by 1 dB in five samples and trails in four: tied. With five samples there
     is no interval, and the page says so."""
     lead = (2.0, 2.0, 2.0, 2.0, 2.0, -1.0, -1.0, -1.0, -1.0)
     rows = [
@@ -195,7 +195,7 @@ def test_a_width_that_the_samples_do_not_settle_is_tied(tmp_path: Path) -> None:
     assert told == ("640", "tied 128 1.00 · <1 %", "")
     few = html_of(tmp_path, [r for r in rows if r.sample < 5])
     assert "tied" not in next(iter(answers_of(few).values())).rest
-    assert "not known: 5 samples a scene, too few" in few
+    assert "not known: 5 samples per scene, too few" in few
 
 
 def test_scores_below_doing_nothing_are_struck(tmp_path: Path) -> None:
@@ -225,7 +225,7 @@ def test_claims_are_one_line_where_none_can_be_judged(tmp_path: Path) -> None:
     the page has no number of the paper; with its sensors only claims that are judged are listed."""
     page = html_of(tmp_path, [replace(r, width=r.width + 1, scene="hall") for r in paper_rows()])
     (claims,) = re.findall(r'<section id="claims".*?</section>', page, re.DOTALL)
-    assert re.fullmatch(r"<section .*?</h2><p>None can be judged: [^<]*</p></section>", claims)
+    assert re.fullmatch(r"<section .*?</h2><p>No claim can be judged: [^<]*</p></section>", claims)
     assert "paper:" not in page
     assert "Δ" not in page
     own = html_of(tmp_path, paper_rows())

@@ -1,4 +1,4 @@
-"""A study from scene to rows at low cost: complete, cached, with damage and full disks, refused."""
+"""A small study from scene to rows: complete, cached, continued, on full disks, refused."""
 
 import json
 import logging
@@ -57,7 +57,7 @@ def finished(scene_folder, tmp_path_factory):
     """A run with its own cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ERES_CACHE", str(tmp_path_factory.mktemp("cache")))
-        patch.setattr(environment, "_git_commit", lambda: "git 89ab")  # whatever becomes of ours
+        patch.setattr(environment, "_git_commit", lambda: "git 89ab")  # even if ours changes
         out = tmp_path_factory.mktemp("run") / "tiny"
         rows = run_study(tiny_study(scene_folder), out)
         yield out, rows

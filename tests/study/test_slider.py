@@ -89,8 +89,8 @@ def test_the_preset_asks_the_papers_question():
 
 
 def test_the_same_point_at_the_same_pixel_from_farther_away():
-    """Analytic: through a lens as many times longer, to rounding; and the motion between two
-    poses, too."""
+    """Analytic: through a lens that is longer by the same factor, to rounding; and so for the
+    motion between two poses."""
     camera = Camera(119, 67, fx=164.6)
     far = camera.zoomed(2.7)
     one, two = facing(), facing(0.006)
@@ -168,7 +168,7 @@ LIGHTS = (INF, 900.0, 51.0)
 
 
 def slider_rows(lead=0.3, changed=None, samples=9, tasks=tuple(SERIES)):
-    """Errors of 1 at the full size and at the middle one less by `lead`; `changed` maps
+    """Return errors of 1 at the full size and 1 - `lead` at the middle one; `changed` maps
     (task, print, cutoff) to another lead."""
     rows = []
     for task in tasks:

@@ -174,8 +174,8 @@ def test_doing_nothing_has_a_line_for_each_width_where_they_differ() -> None:
 
 
 def test_a_score_that_does_not_beat_doing_nothing_is_struck_out() -> None:
-    """128 px scores 16 dB, doing nothing 17 dB: struck out in HTML and 0 in the CSV; not so 1280
-    px."""
+    """128 px scores 16 dB, doing nothing 17 dB: struck out in HTML and 0 in the CSV; 1280 px is
+    not."""
     rows = [replace(r, value=17.0) if r.method == "no_events" else r for r in grid()]
     table = comparison_table(Scores(rows), EI)
     assert "<s>16.00</s>" in comparison_html(table)

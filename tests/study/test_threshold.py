@@ -27,7 +27,7 @@ from tasks.study.results.scores import Scores, by_threshold
 from tasks.study.results.words import capitalized
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
-"""What 1280 px gains at event integration from another threshold; nothing else does."""
+"""Gain of 1280 px at event integration, by threshold; no other score depends on it."""
 
 
 def at(threshold: float, rows: list[Row]) -> list[Row]:
@@ -72,7 +72,7 @@ def section_of(page: str) -> str:
 
 
 def threshold_html(found: list[Scores], series: Series) -> str:
-    """Return the section from the part on one series on."""
+    """Return the section, starting at the part on one series."""
     page = section("threshold.html", run=FinishedRun(Path(), found, {}, {}))
     return page.partition(f"<summary>{capitalized(series.title)}</summary>")[2]
 
@@ -278,8 +278,7 @@ def test_a_report_of_several_thresholds_from_the_command_line(eres, tmp_path) ->
 
 
 def test_the_terminal_prints_the_first_threshold(tmp_path, monkeypatch, eres) -> None:
-    """Return the output of `eres study`: the first threshold's scores, and the place of the
-    others."""
+    """`eres study` prints the first threshold's scores, and where the others are."""
     run = run_of(tmp_path, several(usual_rows(samples=1)))
     monkeypatch.setattr("tasks.study.run.run_study", lambda *given, **options: None)
     code, out, _ = eres("study", "--out", run)

@@ -110,8 +110,8 @@ class SceneClaim(Claim):
     scenes
         Scenes that the claim is about; () for all scenes of the run.
     beside
-        How other series differ from it, such as {"method": "..."} or {"variant": "..."}. Their
-        numbers are printed too, and whether the claim would hold, but do not decide.
+        Differences of other series from `series`, such as {"method": "..."} or {"variant": "..."}.
+        Their numbers and whether the claim would hold are printed too, but do not decide.
     mean
         Name of a number; its mean over the scenes is printed too.
     """
@@ -237,14 +237,14 @@ def _likeness(found: _Found) -> str:
 
 
 def scope_text(only: Collection[str] = (), samples: int | None = None) -> str:
-    """Say what a verdict is based on, where that is less than the claim is about.
+    """Say which scenes and samples a verdict is based on, if some are missing.
 
     Parameters
     ----------
     only
         Scenes that are judged, if others are missing.
     samples
-        Samples of the scene that has the fewest; None where their number does not matter.
+        Samples of the scene that has the fewest; None if their number does not matter.
 
     Returns
     -------

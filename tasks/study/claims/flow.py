@@ -28,7 +28,7 @@ from tasks.study.results.words import capitalized, cutoff_label
 PHOTOMETRIC = Series("flow", "photometric_flow", "rnepe_px")
 CONTRAST = Series("flow", "contrast_maximization", "rnepe_px")
 
-# The paper's search is of first order, and does not know C.
+# The paper's search is first order and does not know C.
 _SEARCHES = (
     {"method": "photometric_flow_unknown_contrast"},
     {"method": "photometric_flow_by_descent"},

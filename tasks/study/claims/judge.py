@@ -48,7 +48,7 @@ def claims_of(config: Mapping[str, Any], scenes: Iterable[str]) -> tuple[Claim, 
     Returns
     -------
     tuple of Claim
-        All, or claim 22 if the camera was on a slider, real or virtual.
+        All claims, or only claim 22 if the camera was on a slider, real or virtual.
     """
     if "recorded" in config:
         return (ON_RECORDINGS,)
@@ -79,7 +79,7 @@ def judge_all(
     Raises
     ------
     ResultError
-        As `Scores`: no rows, an unknown task or metric, or a value that is there twice.
+        As `Scores` raises it.
     """
     scores = rows if isinstance(rows, Scores) else Scores(rows)
     found = [claim.judge(scores, scaling) for claim in claims]

@@ -96,7 +96,7 @@ class SceneScores:
         missing = [where for where in needed if not self.cell(where).complete]
         if not missing:
             return
-        method = missing[0].method  # those of the claim's own method come first
+        method = missing[0].method  # cells of the claim's own method come first
         missing = [where for where in missing if where.method == method]
         more = f" and {len(missing) - 2} more" if len(missing) > 2 else ""
         of_method = f" of {self._series_of(missing[0]).name}" if method else ""
@@ -146,7 +146,7 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
 
 
 class Reading(NamedTuple):
-    """A number in words, whether it is as the claim says, and whether it is like the paper's."""
+    """A number as text, whether it is as the claim says, and whether it is like the paper's."""
 
     text: str
     status: Status = Status.HOLDS

@@ -30,7 +30,7 @@ E2VID = HIGH_PASS._replace(method="e2vid")
 _times = partial(Number, unit="times", decimals=1, sign="")
 _DAY_MARGINS = [margin(1280, 640, DAY, speed) for speed in SPEEDS]
 _UPSAMPLINGS = tuple({"method": f"event_integration_{name}"} for name in ("bilinear", "nearest"))
-# Our networks, and the truth as late, or as blurred, as the photoreceptor makes it.
+# Our networks, and the truth delayed or filtered as by the photoreceptor.
 _OTHER_VIDEO = tuple(
     {"method": method}
     for method in (
@@ -48,7 +48,7 @@ _SPREADS = [spread(*(median(width, IDEAL, speed) for speed in SPEEDS)) for width
 def _fine_then_coarse(
     title: str, subject: str, series: Series, *beside: Mapping[str, str]
 ) -> SceneClaim:
-    """Claim 10, which the paper makes of two methods."""
+    """Return claim 10, which the paper makes of two methods."""
     return SceneClaim(
         number=10,
         title=f"{title}: finest in ideal light, coarse at night",

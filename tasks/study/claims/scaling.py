@@ -24,19 +24,19 @@ def _scaling(on: SceneScores) -> Scaling:
 
 
 def _exponent(slopes: Slopes) -> Reading:
-    """The exponent γ of |L_t| ~ 1/p^γ, which is positive."""
+    """Read the exponent γ of |L_t| ~ 1/p^γ, which must be positive."""
     found = Estimate(slopes.law.exponent, slopes.law.low, slopes.law.high)
     return Reading(found.text(sign=""), settled(found, above=True, bound=0.0))
 
 
 def _pixel_rates(on: SceneScores) -> Reading:
-    """The event rate of a pixel at each width in ideal light, 1/s."""
+    """Read the event rate of a pixel at each width in ideal light, 1/s."""
     rates = [estimated(rate, on).value for rate in _PIXEL_RATES]
     return Reading(" → ".join(f"{rate:,.{int(rate < 100)}f}" for rate in rates))
 
 
 def _modes(on: SceneScores) -> Reading:
-    """The most common interval at each width, a line for each light and speed; none may rise."""
+    """Read the most common interval at each width for each light and speed; none may rise."""
     scaling = _scaling(on)
     settings = scaling.settings()
     cutoffs, speeds = ({of[k] for of in settings} for k in (0, 1))
@@ -71,13 +71,14 @@ SCALING_CLAIMS: tuple[Claim, ...] = (
             "rise": Number(smallest_fall(*reversed(_PIXEL_RATES)), above=0),
             "rates": _pixel_rates,
         },
-        text="{rates} events/s a pixel, γ = {exponent}; |L_t|: γ = {everywhere} everywhere, "
+        text="{rates} events/s per pixel, γ = {exponent}; |L_t|: γ = {everywhere} everywhere, "
         "{edges} at edges",
         paper="a power law for small p, no exponent",
-        note=f"|L_t| is that between the last two frames of one clip, for p up to {FIT_PX:g} px of "
-        "the render; its interval is a bootstrap over blocks of the image. Edges are the 5 % of "
-        "pixels that are steepest at the finest size, so their γ is larger than that of the mean. "
-        "γ is positive in the paper's equations and negative in its caption.",
+        note="|L_t| is taken between the last two frames of one clip, for p up to "
+        f"{FIT_PX:g} px of the render; its interval is a bootstrap over blocks of the image. "
+        "Edges are the 5 % of pixels that are steepest at the finest size, so their γ is larger "
+        "than that of the mean. γ is positive in the paper's equations and negative in its "
+        "caption.",
     ),
     SceneClaim(
         number=2,
@@ -89,8 +90,8 @@ SCALING_CLAIMS: tuple[Claim, ...] = (
         numbers={"modes": _modes},
         text="at 128 → 240 → 346 → 640 → 1280 px\n{modes}",
         paper="the mode shifts to shorter times, no numbers",
-        note="The mode is the fullest of 10 bins a decade, so changes below 26 % do not show. "
-        "Where two peaks are about equally high, the mode may jump between them. There is one clip "
-        "a scene, so there is no interval.",
+        note="The mode is the fullest of 10 bins per decade, so changes below 26 % do not show. "
+        "If two peaks are about equally high, the mode may jump between them. There is one clip "
+        "per scene, so there is no interval.",
     ),
 )

@@ -46,7 +46,7 @@ class _Compared(NamedTuple):
     middle: int  # px, width of the field from the middle distance
     full: int  # px, from the nearest
     speed: float  # as in `Condition`
-    words: str = ""  # of these, where the claim itself does not say them
+    words: str = ""  # names the cells, if the claim does not
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class SliderClaim(Claim):
         return [one for one in PRINTS if one in scores.scenes(series)]
 
     def _compared(self, scores: Scores, series: Series, scene: str) -> _Compared | None:
-        """Return what is compared on a print, None if it is not there."""
+        """Return what is compared on a print; None if it was not measured."""
         del scores, series, scene
         return _Compared(_MIDDLE, _FULL, _FAST)
 
@@ -75,7 +75,7 @@ class SliderClaim(Claim):
         return judged_series(scores)
 
     def _only(self, prints: list[str]) -> list[str]:
-        """Return the prints that were judged, where that is not all."""
+        """Return the judged prints if some are missing."""
         return prints if set(PRINTS) - set(prints) else []
 
     def judge(self, scores: Scores, scaling: Mapping[str, Scaling]) -> Verdict:
@@ -135,7 +135,7 @@ class SliderClaim(Claim):
 class RecordedSliderClaim(SliderClaim):
     """The same on recordings: the two nearest distances at the highest speed, any print and light.
 
-    Rows say neither distance nor lens: a wider field is a nearer camera.
+    Rows state neither distance nor lens, so a wider field is taken for a nearer camera.
     """
 
     def _prints(self, scores: Scores, series: Series) -> list[str]:
@@ -143,7 +143,7 @@ class RecordedSliderClaim(SliderClaim):
         return scores.scenes(series)
 
     def _compared(self, scores: Scores, series: Series, scene: str) -> _Compared | None:
-        """Return what is compared on a print, None if there is one distance."""
+        """Return what is compared on a print; None if there is only one distance."""
         widths = sorted({at.width for at in scores.conditions(series) if at.scene == scene})
         if len(widths) < 2:
             return None
@@ -151,7 +151,7 @@ class RecordedSliderClaim(SliderClaim):
         return _Compared(middle, full, speed, f", {middle} px or {full} px at {speed:g} m/s")
 
     def _lights_hz(self, scores: Scores, series: Series) -> list[float]:
-        """Return all cutoffs: that of a real camera may be unknown."""
+        """Return all cutoffs, as the cutoff of a real camera may be unknown."""
         return scores.cutoffs_hz(series)
 
     def _light(self, hz: float) -> str:
@@ -163,12 +163,12 @@ class RecordedSliderClaim(SliderClaim):
         return next(iter(sweep(scores, TRACKING.method)), None)
 
     def _only(self, prints: list[str]) -> list[str]:
-        """Return the prints."""
+        """Return the judged prints, in words."""
         return [f"recordings of {join_words(prints)}"] if prints else []
 
 
 def _judged(scores: Scores, tracking: Series | None) -> dict[Series, bool]:
-    """Return the series of a run, and whether they decide or only stand beside."""
+    """Return the series to print, and whether each of them decides."""
     native = PHOTOMETRIC._replace(variant=_NATIVE_PATCH)
     papers_start = TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm")
     every = [one for one in (PHOTOMETRIC, native, tracking, papers_start) if one is not None]
@@ -205,20 +205,20 @@ _NUMBER = 22
 
 ON_THE_SLIDER = SliderClaim(
     number=_NUMBER,
-    title="On a slider at 0.6 m/s, about 640x360 px are better than the full size",
+    title="On a slider at 0.6 m/s, about 640x360 px is better than the full size",
     statement="On every print, with photometric flow and with pose tracking, errors at 0.6 m/s are "
     f"smaller at {_MIDDLE} px, from 43 cm, than at {_FULL} px, from 24 cm.",
-    note="The paper's is a real camera. Ours is simulated, and a recording of your own goes the "
-    "same way (eres rig). The paper does not say its light, so every light with a cutoff decides; "
-    "nor does it say whether its patches of 61 px grow with the image: those that do decide, as in "
+    note="The paper's camera is real. Ours is simulated; eres rig judges your own recordings in "
+    "the same way. The paper does not state its light, so every light with a cutoff decides. Nor "
+    "does it state whether its patches of 61 px grow with the image: those that do decide, as in "
     "the other claims.",
 )
 
 ON_RECORDINGS = RecordedSliderClaim(
     number=_NUMBER,
-    title="On a slider, more pixels from nearer are not better",
+    title="On a slider, more pixels from a nearer camera are not better",
     statement="On every print, with photometric flow and with pose tracking, errors at the highest "
     "speed are smaller from the second nearest distance than from the nearest.",
-    note="Truth is the print seen from the solved poses. The paper does not say whether its "
-    "patches of 61 px grow with the image: those that do decide, as in the other claims.",
+    note="Ground truth is the print seen from the solved poses. The paper does not state whether "
+    "its patches of 61 px grow with the image: those that do decide, as in the other claims.",
 )

@@ -1,6 +1,6 @@
 """Statistics of medians. The same statistic gives our number and the paper's.
 
-A statistic takes medians with a sign that makes more of them better: errors are negative.
+Medians have a sign that makes larger values better: errors are negative.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class SceneCell(NamedTuple):
     cutoff_hz: float
     speed: float = 1.0  # factor on the base speed
     method: str = ""  # "" is the method that the claim is about
-    task: str = ""  # of the method, where it is not the claim's
+    task: str = ""  # task of the method; "" is that of the claim
 
 
 PerValue = Callable[[Values[SceneCell]], NDArray[np.float64]]
@@ -36,7 +36,7 @@ PerValue = Callable[[Values[SceneCell]], NDArray[np.float64]]
 class Statistic:
     """A number made of medians.
 
-    Differences are paired: where both sides are medians of something per value, of one method, the
+    Differences are paired: if both sides are medians of a quantity per value of one method, their
     difference is the median of the differences at each sample and item. Everything else combines
     medians.
 
@@ -47,8 +47,8 @@ class Statistic:
     of
         Function from the medians to an array of their shape.
     each
-        If the statistic is the median of something per value: a function from the values of the
-        cells to it, (N,).
+        If the statistic is the median of a quantity per value: the function from the values of the
+        cells to that quantity, (N,).
     positive
         Whether no median may be 0, because of a division or a logarithm.
     of_rates
@@ -178,7 +178,7 @@ def lead(
 ) -> Statistic:
     """Return how much better the best of some widths is than the best of all others.
 
-    Medians choose the two widths, in each bootstrap draw again; the lead is the median of the
+    The medians select the two widths, anew in each bootstrap draw; the lead is the median of the
     differences between them.
 
     Parameters

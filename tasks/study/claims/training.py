@@ -32,7 +32,7 @@ def _overcomes(title: str, statement: str, series: Series, twin: str) -> SceneCl
         numbers=numbers,
         text="night: best {best}, lead of 1280 px {lead}, at speed 2 {fast}; of the twin {twin}; "
         "over the twin {gain} at night, {cost} in ideal light",
-        paper="the sentence alone, no numbers",
+        paper="only the sentence, no numbers",
         note=_NOTE,
     )
 

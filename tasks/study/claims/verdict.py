@@ -81,14 +81,14 @@ def settled(estimate: Estimate, *, above: bool, bound: float) -> Status:
     estimate
         The number with its interval.
     above
-        Whether the claim is that it lies above the bound, not below.
+        Whether the claim says that the number lies above the bound, not below.
     bound
         The bound.
 
     Returns
     -------
     Status
-        UNDECIDED if the interval reaches the bound, or if the samples are too few for one.
+        UNDECIDED if the interval includes the bound, or if the samples are too few for an interval.
     """
     if not estimate.settles(bound):
         return Status.UNDECIDED
@@ -96,7 +96,7 @@ def settled(estimate: Estimate, *, above: bool, bound: float) -> Status:
 
 
 def status_of(outcomes: Iterable[Status]) -> Status:
-    """Judge all by the outcomes on scenes, in cells or of numbers.
+    """Combine the outcomes on scenes, in cells or of numbers.
 
     Parameters
     ----------
@@ -106,7 +106,8 @@ def status_of(outcomes: Iterable[Status]) -> Status:
     Returns
     -------
     Status
-        DOES_NOT_HOLD if it does not hold anywhere; else what is the least certain of the outcomes.
+        DOES_NOT_HOLD if any outcome is that; else the least certain outcome, or NOT_MEASURED if
+        there is none.
     """
     found = set(outcomes)
     by_weight = (Status.DOES_NOT_HOLD, Status.NOT_MEASURED, Status.UNDECIDED, Status.HOLDS)

@@ -1,10 +1,9 @@
 """Write into Markdown pages which resolution is enough.
 
-A page holds the answer between two comments;
-
     python -m tasks.study.report.answer RUN PAGE...
 
-rewrites it. README and docs/results.md have it from docs/results/paper.
+replaces the text between two comments in each page. The answers in README.md and docs/results.md
+are those of docs/results/paper.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ def _rule_text(found: Mapping[Series, Choices]) -> str:
         '"None": not even the best beats doing nothing by more than that.'
     )
     if any(choice and choice.paper for choices in found.values() for choice in choices.values()):
-        text += " *Paper*: the same rule on the paper's medians, without a check of doing nothing."
+        text += " *Paper*: the same rule on the paper's medians, not compared with doing nothing."
     speeds = {scene: BASE_SPEED_M_PER_S.get(scene) for c in found.values() for scene in _scenes(c)}
     stated = [f"{speed:g} m/s on {scene}" for scene, speed in speeds.items() if speed]
     return f"{text} Speed 1 is {join_words(stated)}." if stated else text

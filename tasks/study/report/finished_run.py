@@ -40,7 +40,7 @@ class FinishedRun:
     config
         Resolved study.
     others
-        Scores of each contrast threshold by photoreceptor, of those that the page does not use.
+        Scores of each contrast threshold by photoreceptor, for those that the page does not show.
     """
 
     folder: Path
@@ -73,7 +73,7 @@ class FinishedRun:
 
     @cached_property
     def base_speeds(self) -> BaseSpeeds:
-        """Return the base speed of the camera by scene, m/s; older runs know the packaged ones."""
+        """Return the base speed of the camera by scene, m/s; by default of packaged scenes only."""
         found, file = self.config.get("base_m_per_s", {}), self.folder / "study.json"
         own = read_typed(dict[str, float], found, file, ResultError, "base_m_per_s")
         return {**PACKAGED, **own}
@@ -108,7 +108,7 @@ class FinishedRun:
 
     @cached_property
     def previews(self) -> dict[str, list[Preview]]:
-        """Return the pictures of each scene, by descending cutoff, speed and width."""
+        """Return the pictures of each scene, by falling cutoff, then rising speed and width."""
         index = self.folder / "previews" / "index.json"
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
         found: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
@@ -120,7 +120,7 @@ class FinishedRun:
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
-        """Return the verdicts on the paper's claims; none if the sensors are not the paper's.
+        """Return the verdicts on the paper's claims; empty if the sensors are not the paper's.
 
         Recordings are judged with any sensor.
         """

@@ -41,8 +41,8 @@ class Section:
     template
         File in ``templates/``, or a template of your own. It reads ``data`` and ``run``.
     data
-        Function that collects ``data`` from a run, by default the run itself. A section without
-        data (None) is left out.
+        Function that returns ``data`` for a run, by default the run itself. If it returns None, the
+        section is left out.
     """
 
     id: str
@@ -86,13 +86,15 @@ SECTIONS = (
 def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     """Write ``report.html``, ``tables.csv`` and ``figures/tradeoff_METHOD.png`` and ``.svg``.
 
+    Each other photoreceptor of the run has its own ``tables_NAME.csv``.
+
     Parameters
     ----------
     run_dir
         Folder of a run. It holds ``rows.parquet``, ``environment.json`` (strings by name) and
-        ``study.json`` (resolved configuration). It can also hold ``previews/`` (``index.json`` and
-        PNG files), ``scaling/`` (a JSON and a PNG file per scene) and ``costs/`` (a JSON file per
-        job).
+        ``study.json`` (resolved configuration). It can also hold ``previews/`` (``index.json``, PNG
+        and WebP files), ``scaling/`` (a JSON and a PNG file per scene) and ``costs/`` (a JSON file
+        per job).
     sections
         Sections of the page, in order; append your own to `SECTIONS`.
 

@@ -37,7 +37,7 @@ MARKS: Sequence[Outline] = (
 )
 
 _VISIBLE = 1 / 60  # of the height of a panel, about 4 px
-_MUCH = 1.5
+_MUCH = 1.5  # factor by which an axis of its own enlarges a panel
 
 Tick = tuple[float, str]
 
@@ -208,7 +208,7 @@ def _places(panel: Panel) -> list[Place]:
 def _hides(of_panels: Sequence[Sequence[float]], deciding: float, log: bool) -> bool:
     """Return whether a difference takes less than `_VISIBLE` of an axis that the panels share.
 
-    Panels count only if an axis of their own shows the difference much larger.
+    A panel counts only if an axis of its own shows the difference more than `_MUCH` times as large.
     """
     scaled = [[math.log10(y) if log else y for y in heights] for heights in of_panels if heights]
     if not scaled or not deciding:

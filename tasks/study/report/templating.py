@@ -1,4 +1,4 @@
-"""Load the report's templates; they can call the functions of sections and results as filters."""
+"""Load the report's templates, which use the functions of sections and results as filters."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Lights and speeds as a study asks for them: numbers that conditions are sorted and named by.
+"""Lights and speeds in the units of a study: numbers by which conditions are sorted and named.
 
-A light in lux is its cutoff in Hz, and sorts among cutoffs. A speed in m/s is no factor on the base
-speed, and equals none: conditions of the paper, which are factors, have no such speed.
+A light in lux is its cutoff in Hz, and sorts among cutoffs. A speed in m/s equals no factor on the
+base speed, so it matches no condition of the paper, whose speeds are factors.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ class MetersPerSecond(float):
 
 
 def light_of(row: Row) -> float:
-    """Return the light of a row: its cutoff in Hz, as lux if it is given so."""
+    """Return the light of a row: its cutoff in Hz, as `CutoffInLux` if the study gives lux."""
     return CutoffInLux(row.illuminance_lux) if row.illuminance_lux else row.cutoff_hz
 
 
 def speed_of(row: Row) -> float:
-    """Return the speed of a row: the factor on the base speed, or m/s if it is given so."""
+    """Return the speed of a row: the factor on the base speed, or m/s if the study gives m/s."""
     return MetersPerSecond(row.speed_m_s) if row.speed_m_s else row.speed

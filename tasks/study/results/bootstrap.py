@@ -30,7 +30,7 @@ def resampled_medians(
     sample
         (N,) int64, index of each value's sample, 0 to S - 1.
     seed
-        Name that seeds the draws.
+        Text that seeds the draws.
 
     Returns
     -------

@@ -50,7 +50,7 @@ class Line:
     width: int | None
     entries: tuple[Entry, ...]
     nothing: bool = False
-    sensor: str = ""  # its name; "" for a square
+    sensor: str = ""  # its name; "" for a plain sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +216,7 @@ def _same(values: list[float | None]) -> bool:
 def _picked(
     widths: Sequence[int], values: Sequence[float | None], nothing: Sequence[Cell], series: Series
 ) -> tuple[int | None, int | None]:
-    """Return the best width and that which is enough; None where a value is missing."""
+    """Return the best width and the smallest that is enough; None if a value is missing."""
     medians = {w: value for w, value in zip(widths, values, strict=True) if value is not None}
     if len(medians) < len(widths):
         return None, None

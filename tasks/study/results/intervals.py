@@ -1,6 +1,6 @@
 """Compute intervals of statistics of medians by a percentile bootstrap over samples.
 
-Everything is paired: a difference of two cells is that of each sample and item, before its median,
+Everything is paired: differences of two cells are taken at each sample and item, before the median,
 and all cells of a scene are resampled with the same sample indices.
 """
 
@@ -77,7 +77,7 @@ Values = Mapping[Key, NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Medians(Generic[Key]):
-    """Medians of cells, and of what is computed from their values one by one.
+    """Medians of cells, and of quantities computed from their values one by one.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Medians(Generic[Key]):
     of_rates
         Whether the values are event rates in place of scores.
     drawn
-        Whether a median is that of each bootstrap draw, (draws,), in place of ().
+        Whether there is a median for each bootstrap draw, (draws,), not one of all values, ().
     """
 
     cells: Mapping[Key, Cell]
@@ -105,7 +105,7 @@ class Medians(Generic[Key]):
     def of(
         self, each: Callable[[Values[Key]], NDArray[np.float64]], keys: Sequence[Key]
     ) -> NDArray[np.float64]:
-        """Return the median of what a function makes of the values of cells.
+        """Return the median of a function of the values of cells.
 
         Parameters
         ----------

@@ -241,7 +241,7 @@ def _key(
 
 
 def every_published() -> Iterator[tuple[_Key, float]]:
-    """Yield the arguments of `published`, speeds in full, and the score of every cell."""
+    """Yield the arguments of `published`, with exact speeds, and the score of every cell."""
     for table in _TABLES:
         of = table.task, table.method
         for scene, block in table.scenes.items():

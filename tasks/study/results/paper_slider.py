@@ -1,4 +1,4 @@
-"""Numbers that Gehrig and Scaramuzza published of a real camera on a motorized slider.
+"""Numbers that Gehrig and Scaramuzza published for a real camera on a motorized slider.
 
 `tab:all_tasks_real` of the paper, 162 numbers: a Prophesee Gen4 in front of three prints. Its
 "resolutions" are distances: the same part of a print covers fewer pixels from farther away.
@@ -20,18 +20,17 @@ SIZES_PX: Mapping[str, tuple[tuple[int, int], ...]] = {
 """Width and height of the common field of view by print, from the farthest distance on, px."""
 
 PAPER_SIGMA_MM = 50.0
-"""Standard deviation of each component of the control positions from which the paper's tracking
-starts."""
+"""Standard deviation of the error of the paper's initial control positions, per component, mm."""
 
 NOTHING_MM = 54.7
-"""Median position error of that start: the mean distance over 14 ms of a spline through 10 control
-positions that are each off by `PAPER_SIGMA_MM` in each component. It depends on nothing else."""
+"""Median position error of that start, mm: the mean distance over 14 ms of a spline through 10
+control positions with this error. It depends on nothing else."""
 
 DISTANCES_M = (0.6, 0.4, 0.2)
 """Distances from the wall, in the order of `SIZES_PX`.
 
-The sizes are in proportion to 1 / (d + c) with c = 3.7, 3.5 and 3.5 cm within 0.6 %, so that the
-optical center is about 63.6, 43.6 and 23.6 cm from the print.
+The sizes are proportional to 1 / (d + c) with c = 3.7, 3.5 and 3.5 cm within 0.6 %, so the optical
+center is about 63.6, 43.6 and 23.6 cm from the print.
 """
 
 _METHODS = (
@@ -105,7 +104,7 @@ def worse_than_nothing(speed_m_per_s: float) -> int:
     Returns
     -------
     int
-        Of 9: three prints from three distances.
+        Out of 9: three prints from three distances.
     """
     return sum(
         one.value > NOTHING_MM

@@ -9,7 +9,7 @@ from eres_render.storage.settings_reader import FloatOrInf
 
 FILM_PICTURES = 8
 FILM_S = 0.04
-"""Pictures of a film, and the time that it shows, at the end of the window."""
+"""Pictures of a film, and the time that it shows at the end of the window, s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Compare what each photoreceptor says: the lead of the finest sensor, and the choice."""
+"""Compare photoreceptors by the lead of the finest sensor and by the choice of a width."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tasks.study.results.scores import Condition, Scores
 
 @dataclass(frozen=True, slots=True)
 class Lead:
-    """By how much the finest sensor is better than the next finest, with each photoreceptor.
+    """How much better the finest sensor is than the next finest, with each photoreceptor.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Lead:
 
 
 def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
-    """Return the leads of a series in every light but the ideal, where readings are the same.
+    """Return the leads of a series in every light but the ideal, where photoreceptors are equal.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def leads(readings: Mapping[str, Scores], series: Series) -> list[Lead]:
     Returns
     -------
     list of Lead
-        None for a series with a single width.
+        Empty for a series with a single width.
     """
     first = next(iter(readings.values()))
     if len(first.widths(series)) < 2:

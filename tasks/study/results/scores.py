@@ -51,7 +51,7 @@ class Cell:
     sample : (N,) int64
         Sample of each value, counted from 0.
     expected : int
-        Number of values that the series has on this scene in its other cells.
+        Number of values in a complete cell of the series on this scene.
     """
 
     scene: str
@@ -73,7 +73,7 @@ class Cell:
 
     @cached_property
     def median(self) -> float | None:
-        """Median score, or None if values are missing: no median is over survivors only."""
+        """Median score, or None if values are missing, as survivors alone would bias it."""
         return float(np.median(self.values)) if self.complete else None
 
     @cached_property
@@ -98,9 +98,9 @@ class Cell:
 
 
 def by_photoreceptor(rows: Iterable[Row]) -> dict[str, list[Scores]]:
-    """Return the scores of each photoreceptor, at each contrast threshold.
+    """Return the scores of each photoreceptor at each contrast threshold.
 
-    A camera that has a photoreceptor or a threshold of its own is among the scores of all.
+    A camera with a photoreceptor or a threshold of its own is in the scores of all.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def by_threshold(rows: Iterable[Row]) -> list[Scores]:
 
 
 def _divided(rows: list[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
-    """Group rows by a value of their sensors; a camera with one value of its own is in all."""
+    """Group rows by a value of their sensors; a camera with a single value is in all groups."""
     values: dict[str, set[Value]] = {}
     for row in rows:
         if row.sensor:
@@ -174,7 +174,7 @@ class Scores:
     Attributes
     ----------
     contrast_threshold
-        Contrast threshold of all square sensors, log units; of the first camera without any.
+        Contrast threshold of all plain sensors, log units; of the first camera if there are none.
     photoreceptor
         Their photoreceptor.
     sensor_names
@@ -343,8 +343,8 @@ class Scores:
         Returns
         -------
         Cell
-            The baseline of the same variant and width; if it was scored for the usual variant only,
-            or at one width only, that one.
+            The baseline of the same variant and width; of the usual variant or of another width if
+            it was scored only there.
         """
         key = series, condition
         if key not in self._baselines:
@@ -365,7 +365,7 @@ class Scores:
         Returns
         -------
         float or None
-            None if the paper has no such score, as at any other contrast threshold than its own.
+            None if the paper has no such score, as at any contrast threshold but its own.
         """
         scene, width, cutoff_hz, speed = condition
         squares = self.contrast_threshold == CONTRAST_THRESHOLD and width not in self.sensor_names

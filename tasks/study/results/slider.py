@@ -8,10 +8,10 @@ from sensor import cutoff_in_light
 from tasks.study.results.paper_slider import SIZES_PX
 
 PRINTS = tuple(SIZES_PX)
-"""Names of the scenes; the paper's prints show the same things."""
+"""Names of the scenes; the paper's prints show the same subjects."""
 
 FIELD_PX = SIZES_PX["forest"]
-"""Size of the field of view from each distance, from the farthest on, px, for every print."""
+"""Size of the field of view of every print, by distance from the farthest on, px."""
 
 NEAREST_M = 0.236
 """Distance of the camera at the full size; the others follow from the widths."""
@@ -21,12 +21,12 @@ BASE_SPEED_M_PER_S = 0.2
 
 
 def distance_label(width: int) -> str:
-    """Return the distance from which the field is a number of pixels wide, in words."""
+    """Name the distance from which the field is `width` px wide."""
     return f"{100 * NEAREST_M * FIELD_PX[-1][0] / width:.1f} cm"
 
 
 def light_label(cutoff_hz: float) -> str:
-    """Return the light in which a pixel has a cutoff, see `sensor.cutoff_in_light`."""
+    """Name the light that gives a pixel this cutoff, see `sensor.cutoff_in_light`."""
     if math.isinf(cutoff_hz):
         return "ideal"
     return f"{cutoff_hz / cutoff_in_light(1.0):.3g} lux"

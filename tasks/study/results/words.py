@@ -17,7 +17,7 @@ PACKAGED: BaseSpeeds = BASE_SPEED_M_PER_S
 
 
 def cutoff_label(cutoff_hz: float) -> str:
-    """Name a light as in the paper (ideal, day, night), in lux where it is given so, or in Hz."""
+    """Name a light as in the paper (ideal, day, night), in lux if the study gives lux, or in Hz."""
     if isinstance(cutoff_hz, CutoffInLux):
         return f"{cutoff_hz.illuminance_lux:g} lux"
     return {math.inf: "ideal", 200.0: "day", 50.0: "night"}.get(cutoff_hz, f"{cutoff_hz:g} Hz")
@@ -43,8 +43,8 @@ def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
     Returns
     -------
     str
-        Speed in m/s to two digits, or as it is given; the factor where no base speed is known, or
-        the camera rests.
+        Speed in m/s to two digits, or as the study gives it; the factor if no base speed is known
+        or the camera is at rest.
     """
     if isinstance(speed, MetersPerSecond):
         return f"{speed:g} m/s"

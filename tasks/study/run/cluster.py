@@ -34,6 +34,13 @@ _RETRIES = 2  # of a job that failed for a reason that may pass, such as a full 
 
 @contextmanager
 def connected(address: str) -> Iterator[Client]:
+    """Connect to the Dask scheduler at an address.
+
+    Raises
+    ------
+    StudyError
+        Dask is not installed, the address is no `tcp://HOST:PORT`, or no scheduler answers.
+    """
     try:
         from distributed import Client
     except ImportError:
@@ -43,7 +50,7 @@ def connected(address: str) -> Iterator[Client]:
         ) from None
     if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
         raise StudyError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
-    with _quiet("distributed", "distributed.client"):  # our errors say it in one line
+    with _quiet("distributed", "distributed.client"):  # our error is a single line
         try:
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -79,10 +86,11 @@ class Cluster:
 
     @property
     def cores(self) -> int:
+        """Number of workers now, at least 1."""
         return max(1, self.worker_count())
 
     def environment(self) -> dict[str, str]:
-        """As `Scheduler.environment`: nothing, as workers come and go."""
+        """As `Scheduler.environment`: empty, as workers come and go."""
         return {}
 
     def compute(
@@ -122,7 +130,7 @@ def _versions() -> dict[str, Any]:
 def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
     """Return the function that a worker runs.
 
-    It is defined here so that Dask sends its code: a worker without eres can run it, and say so.
+    Dask sends the code of a local function, so a worker without eres can run it and report that.
     """
 
     def compute(order: bytes, versions: dict[str, Any]) -> Any:
@@ -131,7 +139,7 @@ def _entry() -> Callable[[bytes, dict[str, Any]], Any]:
         except ImportError as error:
             import distributed
 
-            return f"worker {distributed.get_worker().address}: this eres is not there: {error}"
+            return f"worker {distributed.get_worker().address}: eres is not installed: {error}"
         return compute_order(order, versions)
 
     return compute
@@ -149,7 +157,7 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
 
     Returns
     -------
-    The result, or the reason why there is none, where trying again would not help.
+    The result, or an error message if a retry would fail as well.
     """
     from distributed import get_worker
 
@@ -179,7 +187,7 @@ def _as_found_here(job: Job, key: str) -> Job:
         )
     here = replace(job, scene=scene)
     if here.key != key:
-        raise StudyError("found other code of your own method than at the start of the study")
+        raise StudyError("found other code of your own method than when the study was started")
     return here
 
 
@@ -196,7 +204,7 @@ def _result(future: Future, job: Job) -> ComputedJob:
             f"the last was {error.last_worker.address}"
         ) from None
     except FutureCancelledError:
-        raise StudyError(f"{named}: the Dask scheduler ended or gave up the job") from None
+        raise StudyError(f"{named}: the Dask scheduler ended or canceled the job") from None
     except OSError as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):

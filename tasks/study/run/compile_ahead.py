@@ -1,8 +1,8 @@
 """Compile the sensor's and the methods' kernels in two processes, while this one makes textures.
 
 Numba compiles in one thread of a process at a time. The first job of the first run renders, then
-simulates, then scores, so that the kernels of each would wait for what comes before, and a core
-would idle. Whoever needs a kernel that another process compiles waits for it.
+simulates, then scores, so the kernels of each stage would wait for the stage before, and a core
+would idle. A process that needs a kernel waits if another process is compiling it.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from tasks.methods import load_method
 from tasks.registry import TASKS
 from tasks.tracking import TrackingSample, path_at, perturbed, tracking_sample
 
-_C = 0.03  # small, so that there are events enough
+_C = 0.03  # small, so that there are enough events
 _SIDE_PX = 96
 _WINDOW_US = 50_000
 _SHIFT_PX = 2.0  # of the image in the window, to the right
@@ -36,12 +36,12 @@ _SHIFT_PX = 2.0  # of the image in the window, to the right
 
 @contextmanager
 def compiling_ahead(tasks: Iterable[tuple[str, TaskSettings]]) -> Iterator[None]:
-    """Compile the sensor and the methods of some tasks, each in a process, if none is cached.
+    """Compile the sensor and the methods of some tasks, one process each, if not cached.
 
     Parameters
     ----------
     tasks
-        Names and settings of the tasks. Those whose kernels take long are compiled: flow, tracking.
+        Names and settings of the tasks. Only flow and tracking, which compile slowly, are compiled.
     """
     methods = {
         f"{task}:{name}"
@@ -77,7 +77,7 @@ def compile_sensor() -> None:
 
 
 def compile_methods(methods: Sequence[str]) -> None:
-    """Run methods once on a small sample with the types of a study's; Numba caches their kernels.
+    """Run methods once on a small sample of a study's types; Numba caches their kernels.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def _flow_sample() -> FlowSample:
 
 
 def _tracking_sample() -> TrackingSample:
-    """Return the sample of a camera that looks down from a meter and moves along -x."""
+    """Return the sample of a camera that looks down from 1 m and moves along -x."""
     events, log_image = _made_up()
     camera = Camera(_SIDE_PX, _SIDE_PX, np.pi / 3)
     speed_mps = _SHIFT_PX / camera.focal_px / (1e-6 * _WINDOW_US)

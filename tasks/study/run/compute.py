@@ -148,7 +148,7 @@ _loaded: dict[tuple[object, ...], _SceneLight] = {}  # at most one, as jobs come
 
 def _unload() -> None:
     _loaded.clear()
-    gc.collect()  # scenes in Mitsuba are parts of cycles
+    gc.collect()  # Mitsuba scenes are in reference cycles
     release_memory()
 
 

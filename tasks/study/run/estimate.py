@@ -15,8 +15,8 @@ import numpy as np
 from eres_render.trajectory.frame_times import plane_image_motion
 from tasks.study.run.jobs import Job
 
-_IMAGE_MOTION_PX_S = 700  # average at base speed, of the fastest part of a 1280 px image, in depth
-_PARTS = 8  # of a stretch before a plane, between which its motion is added up
+_IMAGE_MOTION_PX_S = 700  # mean at base speed, fastest part of a 1280 px image, scenes with depth
+_PARTS = 8  # of a stretch of a planar scene, over which the image motion is summed
 _DISK_BYTES_PER_PX = 2.01  # of a half-float EXR, uncompressed
 _RENDER_SAMPLES_PER_S = 360e6  # both cores together, with writing the frames
 _SIMULATE_NS_PER_PX = 7  # one core, per pixel, frame, sensor and speed; with collecting
@@ -48,7 +48,7 @@ class WorkEstimate:
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
         return (
             f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
-            f"{self.disk_bytes / 1e9:.2g} GB of them on disk, {time}"
+            f"{self.disk_bytes / 1e9:.2g} GB on disk, {time}"
         )
 
 

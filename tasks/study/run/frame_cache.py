@@ -1,4 +1,4 @@
-"""A bounded cache of rendered clips; the oldest clips are deleted first.
+"""A bounded cache of rendered clips; the least recently used are deleted first.
 
 Several processes may use the cache at once: a clip in use is not deleted.
 """
@@ -20,7 +20,7 @@ _FREE_SHARE = 1 / 3
 
 @contextmanager
 def frames_folder(key: str, needed_bytes: int) -> Iterator[Path]:
-    """Open the folder of a clip; nothing deletes its frames within the context.
+    """Open the folder of a clip; no process deletes its frames within the context.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def frames_folder(key: str, needed_bytes: int) -> Iterator[Path]:
 
 
 def make_room(needed_bytes: int) -> None:
-    """Delete the clips used longest ago until `needed_bytes` fit; keep those in use.
+    """Delete the least recently used clips until `needed_bytes` fit; keep those in use.
 
     The limit is 20 GB, or a third of the disk space that an empty cache would leave, if less.
     """

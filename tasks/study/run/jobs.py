@@ -24,7 +24,7 @@ from tasks.tracking import PATH_S
 
 _log = logging.getLogger(__name__)
 
-_CHECKED = 101  # poses of a path
+_CHECKED = 101  # poses along a path
 _FACING = 1e-9  # 1 - cosine between the axis of the camera and the normal
 
 
@@ -73,7 +73,7 @@ class Job:
         return {
             "scene": self.scene.digest,
             "clip": self.clip,
-            "render": replace(self.render, samples=None),  # others change nothing here
+            "render": replace(self.render, samples=None),  # a job does not depend on the others
         }
 
     def settings(self, white_level: float) -> list[Setting]:
@@ -98,7 +98,7 @@ class Job:
         ]
 
     def with_every_reading(self, rows: Iterable[Row]) -> list[Row]:
-        """Return rows of all photoreceptors; those of ideal pixels are the same for each."""
+        """Return the rows with those without a cutoff repeated for every photoreceptor."""
         own = {one.name for one in self.simulate.sensors if "photoreceptors" in one.own}
         others, found = self.simulate.photoreceptors[1:], list(rows)
         ideal = [row for row in found if math.isinf(row.cutoff_hz) and row.sensor not in own]
@@ -162,14 +162,14 @@ def _at_factors(simulate: Simulate, scene: Scene) -> Simulate:
     base_m_s = round(scene.trajectory().mean_speed_mps(scene.duration_s), 9)  # by quadrature
     if base_m_s == 0:
         raise StudyError(
-            f"simulate.speeds_m_s: found a camera at rest in {scene.name}, expected speeds, which "
-            "are factors on the speed of what moves"
+            f"simulate.speeds_m_s: found a camera at rest in {scene.name}, expected "
+            "simulate.speeds, which are factors"
         )
     return simulate.at_factors(base_m_s)
 
 
 def _check_facing(scene: Scene) -> None:
-    """Refuse a scene in which a camera that is farther away would see another image."""
+    """Refuse a scene whose image does not just shrink when the camera is farther away."""
     plane, path = scene.plane, scene.trajectory()
     if plane is not None:
         axes = path.pose(np.linspace(0.0, path.duration_s, _CHECKED))[:, :3, 2]
@@ -225,7 +225,7 @@ def _check_tracked(render: Render, simulate: Simulate) -> None:
 
 
 def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:
-    """Return the study's samples, spread evenly over the path; all that fit if it says None."""
+    """Return the study's samples, spread evenly over the path; all that fit by default."""
     warmup_s = simulate.warmup_s + before_s
     _check_fit(render, scene, simulate, warmup_s)
     fitting = clips(scene, every_s=render.every_s, window_s=render.window_s, warmup_s=warmup_s)
@@ -259,11 +259,11 @@ def _check_fit(render: Render, scene: Scene, simulate: Simulate, warmup_s: float
 
 
 def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Job]:
-    """Return small jobs that try every method of the user's own that is new to a run once.
+    """Return small jobs that try each of the user's own methods once before its first use in a run.
 
-    A method is tried on the first clip that suits it, with the smallest sensor and one sample. The
-    frames are those of a job to do, except on a continuous stretch: only as much as a sample's
-    window is rendered.
+    A method is tried on the first clip that suits it, with the smallest sensor and one sample. Its
+    job uses the same frames later, except on a continuous stretch, of which a trial renders only
+    one window.
 
     Parameters
     ----------
@@ -274,7 +274,7 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
 
     Returns
     -------
-    The trial jobs, none where no method is new.
+    The trial jobs; empty if no method is new.
     """
     known = set(_own_methods_of(done))
     new = [method for method in _own_methods_of(to_do) if method not in known]

@@ -12,7 +12,7 @@ from tasks.study.run.compile_ahead import compiling_ahead
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.jobs import QueuedJob
 
-# Where each stage begins in a job's time, and the stage's share; only the progress bar uses this.
+# Start of each stage and its share of a job's time; only for the progress bar.
 _STAGES = {"simulating": (0.0, 0.7), "scoring": (0.7, 0.3)}
 
 

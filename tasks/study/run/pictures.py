@@ -11,7 +11,7 @@ from PIL import Image
 
 BRIGHTER, DARKER, NONE = (38, 84, 168), (196, 66, 38), (247, 247, 245)  # RGB
 MOST_FILM_BYTES = 192_000
-_GRAYS = (32, 16, 8, 4, 2, 1)  # levels of the frames in a film, the first that fits
+_GRAYS = (32, 16, 8, 4, 2, 1)  # levels of the frames in a film; the first that fits is used
 _CONTRAST = 0.6  # of the frames in a film: 1 is from black to `NONE`
 _SIDE_PX = 320
 _VIEW = 0.25  # of the image's side, around its center
@@ -35,7 +35,7 @@ def central_area(height: int, width: int) -> tuple[int, int, int]:
 
 
 def central_crop(image: NDArray) -> NDArray:
-    """Return the center of an image at the size of a preview; each pixel becomes a square."""
+    """Return the center of an image, enlarged to a preview by nearest neighbors."""
     y, x, side = central_area(*image.shape)
     k = (np.arange(_SIDE_PX) * side) // _SIDE_PX
     return image[y + k[:, None], x + k]

@@ -1,4 +1,4 @@
-"""The folder of a run whose events were recorded, so that claims and report read it."""
+"""The folder of a run on recorded events, which claims and report read like any other."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from tasks.provenance import command, environment
 
 
 def write_recorded(out: Path, recordings: Sequence[Path], settings: Mapping[str, Any]) -> None:
-    """Write study.json and environment.json of a run; rows.parquet makes it whole.
+    """Write study.json and environment.json of a run; the caller adds rows.parquet.
 
     Parameters
     ----------
     out
         Folder of the run.
     recordings
-        Folders of the events; study.json lists them as `recorded`, where that of a study says what
-        is rendered.
+        Folders of the events; study.json lists them under `recorded`, in place of the settings of
+        a rendered study.
     settings
-        What was scored.
+        Settings of the tasks that were scored.
     """
     config = {
         "name": "rig",

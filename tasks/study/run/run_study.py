@@ -52,7 +52,7 @@ def run_study(
     on_progress
         Called as jobs proceed; jobs of earlier starts count as done.
     mix
-        Whether the run may continue with another Mitsuba or device than it was begun with.
+        Whether the run may continue with another Mitsuba or device than it began with.
 
     Returns
     -------
@@ -61,9 +61,9 @@ def run_study(
     Raises
     ------
     StudyError
-        The study asks for something impossible, `out` is a file, or the cluster cannot be reached
-        or has other code or scenes; or Mitsuba or the device is another than that of the finished
-        jobs, unless `mix`.
+        The study asks for something impossible, `out` is a file, the cluster cannot be reached or
+        has other code or scenes, or, unless `mix`, Mitsuba or the device differs from that of the
+        finished jobs.
     TaskError
         A method does not exist or is for another task.
     MethodError
@@ -120,7 +120,7 @@ def _scenes(study: Study) -> list[Scene]:
     Raises
     ------
     StudyError
-        Two scenes have the same name, by which rows and files name them.
+        Two scenes have the same name; rows and files identify scenes by name.
     """
     paths = study.trajectories or {}
     scenes = [load_scene(name, paths.get(name)) for name in study.scenes]
@@ -140,7 +140,7 @@ def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progres
     Raises
     ------
     MethodError
-        As their scorers raise it.
+        As the scorers raise it.
     """
     if not jobs:
         return

@@ -54,7 +54,7 @@ def measure_scaling(
     dark_level: float,
     histograms: Mapping[tuple[int, float, float], IntervalHistogram],
 ) -> tuple[Scaling, NDArray[np.float64]]:
-    """Measure the slopes at the end of a clip, and add its histograms.
+    """Measure the slopes at the end of a clip, and add the histograms of its events.
 
     Parameters
     ----------

@@ -20,10 +20,12 @@ class Scheduler(Protocol):
     """Computes jobs on its cores, and yields each as soon as it is done."""
 
     @property
-    def cores(self) -> int: ...
+    def cores(self) -> int:
+        """Number of cores that share the work."""
+        ...
 
     def environment(self) -> dict[str, str]:
-        """Return what is known of where the jobs will be computed, as `provenance.environment`."""
+        """Return what is known about the machine, as `tasks.provenance.environment` does."""
         ...
 
     def compute(
@@ -36,7 +38,7 @@ class Scheduler(Protocol):
         jobs
             The jobs.
         on_progress
-            Called with a text, the number of jobs that are done, with fractions, and their total.
+            Called with a text, the number of finished jobs, with fractions, and the total.
 
         Returns
         -------
@@ -52,7 +54,7 @@ def open_scheduler(address: str | None) -> Iterator[Scheduler]:
     Raises
     ------
     StudyError
-        No scheduler answers at the address within seconds, or Dask is not installed.
+        As `connected` raises it.
     """
     if address is None:
         yield ThisProcess()
@@ -63,5 +65,5 @@ def open_scheduler(address: str | None) -> Iterator[Scheduler]:
         if count:
             _log.info("workers at %s: %d", address, count)
         else:
-            _log.warning("no workers at %s yet; waiting for some", address)
+            _log.warning("no workers at %s yet; waiting for one", address)
         yield cluster

@@ -1,4 +1,4 @@
-"""Show from how far off pose tracking succeeds, and how often each method fails."""
+"""Show from which initial error pose tracking succeeds, and how often each method fails."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class Block:
 class Matrix:
     """All answers: lights as groups of columns, scenes as blocks of rows.
 
-    `near` are the differences that do not matter, in the units of the metrics.
+    `near` names the negligible differences, in the units of the metrics.
     """
 
     near: str

@@ -1,4 +1,4 @@
-"""Compare what each photoreceptor says about resolution, and about the paper's claims."""
+"""Compare what resolution and the paper's claims look like with each photoreceptor."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Readings:
 
 
 def compare_photoreceptors(run: FinishedRun) -> Readings | None:
-    """Compare the photoreceptors of a run; None if it has one.
+    """Compare the photoreceptors of a run; None if it has only one.
 
     Parameters
     ----------

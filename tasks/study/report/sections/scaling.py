@@ -35,7 +35,7 @@ def _law_text(slopes: Slopes) -> str:
 
 
 def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
-    """Plot histograms: most light at base speed, least light at base and at highest speed.
+    """Plot histograms: highest cutoff at base speed, lowest cutoff at base and at highest speed.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     Returns
     -------
     Plot
-        Shares of the events by the time since the pixel's last event.
+        Shares of the intervals between a pixel's events, by length.
     """
     settings = one.settings()
     best_light, worst = (min(settings, key=lambda s: (sign * s[0], s[1])) for sign in (-1, 1))

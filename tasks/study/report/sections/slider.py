@@ -42,8 +42,8 @@ class SliderSection:
     tables
         Scores by the method's title.
     worse_than_nothing, nothing_mm
-        How many of the paper's 9 position errors at the highest speed are larger than that of the
-        path that its search starts from, and that error.
+        How many of the paper's 9 position errors at the highest speed are larger than that of its
+        initial path, and the error of that path, mm.
     """
 
     wins: Table
@@ -53,7 +53,7 @@ class SliderSection:
 
 
 def slider_section(run: FinishedRun) -> SliderSection | None:
-    """Compare a run on the virtual slider with the paper, None where a run has no such scores."""
+    """Compare a run on the virtual slider with the paper; None if the run has no such scores."""
     scores = run.scores
     pairs = [
         (series, paper)
@@ -80,7 +80,7 @@ def _paper() -> dict[tuple[str, str], dict[tuple[str, float], list[float]]]:
 
 
 def _series(scores: Scores, task: str, method: str) -> list[Series]:
-    """Return a method's series, all variants; one without scores if it was not run."""
+    """Return a method's series of all variants; one without scores if it was not run."""
     usual = Series(task, method, TASKS[task].metric.name)
     found = [one for one in scores.series() if one[:2] == usual[:2] and _measured(scores, one)]
     return found or [usual]
@@ -161,7 +161,7 @@ def _full_is_best(series: Series, values: Sequence[float]) -> bool:
 def _ours_is_best(
     scores: Scores, series: Series, scene: str, hz: float, speed: float
 ) -> bool | None:
-    """Return whether the full size is best, None where scores are missing."""
+    """Return whether the full size is best; None if scores are missing."""
     medians = [scores.cell(series, Condition(scene, width, hz, speed)).median for width in _WIDTHS]
     complete = [value for value in medians if value is not None]
     return _full_is_best(series, complete) if len(complete) == len(medians) else None

@@ -28,7 +28,7 @@ def _stages(one: JobTimings) -> dict[str, tuple[float, dict[str, float]]]:
 
 
 def stage_table(costs: Sequence[JobTimings]) -> Table:
-    """Sum up time, share of the total and amounts of each stage; rates are medians over jobs."""
+    """List time, share of the total and amounts of each stage; rates are medians over jobs."""
     jobs = [_stages(one) for one in costs]
     total_s = sum(took_s for job in jobs for took_s, _ in job.values())
     rows = {}

@@ -1,5 +1,5 @@
-// Draws each .plot from its JSON, answers for a bus, shows the plots of the chosen method, and
-// enlarges previews.
+// Draws each .plot from its JSON, updates the answer for the chosen bus, shows the plots of the
+// chosen method, and enlarges previews.
 
 const HEIGHT = 310, LEFT = 46, RIGHT = 12, TOP = 12, BOTTOM = 268; // of a panel; BOTTOM is the x axis
 const ROOM = 12, LABEL_ROOM = 26; // above and below the data, without and with series labels
@@ -20,7 +20,7 @@ const joined = (line) => line.points.map((p) => [p.x, p.y]);
 const placesOf = (line) => [...(line.path ?? []), ...joined(line)];
 const scaled = (axis, value) => (axis.log ? Math.log10(value) : value);
 
-// Range of the values on a scaled axis, with a share of the range added at each end.
+// Range of the values on a scaled axis, with a fraction of the range added at each end.
 function domain(axis, values, share) {
   const reached = [...values, ...axis.include].map((value) => scaled(axis, value));
   if (!reached.length) return [0, 1];
@@ -189,7 +189,7 @@ class Plot {
 
 const plots = [...document.querySelectorAll(".plot")].map((root) => new Plot(root));
 
-// Shows in each cell of the answer the width that is enough on the chosen bus.
+// Shows the width that is enough on the chosen bus in each cell of the answer.
 const cells = [...document.querySelectorAll(".matrix td")].map((cell) => (
   { cell, over: cell.classList.contains("over"), shown: JSON.parse(cell.dataset.shown) }
 ));
