@@ -7,7 +7,8 @@ Each setting is the width of the camera (346 for a DAVIS346, 1280 for a Prophese
 stands still for each, without events. A fourth part is the refinement of corners, such as
 1280:0.236:still:subpix. OUT keeps the renders, so a second run takes seconds. The sensor for images
 of the high-pass filter has a cutoff of 200 Hz, a threshold mismatch of 0.03, a leak of 0.1 Hz and
-0.1 % hot pixels; that for event integration has the cutoff alone.
+0.1 % hot pixels; that for event integration has the cutoff alone. At 640 px and more, images of
+event integration are also taken with a blur of 2 px, for the latency.
 """
 
 from __future__ import annotations
@@ -64,13 +65,18 @@ turn_deg = [0.5, -0.7, 0.4]
 """
 DEFAULT = ("346:0.236:0.1", "346:0.436:0.2", "1280:0.236:still", "1280:0.436:still")
 IMAGES = 20
-STILL_SOURCES = (("frame", "", Unknowns()), ("frame", "", Unknowns(corner_bias=True)))
-SOURCES = (  # what markers are found in, the events, and the unknowns besides the poses
-    ("frame", "noisy", Unknowns()),
-    ("hf", "noisy", Unknowns()),
-    ("hf", "noisy", Unknowns(latency=True, corner_bias=True)),
-    ("ei", "clean", Unknowns(latency=True, corner_bias=True)),
+FINE_PX = 640  # width from which one sample a pixel is enough, and edges need blur for the latency
+BLUR_PX = 2.0
+ALL = Unknowns(latency=True, corner_bias=True)
+# Source of the images, sensor of the events, blur in px, and what is unknown besides the poses.
+STILL_SOURCES = (("frame", "", 0.0, Unknowns()), ("frame", "", 0.0, Unknowns(corner_bias=True)))
+SOURCES = (
+    ("frame", "noisy", 0.0, Unknowns()),
+    ("hf", "noisy", 0.0, Unknowns()),
+    ("hf", "noisy", 0.0, ALL),
+    ("ei", "clean", 0.0, ALL),
 )
+FINE_SOURCES = (*SOURCES, ("ei", "clean", BLUR_PX, ALL))
 
 
 def light_of(out: Path, width: int, depth_m: float, travel_m: float) -> RadianceSequence:
@@ -85,8 +91,8 @@ def light_of(out: Path, width: int, depth_m: float, travel_m: float) -> Radiance
         *(settings, out, depth_m),
         images=IMAGES,
         frame_camera=FrameCameraOptions(exposure=0.001),
-        spp=4 if width < 640 else 1,
-        max_displacement_px=0.5 if width < 640 else 1.0,
+        spp=4 if width < FINE_PX else 1,
+        max_displacement_px=0.5 if width < FINE_PX else 1.0,
     )
 
 
@@ -97,6 +103,13 @@ def events_of(folder: Path, light: RadianceSequence) -> None:
         if not events.exists():
             model = sensor_for(light, resolution=light.width, pixel=pixel)
             simulate_sequence(light, model, events, SimulationOptions(seed=1))
+
+
+def recording_of(folder: Path, sensor: str) -> Recording:
+    """Open a recording with the events of one of the two sensors."""
+    (folder / "events.h5").unlink(missing_ok=True)
+    (folder / "events.h5").symlink_to(folder.resolve() / f"{sensor}.h5")
+    return open_recording(folder)
 
 
 def stills_of(out: Path, width: int, depth_m: float) -> None:
@@ -128,8 +141,8 @@ def stills_of(out: Path, width: int, depth_m: float) -> None:
 def main(out: Path, settings: list[str]) -> None:
     """Print one line for each setting and source."""
     print(
-        "camera depth  source unknowns                    found  rms px  image px  flow px  pos mm"
-        "  latency ms  detect CPU s  solve CPU s"
+        "camera depth  source blur unknowns                    found  rms px  image px  flow px"
+        "  pos mm  latency ms  detect CPU s  solve CPU s"
     )
     for setting in settings:
         width, depth_m = (float(part) for part in setting.split(":")[:2])
@@ -138,34 +151,33 @@ def main(out: Path, settings: list[str]) -> None:
         folder = out / "rig_{}_{}_{}".format(*setting.split(":"))
         if travel == "still":
             stills_of(folder, int(width), depth_m)
+            sources = STILL_SOURCES
         else:
             events_of(folder, light_of(folder, int(width), depth_m, float(travel)))
-        for source, name, unknowns in STILL_SOURCES if travel == "still" else SOURCES:
-            if name:
-                (folder / "events.h5").unlink(missing_ok=True)
-                (folder / "events.h5").symlink_to(folder.resolve() / f"{name}.h5")
-            recording = open_recording(folder)
+            sources = SOURCES if width < FINE_PX else FINE_SOURCES
+        for source, sensor, blur_px, unknowns in sources:
+            recording = recording_of(folder, sensor) if sensor else open_recording(folder)
             start_s = time.process_time()
-            found = detect(recording, source, images=IMAGES, refinement=refinement)
+            found = detect(recording, source, images=IMAGES, blur_px=blur_px, refinement=refinement)
             found_s = time.process_time()
             solved = solve_recording(recording, found, unknowns, math.inf)
             solved_s = time.process_time()
             truth = read_truth(recording)
             assert truth is not None
             errors = compare(solved.pose.pose(), truth, recording.camera, solved.x_m)
-            visible = _visible(recording, truth, sorted(set(found.t_us.tolist())))
+            in_view = visible(recording, truth, sorted(set(found.t_us.tolist())))
             extra = ",".join(solved.estimated[8:]) or "-"
             print(
-                f"{width:5.0f} {100 * depth_m:4.1f} cm {source:>6} {extra:<25} "
-                f"{len(found.t_us):4d}/{visible:<4d} {solved.rms_px:5.2f} {errors.image_px:8.3f} "
+                f"{width:5.0f} {100 * depth_m:4.1f} cm {source:>6} {blur_px:4.0f} {extra:<25} "
+                f"{len(found.t_us):4d}/{in_view:<4d} {solved.rms_px:5.2f} {errors.image_px:8.3f} "
                 f"{errors.flow_px:9.4f} {errors.position_mm:8.2f} {solved.latency_ms:9.2f} "
                 f"{found_s - start_s:12.1f} {solved_s - found_s:12.1f}",
                 flush=True,
             )
 
 
-def _visible(recording: Recording, truth: RigPose, times_us: list[int]) -> int:
-    """Return how many markers are wholly in view, over the images."""
+def visible(recording: Recording, truth: RigPose, times_us: list[int]) -> int:
+    """Return how many markers are wholly in view in all images, from those at some times."""
     page, camera = recording.page, recording.camera
     corners = np.array([page.corners(k) for k in range(len(page.markers_m))])
     x_m = recording.slider.position_m(np.array(times_us, float))

@@ -166,6 +166,7 @@ def detect(
     images: int = 20,
     max_speed: float = math.inf,
     threshold: float | None = None,
+    blur: float = 0.0,
     refinement: Literal["none", "subpix", "contour", "apriltag"] | None = None,
     overwrite: bool = False,
 ) -> None:
@@ -185,6 +186,10 @@ def detect(
         Leave out faster motion, m/s.
     threshold
         Contrast threshold of ei, log units; by default that of the simulated sensor.
+    blur
+        Standard deviation of the Gaussian that blurs each image first, px. With 2 px, at 1280 px,
+        the latency of ei is that of the photoreceptor; corners get less exact, so use it only for
+        the latency.
     refinement
         How corners are refined, as in OpenCV; by default contour. Images of less than 640 px are
         enlarged four times.
@@ -205,6 +210,7 @@ def detect(
             images=images,
             max_speed_mps=max_speed,
             contrast_threshold=threshold,
+            blur_px=blur,
             refinement=refinement,
             on_progress=on_progress,
         )

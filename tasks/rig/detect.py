@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,7 @@ from tasks.rig.recording import Recording
 from tasks.video import ImageTaker, VideoMethod
 
 Float64 = NDArray[np.float64]
+Pictures = Iterator[tuple[int, NDArray[Any]]]  # times, us, and images of codes or log light
 
 _DARK = 1e-3  # of white, added to the light of a frame before its logarithm
 _ANY_THRESHOLD = 1.0  # of the high-pass filter, whose images are stretched anyway
@@ -30,6 +33,7 @@ def detect(
     images: int = 20,
     max_speed_mps: float = math.inf,
     contrast_threshold: float | None = None,
+    blur_px: float = 0.0,
     refinement: Refinement | None = None,
     on_progress: Progress = silent,
 ) -> Detections:
@@ -48,6 +52,13 @@ def detect(
         Leave out faster motion, m/s.
     contrast_threshold
         C for "ei", log units; by default that of the file of events, if it was simulated.
+    blur_px
+        Standard deviation of the Gaussian that blurs each image before its markers are found, px; 0
+        is no blur. It makes the latency of "ei" images that of the photoreceptor: a corner is where
+        the image is halfway between dark and light, which after a step is the median of the delay,
+        and in an edge that is blurred evenly to both sides its mean. The corners themselves get
+        less exact. Frames are blurred in their codes, where corners are found: an edge that is even
+        in them stays where it is; in light it would move toward the dark.
     refinement
         How corners are refined; see `tasks.rig.markers.detector`.
     on_progress
@@ -60,10 +71,15 @@ def detect(
     Raises
     ------
     RigError
-        If the recording lacks the frames or the threshold that the source needs, or no marker is
-        found.
+        If the recording lacks the frames or the threshold that the source needs, the blur is
+        negative or as wide as the image, or no marker is found.
     """
     page, camera = recording.page, recording.camera
+    if not 0 <= blur_px < camera.width:
+        raise RigError(
+            f"blur: found {blur_px:g} px, expected 0 or more, below the image's width of "
+            f"{camera.width} px"
+        )
     finder = detector(page.dictionary, len(page.markers_m), camera.width)
     if refinement is not None:
         finder = type(finder)(finder.dictionary, finder.count, refinement, finder.enlarged)
@@ -72,8 +88,8 @@ def detect(
     else:
         pictures = _from_events(recording, source, images, max_speed_mps, contrast_threshold)
     t_us, numbers, corners, scores = [], [], [], []
-    for k, (time_us, gray) in enumerate(pictures):
-        number, corners_px, score = finder.find(gray)
+    for k, (time_us, image) in enumerate(pictures):
+        number, corners_px, score = finder.find(_codes(image, blur_px))
         t_us.append(np.full(len(number), time_us, np.int64))
         numbers.append(number)
         corners.append(corners_px)
@@ -93,14 +109,19 @@ def detect(
     )
 
 
+def _codes(image: NDArray[Any], blur_px: float) -> NDArray[np.uint8]:
+    """Blur an image, and stretch it to 8 bits unless it has them already."""
+    if blur_px > 0:
+        image = cv2.GaussianBlur(image, (0, 0), blur_px)
+    return image if image.dtype == np.uint8 else gray_codes(image)
+
+
 def _need_frames(recording: Recording) -> None:
     if not recording.frames:
         raise RigError(f"{recording.folder}: found no frames.csv, expected frames for this source")
 
 
-def _frames(
-    recording: Recording, images: int, max_speed_mps: float
-) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+def _frames(recording: Recording, images: int, max_speed_mps: float) -> Pictures:
     """Yield the frames that are nearest to times along the way; each once."""
     _need_frames(recording)
     taken_us = np.array([frame.t_us for frame in recording.frames])
@@ -140,7 +161,7 @@ def _from_events(
     images: int,
     max_speed_mps: float,
     contrast_threshold: float | None,
-) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+) -> Pictures:
     """Yield images that are made of the events."""
     camera = recording.camera
     method: VideoMethod
@@ -162,10 +183,8 @@ def _from_events(
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())
     for part in recording.events():
-        for t_us, image in taker.push(part):
-            yield t_us, gray_codes(image)
-    for t_us, image in taker.finish():
-        yield t_us, gray_codes(image)
+        yield from taker.push(part)
+    yield from taker.finish()
 
 
 def _span(recording: Recording) -> tuple[float, float]:
