@@ -182,6 +182,8 @@ def overlaps_m(some, others):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     off_plane = np.einsum("nj,nmvj->nmv", normals, others[None] - some[:, None, :1])
     n, m = np.nonzero(np.abs(off_plane).max(2) < COPLANAR_M)
+    if not len(n):
+        return np.empty(0)
     pair = some[n], others[m]
     depth_m = np.full(len(n), np.inf)
     for triangles in pair:
