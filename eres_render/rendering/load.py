@@ -41,7 +41,8 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
     scene
         Scene to load.
     emitters
-        Mitsuba emitters by shape id; these shapes emit light.
+        Mitsuba emitters by shape id; these shapes emit light and lose their material, so that its
+        images are not loaded.
 
     Returns
     -------
@@ -70,17 +71,15 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
     mitsuba.set_file_resolver(with_folder)
     try:
         state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
-        top = state.nodes[0].props
-        for key in list(top.keys()):
-            reference = isinstance(top[key], mi.Properties.ResolvedReference)
-            if reference and state.nodes[top[key].index()].type == mi.ObjectType.Sensor:
-                del top[key]  # its cameras are unused, and Mitsuba would warn of their films
+        # Its cameras are unused, and Mitsuba would warn of their films.
+        _drop(state.nodes[0], mi.ObjectType.Sensor, state)
         shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
         for number, node in enumerate(shapes):
             if not node.props.id():  # lightmaps and errors go by it
                 node.props.set_id(f"{node.props.plugin_name()}_{number}")
             if emitters and node.props.id() in emitters:
                 node.props["glow"] = emitters[node.props.id()]
+                _drop(node, mi.ObjectType.BSDF, state)
         for node in state.nodes:
             if node.props.plugin_name() == "bitmap":
                 exr = str(node.props.get("filename", "")).lower().endswith(".exr")
@@ -96,6 +95,17 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
     if str(mi.variant()).endswith("_rgb"):
         _drop_color(mi_scene)
     return mi_scene
+
+
+def _drop(node: Any, kind: Any, state: Any) -> None:
+    """Remove a node's children of a kind; Mitsuba then never loads what only they use."""
+    import mitsuba as mi
+
+    for key in list(node.props.keys()):
+        child = node.props[key]
+        reference = isinstance(child, mi.Properties.ResolvedReference)
+        if reference and state.nodes[child.index()].type == kind:
+            del node.props[key]
 
 
 @contextmanager

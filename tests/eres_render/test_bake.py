@@ -162,25 +162,25 @@ def test_cells_line_up_with_the_texels_of_an_atlas():
 
 
 def test_baked_and_path_traced_views_agree():
-    """Packaged lightmap against 4096 paths per pixel: log radiance to 40 dB (peak 1, 1 % rms)."""
+    """Packaged lightmap against 1024 paths per pixel: log radiance to 40 dB (peak 1, 1 % rms)."""
     scene = load_scene("carpet")
     pose = scene.trajectory().pose(3.3)
-    baked = Renderer(scene, 48, 4096).frame(pose)
-    traced = Renderer(scene, 48, 4096, integrator="path").frame(pose)
+    baked = Renderer(scene, 48, 1024).frame(pose)
+    traced = Renderer(scene, 48, 1024, integrator="path").frame(pose)
     error = np.log(baked) - np.log(traced)
     assert -10 * np.log10(np.mean(error**2)) >= 40
     assert abs(error.mean()) < 1e-3
 
 
 def test_the_packaged_lightmap_belongs_to_the_scene_and_can_be_made_again():
-    """With fewer samples, a new lightmap differs by noise only: 0.6 % expected at 4096 spp."""
+    """With fewer samples, a new lightmap differs by rounding and noise only: 0.2 % at 1024 spp."""
     scene = load_scene("carpet")
     file = scene.folder / "lightmap_carpet.exr"
     assert read_attributes(file)["eresLightDigest"] == scene.light_digest
-    again = irradiance_maps(scene, scene.settings.bake.cell_m, spp=4096)["carpet"]
+    again = irradiance_maps(scene, scene.settings.bake.cell_m, spp=1024)["carpet"]
     ratio = again / read_luminance(file)
     assert abs(ratio.mean() - 1) < 1e-3
-    assert ratio.std() < 0.012
+    assert ratio.std() < 0.005
 
 
 def test_lightmaps_of_another_state_of_the_scene_are_baked_again(tmp_path, monkeypatch):

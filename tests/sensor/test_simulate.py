@@ -56,10 +56,10 @@ def test_a_full_pool_grows_and_loses_nothing():
     frames = np.full((3, 64, 64), 1e-6)
     frames[1] = np.exp(np.random.default_rng(0).uniform(-10, 10, (64, 64)))
     t_s = [0.0, 1e-3, 2e-3]
-    fine = SensorModel(width=64, height=64, contrast_threshold=0.003, dark_level=1e-9)
+    fine = SensorModel(width=64, height=64, contrast_threshold=0.01, dark_level=1e-9)
     events = simulate(frames, t_s, fine)
     assert len(events) > 10 * (1 << 16)
-    rise = np.floor(np.log((frames[1] + 1e-9) / (1e-6 + 1e-9)) / 0.003)
+    rise = np.floor(np.log((frames[1] + 1e-9) / (1e-6 + 1e-9)) / 0.01)
     turns = np.zeros((64, 64))
     np.add.at(turns, (events.y, events.x), np.abs(events.p, dtype=float))
     # All the way up and down again, except for the last threshold's width.
