@@ -1,4 +1,4 @@
-"""Memory for large arrays, used again once nobody holds them.
+"""Memory for large arrays, reused once nobody holds them.
 
 The first touch of a page of new memory costs 0.5 to 9 us, so a simulation that allocates its
 arrays anew spends up to half of its time in the operating system.

@@ -241,7 +241,7 @@ def test_light_is_not_stretched(sensor, frame, text):
         if text:
             with pytest.raises(SensorError) as error:
                 simulate(source, T_S, model)
-            one_line(error, f"sensor of {sensor[0]}x{sensor[1]} px has another aspect ratio", text)
+            one_line(error, f"sensor of {sensor[0]}x{sensor[1]} px differs in aspect ratio", text)
         else:
             assert len(simulate(source, T_S, model)) == 0
 

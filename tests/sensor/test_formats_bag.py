@@ -118,7 +118,7 @@ def test_damage_is_an_error(tmp_path):
     good = message(store, "dvs_msgs", events)
     wide = bytearray(good)
     struct.pack_into("<H", wide, 28 + len("davis"), 64)
-    for data, said in ((good[:-1], "which are no array of events"), (bytes(wide), "found 64")):
+    for data, said in ((good[:-1], "which are not an array of events"), (bytes(wide), "found 64")):
         with Writer(tmp_path / f"{said}.bag") as writer:
             one = writer.add_connection("/e", "dvs_msgs/msg/EventArray", typestore=store)
             writer.write(one, 0, data)
