@@ -132,7 +132,7 @@ class RadianceSequence:
         Raises
         ------
         SequenceError
-            If the frame's file is missing, truncated or of another size, holds NaN, infinite or
+            If the frame's file is missing, truncated or of a different size, holds NaN, infinite or
             negative values, or has changed since it was rendered.
         """
         if not 0 <= i < len(self):
@@ -363,7 +363,7 @@ def _read_frame(
     try:
         intact = sha256(path) == checksums.get(_frame_name(i))
     except OSError:
-        intact = False  # reading it says why
+        intact = False  # `read_luminance` says why
     try:
         radiance = read_luminance(path, intact=intact)
     except RenderError as error:
@@ -383,7 +383,7 @@ def _read_frame(
         )
     if not intact:
         raise SequenceError(
-            f"{path}: found other bytes than were rendered, by its SHA-256 in {FILE_NAME}; remove "
-            "it and render again"
+            f"{path}: found bytes that differ from those rendered, by its SHA-256 in {FILE_NAME}; "
+            "remove it and render again"
         )
     return radiance
