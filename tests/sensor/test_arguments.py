@@ -60,7 +60,7 @@ FIELDS = {
 def test_a_model_of_no_numbers_is_refused(name, value):
     """Promise: every numeric field refuses other types by name."""
     if value is None and name in ("dark_level", "cutoff_reference", "contrast_threshold_off"):
-        return  # which means something there
+        return  # a valid value of this field
     with pytest.raises(SensorError) as error:
         SensorModel(**{"width": 4, "height": 4, "cutoff_hz": 50.0, name: value})
     one_line(error, f"SensorModel.{name}: found ", "expected ")
