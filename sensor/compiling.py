@@ -1,4 +1,4 @@
-"""Compile kernels with Numba once, whichever process is first, and never run an outdated one."""
+"""Compile kernels with Numba once among all processes, and never run an outdated one."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _compile_once(kernel: Any) -> None:
     lock = f"{kernel._cache._cache_file._index_path}.lock"
 
     def compile_alone(signature: Any) -> Any:
-        # Numba's lock first: a thread that compiles a caller holds it and then asks for the file's.
+        # Numba's lock first: a thread that compiles a caller holds it and waits for the file's.
         with global_compiler_lock:
             if kernel._compiling_counter:  # a kernel that calls itself
                 return compile_or_load(signature)

@@ -32,7 +32,7 @@ class MovingObject:
     path
         Its poses T_world_object, by the time since `start_s`.
     start_s
-        Start of its path, on the time of the camera's path; not after 0.
+        Start of its path, on the time axis of the camera's path; not after 0.
     """
 
     name: str

@@ -70,7 +70,7 @@ class RadianceSequence:
     folder: Path
     manifest: Manifest
     T_world_cam: Float64  # (T, 4, 4)
-    trajectory: Trajectory  # of the whole path, on the time of the frames
+    trajectory: Trajectory  # of the whole path, on the time axis of the frames
     checksums: Mapping[str, str]  # SHA-256 of every frame, by path in the folder
     rendered: Rendered = dataclasses.field(default_factory=Rendered)  # none: all frames are on disk
 
@@ -227,7 +227,7 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
     T_world_cam
         (T, 4, 4) poses of the frames.
     trajectory
-        The path, on the time of the frames.
+        The path, on the time axis of the frames.
 
     Raises
     ------
@@ -263,7 +263,7 @@ class SequenceWriter:
     manifest
         Manifest of the sequence; the writer sets its `complete`.
     trajectory
-        The camera's path, on the time of the frames.
+        The camera's path, on the time axis of the frames.
     compression
         Compression of the frames.
 

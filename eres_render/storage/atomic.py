@@ -29,7 +29,7 @@ def new_file(path: Path) -> Iterator[Path]:
         os.replace(unfinished, path)
     except OSError as error:
         if error.filename is not None and str(error.filename) != str(unfinished):
-            raise  # of another file, such as one that is read meanwhile
+            raise  # about another file, such as one that was read in the context
         raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
     finally:
         unfinished.unlink(missing_ok=True)

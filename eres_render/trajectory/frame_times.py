@@ -167,7 +167,7 @@ def object_image_motion(
     camera
         The camera of the render.
     pose
-        The object's path, on the time of the camera's.
+        The object's path, on the time axis of the camera's.
     box_m
         (2, 3) lower and upper corner of the object in its own coordinates.
     distance

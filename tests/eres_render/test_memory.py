@@ -80,7 +80,7 @@ def test_what_rendering_no_longer_needs_goes_back_to_the_system(tmp_path):
     """Promise: after a clip, nothing keeps the memory that loading the carpet needed, 98 MB."""
     if select_variant().startswith("scalar"):
         pytest.skip("keeps nothing for later")
-    load_scene("carpet").texture_files()  # whoever made them would have more on its heap
+    load_scene("carpet").texture_files()  # made here, so that no process below makes them
     during_kib, after_kib = map(int, run_python(GIVE_BACK, tmp_path / "s").stdout.split())
     assert after_kib < during_kib - 60_000
 
