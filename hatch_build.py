@@ -18,7 +18,7 @@ class CommitHook(BuildHookInterface):
     _folder: TemporaryDirectory[str] | None = None
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Add the file, unless the source archive that is built from has it."""
+        """Add the file, unless the build starts from a source archive, which has it."""
         root = Path(self.root)
         if version == "editable" or not (root / ".git").exists():
             return

@@ -23,15 +23,15 @@ from eres_render.storage.atomic import write_text
 
 _FIRST_CENTER_PX = 0.5
 _KALIBR_NAME = re.compile(r"cam\d+", re.ASCII)
-# Models of ROS that OpenCV's coefficients cover; those of its other lenses have other names.
+# ROS's names of the models that OpenCV's coefficients cover; other lenses have other names.
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
 def read_camera(file: Path, name: str | None = None) -> Camera:
     """Read a camera from a file of Kalibr or of OpenCV.
 
-    Of Kalibr's models `pinhole` with `radtan` or `none` is read. OpenCV's files have
-    `camera_matrix`, `distortion_coefficients` (k1, k2, p1, p2, k3; those beyond must be 0),
+    Kalibr's model must be `pinhole`, with the distortion `radtan` or `none`. OpenCV's files have
+    `camera_matrix`, `distortion_coefficients` (k1, k2, p1, p2, k3; further ones must be 0),
     `image_width` and `image_height`; ROS's files have the same fields.
 
     Parameters
@@ -48,7 +48,7 @@ def read_camera(file: Path, name: str | None = None) -> Camera:
     Raises
     ------
     RenderError
-        If the file cannot be read, a field is missing or wrong, or the lens has another model.
+        If the file cannot be read, a field is missing or wrong, or the lens model is not supported.
     """
     table = _table(file)
     if "camera_matrix" in table:
@@ -84,7 +84,7 @@ def write_camera(file: Path, camera: Camera, kind: Literal["opencv", "kalibr"] =
     Raises
     ------
     RenderError
-        If Kalibr's model lacks a k3 that is not 0, or the file cannot be written.
+        If k3 is not 0, which Kalibr's model lacks, or the file cannot be written.
     """
     lens = camera.distortion or Distortion()
     center = camera.cx - _FIRST_CENTER_PX, camera.cy - _FIRST_CENTER_PX
@@ -213,7 +213,7 @@ def _numbers(found: Any, counts: tuple[int, ...], where: str) -> list[float]:
     if not isinstance(found, list) or len(found) not in counts:
         raise RenderError(f"{where}: found {found!r}, expected {expected}")
     try:
-        values = [float(one) for one in found]  # YAML takes 1e-5, without a point, for a text
+        values = [float(one) for one in found]  # YAML reads 1e-5, without a point, as a string
     except (TypeError, ValueError):
         raise RenderError(f"{where}: found {found!r}, expected {expected}") from None
     if not all(map(math.isfinite, values)):
@@ -235,6 +235,6 @@ def _matrix(rows: int, columns: int, values: Iterable[float]) -> str:
 
 
 def _listed(values: Iterable[float]) -> str:
-    """Return numbers with all digits and a point, without which YAML takes 1e-05 for a text."""
+    """Return numbers with all digits and a point, without which YAML reads 1e-05 as a string."""
     texts = (repr(float(value)) for value in values)
     return ", ".join(text if "." in text else text.replace("e", ".0e") for text in texts)

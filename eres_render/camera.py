@@ -128,7 +128,7 @@ class Camera:
             self._check_lens(self.distortion)
 
     def _check_lens(self, lens: Distortion) -> None:
-        """Refuse a lens that folds the image: one to one at the border is one to one within."""
+        """Refuse a lens that folds the image; a map one to one at the border is so inside."""
         grid = self.grid(_BORDER).reshape(_BORDER, _BORDER, 2)
         border = np.concatenate([grid[0], grid[-1], grid[:, 0], grid[:, -1]])
         xy = lens.undistort((border - (self.cx, self.cy)) / (self.fx, self.fy))
@@ -201,7 +201,7 @@ class Camera:
         return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
     def distort(self, pinhole_px: Float64) -> Float64:
-        """Return where the lens shows what a pinhole with the same `K` shows at some pixels.
+        """Map pixels of a pinhole with the same `K` to the pixels where the lens shows the same.
 
         Parameters
         ----------
@@ -220,7 +220,7 @@ class Camera:
         return self.distortion.distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
 
     def undistort(self, points_px: Float64) -> Float64:
-        """Return where a pinhole with the same `K` shows what this camera shows at some pixels.
+        """Map pixels to those where a pinhole with the same `K` shows the same.
 
         Parameters
         ----------
@@ -289,7 +289,7 @@ class Camera:
         return Camera(width, height, fx=self.fx, fy=self.fy, **moved, distortion=self.distortion)
 
     def resized(self, width: int, height: int | None = None) -> Camera:
-        """Return the camera at another resolution.
+        """Return the camera at a different resolution.
 
         By default it sees all that this camera sees, at the height that makes its pixels as square
         as this camera's, to within rounding. With a given height it sees the largest central part
@@ -343,8 +343,8 @@ class Camera:
         Parameters
         ----------
         times
-            New focal lengths over the old ones. From as many times the distance, a camera that
-            faces a plane then sees the same of it at each pixel, if it has no lens.
+            New focal lengths over the old ones. From `times` the distance, a pinhole camera that
+            faces a plane sees the same at each pixel as before.
 
         Returns
         -------
@@ -417,8 +417,7 @@ class Plane:
         Returns
         -------
         distance
-            (...) in units of the directions' lengths; inf for rays that do not run
-            toward it.
+            (...) in units of the directions' lengths; inf for rays that do not run toward it.
         """
         n = np.asarray(self.normal)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -21,9 +21,9 @@ from eres_render.errors import RenderError
 
 Float64 = NDArray[np.float64]
 
-_CLOSE = 1e-13  # of the image plane at distance 1, where the search ends
+_CLOSE = 1e-13  # error on the image plane at distance 1 at which the search ends
 _CLOSE_ENOUGH = 1e-12
-_MOST_STEPS = 200  # of r^7, far out; pixels of an image take about 5
+_MOST_STEPS = 200  # needed far out, where r^7 dominates; pixels of an image take about 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Distortion:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = float(getattr(self, field.name))  # of OpenCV's array
+            value = float(getattr(self, field.name))  # OpenCV returns NumPy numbers
             if not math.isfinite(value):
                 raise RenderError(f"Distortion.{field.name}: found {value}, expected a number")
             object.__setattr__(self, field.name, value)
@@ -99,7 +99,7 @@ class Distortion:
         return np.stack(_bent(x, y, self)[:2], axis=-1)
 
     def undistort(self, distorted: Float64) -> Float64:
-        """Return the directions that a lens shows somewhere, to 1e-12, by Newton's method.
+        """Return the directions that a lens shows at given places, to 1e-12, by Newton's method.
 
         Parameters
         ----------

@@ -42,7 +42,7 @@ class TrajectoryError(RenderError):
 
 
 class SequenceError(RenderError):
-    """A radiance sequence on disk is missing, damaged, unfinished or of another version.
+    """A radiance sequence on disk is missing, damaged, unfinished or of a different version.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def nearest(name: str, known: Collection[str]) -> str:
 def check_positive(
     name: str, found: float, error: type[ValueError], expected: str = "a positive number"
 ) -> None:
-    """Refuse a number that is not positive, or infinite.
+    """Refuse a number that is not positive and finite.
 
     Parameters
     ----------
@@ -100,12 +100,12 @@ def check_positive(
     error
         Class of the error.
     expected
-        What it has to be, if a unit says more.
+        What the value must be, for the error, such as a number with a unit.
 
     Raises
     ------
     error
-        The number is 0, negative, infinite or no number.
+        The number is 0, negative, infinite or NaN.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Compile kernels with Numba once, whichever process is first, and never run an outdated one."""
+"""Compile kernels with Numba once among all processes, and never run an outdated one."""
 
 from __future__ import annotations
 
@@ -78,14 +78,14 @@ def is_cached(kernel: object) -> bool:
 def _compile_once(kernel: Any) -> None:
     """Let one process at a time compile a kernel; the next finds it in the cache.
 
-    Numba alone compiles it in each process, and two that write to the cache at once may store the
-    code of one signature as that of another.
+    Without the lock, Numba compiles it in each process, and two processes that write to the cache
+    at once may store the code of one signature as that of another.
     """
     compile_or_load = kernel.compile
     lock = f"{kernel._cache._cache_file._index_path}.lock"
 
     def compile_alone(signature: Any) -> Any:
-        # Numba's lock first: a thread that compiles a caller holds it and asks for the other.
+        # Numba's lock first: a thread that compiles a caller holds it and waits for the file's.
         with global_compiler_lock:
             if kernel._compiling_counter:  # a kernel that calls itself
                 return compile_or_load(signature)

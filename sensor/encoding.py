@@ -24,12 +24,12 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
         type is white, or floats from 0 to 1. Divide data with fewer bits than their type (12 in a
         uint16) by their own white first.
     encoding
-        Transfer function of the numbers:
+        Transfer function of the values:
 
         - "srgb": IEC 61966-2-1, the standard of images and most videos for screens;
         - "rec709": ITU-R BT.709, the transfer function of a video camera;
         - "gamma:2.2", or any other positive number: a power law;
-        - "linear": the numbers are proportional to light.
+        - "linear": the values are proportional to light.
 
     Returns
     -------
@@ -38,11 +38,11 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
     Raises
     ------
     SensorError
-        The encoding is unknown, or the frames have another type or range.
+        The encoding is unknown, or the frames have a wrong type or range.
 
     Examples
     --------
-    The middle of the numbers is far from the middle of the light:
+    Half the code range is far from half the light:
 
     >>> import numpy as np
     >>> from sensor import to_linear
@@ -64,7 +64,7 @@ def to_linear(frames: ArrayLike, encoding: str) -> NDArray[np.float32]:
     if outside.size:
         raise SensorError(
             f"frames: found {outside[0]:g}, expected {values.dtype} values from 0 to 1; divide by "
-            "what stands for white, or keep the integers"
+            "the white level, or pass the integers"
         )
     wide = values.astype(np.result_type(values, np.float32), copy=False)
     return decode(wide).astype(np.float32)
@@ -80,7 +80,7 @@ def to_srgb(light: Floats) -> Floats:
 
     Returns
     -------
-    The numbers that stand for it, from 0 to 1, in the shape of `light`.
+    The encoded values, from 0 to 1, in the shape of `light`.
 
     Examples
     --------

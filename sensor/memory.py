@@ -1,4 +1,4 @@
-"""Memory for large arrays, used again once nobody holds them.
+"""Memory for large arrays, reused once nothing refers to them.
 
 The first touch of a page of new memory costs 0.5 to 9 us, so a simulation that allocates its
 arrays anew spends up to half of its time in the operating system.
@@ -29,7 +29,7 @@ class Memory:
     """Blocks of memory that are kept for the next arrays, up to a limit.
 
     An array is a view of a block and holds a reference to it, as do all views of the array. So a
-    block is free if only the list refers to it, and no array that somebody holds is overwritten.
+    block is free if only the list refers to it, and no array in use is overwritten.
     """
 
     def __init__(self, limit: int = _KEPT_BYTES) -> None:

@@ -85,8 +85,9 @@ class SensorModel:
     fill_factor
         Light-sensitive share of the area of a pixel, a square at its center.
     threshold_mismatch
-        Standard deviation of C over the pixels, log units, a fixed pattern, independent for ON and
-        OFF; thresholds are at least C / 10 (0.02 to 0.03 in Lichtsteiner et al. 2008 and v2e).
+        Standard deviation of C over the pixels, log units; 0.02 to 0.03 in Lichtsteiner et al. 2008
+        and v2e. The pattern is fixed, and independent for ON and OFF; thresholds are at least
+        C / 10.
     leak_hz
         Rate of ON events of a pixel in constant light, due to junction leakage in its reset switch
         (Nozaki and Delbruck 2017; 0.1 Hz is usual).
@@ -191,12 +192,12 @@ class SensorModel:
             check_number(name, "a number of at least 0", lambda number: 0 <= number < math.inf)
         check_number("latency_s", "seconds from 0 to 1000", lambda delay: 0 <= delay <= 1000)
         for name in ("leak_hz", "shot_noise_hz", "hot_pixel_hz"):
-            expected = f"Hz from 0 to {MAX_RATE_HZ:g}, one event a microsecond"
+            expected = f"Hz from 0 to {MAX_RATE_HZ:g}, one event per microsecond"
             check_number(name, expected, lambda hz: 0 <= hz <= MAX_RATE_HZ)
         check(
             "shot_noise_hz",
             self.shot_noise_hz == 0 or self.dark_level != 0,
-            "0 where dark_level is 0: its fall with the light starts from the dark level",
+            "0 where dark_level is 0, since the rate in light is relative to the dark level",
         )
         check("random_start", isinstance(self.random_start, bool | np.bool_), "True or False")
         object.__setattr__(self, "random_start", bool(self.random_start))

@@ -77,7 +77,7 @@ class Readout:
                 raise refusal(f"Readout.{name}", getattr(self, name), expected)
             object.__setattr__(self, name, number)  # a Python number, for files
 
-        check("max_rate_hz", real, "a positive number of events a second", math.ulp(0.0))
+        check("max_rate_hz", real, "a positive number of events per second", math.ulp(0.0))
         check("fifo_depth", whole, "an integer of at least 1", 1)
         check("row_overhead_s", real, "seconds >= 0", 0)
 
@@ -153,7 +153,7 @@ class Sender:
         Raises
         ------
         EventError
-            The part has another sensor than the one before it, or starts before its end.
+            The part differs in size from the one before it, or starts before its end.
         """
         if self._waiting is None or self._held is None:
             self._waiting, self._held = _Queue(self._readout, part.height), part[:0].copy()
@@ -209,7 +209,7 @@ class ReadOut:
         Raises
         ------
         EventError
-            A part has another sensor than the one before it, or starts before its end.
+            A part differs in size from the one before it, or starts before its end.
         """
         return self._parts
 

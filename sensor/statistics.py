@@ -324,7 +324,7 @@ def slopes_by_pixel_size(
     if min(radiance_0.shape) - 2 * margin < blocks_a_side:
         raise ValueError(
             f"frames of {radiance_0.shape[1]}x{radiance_0.shape[0]} px have no room for "
-            f"{blocks_a_side} blocks a side inside a margin of {margin} px"
+            f"{blocks_a_side} blocks per side inside a margin of {margin} px"
         )
     inside = tuple(slice(margin, side - margin) for side in radiance_0.shape)
     slopes = []

@@ -17,9 +17,9 @@ def wooden(tone: float, ring_m: float = 0.018) -> FacePainter:
     Parameters
     ----------
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
     ring_m
-        Distance between year rings, m.
+        Distance between growth rings, m.
 
     Returns
     -------

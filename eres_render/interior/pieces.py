@@ -79,7 +79,7 @@ def paint(name: str, width_px: int, height_px: int, texel_m: float, seed: int) -
     Raises
     ------
     SceneError
-        If another size is asked for.
+        If the size is not that of the atlas.
     """
     piece = PIECES[name]
     atlas = piece.atlas()

@@ -135,7 +135,7 @@ def plate(
     s: tuple[float, ...],
     hole: tuple[int, int] | None = None,
 ) -> Chart:
-    """Return a flat rectangular chart that is cut into a grid, if wanted with a hole.
+    """Return a flat rectangular chart that is cut into a grid, optionally with a hole.
 
     Parameters
     ----------

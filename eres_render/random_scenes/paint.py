@@ -60,7 +60,7 @@ def _painted(
     texel_m: float,
     rng: np.random.Generator,
 ) -> Float32:
-    """Paint a pattern with another contrast about its mean, and darker by a shade."""
+    """Paint a pattern with its contrast about the mean scaled, and darker by a shade."""
     texel_m = min(scale * texel_m, _COARSEST_M)
     least = max(_LEAST_TEXELS, math.ceil(_LEAST_M / texel_m))
     rows, columns = (max(side, least) for side in shape)

@@ -25,7 +25,7 @@ from eres_render.trajectory.tum import tum_text
 
 Float64 = NDArray[np.float64]
 
-VERSION = 2  # raise it with every change after which a seed gives another scene
+VERSION = 2  # raise it with every change that alters the scene of a seed
 
 _FOV_DEG = 60.0
 _STILL, _MOVING = (2, 6), (1, 4)  # number of things and objects, both ends included
@@ -33,7 +33,7 @@ _LOG_DISTANCE_M = np.log([0.6, 4.0])  # from the camera's home
 _ANGULAR_RADIUS = (0.08, 0.3)  # of a thing, over its distance
 _LARGEST_M = 0.7  # radius of a thing
 _FREE_M = 0.25  # between the camera and the sphere of any thing, and between it and the walls
-_CLEARANCE_M = 0.1  # that is asked for in scene.toml
+_CLEARANCE_M = 0.1  # `min_clearance_m` in scene.toml
 _TRIES = 100  # to find room for a thing
 _LOG_LIGHT = np.log([0.05, 1.0])  # radiance of a surface of reflectance 1, W m^-2 sr^-1
 _WALL_M = 2.5  # distance at which a texel of the room is as large as a pixel
@@ -97,7 +97,7 @@ def write_random_scene(
     width_px
         Width of the frames that the textures are made for: about one texel for a pixel.
     baseline_m
-        Distance at which another camera on the same rig has room, m.
+        Distance of a second camera on the same rig, for which space is kept free, m.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -141,7 +141,7 @@ def _toml_head(title: str) -> str:
 def _place(
     eye: Poses, walls: Float64, free_m: float, moves: bool, rng: np.random.Generator
 ) -> tuple[Poses, float, float] | None:
-    """Find room in the camera's view for a thing, or None.
+    """Find a place in the camera's view with room for a thing; None if there is none.
 
     Returns
     -------

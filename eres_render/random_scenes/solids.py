@@ -105,7 +105,7 @@ def _turned(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
 
 
 def _rock(paint: FacePainter, rng: np.random.Generator) -> list[Chart]:
-    """Return a sphere that waves of random direction push in and out."""
+    """Return a sphere deformed by waves of random directions."""
     angle = np.linspace(_POLE_RAD, np.pi - _POLE_RAD, _RINGS + 1)
     ball = lathe(np.sin(angle), np.cos(angle), paint(True), _SEGMENTS)
     waves, phase = rng.normal(0, 2.0, (3, _WAVES)), rng.uniform(0, 2 * np.pi, _WAVES)

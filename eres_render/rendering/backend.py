@@ -130,7 +130,7 @@ def select_variant() -> str:
 
 
 def release_memory() -> None:
-    """Return freed memory to the system: a gigabyte after a job of a study, 0.4 after the room.
+    """Return freed memory to the system: 1 GB after a job of a study, 0.4 GB after the room.
 
     Dr.Jit keeps freed memory for reuse, also that of scenes that no longer exist, and glibc that of
     threads.
@@ -144,7 +144,7 @@ def release_memory() -> None:
             trim(0)
 
 
-@functools.cache  # variants passed over are logged once a process
+@functools.cache  # variants passed over are logged once per process
 def _best_variant() -> str:
     passed_over: list[VariantVerdict] = []
     for name in VARIANTS:

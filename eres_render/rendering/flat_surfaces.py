@@ -96,7 +96,7 @@ class FlatSurfaces:
 
 
 def flat_surfaces(mi_scene: Any, baked: Collection[str]) -> FlatSurfaces:
-    """Take a scene apart.
+    """Split a scene that glows into flat pieces.
 
     Parameters
     ----------
@@ -322,7 +322,7 @@ def _edges(vertices: Float64) -> Float64:
 
 
 def _connected(left: NDArray[np.intp], right: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    """Number what is connected by pairs, (count,)."""
+    """Return the connected component of each of `count` nodes, (count,)."""
     links = coo_array((np.ones(len(left)), (left, right)), shape=(count, count))
     return connected_components(links, directed=False)[1]
 

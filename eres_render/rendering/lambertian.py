@@ -58,7 +58,7 @@ def _has_own_uv(shape: mi.Shape) -> bool:
 
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, _PROBES)
-    sample_position: Any = shape.sample_position  # its type stub has another Float
+    sample_position: Any = shape.sample_position  # its type stub has a different Float
     sample = sample_position(0.0, sampler.next_2d())
     found: Any = shape.eval_parameterization(mi.Point2f(sample.uv))
     size = float(np.max(np.asarray(dr.norm(shape.bbox().extents()))))

@@ -83,8 +83,8 @@ def _rounded(irradiance: Float32) -> Float32:
 def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32]:
     """Return the lightmaps of a scene: packaged, cached, or baked and cached now.
 
-    Lightmaps of another state of the scene are ignored. While another process bakes the scene, this
-    one waits.
+    Lightmaps of a different state of the scene are ignored. While another process bakes the scene,
+    this one waits.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ def _warnings_of(scene: Scene) -> Iterator[None]:
                     _warn(scene.xml_file, " ".join(text.split()))
 
 
-@functools.cache  # once a process, as a scene is loaded several times
+@functools.cache  # once per process, as a scene is loaded several times
 def _warn(file: Path, text: str) -> None:
     _log.warning("%s: Mitsuba warns: %s", file, text)
 

@@ -34,7 +34,7 @@ _BLOCK_PX = 4
 _MOST_ROOM = 4  # pixels of the pinhole for one of the lens
 _UNKNOWN = -2  # in place of a piece
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
-# What looking up costs, in samples that it saves: see benchmarks/bench_small_images.py.
+# Costs of looking up, in traced samples: see benchmarks/bench_small_images.py.
 _SAMPLES_A_FRAME = 100_000
 _SAMPLES_AN_EDGE = 10
 _SAMPLES_A_PIXEL = 3
@@ -109,7 +109,7 @@ class LookUp:
 
         Returns
         -------
-        Whether it does.
+        bool
         """
         pixels = camera.width * camera.height
         lens = self._through_lens(camera)

@@ -61,7 +61,7 @@ def _float_of(typingctx, bits):
 
 @_jit
 def view_pieces(eye, M, pieces, homographies, state):
-    """Find the homography of each piece from the image to (texel, texel, 1), and if it is lit.
+    """Find the homography of each piece from the image to (texel, texel, 1), and whether it is lit.
 
     Its third row times (column, row, 1) is 1 / z, negative where the plane lies behind the eye.
 
@@ -100,7 +100,7 @@ def view_pieces(eye, M, pieces, homographies, state):
 
 @_jit
 def view_bent(eye, bent, state):
-    """Find if a piece is lit whose shading normals differ from its own.
+    """Find whether each piece with shading normals that differ from its own is lit.
 
     Normal and direction to the eye are both weighted means over the vertices, so the sign of their
     product is certain if it is the same for all nine pairs.
@@ -141,7 +141,7 @@ def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece
     first_triangle, piece_of_triangle
         As in `FlatSurfaces`.
     nothing
-        The piece in place of none.
+        The piece of rays that meet nothing.
     piece_at
         (N,), filled in; -1 for what cannot be looked up.
     """
@@ -171,7 +171,7 @@ def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
     per_z
         (G, 3), times (column, row, 1) it is 1 / z on each piece.
     marked
-        (H, W) uint8; 1 is put into the pixels.
+        (H, W) uint8, set to 1 at these pixels.
     """
     height, width = marked.shape
     end = np.empty((2, 3))
@@ -286,7 +286,7 @@ def through_lens(shown, left, top, corners, margin, piece_at, marked):
     piece_at
         (H + 1, W + 1), filled in at the corners of the lens's pixels.
     marked
-        (H, W) uint8; 1 is put into pixels that may show more than the piece at their corners.
+        (H, W) uint8, set to 1 at pixels that may show more than the piece at their corners.
     """
     for row in range(piece_at.shape[0]):
         for column in range(piece_at.shape[1]):
@@ -371,7 +371,7 @@ def look_up(first, last, seen, textures, samples, marked, image):
     seen, textures, samples
         What the corners show, where textures are, and where samples are taken.
     marked
-        (H, W) uint8; pixels that are marked before are left out.
+        (H, W) uint8; pixels that are already marked are skipped.
     image
         (H, W) float32, W m^-2 sr^-1, filled in.
     """
@@ -417,8 +417,8 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
 
         (u, v) + (ux dx + uy dy, vx dx + vy dy) / (1 + wx dx + wy dy)
 
-    What depends on the block is in double precision; for the small steps from there single
-    precision does.
+    What depends on the block is in double precision; single precision is enough for the small steps
+    from there.
     """
     height, width = image.shape
     x, y = samples.x, samples.y

@@ -28,7 +28,7 @@ def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> Non
     spp
         Samples per pixel.
     integrator
-        One of those of `Renderer`.
+        As for `Renderer`.
     variant
         The Mitsuba variant.
 
@@ -38,7 +38,7 @@ def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> Non
         The text says how much it needs, and how much there is.
     """
     pixels = camera.width * camera.height
-    size = f"resolution: found {camera.width}x{camera.height} px at {spp} samples a pixel"
+    size = f"resolution: found {camera.width}x{camera.height} px at {spp} samples per pixel"
     needed = _BYTES_A_PIXEL * pixels
     if variant.startswith("llvm"):  # a GPU has its own memory; the scalar variant renders tiles
         needed += _BYTES_A_SAMPLE[integrator] * pixels * spp
@@ -49,7 +49,7 @@ def check_memory(camera: Camera, spp: int, integrator: str, variant: str) -> Non
         )
     if not variant.startswith("scalar") and pixels * spp > _MOST_SAMPLES:
         raise RenderError(
-            f"{size}, expected at most 2^32 - 1 samples an image; choose a lower "
+            f"{size}, expected at most 2^32 - 1 samples per image; choose a lower "
             "resolution or fewer samples"
         )
 

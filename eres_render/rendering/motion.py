@@ -19,7 +19,7 @@ Float64 = NDArray[np.float64]
 class PlacedObjects:
     """Moves the shapes of a loaded scene to where its objects are at a time.
 
-    What stands still is not touched; Mitsuba sorts all shapes for its rays again.
+    What stands still is not touched; Mitsuba rebuilds its acceleration structure.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Body:
 def still_and_bodies(
     mi_scene: Any, objects: Sequence[MovingObject]
 ) -> tuple[RayCaster, tuple[Body, ...]]:
-    """Take a scene apart into what stands still and the objects that move.
+    """Split a scene into what stands still and the objects that move.
 
     Parameters
     ----------
@@ -168,5 +168,5 @@ def _scene_of(shapes: Sequence[Any]) -> Any:
     names = [shape.id() for shape in shapes]
     scene = mi.load_dict({"type": "scene"} | {f"s{k}": shape for k, shape in enumerate(shapes)})
     for shape, name in zip(shapes, names, strict=True):
-        shape.set_id(name)  # `load_dict` gave it another
+        shape.set_id(name)  # `load_dict` renamed it
     return scene

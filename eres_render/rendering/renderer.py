@@ -65,7 +65,7 @@ class Renderer:
         Side of the square image in pixels, where no camera is given.
     spp
         Samples per pixel, stratified over the pixel's area (a box filter: any other would blur the
-        image). Best a square: 1, 4, 9, 16, ...; otherwise a multiple of its square root, rounded
+        image). A square is best: 1, 4, 9, 16, ...; otherwise a multiple of its square root, rounded
         down, as the multijittered sampler needs.
     seed
         Seed of the sampler, 0 to 2^32 - 1.
@@ -74,8 +74,8 @@ class Renderer:
         with a ray for every sample, where "baked" looks most of them up: see
         `eres_render.rendering.lookup`), "path" (path tracing in every frame, which is noisy: see
         `measure_noise`) or "emission" (only what surfaces emit themselves: no shadows, no reflected
-        light and no noise of it; looked up like "baked", unless objects move). By default
-        "emission" if nothing reflects light, baked if possible, else path.
+        light and no noise of it; looked up like "baked", unless objects move). By default "path" if
+        objects move, else "emission" if nothing reflects light, "baked" if possible, or "path".
         Scenes with moving objects need "path" or "emission".
     on_progress
         Called while light is baked, if it must be.
@@ -154,7 +154,13 @@ class Renderer:
         self._tracer: Any = mi.load_dict({"type": "path", "max_depth": depth})
 
     def at(self, *, spp: int) -> Renderer:
-        """Return a renderer with another number of samples per pixel and the same loaded scene."""
+        """Return a renderer of the same loaded scene with a different number of samples per pixel.
+
+        Raises
+        ------
+        RenderError
+            If the sampler cannot lay out `spp` samples, or they need too much memory.
+        """
         check_memory(self.camera, spp, self.integrator, self.variant)
         other = copy.copy(self)
         other.white_level = self.white_level
@@ -279,7 +285,7 @@ class Renderer:
         Raises
         ------
         TrajectoryError, SceneError
-            If there is no path, or it does not; the text names the time and the obstacle.
+            If there is no path, or it comes too near a surface; the text names time and obstacle.
         """
         return _check_path(self.scene, self.camera, *self._still_and_bodies)
 
@@ -320,7 +326,7 @@ class Renderer:
 
     @cached_property
     def _still_and_bodies(self) -> tuple[RayCaster, tuple[Body, ...]]:
-        # With objects, of another scene than the one in which they move for the frames.
+        # With objects, load the scene again: in the first one they move for the frames.
         mi_scene = load_mi_scene(self.scene) if self._objects else self._mi_scene
         return still_and_bodies(mi_scene, self._objects)
 
@@ -381,7 +387,7 @@ class Renderer:
     def _looked_up(
         self, look_up: LookUp, T_world_cam: Float64, spp: int, seed: int
     ) -> NDArray[np.float32]:
-        """Look up what surfaces emit, and trace it where that cannot be."""
+        """Look up what surfaces emit, and trace it where that is not possible."""
         import drjit as dr
         import mitsuba as mi
 
@@ -439,7 +445,7 @@ class Renderer:
         return self._pinhole_in_film(position)
 
     def _pinhole_in_film(self, position: Any) -> Any:
-        """Do what `_in_film` does, without the lens."""
+        """Return what `_in_film` does, without the lens."""
         import mitsuba as mi
 
         camera = self.camera
@@ -500,8 +506,7 @@ def _check_path(
 
 
 def _best_integrator(scene: Scene, variant: str) -> Integrator:
-    """Return "emission" where nothing reflects, "baked" if the light of all surfaces is baked or
-    can be, else "path", and log why."""
+    """Return the default integrator, as `Renderer` documents it; log why if it is "path"."""
     if scene.settings.objects:
         _log.info("path tracing every frame of %s, as objects move in it", scene.name)
         return "path"

@@ -152,7 +152,9 @@ def _check(settings: SceneToml, file: Path) -> None:
         positive["path.distance_m"] = path.distance_m
         positive["path.knot_interval_s"] = path.knot_interval_s
         if plane is None:
-            refuse("path.kind", repr(path.kind), "another, or a [plane] for the camera to face")
+            refuse(
+                "path.kind", repr(path.kind), "another kind, or a [plane] for the camera to face"
+            )
     if isinstance(path, WaypointsPath) and len(path.waypoints) < 2:
         refuse("path.waypoints", len(path.waypoints), "two or more")
     if plane is not None:

@@ -29,8 +29,10 @@ class MovingObject:
         Name of its table in scene.toml.
     shapes
         Ids of its shapes.
+    path
+        Its poses T_world_object, by the time since `start_s`.
     start_s
-        Time at which its path starts, on the time of the camera's path; not after 0.
+        Start of its path, on the time axis of the camera's path; not after 0.
     """
 
     name: str

@@ -137,7 +137,7 @@ class Scene:
         Returns
         -------
         objects
-            None in a still scene.
+            Empty in a still scene.
 
         Raises
         ------

@@ -69,8 +69,8 @@ class Flow:
 class GroundTruth:
     """Depth, flow, moving objects and poses of a camera on its path, at any time and resolution.
 
-    A plane is in closed form. At everything else rays are cast in single precision, with errors of
-    about 1e-6 of the distance.
+    For a plane they are in closed form. Rays at everything else are cast in single precision, with
+    errors of about 1e-6 of the distance.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class GroundTruth:
     camera
         The camera of the frames.
     distance
-        Gives the distance along rays to the first surface of what stands still.
+        Returns the distance along rays to the first surface of what stands still.
     plane
         All that stands still, in a planar scene.
     objects
@@ -380,7 +380,7 @@ def surfaces(
     Returns
     -------
     distance
-        Gives the distance to what stands still, in closed form for a plane.
+        Returns the distance to what stands still, in closed form for a plane.
     bodies
         One for each object.
     """

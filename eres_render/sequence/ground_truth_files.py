@@ -46,15 +46,18 @@ def write_truth(
 
     Writes `camera.json` (camera matrix K, size, distortion of a lens), `poses.txt` (TUM, on the
     clock of the poses that define the camera's path, if any), `depth/000000.exr`, ... (float
-    channel Z, meters),
-    `flow/000000.exr`, ... (float channels u and v in px, valid and occluded 0 or 1) and on request
-    `flow/000000.png`, ... as in the DSEC dataset. If objects move, also `instances/000000.png`, ...
-    (8 bits, the number of the object at each pixel, 0 for the still world) and the poses
-    T_world_object (TUM) of each object in `objects/001_NAME.txt`, ..., by number and name. If one
-    file cannot be written, all are removed.
+    channel Z, meters), `flow/000000.exr`, ... (float channels u and v in px, valid and occluded 0
+    or 1) and on request `flow/000000.png`, ... as in the DSEC dataset. If objects move, also
+    `instances/000000.png`, ... (8 bits, the number of the object at each pixel, 0 for the still
+    world) and the poses T_world_object (TUM) of each object in `objects/001_NAME.txt`, ..., by
+    number and name. If one file cannot be written, all are removed.
 
     Parameters
     ----------
+    truth
+        The ground truth to write.
+    out_dir
+        Folder of the files; made if it does not exist.
     t_s
         (T,) increasing times on the path, seconds.
     width, height

@@ -28,8 +28,8 @@ class Manifest:
     `light_digest` tells whether surfaces and light are still those of the frames. `t_offset_us` is
     time 0 on the clock of the given poses; it is not written if it is 0. `intrinsics` are fx, fy,
     cx and cy in pixels; they are not written if pixels are square, the principal point is the
-    center of the image and there is no lens. `distortion` is that of the lens, if there is
-    one. `objects` are the names of those that move, not written if there are none.
+    center of the image and there is no lens. `distortion` is that of the lens, if there is one.
+    `objects` are the names of those that move, not written if there are none.
     """
 
     version: int
@@ -65,7 +65,7 @@ class Manifest:
                 "least two times, strictly increasing"
             )
         if not self.white_level > 0:
-            raise SequenceError(f"white_level: found {self.white_level}, expected a positive one")
+            raise SequenceError(f"white_level: found {self.white_level}, expected above 0")
         if not self.t_s[0] <= self.window_s[0] < self.window_s[1] <= self.t_s[-1]:
             raise SequenceError(
                 f"window_s: found {self.window_s}, expected a stretch within the frames' times "
@@ -89,7 +89,7 @@ def read_manifest(folder: Path) -> Manifest:
     Raises
     ------
     SequenceError
-        If it is missing or of another version, or one of its fields is wrong.
+        If it is missing or of a different version, or one of its fields is wrong.
     """
     path = folder / "manifest.json"
     table = read_json(dict[str, Any], path, SequenceError)

@@ -1,4 +1,4 @@
-"""The noise of path-traced frames, and the events that an event camera makes of it."""
+"""The noise of path-traced frames, and the events that it causes in an event camera."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _FEW_SECONDS, _FEW_SECONDS_SCALAR = 8_000_000, 1_000_000  # samples that are alw
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Monte Carlo noise of rendered pixels, and its events, all measured.
+    """Measured Monte Carlo noise of rendered pixels, and the events that it causes.
 
     Parameters
     ----------
     log_noise
         Standard deviation of a pixel's log radiance, root mean square over pixels and frames.
     contrast_threshold
-        Threshold of the ideal pixel, as fine as the render's, that looks at the frames.
+        Threshold of the ideal pixel that sees the frames, as fine as a pixel of the render.
     events_hz
         Its event rate.
     false_events_hz
@@ -44,7 +44,8 @@ class Noise:
     false_events_error_hz
         Standard error of the excess, from the choice of pixels.
     log_noise_of_quarter
-        `log_noise` at a quarter of those samples: a quarter of it if errors average out.
+        `log_noise` at `REPEATS / 4` times the samples: a quarter of `log_noise` if errors average
+        out.
 
     Examples
     --------
@@ -68,8 +69,8 @@ class Noise:
     def averages_out(self) -> bool:
         """Whether 16 times the samples at least halve the noise.
 
-        If not, rare paths carry much of the light. Most renders miss them, and more samples find
-        them as noise and can make more events: there is no reference for events.
+        If not, rare paths carry much of the light. Most renders miss them; with more samples they
+        appear as noise and can cause more events, so there is no reference for events.
         """
         return self.log_noise_of_quarter <= 0.5 * self.log_noise
 
@@ -85,7 +86,7 @@ class Noise:
             return (
                 f"{noise}, and still {self.log_noise_of_quarter:.2g} with {REPEATS // 4} times the "
                 f"samples, as rare paths carry much of the light; {fired}, and {of_mean_hz:.3g} "
-                f"with {REPEATS} times the samples: how many are false cannot be said"
+                f"with {REPEATS} times the samples: how many are false is unknown"
             )
         false = f"{self.false_events_hz:.2g} ± {self.false_events_error_hz:.1g}"
         return (
@@ -145,7 +146,7 @@ def count_events(
     Parameters
     ----------
     frames
-        Each (R, N): radiance of N pixels in R renders with independent noise; 4 divides R.
+        Each (R, N): radiance of N pixels in R renders with independent noise, R a multiple of 4.
     dark_level
         Added to the radiance before the logarithm, W m^-2 sr^-1.
     contrast_threshold
@@ -182,11 +183,11 @@ def measure_noise(
     max_displacement_px: float,
     contrast_threshold: float = 0.2,
 ) -> Noise:
-    """Measure the noise of clips that are to be rendered, and the events that it makes.
+    """Measure the noise of clips that are to be rendered, and the events that it causes.
 
     All frames of up to four stretches of at most 0.25 s, spread evenly over the clips, are rendered
     at a few random pixels, each `REPEATS` times with different random numbers. Ideal pixels then
-    look at each of these renders, and at their mean. The cost is at most a twentieth of the samples
+    see each of these renders, and their mean. The cost is at most a twentieth of the samples
     of the clips, or a few seconds if that is more, but at least 16 pixels are measured.
 
     Parameters
@@ -198,7 +199,7 @@ def measure_noise(
     max_displacement_px
         Largest motion from frame to frame, px.
     contrast_threshold
-        Threshold of the pixels that look at the frames.
+        Threshold of the pixels that see the frames.
 
     Returns
     -------

@@ -39,7 +39,7 @@ from eres_render.trajectory.frame_times import FrameTimes, adaptive_times, warn_
 class _ClipInProgress(RadianceSequence):
     """A sequence that renders and writes each missing frame when it is first read.
 
-    A frame is rounded to half precision before anybody sees it, so that it is the same whether it
+    A frame is rounded to half precision before it is returned, so that it is the same whether it
     was rendered or read. It is written while the next one renders.
     """
 
@@ -47,7 +47,7 @@ class _ClipInProgress(RadianceSequence):
     poses: NDArray[np.float64]  # (T, 4, 4) to render, before they were rounded as text
     writer: SequenceWriter
     writing: Executor
-    unread: set[int]  # frames that nobody has read
+    unread: set[int]  # frames that have not been read yet
     on_progress: Progress
     one_at_a_time: threading.Lock = field(default_factory=threading.Lock)
     last_write: list[Future[None]] = field(default_factory=list)  # one at most
@@ -259,8 +259,8 @@ def render_scene(
 ) -> list[RadianceSequence]:
     """Render a scene's clips into `out_dir/clip_000`, ..., or all of its path into one sequence.
 
-    Frames that exist are kept. A warning says how noisy path-traced frames are and how many false
-    events that makes; another one, if frames are far apart.
+    Frames that exist are kept. Warnings say how noisy path-traced frames are and how many false
+    events the noise causes, and whether frames are far apart.
 
     Parameters
     ----------

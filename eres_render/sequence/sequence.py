@@ -70,7 +70,7 @@ class RadianceSequence:
     folder: Path
     manifest: Manifest
     T_world_cam: Float64  # (T, 4, 4)
-    trajectory: Trajectory  # of the whole path, on the time of the frames
+    trajectory: Trajectory  # of the whole path, on the time axis of the frames
     checksums: Mapping[str, str]  # SHA-256 of every frame, by path in the folder
     rendered: Rendered = dataclasses.field(default_factory=Rendered)  # none: all frames are on disk
 
@@ -132,7 +132,7 @@ class RadianceSequence:
         Raises
         ------
         SequenceError
-            If the frame's file is missing, truncated or of another size, holds NaN, infinite or
+            If the frame's file is missing, truncated or of a different size, holds NaN, infinite or
             negative values, or has changed since it was rendered.
         """
         if not 0 <= i < len(self):
@@ -227,7 +227,7 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
     T_world_cam
         (T, 4, 4) poses of the frames.
     trajectory
-        The path, on the time of the frames.
+        The path, on the time axis of the frames.
 
     Raises
     ------
@@ -263,7 +263,7 @@ class SequenceWriter:
     manifest
         Manifest of the sequence; the writer sets its `complete`.
     trajectory
-        The camera's path, on the time of the frames.
+        The camera's path, on the time axis of the frames.
     compression
         Compression of the frames.
 
@@ -363,7 +363,7 @@ def _read_frame(
     try:
         intact = sha256(path) == checksums.get(_frame_name(i))
     except OSError:
-        intact = False  # reading it says why
+        intact = False  # `read_luminance` says why
     try:
         radiance = read_luminance(path, intact=intact)
     except RenderError as error:
@@ -383,7 +383,7 @@ def _read_frame(
         )
     if not intact:
         raise SequenceError(
-            f"{path}: found other bytes than were rendered, by its SHA-256 in {FILE_NAME}; remove "
-            "it and render again"
+            f"{path}: found bytes that differ from those rendered, by its SHA-256 in {FILE_NAME}; "
+            "remove it and render again"
         )
     return radiance

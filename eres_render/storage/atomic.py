@@ -12,12 +12,12 @@ from eres_render.errors import RenderError
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Give a temporary name in a file's folder, and rename what was written there afterwards.
+    """Yield a temporary file name in the folder of `path`; afterwards rename that file to `path`.
 
     Raises
     ------
     RenderError
-        If the file cannot be written. Nothing is left behind then, and after any other error.
+        If the file cannot be written. Nothing is left behind, also after any other error.
     """
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
     try:
@@ -29,7 +29,7 @@ def new_file(path: Path) -> Iterator[Path]:
         os.replace(unfinished, path)
     except OSError as error:
         if error.filename is not None and str(error.filename) != str(unfinished):
-            raise  # of another file, such as one that is read meanwhile
+            raise  # about another file, such as one that was read in the context
         raise RenderError(f"{path}: cannot be written: {error.strerror}") from error
     finally:
         unfinished.unlink(missing_ok=True)

@@ -34,7 +34,7 @@ def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
     image
         (H, W).
     path
-        The file that it is for, which errors name.
+        The file to write, for error messages.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def write_channels(
     header = {"compression": _COMPRESSIONS[compression], "type": OpenEXR.scanlineimage}
     file = OpenEXR.File({**header, **(attributes or {})}, dict(channels))
 
-    # Via memory: the library reports no error if the last bytes of a file do not fit the disk.
+    # Via memory: the library reports no error if the last bytes of a file do not fit on the disk.
     data = io.BytesIO()
     file.write(data)
     write_bytes(path, data.getbuffer())
@@ -173,7 +173,7 @@ def check_readable(path: Path) -> None:
     _check_readable(path, status.st_mtime_ns, status.st_size)
 
 
-@functools.cache  # once a process: a scene with many images takes about a second
+@functools.cache  # once per process: a scene with many images takes about a second
 def _check_readable(path: Path, changed_ns: int, size: int) -> None:
     with _open(path, expected="a whole image") as file:
         file.channels()

@@ -22,7 +22,7 @@ _LEAN = 0.35  # how much higher its tip is than its root, of the height
 _BRUSHED, _SPREAD = 0.45, 0.7  # how the pile turns from place to place, from tuft to tuft, rad
 _FIBER_SHADE = 0.07  # from fiber to fiber of a tuft, in log reflectance
 _FADING = 0.30  # from place to place, in log reflectance when new
-_LAMP = (0.80, -0.25, 0.55)  # towards the lamp that shades the pile
+_LAMP = (0.80, -0.25, 0.55)  # toward the lamp that shades the pile
 _SKY = 0.35  # share of the light that comes from everywhere
 
 # Share of the dye's contrast that is left in the worn carpet, and of the pile's shading that the
@@ -39,15 +39,15 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     """Return the reflectance of a hand-tufted carpet with a design of the Bokhara kind.
 
     A field of octagonal guls within star and zigzag borders is tufted in six yarns, tuft by tuft,
-    so every outline is stepped. The tufts are leaves of yarn that lie along the rows, more or less,
-    as the pile was last brushed, each on the next one. Their relief is shaded once, by a low lamp
-    and light from everywhere, with the shadows that they cast; that shading is part of the texture:
-    the carpet is rendered as a flat, Lambertian surface.
+    so every outline is stepped. The tufts lie roughly along the rows, as the pile was last brushed,
+    and overlap like shingles. Their relief is shaded once, by a low lamp and light from everywhere,
+    with the shadows that they cast; that shading is part of the texture: the carpet is rendered as
+    a flat, Lambertian surface.
 
     Parameters
     ----------
     width_px, height_px
-        Texels along the columns' and the rows' direction.
+        Size of the texture, texels.
     texel_m
         Size of a texel.
     seed
@@ -72,7 +72,7 @@ def bokhara(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32
     log_yarn += 0.10 * _dye_lots(rows, rng)[:, None]
     log_yarn += 0.16 * _along_the_yarn(tufts, rng)
     log_yarn += 0.08 * rng.standard_normal(tufts, dtype=np.float32)
-    log_yarn += _FADING * fractal_noise(tufts, max(columns / 4, 4), 4, rng)  # fading
+    log_yarn += _FADING * fractal_noise(tufts, max(columns / 4, 4), 4, rng)
     middle = math.log(_RED)
     log_yarn = middle + _CONTRAST * (log_yarn - middle)
 

@@ -21,7 +21,7 @@ def tweed(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
 
     Returns
     -------

@@ -30,7 +30,7 @@ def forest(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
     Parameters
     ----------
     width_px, height_px
-        Texels along the columns' and the rows' direction.
+        Size of the texture, texels.
     texel_m
         Size of a texel in the forest, m.
     seed

@@ -22,7 +22,7 @@ def plaster(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def wallpaper(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def bricks(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
 
     Returns
     -------

@@ -21,7 +21,7 @@ def leaf(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def glaze(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def peel(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def peel(
 def garden_view(width_px: int, height_px: int, texel_m: float, seed: int) -> Float32:
     """Return the radiance of a hazy garden: sky, tree line, hedge, leaves.
 
-    The hour is about sunset on an overcast day, when lamps are lit: the sky, 0.4, is little
+    The hour is about sunset on an overcast day, when lamps are lit: the sky, about 0.5, is not much
     brighter than a wall in lamplight (about 75 against 30 cd/m^2 in a real room).
 
     Parameters

@@ -10,7 +10,7 @@ from eres_render.textures.reflectance import saturated
 from eres_render.textures.relief import faces_of, lit
 from eres_render.textures.stones import MIDDLE_FROM, unlit_bed
 
-_SUN = (-0.45, -0.55, 0.70)  # towards the light that shades the stones: left, above, out of the bed
+_SUN = (-0.45, -0.55, 0.70)  # toward the light that shades the stones: left, above, out of the bed
 _SKY = 0.45  # share of the light that comes from everywhere
 
 # Middle of the log reflectance after its contrast is reduced, as if by ink.
@@ -23,7 +23,7 @@ def pebble_print(width_px: int, height_px: int, texel_m: float, seed: int) -> Fl
     Parameters
     ----------
     width_px, height_px
-        Texels along the columns' and the rows' direction.
+        Size of the texture, texels.
     texel_m
         Size of a texel in the bed, m.
     seed

@@ -10,9 +10,9 @@ _DARKEST, _BRIGHTEST = 0.02, 0.85  # no dye, wool or rock is darker or brighter
 
 
 def saturated(log_reflectance: Float32) -> Float32:
-    """Return reflectance in [0.02, 0.85], softly saturated towards the bright end.
+    """Return reflectance in [0.02, 0.85], softly saturated toward the bright end.
 
-    Works in place: `log_reflectance` is spent afterwards.
+    Works in place and overwrites `log_reflectance`.
     """
     x = np.exp(log_reflectance, out=log_reflectance)
     x *= 1 / _BRIGHTEST

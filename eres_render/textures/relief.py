@@ -1,4 +1,4 @@
-"""Light on a relief: the sun with the shadows that it casts, and the sky as far as it is seen."""
+"""Light on a relief: the sun with the shadows that it casts, and the visible part of the sky."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def log_light(
 ) -> Float32:
     """Return the log of the irradiance on a relief, 0 on level ground.
 
-    Every texel is lit by a sun and by 16 directions that stand for an even sky, each as far as
-    nothing stands in its way.
+    Every texel is lit by a sun and by 16 directions that stand for a uniform sky, each as far as
+    the relief does not block it.
 
     Parameters
     ----------

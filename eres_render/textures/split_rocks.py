@@ -25,7 +25,7 @@ def split_rocks(width_px: int, height_px: int, texel_m: float, seed: int) -> Flo
     Parameters
     ----------
     width_px, height_px
-        Texels along the columns' and the rows' direction.
+        Size of the texture, texels.
     texel_m
         Size of a texel on the rocks, m.
     seed

@@ -23,7 +23,7 @@ _OVERLAP = 2  # of 12 points on a stone's rim, how many may lie on a stone place
 
 _FACETS = 7  # half-planes that cut a stone's outline
 _OUTLINES = 1024  # different ones; each stone turns and flattens its own
-SUN = (-0.60, -0.75, 0.60)  # towards the light that shades the stones: left, above, out of the bed
+SUN = (-0.60, -0.75, 0.60)  # toward the light that shades the stones: left, above, out of the bed
 _SKY = 0.45  # share of the light that comes from everywhere
 
 # Middle of the log reflectance before and after its contrast is reduced, as if by dust.
@@ -59,7 +59,7 @@ def pebble_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> Floa
     Parameters
     ----------
     width_px, height_px
-        Texels along the columns' and the rows' direction.
+        Size of the texture, texels.
     texel_m
         Size of a texel.
     seed
@@ -82,7 +82,7 @@ def unlit_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> tuple
     Parameters
     ----------
     width_px, height_px
-        Texels along the columns' and the rows' direction.
+        Size of the texture, texels.
     texel_m
         Size of a texel.
     seed

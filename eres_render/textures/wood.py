@@ -16,7 +16,7 @@ def wood(
     along_u: bool = True,
     ring_m: float = 0.018,
 ) -> Float32:
-    """Return the reflectance of a board: year rings, fibers, pores.
+    """Return the reflectance of a board: growth rings, fibers, pores.
 
     Parameters
     ----------
@@ -29,9 +29,9 @@ def wood(
     tone
         Reflectance in the middle.
     along_u
-        The grain runs along the columns' axis, else along the rows'.
+        Whether the grain runs along u, otherwise along v.
     ring_m
-        Distance between year rings at the board's surface.
+        Distance between growth rings at the board's surface, m.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def wood(
     across = np.arange(shape[1], dtype=np.float32) * np.float32(texel_m / ring_m)
     wander = fractal_noise(shape, 0.25 / texel_m, 0.03 / texel_m, rng, stretch=6)
     phase = (across + rng.uniform(0, 10) + 1.6 * wander) % 1
-    ring = phase**3 - 0.25  # slowly darker towards late summer, then light again at once
+    ring = phase**3 - 0.25  # slowly darker toward late summer, then light again at once
     fiber = fractal_noise(shape, 8, 1, rng, stretch=20)
     pore = np.maximum(fractal_noise(shape, 2, 1, rng, stretch=12) - 1.3, 0)
     stain = fractal_noise(shape, 0.4 / texel_m, 0.05 / texel_m, rng, stretch=3)
@@ -71,7 +71,7 @@ def planks(
     rng
         Source of all randomness.
     tone
-        Mean reflectance, about.
+        Approximate mean reflectance.
     width_m, length_m
         Size of a board, m.
 

@@ -32,11 +32,11 @@ _LONGEST_STRIDE_S = 1e-3  # a camera does not go and return within it
 _PACE_S = 4e-3  # time between measurements of speed
 _INSTANT_S = 1e-5  # in which it is measured
 _POINTS_A_SIDE = 5  # of a box
-_RECENT = 8  # times whose poses and motions are asked for again
+_RECENT = 8  # times whose poses and motions are kept
 
 
 class Path(Protocol):
-    """What is known of a camera's path here."""
+    """A camera's path, of which only the poses are needed here."""
 
     def pose(self, t_s: ArrayLike, /) -> Float64: ...
 
@@ -110,7 +110,7 @@ def depth_image_motion(
     camera
         The camera of the render.
     inverse_depth
-        Gives 1 / z-depth at pixels seen from a pose.
+        Returns 1 / z-depth at pixels seen from a pose.
     grid_points
         Points of the grid along each side of the image.
 
@@ -167,11 +167,11 @@ def object_image_motion(
     camera
         The camera of the render.
     pose
-        The object's path, on the time of the camera's.
+        The object's path, on the time axis of the camera's.
     box_m
         (2, 3) lower and upper corner of the object in its own coordinates.
     distance
-        Gives the distance to the object along rays.
+        Returns the distance to the object along rays.
     grid_points
         Points of the grid along each side of the box's image.
 
@@ -259,7 +259,7 @@ def adaptive_times(
         If `max_displacement_px` is not positive, or the marks do not increase.
     """
     _check(marks_s, max_displacement_px)
-    motion = functools.lru_cache(maxsize=_RECENT)(motion)  # the search asks twice
+    motion = functools.lru_cache(maxsize=_RECENT)(motion)  # the search repeats calls
     times = [float(marks_s[0])]
     step_s = 1e-4
     for mark_s in map(float, marks_s[1:]):

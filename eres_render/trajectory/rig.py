@@ -17,8 +17,8 @@ _STEP_S = 2e-3
 def second_camera(path: Trajectory, T_cam_second: Float64) -> tuple[Float64, Float64]:
     """Return poses of a camera that is fixed to another, for a spline through them.
 
-    The poses are exact. They are so dense, at most 2 ms apart, that between them `path_through`
-    stays within micrometers of the rig, for a camera that anyone could carry.
+    The poses are exact and at most 2 ms apart. Between them `path_through` stays within micrometers
+    of the rig, at the speeds of a hand-held camera.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def to_the_right(baseline_m: float) -> Float64:
     Returns
     -------
     T_left_right
-        The right camera looks into the same direction.
+        The right camera looks in the same direction.
     """
     T = np.eye(4)
     T[0, 3] = baseline_m

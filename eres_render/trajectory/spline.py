@@ -1,4 +1,4 @@
-"""The camera's path: a cumulative cubic B-spline over poses, by control poses or through poses."""
+"""The camera's path: a cumulative cubic B-spline, from control poses or through given poses."""
 
 from __future__ import annotations
 

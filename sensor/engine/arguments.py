@@ -34,8 +34,8 @@ def checked_models(models: Sequence[SensorModel]) -> list[SensorModel]:
         if not isinstance(model, SensorModel):
             name = f"models[{i}]" if len(models) > 1 else "model"
             raise SensorError(
-                f"{name}: found a {type(model).__name__}, expected a SensorModel, as "
-                "SensorModel(width=346, height=260) makes one"
+                f"{name}: found a {type(model).__name__}, expected a SensorModel, such as "
+                "SensorModel(width=346, height=260)"
             )
     return models
 
@@ -61,7 +61,7 @@ def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
     """
     if speeds is None:
         return [1.0] * count
-    expected = f"{count} positive factors, one a model"
+    expected = f"{count} positive factors, one per model"
     if not isinstance(speeds, Iterable):
         raise refusal("speeds", speeds, expected)
     found = [real("speeds", speed, expected) for speed in speeds]
@@ -79,7 +79,7 @@ def checked_threads(threads: int | None) -> int:
     """Return the number of threads; None is one for each core."""
     if threads is None:
         return len(os.sched_getaffinity(0))
-    expected = f"an integer in 1..{_MOST_THREADS}, or None for one a core"
+    expected = f"an integer in 1..{_MOST_THREADS}, or None for one per core"
     return _within("threads", threads, 1, _MOST_THREADS, expected)
 
 
@@ -99,7 +99,7 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
     Raises
     ------
     SensorError
-        It does not fit; the text gives the crop that does.
+        The sensor does not fit; the text says what to change.
     """
     if model.height > height or model.width > width:
         raise SensorError(
@@ -111,8 +111,8 @@ def check_fit(model: SensorModel, height: int, width: int) -> None:
         rows, columns = crop_to_aspect(height, width, model.height, model.width)
         alike = max(1, round(model.width * height / width))
         raise SensorError(
-            f"sensor of {model.width}x{model.height} px has another aspect ratio than the frames "
-            f"of {width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
+            f"sensor of {model.width}x{model.height} px differs in aspect ratio from the frames of "
+            f"{width}x{height} px; crop them to frame[{rows.start}:{rows.stop}, "
             f"{columns.start}:{columns.stop}], or choose a sensor of {model.width}x{alike} px"
         )
 
@@ -123,7 +123,7 @@ def check_memory(models: list[SensorModel]) -> None:
     Raises
     ------
     SensorError
-        It does not; the text gives both sizes.
+        The state does not fit; the text gives both sizes.
     """
     needed = sum(map(least_bytes, models))
     if needed > (there := memory_bytes()):

@@ -38,8 +38,8 @@ DARK_FRACTION = 1e-3  # default dark level, share of the white level
 _SAMPLE_PX = 1 << 14  # of a frame, for a first estimate of the white level
 _SAMPLE_SHARE = 0.995
 _CHUNK_FRAMES = 12
-# Room for events in `collect`: times the number that is expected, but at most so many times the
-# number so far, or so many.
+# Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
+# _MOST_GROWTH times the number so far and _FEW_EVENTS.
 _RESERVE = 1.1
 _MOST_GROWTH = 4
 _FEW_EVENTS = 1 << 25
@@ -96,7 +96,7 @@ class Bank:
     def run(self, rooms: Sequence[Room] | None = None) -> Iterator[tuple[int, Events]]:
         """Yield `(index of the model, its next events)`; the parts of each model are in order.
 
-        Most parts lie in the columns that the model's room gave last.
+        Most parts are views of the columns that the model's `Room` returned last.
         """
         rooms = rooms or [lambda size, _: room_for_events(size)] * len(self.models)
         groups = self._groups()
@@ -130,7 +130,7 @@ class Bank:
 
 
 def _needs_white(model: SensorModel) -> bool:
-    """Say whether v2e's filter lacks the radiance of white."""
+    """Return whether the model has v2e's filter but no radiance of white."""
     limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
     return limited and model.cutoff_reference is None
 
@@ -178,7 +178,7 @@ class _Joined:
         self.events: Events
 
     def room(self, size: int, end_us: int) -> Columns:
-        """Return the next columns, for `size` events before a time; they may replace the last."""
+        """Return columns for the next `size` events, before `end_us`; older columns may move."""
         used, needed = self._used, self._used + size
         if needed > len(self._columns.t_us):
             passed_us = max(1, end_us - self._start_us)

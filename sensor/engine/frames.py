@@ -141,7 +141,7 @@ class FrameReader:
         Raises
         ------
         SensorError
-            A frame has another size or dtype, or there are fewer or more frames than times.
+            A frame has a wrong size or dtype, or there are fewer or more frames than times.
         """
         done = 1
         while done < self._count:
@@ -165,7 +165,7 @@ class FrameReader:
             if frame.shape != self.shape:
                 raise SensorError(
                     f"frame {index + found}: found shape {frame.shape}, "
-                    f"expected {self.shape} as the first"
+                    f"expected {self.shape} like the first"
                 )
             if frame.dtype.itemsize > self._room.dtype.itemsize:
                 self._room = self._room.astype(np.float64)

@@ -33,8 +33,8 @@ from sensor.memory import MEMORY
 from sensor.model import SensorModel
 from sensor.optics import integrate
 
-# Pixels of a block. Their state fits the L2 cache, and the distance of its rows is no power of two,
-# so that they do not share lines of the L1 cache.
+# Pixels of a block. Their state fits the L2 cache, and the distance between its rows is not a power
+# of two, so that they do not share lines of the L1 cache.
 _BLOCK_PX = 4040
 _LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
 
@@ -69,7 +69,7 @@ class SensorGroup:
         frame
             (H, W) linear radiance.
         seed
-            Seed of everything random.
+            Seed of all random numbers.
 
         Returns
         -------

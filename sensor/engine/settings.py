@@ -96,7 +96,7 @@ def _light(model: SensorModel) -> tuple[float, float]:
 
 
 def _leaders(models: list[SensorModel]) -> NDArray[np.int64]:
-    """Return for each model the first with the same events except for the times, usually itself.
+    """Return, for each model, the first model whose events differ only in time, usually itself.
 
     The events of an ideal pixel between two frames depend on the light only. With a filter, leakage
     or noise they also depend on the length of the interval.

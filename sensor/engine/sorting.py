@@ -21,7 +21,7 @@ from sensor.kernels.packing import (
 )
 from sensor.memory import MEMORY
 
-# Returns columns for so many events, which come before a time in microseconds.
+# Takes a number of events and a time in us, before which they come; returns columns for them.
 Room = Callable[[int, int], Columns]
 
 _PART_EVENTS = 1 << 20  # of a part, unless one interval has more
@@ -40,7 +40,7 @@ class UnsortedEvents:
     def parts(self, threads: int) -> Iterator[range]:
         """Yield ranges of intervals with about `_PART_EVENTS` events, one for each thread or more.
 
-        Small parts leave memory that is in the cache to the next ones.
+        Small parts let the next ones reuse memory that is still in the cache.
         """
         F = len(self.counts)
         step = max(threads, _PART_EVENTS // max(1, int(self.counts.max())))
@@ -57,7 +57,7 @@ class UnsortedEvents:
         held
             Events before these intervals that may share a microsecond with them.
         room
-            Gives the columns that receive the events.
+            Returns the columns that receive the events.
         workers
             Threads.
 

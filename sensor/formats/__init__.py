@@ -1,5 +1,7 @@
-"""Event files, streamed in bounded memory: DSEC HDF5, Prophesee EVT2 and EVT3, npz and text; to
-read, also CSV, AEDAT4, DAT, Event Stream and ROS bags.
+"""Event files, streamed in bounded memory.
+
+DSEC HDF5, Prophesee EVT2 and EVT3, npz and text to read and write; CSV, AEDAT 3.1, AEDAT4, DAT,
+Event Stream and ROS bags to read.
 
 >>> import numpy as np
 >>> from sensor import SensorModel, stream

@@ -1,12 +1,13 @@
 """AEDAT 3.1, the files of cAER and of other programs with libcaer: polarity events, uncompressed.
 
-    #!AER-DAT3.1            lines of text, "\\r\\n" at their ends
+    #!AER-DAT3.1            lines of text that end with "\\r\\n"
     #Format: RAW
     #Source 1: DAVIS240C
     #!END-HEADER
 
-Packets follow, little-endian: int16 type (1 for polarity) and source, int32 size of an event, place
-of its time, overflows of the clock, capacity, number, number of valid ones. A polarity event is
+Packets follow, little-endian: int16 type (1 for polarity) and source, then int32 size of an event,
+offset of its time, overflows of the clock, capacity, number of events, number of valid ones. A
+polarity event is
 
     31..17  16..2   1           0           a word
     x       y       brighter    valid
@@ -75,7 +76,7 @@ def _header(lines: list[str]) -> Header:
 
 
 def read_header(path: Path) -> Header:
-    """Read the header of a file; the name of its camera tells the size.
+    """Read the header of a file; the name of its camera gives the size.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ def read_header(path: Path) -> Header:
     Raises
     ------
     EventFormatError
-        It is no AEDAT 3.1 file, or a compressed one.
+        The file is not AEDAT 3.1, or is compressed.
     """
     with path.open("rb") as file:
         return _header(_read_lines(file))

@@ -22,8 +22,8 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
     Raises
     ------
     EventFormatError
-        There are no parts, or a part is earlier than the one before it, has another sensor, or is
-        not `Events`.
+        There are no parts, or a part is earlier than the one before it, is of a different sensor,
+        or is not `Events`.
     """
     held: list[Events] = []
     count = 0
@@ -88,7 +88,7 @@ def by_time(parts: Iterable[Events]) -> Iterator[Events]:
 def in_order(
     packets: Iterable[tuple[str, Events]], none: Events, *, sort: bool
 ) -> Iterator[Events]:
-    """Yield an empty part, then those of a file: sorted, or after a check that they are.
+    """Yield an empty part, then those of a file: sorted, or checked to be in order.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def in_order(
     Raises
     ------
     EventFormatError
-        An event is earlier than the one before it, and they are not to be sorted.
+        An event is earlier than the one before it, and `sort` is not set.
     """
     yield none
     if sort:
@@ -122,7 +122,7 @@ def in_order(
             if len(backwards):
                 raise EventFormatError(
                     f"{where}: event {backwards[0]} there is earlier than the one before it "
-                    "(--sort, sort=True sorts the events)"
+                    "(--sort or sort=True sorts the events)"
                 )
             last_us = int(events.t_us[-1])
             yield events
@@ -143,7 +143,7 @@ def with_checked_places(
     t_us, x, y
         (N,) times, columns and rows.
     on
-        (N,) whether an event is brighter.
+        (N,) whether an event is ON.
     where
         Where in the file they are, for errors.
     like
@@ -156,7 +156,7 @@ def with_checked_places(
     Raises
     ------
     EventFormatError
-        A place is outside the sensor.
+        A pixel is outside the sensor.
     """
     p = np.where(on, 1, -1).astype(np.int8)
     try:

@@ -179,7 +179,7 @@ def read_header(path: Path) -> Header:
     Raises
     ------
     EventFormatError
-        The file is not HDF5, or an attribute is damaged or has another type.
+        The file is not HDF5, or an attribute is damaged or has a wrong type.
     """
     with _opened(path) as file:
         found: dict[str, Any] = {}
@@ -237,8 +237,8 @@ def read(path: Path, header: Header) -> Iterator[Events]:
     Raises
     ------
     EventFormatError
-        A dataset is missing, damaged, or has another type or length, or the events are not a
-        valid stream.
+        A dataset is missing, damaged, or has a wrong type or length, or the events are not a valid
+        stream.
     """
     width, height = header.width or 0, header.height or 0
     with _opened(path) as file:
@@ -268,12 +268,12 @@ def read(path: Path, header: Header) -> Iterator[Events]:
 
 
 def read_triggers(path: Path) -> Triggers:
-    """Read the external triggers of a DSEC file; none if there is no group of them.
+    """Read the external triggers of a DSEC file; none if it has no group `triggers`.
 
     Raises
     ------
     EventFormatError
-        A dataset is missing, damaged, or has another type or length.
+        A dataset is missing, damaged, or has a wrong type or length.
     """
     with _opened(path) as file:
         with said("triggers"):
@@ -285,12 +285,12 @@ def read_triggers(path: Path) -> Triggers:
 
 
 def integers(file: Any, name: str) -> Any:
-    """Return a dataset that is a row of integers.
+    """Return a 1-D dataset of integers.
 
     Parameters
     ----------
     file, name
-        The h5py file, and the place in it.
+        The h5py file, and the name of the dataset.
 
     Returns
     -------
@@ -299,7 +299,7 @@ def integers(file: Any, name: str) -> Any:
     Raises
     ------
     EventFormatError
-        It is missing or something else.
+        The dataset is missing, not 1-D, or not of integers.
     """
     with said(name):
         if name not in file:

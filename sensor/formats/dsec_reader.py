@@ -27,7 +27,7 @@ def named_errors(path: Path) -> Iterator[None]:
 class DsecReader:
     """A DSEC file that stays open, for windows in any order.
 
-    Reads what lies in a window, in whole chunks of 65536 events. After a fork, HDF5 files must be
+    Only the chunks of 65536 events that overlap a window are read. After a fork, HDF5 files must be
     opened again.
 
     Parameters
@@ -63,7 +63,7 @@ class DsecReader:
     """
 
     def __init__(self, path: Path, size: tuple[int, int] | None = None) -> None:
-        path.open("rb").close()  # raises the error of the system if it is missing or not allowed
+        path.open("rb").close()  # raises OSError if the file is missing or not readable
         self.path = path
         with named_errors(self.path):
             self.header = dsec.read_header(path).with_size(size)
@@ -91,12 +91,12 @@ class DsecReader:
             return first + int(np.searchsorted(self._columns["t"][first:stop], t_us))
 
     def part(self, first: int, stop: int) -> Events:
-        """Return events by their number in the file.
+        """Return events by their index in the file.
 
         Parameters
         ----------
         first, stop
-            As in a slice.
+            Range of indices, as in a slice.
 
         Returns
         -------
@@ -124,5 +124,10 @@ class DsecReader:
         Returns
         -------
         Events
+
+        Raises
+        ------
+        EventFormatError
+            The events are damaged.
         """
         return self.part(self.index_at(t_start_us), self.index_at(t_end_us))

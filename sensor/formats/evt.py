@@ -1,4 +1,6 @@
-"""Prophesee RAW files: the text header and the stream of words; `evt2` and `evt3` code the words.
+"""Prophesee RAW files: the text header and the stream of words.
+
+`evt2` and `evt3` encode and decode the words. The header:
 
     % event_count 1234                 ours: number of events, to detect truncated files
     % evt 3.0
@@ -60,7 +62,7 @@ from sensor.formats.triggers import NO_TRIGGERS, Triggers
 logger = logging.getLogger(__name__)
 
 MAX_SIDE_PX = 1 << 11  # coordinates have 11 bits
-MAX_TIME_US = 1 << 40  # 12.7 days, after a megabyte of words of the clock
+MAX_TIME_US = 1 << 40  # 12.7 days; up to there, EVT3's words of the clock take 1 MiB
 _MAX_START_US = MAX_TIME_US // 2  # largest first time without an offset
 _READ_WORDS = 1 << 18
 _WRITE_WORDS = 1 << 16
@@ -82,7 +84,7 @@ class Codec:
     name, version
         Names in the header, such as EVT3 and 3.0.
     word, layout
-        Type of the words, and places in them.
+        Type of the words, and the fields in them.
     encode, decode
         As in `evt2`.
     """
@@ -255,7 +257,7 @@ def read_version(path: Path) -> str:
     Raises
     ------
     EventFormatError
-        The header has no version or another one.
+        The header has no version, or one other than EVT2 and EVT3.
     """
     try:
         with path.open("rb") as file:
@@ -287,7 +289,7 @@ def read_header(path: Path, codec: Codec) -> Header:
     Raises
     ------
     EventFormatError
-        The header is damaged or has another version.
+        The header is damaged or has a different version.
     """
     with path.open("rb") as file:
         return _of_version(_read_raw(file), codec).header
@@ -364,7 +366,7 @@ def _version(fields: dict[str, str]) -> str | None:
 def _size(fields: dict[str, str]) -> tuple[int | None, int | None]:
     """Return width and height from `geometry` and `format`, which must be equal.
 
-    Old files have neither; there the number of the system tells.
+    Old files have neither; their number of the system gives the size.
     """
     said = set()
     if "geometry" in fields:
@@ -389,7 +391,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
 
     Events before the first word with a time or a row are skipped, as in Prophesee's decoders; the
     log reports their number. Where the low part of the clock steps back, as in files of some
-    cameras, events get the time of the one before; the log reports this too.
+    cameras, events get the time of the event before them; the log reports this too.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@
     8       t, high 28                  microseconds / 64, modulo 2^28
     A       t, low 6    12..8 channel   a trigger; bit 0 is 1 for a rising edge
 
-Words of others (E) and continuations (F) are ignored. See
+Words of the types OTHERS (E) and CONTINUED (F) are ignored. See
 https://docs.prophesee.ai/stable/data/encoding_formats/evt2.html.
 """
 

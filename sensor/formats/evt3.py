@@ -10,7 +10,7 @@
     8       t, high 12          microseconds / 4096, modulo 4096
     A       11..8 channel       a trigger; bit 0 is 1 for a rising edge
 
-Words of inertial data (D), others (E) and continuations (7, F) are ignored. Vectors are written in
+Words of inertial data (D), OTHERS (E) and CONTINUED (7, F) are ignored. Vectors are written in
 groups of 12, 12 and 8 within the width of the sensor, if that is shorter than single events.
 Cameras do the same, and OpenEB's decoder requires it. See
 https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html.

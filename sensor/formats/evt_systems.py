@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class System(NamedTuple):
-    """What the words of a system are, if its header does not say it."""
+    """Version of the words and size of the sensor, for headers that have neither."""
 
     version: str
     width: int

@@ -77,8 +77,8 @@ def held(time, last, low_bits, state):
     """Return the time of an event; where the low part stepped back, that of the event before it.
 
     Some cameras write a low part that is a little smaller than the one before, without a new high
-    part. The clock then stands still until it catches up. A high part that steps back is another
-    matter: the time stays as it is, before the last one.
+    part. The clock then stands still until it catches up. If the high part steps back, the time is
+    returned as it is, before the last one.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def held(time, last, low_bits, state):
     low_bits
         Size of the low part.
     state
-        (STATE_SIZE,) int64, counts such events and has their largest step.
+        (STATE_SIZE,) int64; counts such events and holds their largest step.
 
     Returns
     -------

@@ -39,7 +39,7 @@ def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
         raise EventFormatError(
             f"{kind} needs faery, which is not installed: pip install 'eres-events[formats]'"
         )
-    # -P: the files beside the script are no modules for it.
+    # -P: the script must not import the modules beside it.
     command = [sys.executable, "-P", faery_process.__file__, kind, str(path.absolute()), *options]
     # Its errors go to a file: a full pipe would stop it while its events are read.
     with (

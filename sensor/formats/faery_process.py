@@ -45,7 +45,7 @@ def _opened(kind: str, path: str) -> tuple[dict[str, Any], Iterator[Any]]:
 def _columns(packet: Any, kind: str, height: int) -> Any:
     """Return the events of a packet, with the row 0 at the top."""
     names = packet.dtype.names
-    if "exposure" in names:  # of ATIS: its measurements of light are no events
+    if "exposure" in names:  # of ATIS: its measurements of light are not events
         packet = packet[~packet["exposure"]]
     events = np.empty(len(packet), EVENT)
     events["t"], events["x"] = packet["t"], packet["x"]
@@ -82,6 +82,6 @@ def main(kind: str, path: str, only_header: bool) -> None:
 if __name__ == "__main__":
     try:
         main(sys.argv[1], sys.argv[2], sys.argv[3:] == ["header"])
-    except BaseException as error:  # faery's panics are no `Exception`
+    except BaseException as error:  # faery's panics are not of type `Exception`
         print(f"\n{error or type(error).__name__}", file=sys.stderr)
         sys.exit(1)

@@ -1,7 +1,7 @@
 """HDF5 files that close also after a failed write.
 
 If the last write to a file fails, HDF5 cannot close it: it tries again when the process ends, on
-freed memory, which is a segmentation fault. So HDF5 never sees a failure. After the first one, all
+freed memory, which crashes the process. So HDF5 never sees a failure. After the first one, all
 writes stay in memory, where HDF5 reads them, until the file is closed; then the error is raised.
 """
 

@@ -42,7 +42,7 @@ _TRIGGERS = ("trigger_t_us", "trigger_channel", "trigger_p")
 _ENTRIES = {*_COLUMNS, *_TRIGGERS, "width", "height", "sensor_model", "origin"}
 _MAX_TEXT_BYTES = 1 << 20
 _COPY_BYTES = 1 << 20
-_DATE = (1980, 1, 1, 0, 0, 0)  # the first in zip: the file must depend on its events only
+_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest in zip: the file must depend on its events only
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
@@ -211,8 +211,8 @@ def read(path: Path, header: Header) -> Iterator[Events]:
     Raises
     ------
     EventFormatError
-        A column is missing, damaged, or has another dtype or length, or the events are not a
-        valid stream.
+        A column is missing, damaged, or has a wrong dtype or length, or the events are not a valid
+        stream.
     """
     width, height = header.width or 0, header.height or 0
     with _opened(path) as archive, ExitStack() as stack:
@@ -265,7 +265,7 @@ def read_triggers(path: Path) -> Triggers:
     Raises
     ------
     EventFormatError
-        An entry is missing, damaged, or has another dtype or length.
+        An entry is missing, damaged, or has a wrong dtype or length.
     """
     with _opened(path) as archive:
         if not any(f"{name}.npy" in archive.namelist() for name in _TRIGGERS):

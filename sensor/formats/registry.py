@@ -30,7 +30,7 @@ class Format:
     Parameters
     ----------
     name, title
-        Short name for options, and name for texts.
+        Short name for options, and name for messages.
     suffixes
         File extensions, with the dot.
     write
@@ -50,7 +50,7 @@ class Format:
     Examples
     --------
     >>> from sensor.formats import FORMATS
-    >>> [name for name, one in FORMATS.items() if one.write]  # the others are to read
+    >>> [name for name, one in FORMATS.items() if one.write]  # the others can only be read
     ['dsec', 'evt3', 'evt2', 'npz', 'text']
     >>> FORMATS["text"].suffixes, FORMATS["text"].keeps_origin
     (('.txt',), False)
@@ -382,7 +382,7 @@ def read_header(path: str | Path, *, format: str | None = None) -> Header:
     Raises
     ------
     EventFormatError
-        The file is damaged or has another format; the text says where.
+        The file is damaged or is not in this format; the text says where.
     OSError
         The file cannot be read.
 
@@ -399,7 +399,7 @@ def read_header(path: str | Path, *, format: str | None = None) -> Header:
     (6, 4, 0.25)
     """
     path = Path(path)
-    path.open("rb").close()  # raises the error of the system if it is missing or not allowed
+    path.open("rb").close()  # raises OSError if the file is missing or not readable
     chosen = find_format(path, format)
     try:
         return chosen.read_header(path)
@@ -462,7 +462,7 @@ def read_events(
     sort: bool = False,
     topic: str | None = None,
 ) -> Iterator[Events]:
-    """Read a file in parts; memory does not depend on its size, unless it is to be sorted.
+    """Read a file in parts; memory does not depend on its size, unless `sort` is set.
 
     Parameters
     ----------
@@ -474,8 +474,8 @@ def read_events(
     size
         (width, height) of the sensor, for files that do not store it.
     time_unit
-        Unit of the times of a text file: s, ms, us or ns. By default its line of names tells, or it
-        is s.
+        Unit of the times of a text file: s, ms, us or ns. By default it is the one in the file's
+        line of names, or else s.
     sort
         Sort the events by time, for text, AEDAT4, DAT, ES and bags; all events are then in memory.
     topic
@@ -489,14 +489,14 @@ def read_events(
     Raises
     ------
     EventFormatError
-        The file is damaged or has another format, or its size is neither stored nor given. Damage
-        after the header is raised when the iteration reaches it, never skipped.
+        The file is damaged or is not in this format, or its size is neither stored nor given.
+        Damage after the header is never skipped; the error comes when the iteration reaches it.
     OSError
         The file cannot be read.
 
     Examples
     --------
-    A text file with times in microseconds, of which the size of the sensor is known from elsewhere:
+    A text file with times in microseconds that does not store the size of the sensor:
 
     >>> import numpy as np
     >>> from sensor.formats import read_events

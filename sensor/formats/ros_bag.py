@@ -35,7 +35,7 @@ def _opened(path: Path) -> Iterator[Any]:
     Raises
     ------
     EventFormatError
-        rosbags is not installed, or the file is no whole bag.
+        rosbags is not installed, or the file is not a complete bag.
     """
     try:
         rosbag1 = importlib.import_module("rosbags.rosbag1")
@@ -98,7 +98,7 @@ def read_header(path: Path) -> Header:
     Raises
     ------
     EventFormatError
-        The file is no bag, or has no events.
+        The file is not a bag, or has no events.
     """
     with _opened(path) as reader:
         kept = _topics(reader)
@@ -126,7 +126,7 @@ def _parsed(data: bytes, number: int) -> tuple[np.ndarray, int, int]:
         return np.frombuffer(data, _EVENT, count, start), width, height
     except (struct.error, ValueError):
         raise EventFormatError(
-            f"message {number}: found {len(data)} bytes, which are no array of events"
+            f"message {number}: found {len(data)} bytes, which are not an array of events"
         ) from None
 
 

@@ -30,7 +30,7 @@ _READ_BYTES = 1 << 22
 _MAX_LINE_BYTES = 256  # longest line of an event
 _MAX_COMMENT_BYTES = 1 << 16
 _SHORTEST_LINE_BYTES = 8  # "0 0 0 0\n"
-_SAMPLE_BYTES = 1 << 16  # of events, in which the times tell their unit
+_SAMPLE_BYTES = 1 << 16  # of events, whose times show whether their unit is clear
 
 _DONE, _FULL, _BAD_LINE, _BAD_X, _BAD_Y, _BAD_P, _MIXED_P, _BACKWARDS = range(8)
 _REASONS = {
@@ -39,7 +39,7 @@ _REASONS = {
     _BAD_Y: "y is outside the sensor",
     _BAD_P: "expected p to be 0 or 1, or -1 or 1",
     _MIXED_P: "found both 0 and -1 as p, expected one of them for darker events",
-    _BACKWARDS: "the time is earlier than the one before it (--sort, sort=True sorts the events)",
+    _BACKWARDS: "the time is earlier than the one before it (--sort or sort=True sorts the events)",
 }
 _MAX_SECONDS = 9 * 10**12  # what int64 microseconds hold, nearly
 
@@ -128,7 +128,7 @@ def _integer(data, at, most):
 
 @jit
 def _plain_line(data, at):
-    """Parse a line as we write it; return t, x, y, p and the end position, -1 if it is another."""
+    """Parse a line as we write it; return t, x, y, p and the end position, -1 for other lines."""
     none = np.int64(0)
     second, at = _integer(data, at, _MAX_SECONDS)
     if second < 0 or data[at] != _POINT:
@@ -152,7 +152,7 @@ def _plain_line(data, at):
 def _number(data, at, power, rounded):
     """Parse a decimal, perhaps with an exponent, and multiply it by 10^power.
 
-    Return the value and the end position, -1 if it is no number, or not whole and not rounded.
+    Return the value and the end position, -1 if it is not a number, or not whole and not rounded.
     """
     negative = data[at] == _MINUS
     if negative or data[at] == _PLUS:
@@ -363,7 +363,7 @@ def _read_start(path: Path) -> _Start:
                     )
                 size = found
             elif line[:1] not in (b"#", b"%") or not whole:
-                if length > first or len(words) == 4:  # the parser names a line that is no event
+                if length > first or len(words) == 4:  # the parser reports a bad event
                     return _Start(Header(*size), order, unit, length)
                 raise EventFormatError(
                     f"byte {length}: found {line[:60]!r}, expected a line 'width height', a line "
@@ -397,7 +397,7 @@ def _power(path: Path, start: _Start, time_unit: str | None) -> int:
     Raises
     ------
     EventFormatError
-        The unit is unknown, is not the one in the file, or the file's times do not tell it.
+        The unit is unknown, is not the one in the file, or is unclear from the file's times.
     """
     if time_unit is not None and time_unit not in TIME_UNITS:
         raise EventFormatError(
@@ -430,7 +430,7 @@ def _whole_times(path: Path, start: _Start) -> list[str]:
         has_fraction = any(
             float(time) % 1 or ("." in time and "e" not in time.lower()) for time in times
         )
-    except ValueError:  # the parser names the line
+    except ValueError:  # the parser reports the line
         has_fraction = True
     return [] if has_fraction else times
 
@@ -461,8 +461,8 @@ def read(
     Raises
     ------
     EventFormatError
-        A line is not an event of this sensor, or earlier than the one before it and not to be
-        sorted, or the unit of the times is unclear.
+        A line is not an event of this sensor, a time is earlier than the one before it and `sort`
+        is not set, or the unit of the times is unclear.
     """
     start = _read_start(path)
     power = _power(path, start, time_unit)

@@ -307,16 +307,17 @@ def crossing(curve, level, piece, slack, y, plain):
 
 
 _STEPS = 3
-_FEW = 8  # a vectorized step pays if more than one in so many crossings needs it
+_FEW = 8  # a vectorized step pays if more than one in _FEW crossings needs it
 
 
 @jit
 def solve_crossings(todo, count):
     """Solve the listed crossings by Householder's method in vectorized loops.
 
-    Each gets up to _STEPS steps, until one is within the slack; the last few that need
-    another step get it alone. `crossing` solves those that no step brings there, near a turning
-    point of v2 or far down a tail. So a root does not depend on the other crossings of the list.
+    Each gets up to _STEPS steps, until one is within the slack. `crossing` does the rest of these
+    steps one crossing at a time once only few need them, and it solves those that no step brings
+    within the slack, near a turning point of v2 or far down a tail. So a root does not depend on
+    the other crossings of the list.
 
     Parameters
     ----------

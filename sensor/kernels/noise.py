@@ -56,7 +56,7 @@ def poisson(mean, left):
     mean
         At most MOST_NOISE.
     left
-        Random number in [0, 1), from which the cumulated probability is subtracted.
+        Random number in [0, 1), from which the cumulative probability is subtracted.
 
     Returns
     -------

@@ -17,8 +17,8 @@ ROW_SHIFT = np.uint64(16)
 COORDINATE_MASK = np.uint64(0xFFFF)
 PLACE_MASK = np.uint64(0xFFFFFFFF)
 MAX_INTERVAL_US = (1 << 31) - 2
-# `spread` sorts intervals shorter than this, of sensors with at most so many rows, in one pass; its
-# words are polarity, row, column in a uint32.
+# `spread` sorts intervals shorter than SHORT_INTERVAL_US, of sensors with at most FEW_ROWS rows, in
+# one pass; its words are polarity, row, column in a uint32.
 SHORT_INTERVAL_US = 4096
 FEW_ROWS = 1 << 15
 ROW_MASK = np.uint32(0x7FFF)

@@ -138,7 +138,7 @@ class Ends(NamedTuple):
 
 @inlined
 def may_fire(ends, x, e, drift, poles):
-    """Say whether v2 may leave (memory - C_off, memory + C_on) during an interval.
+    """Return whether v2 may leave (memory - C_off, memory + C_on) during an interval.
 
     v2 can leave the band within the interval and return, so its value at the end is not enough. It
     stays inside if one of three bounds holds. With y = a t, the n-th derivative of v2, n > 1, is

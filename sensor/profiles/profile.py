@@ -41,7 +41,7 @@ class Profile:
     title
         Which sensor it describes.
     known
-        What is known, by field.
+        The known values by field.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class Profile:
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """Fields about which it says nothing; a sensor keeps its own values there."""
+        """Fields that the profile does not give; a sensor keeps its own values there."""
         return tuple(name for name in FIELDS if name not in self.known)
 
     def number(self, name: str) -> float | None:
@@ -79,7 +79,7 @@ class Profile:
         Parameters
         ----------
         model
-            The sensor; what the profile does not know stays as it is.
+            The sensor; it keeps its values of the fields that the profile does not give.
         illuminance_lux
             Light on the scene; None for that of the profile.
 
@@ -121,7 +121,7 @@ class Profile:
         usual_hz = cutoff_in_light(illuminance_lux)
         cutoff_hz, lux, noise_hz = map(self.number, ("cutoff", "illuminance", "shot_noise"))
         limited = cutoff_hz is not None and cutoff_hz < math.inf
-        times: float | None = None  # as much light as the profile's
+        times: float | None = None  # light relative to that of the profile
         if lux is not None:
             times = illuminance_lux / lux
             changes = {"cutoff_hz": cutoff_hz * times if limited and cutoff_hz else usual_hz}

@@ -30,11 +30,11 @@ class Quantity:
     Parameters
     ----------
     units
-        The units that it can be given in, with the conversion to the model's unit, which is first.
+        Its possible units, with the conversion to the model's unit, which is first.
     field
         Its field of `SensorModel`, None if it has none.
     meaning
-        Its meaning, for people.
+        Its meaning, in words.
     """
 
     units: Mapping[str, Convert]

@@ -29,7 +29,7 @@ def find_profile(name: str | Path) -> Profile:
     Parameters
     ----------
     name
-        A name, or the path of a TOML file, see `read_profile`.
+        A name, or the path of a TOML file; see `read_profile`.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def find_profile(name: str | Path) -> Profile:
     Raises
     ------
     SensorError
-        There is no such profile, or its file is wrong.
+        There is no such profile, or its file is invalid.
 
     Examples
     --------
@@ -69,8 +69,8 @@ def read_profile(file: Path) -> Profile:
     Parameters
     ----------
     file
-        A text with a `title` and a table for each field that is known: `value`, `unit`, `source`,
-        and, if it was measured, its 95 % `interval`. Fields and units are those of
+        A file with a `title` and a table for each known field: `value`, `unit`, `source`, and, if
+        it was measured, its 95 % `interval`. Fields and units are those of
         `sensor.profiles.quantities`.
 
     Returns

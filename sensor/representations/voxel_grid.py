@@ -59,7 +59,7 @@ def voxel_grid(
     Raises
     ------
     EventError
-        There are fewer than 2 bins, or `positions` has another shape.
+        There are fewer than 2 bins, or `positions` has a wrong shape.
 
     Examples
     --------

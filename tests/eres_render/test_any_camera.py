@@ -67,7 +67,7 @@ def ramps(tmp_path_factory):
 
 
 def opencv(camera):
-    """Return OpenCV's matrix, for pixels that count from the first one's center, and terms."""
+    """Return OpenCV's matrix, which counts from the center of the first pixel, and coefficients."""
     K = camera.K - [[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]]
     return K, np.array(dataclasses.astuple(camera.distortion or Distortion()))
 
@@ -162,8 +162,8 @@ def test_truth_follows_surface_points_through_any_camera(small_carpet, tmp_path,
 
 @pytest.mark.parametrize("seed", range(8))
 def test_sensors_see_through_the_same_lens(small_carpet, seed):
-    """Expected: the pixels of a sensor with the frames' aspect ratio divide the frames'; those of
-    another aspect ratio divide the largest centered crop."""
+    """Expected: the pixels of a sensor with the frames' aspect ratio divide the frames'; those of a
+    different aspect ratio divide the largest centered crop."""
     rng = np.random.default_rng(seed)
     whole = random_camera(seed + 100)
     truth = GroundTruth(small_carpet.trajectory(), whole, surfaces(small_carpet)[0])
@@ -258,7 +258,7 @@ def test_resizing_the_camera_is_scaling_the_image(camera):
 
 @pytest.mark.parametrize("camera", [WIDE, BENT], ids=["pinhole", "lens"])
 def test_zooming_spreads_the_image_about_the_principal_point(camera):
-    """Analytic: pixels are as many times as far from it; the lens keeps its coefficients."""
+    """Analytic: pixels are farther from it by that factor; the lens keeps its coefficients."""
     points = camera.rays(camera.grid(7)) * 2.0
     center = np.array([camera.cx, camera.cy])
     zoomed = camera.zoomed(1.5)

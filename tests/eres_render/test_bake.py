@@ -70,7 +70,7 @@ def test_light_goes_round_an_integrating_sphere(tmp_path):
     )
     drop_textures(folder)
     wall = irradiance_maps(load_scene(folder), cell_m=0.4, spp=4096)["wall"]
-    share = 0.1**2  # of the light that leaves a point of the wall, the black lamp takes so much
+    share = 0.1**2  # of the light that leaves a point of the wall, absorbed by the black lamp
     expected = np.pi * 100 * share / (1 - 0.5 * (1 - share))
     np.testing.assert_allclose(wall, expected, rtol=0.02)
 

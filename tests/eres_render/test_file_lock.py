@@ -1,4 +1,4 @@
-"""Several processes on one folder wait for each other, and nobody waits for a dead one."""
+"""Several processes on one folder wait for each other, and none waits for a dead one."""
 
 import os
 import signal
@@ -96,7 +96,7 @@ def test_one_at_a_time_though_the_file_comes_and_goes(start, tmp_path):
 
 
 def test_clips_that_other_processes_use_are_not_removed(holder, tmp_path, monkeypatch):
-    """Promise: the cache exceeds its limit rather than remove frames that somebody reads."""
+    """Promise: the cache exceeds its limit rather than remove frames that are being read."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path))
     monkeypatch.setattr(frame_cache, "LIMIT_BYTES", 0)
     folder = tmp_path / "frames" / "clip"

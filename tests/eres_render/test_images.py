@@ -36,8 +36,8 @@ print(codes)
 
 
 def test_a_damaged_image_is_named(tmp_path):
-    """Promise: exit code 1, our own line, and no other output, for a file that is cut off and for
-    one with other bytes in it."""
+    """Promise: exit code 1, our own line, and no other output, for a truncated file and for one
+    with changed bytes."""
     smooth = np.tile(np.linspace(0, 1, 64, dtype=np.float32)[:, None], (64, 1, 3))
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     arguments, said = [], []
@@ -67,8 +67,8 @@ def test_a_damaged_image_is_named(tmp_path):
 
 
 def test_what_others_print_while_a_missing_image_is_looked_for_is_not_lost(tmp_path, monkeypatch):
-    """Promise: a render looks for its next frames in threads, and silences the process, as OpenEXR
-    prints its errors, only for files that exist."""
+    """Promise: a render looks for its next frames in threads, and silences the process, because
+    OpenEXR prints its errors, only for files that exist."""
     monkeypatch.setattr(exr, "_silence", lambda: pytest.fail("the process was silent"))
     with pytest.raises(RenderError, match=r"lost\.exr: missing"):
         exr.read_luminance(tmp_path / "lost.exr")

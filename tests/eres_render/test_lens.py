@@ -74,7 +74,7 @@ def test_no_direction_is_folded_into_the_image(seed):
 
 
 def test_the_reach_is_where_the_radial_polynomial_turns():
-    """Analytic: r - r^3 / 5 grows until r^2 = 5 / 3; r + r^3 grows for ever."""
+    """Analytic: r - r^3 / 5 grows until r^2 = 5 / 3; r + r^3 grows forever."""
     assert Distortion(k1=-0.2).reach == pytest.approx(math.sqrt(5 / 3), rel=1e-12)
     assert math.isinf(Distortion(k1=1.0).reach)
     assert Distortion(p1=3e-3, p2=4e-3).reach == pytest.approx(1 / 0.03, rel=1e-9)

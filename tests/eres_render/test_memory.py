@@ -46,7 +46,7 @@ print(at["total"], at["early"], at["during"], resident_kib())
 def memory_kib(folder, duration_s, early_frame):
     """Render a 64 px carpet sequence in a process; return its frames, and the memory at an early
     frame, at the last one and after it."""
-    load_scene("carpet").texture_files()  # whoever made them would have more on its heap
+    load_scene("carpet").texture_files()  # made here, not in the process that is measured
     run = run_python(RENDER, "carpet", folder, duration_s, early_frame)
     return map(int, run.stdout.split())
 
@@ -153,7 +153,7 @@ def test_more_samples_never_need_more_than_there_is(small_carpet, monkeypatch):
         pytest.skip("samples are not in the machine's memory")
     monkeypatch.setattr(memory, "memory_bytes", lambda: 64 * 64 * (60 + 12 * 16))
     assert renderer.at(spp=16).spp == 16
-    with pytest.raises(RenderError, match="found 64x64 px at 25 samples a pixel, which need"):
+    with pytest.raises(RenderError, match="found 64x64 px at 25 samples per pixel, which need"):
         renderer.at(spp=25)
 
 
@@ -164,7 +164,7 @@ def test_samples_beyond_32_bits_are_refused_wherever_memory_is_plenty(monkeypatc
     monkeypatch.setattr(memory, "memory_bytes", lambda: 1 << 50)
     camera = Camera(16384, 16384, 1.0)
     with pytest.raises(
-        RenderError, match=r"at 16 samples a pixel, expected at most 2\^32 - 1 samples"
+        RenderError, match=r"at 16 samples per pixel, expected at most 2\^32 - 1 samples"
     ):
         memory.check_memory(camera, spp, "baked", variant)
     memory.check_memory(camera, spp - 1, "baked", variant)

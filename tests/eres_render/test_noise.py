@@ -172,7 +172,7 @@ def test_light_of_rare_paths_has_no_figure_of_false_events():
     one, quarter = np.sqrt(variances)
     rare = Noise(one, 0.2, 5.0, -2.0, 0.5, quarter)
     assert not rare.averages_out
-    assert "7 with 64 times the samples: how many are false cannot be said" in rare.describe()
+    assert "7 with 64 times the samples: how many are false is unknown" in rare.describe()
     even = Noise(one, 0.2, 5.0, 2.0, 0.5, one / 4)
     assert even.averages_out
     assert "5 events a second, of which 2 ± 0.5 are false" in even.describe()

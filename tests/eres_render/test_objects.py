@@ -137,7 +137,7 @@ def test_frames_are_those_of_a_scene_with_the_object_there(tmp_path, kind):
     before = moving.frame(pose, t_s=0.0)
     there_frame = moving.frame(pose, t_s=1.0)
     expected = Renderer(still, 32, 16, integrator="path").frame(pose)
-    # A ray in a thousand may take another turn, as positions are rounded differently.
+    # A ray in a thousand may take a different path, as positions are rounded differently.
     assert np.mean(~np.isclose(there_frame, expected, rtol=1e-3)) < 0.01
     assert abs(there_frame - before).max() > 0.1 * before.mean()
     np.testing.assert_allclose(moving.frame(pose, t_s=0.0), before, rtol=1e-4)
@@ -184,7 +184,7 @@ def test_an_object_that_meets_the_camera_is_refused(scene_folder):
 
 
 def test_the_camera_may_be_behind_an_object(tmp_path):
-    """Only a camera inside of one is refused."""
+    """Only a camera inside an object is refused."""
     tile = KINDS["tile"].format('<rotate x="1" angle="180"/><translate z="2"/>')
     folder = folder_of(tmp_path / "tile", FLOOR, tile)
     assert Renderer(load_scene(folder), 8, 1).trajectory.duration_s == 1.0

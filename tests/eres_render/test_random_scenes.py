@@ -27,7 +27,7 @@ def test_a_seed_gives_the_same_bytes_and_another_seed_another_scene(tmp_path):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_camera_sees_fronts_everywhere_and_keeps_clear(tmp_path, seed):
-    """Backs are black and the room is closed, so no pixel is. The path is checked by the renderer,
+    """Backs are black and the room is closed, so no pixel is black. The renderer checks the path,
     against moving objects too."""
     write_random_scene(tmp_path / "scene", seed, 0.4, 48)
     scene = load_scene(tmp_path / "scene")
@@ -52,7 +52,7 @@ def test_patterns_have_any_shape():
 
 
 class AlwaysThe(np.random.Generator):
-    """Chooses one thing of a list, and else numbers as any generator."""
+    """Chooses the k-th item of a list; all other numbers are those of a usual generator."""
 
     def __init__(self, k):
         super().__init__(np.random.PCG64(k))

@@ -176,8 +176,8 @@ def normals_of(triangles):
 
 
 def overlaps_m(some, others):
-    """Return how deep coplanar triangles reach into each other, m: along the axis, among the six
-    normals of two triangles' sides in their plane, along which they have to move least to part."""
+    """Return the penetration depth of coplanar triangles, m: the shortest shift that separates
+    them, along one of the six normals of their sides in the plane."""
     normals = normals_of(some)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     off_plane = np.einsum("nj,nmvj->nmv", normals, others[None] - some[:, None, :1])

@@ -111,7 +111,7 @@ def test_a_damaged_frame_is_named_even_if_it_still_decodes(folder):
     overwrite(folder, 1, np.full((4, 6), 1.25))
     sequence = open_sequence(folder)
     sequence.frame(0)
-    with pytest.raises(SequenceError, match=r"000001\.exr: found other bytes than were rendered"):
+    with pytest.raises(SequenceError, match=r"000001\.exr: found bytes that differ"):
         sequence.frame(1)
 
 

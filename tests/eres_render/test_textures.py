@@ -51,7 +51,7 @@ def test_one_seed_one_texture(plane):
 def test_every_octave_of_scale_has_contrast_down_to_the_texel(plane):
     """Amplitude times frequency, flat for a 1/f spectrum, stays within a factor of eight.
 
-    It rises towards the texel: the shadows between tufts and the grains of sand are strong by
+    It rises toward the texel: the shadows between tufts and the grains of sand are strong by
     design.
     """
     log_r = np.log(plane[1]) - np.log(plane[1]).mean()

@@ -55,7 +55,7 @@ def test_it_is_the_room_but_for_the_wood():
 
 @pytest.mark.parametrize("varnish", [True, False])
 def test_a_highlight_moves_with_the_camera(tmp_path, varnish):
-    """Promise: varnish shows the lamp from where it is mirrored, matte wood is alike from all
+    """Promise: varnish shows the lamp in the mirror direction; matte wood looks the same from all
     sides."""
     (coat,) = shapes("varnished_room" if varnish else "room")["floor"].iter("bsdf")
     texture = coat.find("texture")

@@ -60,7 +60,7 @@ FIELDS = {
 def test_a_model_of_no_numbers_is_refused(name, value):
     """Promise: every numeric field refuses other types by name."""
     if value is None and name in ("dark_level", "cutoff_reference", "contrast_threshold_off"):
-        return  # which means something there
+        return  # a valid value of this field
     with pytest.raises(SensorError) as error:
         SensorModel(**{"width": 4, "height": 4, "cutoff_hz": 50.0, name: value})
     one_line(error, f"SensorModel.{name}: found ", "expected ")
@@ -241,7 +241,7 @@ def test_light_is_not_stretched(sensor, frame, text):
         if text:
             with pytest.raises(SensorError) as error:
                 simulate(source, T_S, model)
-            one_line(error, f"sensor of {sensor[0]}x{sensor[1]} px has another aspect ratio", text)
+            one_line(error, f"sensor of {sensor[0]}x{sensor[1]} px differs in aspect ratio", text)
         else:
             assert len(simulate(source, T_S, model)) == 0
 

@@ -106,7 +106,7 @@ def test_other_messages_are_named(tmp_path):
 
 
 def test_damage_is_an_error(tmp_path):
-    """Promise: a bag that was cut off, a message of another length, a pixel outside the sensor."""
+    """Promise: a truncated bag, a message of a wrong length, a pixel outside the sensor."""
     events = random_events(50, width=64, height=48)
     whole = write_bag(tmp_path / "a.bag", {"/e": events}).read_bytes()
     rng = np.random.default_rng(0)
@@ -118,7 +118,7 @@ def test_damage_is_an_error(tmp_path):
     good = message(store, "dvs_msgs", events)
     wide = bytearray(good)
     struct.pack_into("<H", wide, 28 + len("davis"), 64)
-    for data, said in ((good[:-1], "which are no array of events"), (bytes(wide), "found 64")):
+    for data, said in ((good[:-1], "which are not an array of events"), (bytes(wide), "found 64")):
         with Writer(tmp_path / f"{said}.bag") as writer:
             one = writer.add_connection("/e", "dvs_msgs/msg/EventArray", typestore=store)
             writer.write(one, 0, data)

@@ -191,7 +191,7 @@ def test_headers_of_other_writers(tmp_path):
 
 def test_a_clock_that_steps_back_stands_still(tmp_path, caplog):
     """Promise: where EVT3's low time steps back, as in files of real cameras, events get the time
-    of the one before, and the log has the largest step; a later time goes on as written."""
+    of the event before them, and the log has the largest step; later times are as written."""
     words = [0x8001, 0x0005, 0x6064, 0x2001, 0x6061, 0x2002, 0x6063, 0x2003, 0x6065, 0x2004]
     with caplog.at_level(logging.WARNING):
         events = load_events(raw(tmp_path / "a.raw", HEADER, words))
@@ -239,8 +239,8 @@ def test_triggers_where_the_clock_steps_back(tmp_path):
     ],
 )
 def test_old_headers_have_the_number_of_the_system(lines, size, version, tmp_path):
-    """Promise: without a size in the header, Prophesee's number of the system tells it, as it does
-    for OpenEB; a size in the header comes first, and other numbers tell nothing."""
+    """Promise: without a size in the header, Prophesee's number of the system gives it, as in
+    OpenEB; a size in the header takes precedence, and unknown numbers give none."""
     path = raw(tmp_path / "a.raw", lines, [])
     header = read_header(path)
     assert (header.width, header.height) == size

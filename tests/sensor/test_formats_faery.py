@@ -94,7 +94,7 @@ def test_a_crash_of_the_decoder_is_an_error(tmp_path):
 
 
 def test_an_unknown_version_is_named(tmp_path):
-    """Promise: AEDAT 2 and 3.1 are refused by name."""
+    """Promise: AEDAT 2 is refused by name."""
     path = tmp_path / "a.aedat"
     path.write_bytes(b"#!AER-DAT2.0\r\n#Format: RAW\r\n")
     with pytest.raises(EventFormatError, match=r"a.aedat: found AEDAT 2.0, expected AEDAT 4.0"):
@@ -137,7 +137,7 @@ sys.stderr.write(1_000_000 * "a line of a log " + "\\n")
 
 
 def test_a_decoder_that_says_much_is_not_stopped(tmp_path):
-    """Promise: however much the decoder writes to its log, its events arrive."""
+    """Promise: the decoder's events arrive, however much it writes to its log."""
     path = write(tmp_path, "aedat4", random_events(9))
     decoder = tmp_path / "decoder.py"
     decoder.write_text(TALKATIVE)

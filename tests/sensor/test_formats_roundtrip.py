@@ -51,13 +51,13 @@ def test_every_event_comes_back(name, events, cuts, tmp_path):
     assert_same(back, events)
     header = read_header(path, format=name)
     assert (header.width, header.height) == (events.width, events.height)
-    if name != "text":  # which has no place for it
+    if name != "text":  # which does not store it
         assert back.model == events.model == header.model
 
 
 @EVERY
 def test_files_depend_on_the_events_not_on_how_they_were_cut(name, tmp_path, monkeypatch):
-    """Promise: the same stream in other parts gives the same bytes; many parts read as one."""
+    """Promise: the same stream in different parts gives the same bytes; many parts read as one."""
     monkeypatch.setattr(parts, "PART_EVENTS", 1000)
     events = random_events(4321)
     files = []

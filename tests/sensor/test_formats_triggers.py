@@ -83,7 +83,7 @@ def test_words_of_triggers(tmp_path):
 
 @KEPT
 def test_damage_gives_an_error_or_valid_triggers(name, tmp_path):
-    """Promise: nothing but `EventFormatError` comes out of a damaged file, or valid triggers."""
+    """Promise: a damaged file gives an `EventFormatError` or valid triggers, nothing else."""
     triggers = make_triggers(range(0, 900, 50))
     path = tmp_path / f"a{SUFFIXES[name]}"
     write_events(path, random_events(30, mean_us=9), format=name, triggers=triggers)

@@ -1,4 +1,4 @@
-"""Memory that is used again: never while somebody holds it, bounded, and given back on request."""
+"""Memory that is reused: never while it is in use, within a limit, and released on request."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +18,7 @@ COLUMNS = ("t_us", "x", "y", "p")
 
 @pytest.fixture
 def small_parts(monkeypatch):
-    """All arrays, however small, use memory again, and parts are small."""
+    """All arrays, however small, reuse memory, and parts are small."""
     monkeypatch.setattr(memory, "_LEAST_BYTES", 1)
     monkeypatch.setattr(sorting, "_PART_EVENTS", 3000)
 
@@ -26,8 +26,8 @@ def small_parts(monkeypatch):
 @pytest.mark.parametrize("threads", [1, 3])
 @pytest.mark.parametrize("cutoff_hz", [math.inf, 200.0])
 def test_parts_that_are_kept_stay_as_they_were(small_parts, cutoff_hz, threads):
-    """Promise: whoever keeps all parts of a stream, or a column of each, has what a fresh run
-    returns, while other streams and threads use the same memory."""
+    """Promise: parts of a stream that are kept, or a column of each, equal those of a fresh run,
+    while other streams and threads reuse memory."""
     frames, t_s = texture_in_motion(3, 40, (96, 120), 2e-3, travel_px=40.0)
     model = SensorModel(width=120, height=96, cutoff_hz=cutoff_hz, contrast_threshold=0.1)
     with ThreadPoolExecutor(3) as pool:
@@ -60,7 +60,7 @@ def test_columns_that_grow_with_each_part_hold_the_stream(monkeypatch, small_par
 
 
 def test_memory_is_used_again_once_nobody_holds_it():
-    """Promise: not while an array, a view of it or a buffer on it is there, and then again."""
+    """Promise: not while an array, a view of it or a buffer on it exists, and then again."""
     room = Memory()
     first = room.array(LARGE, np.uint8)
     address = first.ctypes.data

@@ -1,4 +1,4 @@
-"""The kinds of photoreceptor, thresholds for ON and OFF apart, and latency."""
+"""The kinds of photoreceptor, separate thresholds for ON and OFF, and latency."""
 
 import math
 from dataclasses import replace
@@ -62,7 +62,7 @@ def test_v2e_matches_a_slow_reference():
 @pytest.mark.parametrize("cutoff_hz", [math.inf, 150.0])
 @pytest.mark.parametrize("v2e", [False, True])
 def test_thresholds_apart_are_exact(cutoff_hz, v2e):
-    """Promise: with other thresholds for OFF, every event is that of 200-bit arithmetic."""
+    """Promise: with a separate threshold for OFF, every event is that of 200-bit arithmetic."""
     if v2e and cutoff_hz == math.inf:
         return  # no filter
     rng = np.random.default_rng(5)
@@ -91,7 +91,7 @@ def test_thresholds_apart_are_exact(cutoff_hz, v2e):
 
 def held_cutoff_error_us(intervals: int) -> float:
     """Return the largest error of an event's time, where the light rises from a hundredth of white
-    to white within 20 ms, in so many frame intervals."""
+    to white within 20 ms, divided into `intervals` frame intervals."""
     length_s, start = 0.02, 0.01
     u0, slope = math.log(start * WHITE), -math.log(start) / length_s
 

@@ -67,9 +67,9 @@ def test_units_and_intervals_are_those_of_the_model(tmp_path):
 
 
 def test_light_drives_cutoff_and_noise_together():
-    """Physics: a hundredth of the light gives a hundredth of the cutoff, and with an exponent of e
-    100^e times the shot noise. Without an illuminance of its own the profile's is that of its
-    cutoff, 3 Hz per lux."""
+    """Physics: a hundredth of the light gives a hundredth of the cutoff, and, with an exponent e,
+    100^e times the shot noise. A profile without an illuminance has that of its cutoff, at 3 Hz per
+    lux."""
     plain = SensorModel(width=2, height=2)
     dvs128 = find_profile("dvs128")
     assert dvs128.applied_to(plain, 10.0).cutoff_hz == pytest.approx(30.0)

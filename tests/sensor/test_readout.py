@@ -35,7 +35,7 @@ def through(events, **kwargs):
 
 
 def test_below_capacity_there_is_only_service_time():
-    """Physics: events further apart than one takes do not wait: delay = overhead + 1 / R."""
+    """Physics: events farther apart than the service time do not wait: delay = overhead + 1 / R."""
     rng = np.random.default_rng(0)
     t_us = np.cumsum(rng.integers(4, 40, 1000))
     events = make(t_us, rng.integers(0, 64, 1000), rng.integers(0, 64, 1000))
@@ -193,7 +193,7 @@ def test_every_event_is_where_the_slow_model_has_it(seed, rate_hz, depth, overhe
 
 
 def test_what_is_not_one_stream_is_refused():
-    """Promise: errors name parts of another sensor or out of order, and impossible buses."""
+    """Promise: errors name parts of a different size or out of order, and impossible buses."""
     first, second = make([5, 9]), make([3, 4])
     with pytest.raises(EventError, match="begins at 3 us after one that ends at 9 us"):
         list(read_out([first, second], Readout(max_rate_hz=1e6, fifo_depth=1)))
