@@ -1,4 +1,4 @@
-"""How many samples and frames are enough: events on one stretch for different numbers of both."""
+"""How many samples and frames are enough: events of one stretch for different numbers of both."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Outcome:
 
 
 def settings() -> list[RenderSetting]:
-    """Return the finest setting, then fewer samples, larger steps, and the quick preset's."""
+    """Return the finest setting, then coarser ones in samples and steps, and the quick preset's."""
     by_spp = [replace(USUAL, spp=spp) for spp in SPP]
     by_displacement = [replace(USUAL, max_displacement_px=px) for px in DISPLACEMENTS_PX]
     each = dict.fromkeys([*by_spp, *by_displacement, QUICK])  # the usual one is there twice
@@ -104,7 +104,7 @@ def converge(
     TaskError
         The stretch is longer than half the path.
     RenderError
-        As the renderer raises it.
+        The scene cannot be rendered.
     """
     start_s = 0.5 * scene.duration_s
     if not 0 < duration_s <= start_s:

@@ -1,4 +1,4 @@
-"""CPU time of a thread, with that of other threads which worked for it."""
+"""CPU time of a thread, including that of other threads that worked for it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _others = threading.local()
 
 
 def cpu_s() -> float:
-    """Return the CPU time of this thread, and what others needed for it, in seconds."""
+    """Return the CPU time of this thread and of others that worked for it, in seconds."""
     return time.thread_time() + getattr(_others, "seconds", 0.0)
 
 

@@ -1,7 +1,7 @@
 """Dense optical flow: the displacement of every pixel over a window, from all events of two.
 
-Networks such as E-RAFT compare the events of the window with those of the window before. They are
-scored at the features of `tasks.flow`, in whose middle their flow is read.
+Networks such as E-RAFT compare the events of the window with those of the window before. Their flow
+is read and scored at the features of `tasks.flow`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def flow_at(flow: NDArray[np.floating], points_px: NDArray[np.float64]) -> NDArr
 
     Returns
     -------
-    (N, 2), interpolated bilinearly; at the edge that of the outermost pixels.
+    (N, 2), interpolated bilinearly; beyond the outermost pixel centers, that of the nearest.
 
     Examples
     --------

@@ -18,7 +18,7 @@ class ResultError(TaskError):
 
 
 class WeightsError(TaskError):
-    """A file of a network's weights is missing, damaged, or of another network."""
+    """A file of network weights is missing, damaged, or from another network."""
 
 
 class RigError(TaskError):
@@ -26,4 +26,4 @@ class RigError(TaskError):
 
 
 class TrainingError(TaskError):
-    """Settings of a training are wrong, or its folder is of another one."""
+    """The settings of a training are wrong, or its folder belongs to another training."""

@@ -17,7 +17,7 @@ from tasks.errors import TaskError
 PATCH_PX = 61  # side of a patch at the reference width
 REFERENCE_WIDTH_PX = 1280  # H_max of the RNEPE
 MIN_PATCH_PX = 7
-MARGIN_PX = 40  # at the reference width, so that the largest patch, 7 px of 128, is inside
+MARGIN_PX = 40  # at the reference width; keeps the relatively largest patch, 7 px of 128, inside
 INITIAL_SIGMA_PX = 3.0  # at the reference width
 _PATH_CHECKS = 5  # times within a window at which a feature must be visible
 
@@ -299,7 +299,7 @@ def patch(
     center_px
         (2,) position of the point.
     side_px
-        Side of the patch.
+        Side of the patch, px.
     width, height
         Size of the sensor, px.
 
@@ -326,7 +326,7 @@ def patch_mask(
     centers_px
         (N, 2) positions of the points.
     side_px
-        Side of the patches.
+        Side of the patches, px.
     width, height
         Size of the sensor, px.
 
@@ -357,7 +357,7 @@ def flow_sample(
     Parameters
     ----------
     events
-        All events of the window in the patch, and any others.
+        Events, including all of the window in the patch.
     start_us, end_us
         The window, in the events' time.
     log_image
@@ -365,11 +365,11 @@ def flow_sample(
     contrast_threshold
         C, log units.
     center_px, side_px
-        Center and side of the patch.
+        Center, (2,), and side of the patch, px.
     initial
         (2,) initial flow, px per window.
     initial_sigma_px
-        Standard deviation of its error per component.
+        Standard deviation of its error per component, px.
 
     Returns
     -------

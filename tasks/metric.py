@@ -10,7 +10,7 @@ from dataclasses import dataclass
 class Metric:
     """A metric: its name, its format, and which scores are better."""
 
-    name: str  # as rows have it
+    name: str  # as in `Row.metric`
     label: str
     unit: str
     higher_is_better: bool

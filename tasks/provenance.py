@@ -110,21 +110,21 @@ def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
 
 
 def check_renderer(begun: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Check that jobs are rendered as those that are done.
+    """Check that a job is rendered with the Mitsuba and the device of the finished ones.
 
-    Another version of Mitsuba, or another device, draws other random numbers or rounds otherwise.
+    Another version or device draws other random numbers or rounds differently.
 
     Parameters
     ----------
     begun
         Environment of the finished jobs.
     now
-        Environment of another job.
+        Environment of the new job.
 
     Raises
     ------
     StudyError
-        Mitsuba or its variant is none of those of the finished jobs.
+        The version or variant of Mitsuba is not among those of the finished jobs.
     """
     for name in (MITSUBA, VARIANT):
         if name in begun and name in now and now[name] not in begun[name].split(_BETWEEN):

@@ -16,7 +16,7 @@ from tasks.metric import Metric
 
 @dataclass(frozen=True, slots=True)
 class ShareColumn:
-    """The column of a table that says how often a method failed, or how often it did not."""
+    """The column of a table that shows how often a method failed or succeeded."""
 
     head: str
     meaning: str
@@ -59,7 +59,7 @@ class TaskSpec:
     diagnostics
         Names of the methods that get the truth: they bound what others can reach.
     labels
-        Names of methods in words, where these are not the words of the name.
+        Names of methods in words, where they differ from the name without underscores.
     """
 
     title: str
@@ -183,7 +183,7 @@ TASKS = {
     ),
     "dense_flow": TaskSpec(
         title="dense optical flow",
-        summary="end-point error of flow from all pixels of two windows, at 20 features",
+        summary="end-point error of a flow of all pixels from two windows, at 20 features",
         methods={
             "eraft": f"{_METHODS}.eraft:estimate",
             "our_flow_ideal_light": f"{_METHODS}.eraft:estimate",

@@ -55,7 +55,7 @@ class Row:
     variant: str = ""  # of the task, such as "61 px patch" or "sigma 2 mm"; "" is the usual one
     item: int = 0  # feature or trial within the sample
     failure: str = ""  # reason of a failure; the value is then that of the starting point
-    photoreceptor: str = "two_pole"  # as in `sensor.SensorModel`; ideal pixels are any of them
+    photoreceptor: str = "two_pole"  # as in `sensor.SensorModel`; arbitrary for ideal pixels
     sensor: str = ""  # name of the sensor; "" is a square with the study's pixels
     illuminance_lux: float = 0.0  # light on the scene; 0 where the light is given as a cutoff
     speed_m_s: float = 0.0  # mean speed of the camera; 0 where it is given as a factor
@@ -87,7 +87,7 @@ _LATER = {  # older files lack these columns
 
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """Write rows as Parquet; the file appears under its name only when it is complete.
+    """Write rows as Parquet; the file appears only when it is complete.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
     rows
         Its rows.
     """
-    import pyarrow as pa  # here, as it loads more slowly than `eres --help` answers
+    import pyarrow as pa  # here, as it would slow down `eres --help`
     import pyarrow.parquet as pq
 
     schema = pa.schema(
@@ -109,7 +109,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
         table,
         data,
         compression="zstd",
-        use_dictionary=[name for name in _COLUMNS if name != "value"],  # has few equal values
+        use_dictionary=[name for name in _COLUMNS if name != "value"],  # few values are equal
         column_encoding={"value": "BYTE_STREAM_SPLIT"},
         write_page_checksum=True,
         store_schema=False,  # Parquet's own is enough
@@ -118,7 +118,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """Read a Parquet file of rows. Columns that an older version did not write have their defaults.
+    """Read a Parquet file of rows. Columns missing from older versions get their defaults.
 
     Raises
     ------

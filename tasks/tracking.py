@@ -86,9 +86,9 @@ class TrackingDiagnostics:
     residuals
         Number of events with an earlier one at their pixel: the terms of the sum.
     outside
-        Number of these that see, at the end, a point outside the reference view.
+        Number of these whose point is outside the reference view at the end.
     delay_us
-        Estimated delay of the events.
+        Estimated delay of the events, microseconds.
     """
 
     cost: float
@@ -110,7 +110,7 @@ class TrackingEstimate:
     failure
         Reason of a failure, or "". Failures are counted, not dropped.
     diagnostics
-        None if there was no search.
+        Diagnostics of the search; None if there was none.
     """
 
     path: Trajectory
@@ -138,7 +138,7 @@ def path_at(
         Function from (M,) seconds to (M, 4, 4) T_world_cam, such as `Trajectory.pose`. It is called
         up to one knot interval before `start_s` and after the spline's end.
     start_s
-        Start of the spline, in the time of `pose`.
+        Start of the spline, seconds in the time of `pose`.
     control_poses
         Number of control poses.
     knot_interval_s
@@ -196,7 +196,7 @@ def tracking_sample(
     events
         Events of the whole sensor.
     start_us
-        Start of the path and time of the reference view, in the events' time.
+        Start of the path and time of the reference view, microseconds in the events' time.
     log_image, contrast_threshold, camera, T_0, initial, initial_sigma_m, max_delay_us
         As in `TrackingSample`.
     plane
@@ -214,7 +214,7 @@ def tracking_sample(
     ------
     TaskError
         The scene is not planar, the camera has a lens, the sizes of events, image and camera
-        differ, or the path has no duration.
+        differ, `T_0` is not 4 x 4, or `max_delay_us` is negative.
     """
     if plane is None:
         raise TaskError("tracking: found a scene with depth, expected a plane")
@@ -226,7 +226,7 @@ def tracking_sample(
         ("camera", (camera.height, camera.width)),
     ):
         if found != size:
-            raise TaskError(f"tracking: found a {name} of {found}, expected {size}, the events'")
+            raise TaskError(f"tracking: found {name} of {found}, expected {size} as the events")
     if T_0.shape != (4, 4):
         raise TaskError(f"tracking: found T_0 of shape {T_0.shape}, expected (4, 4)")
     if max_delay_us < 0:
@@ -285,9 +285,9 @@ def position_error_mm(
     pose
         The truth: function from (M,) seconds to (M, 4, 4), as in `path_at`.
     start_s
-        Start of the path, in the time of `pose`.
+        Start of the path, seconds in the time of `pose`.
     duration_s
-        Duration to score, that of the initial path.
+        Duration to score, seconds: that of the initial path.
 
     Returns
     -------
@@ -310,7 +310,7 @@ def succeeded(estimate: TrackingEstimate, error_mm: float, initial_error_mm: flo
     estimate
         The method's answer.
     error_mm, initial_error_mm
-        Errors of the answer and of the initial path.
+        Errors of the answer and of the initial path, mm.
 
     Returns
     -------

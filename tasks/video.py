@@ -33,7 +33,7 @@ Float64 = NDArray[np.float64]
 
 PERCENTILES = (1.0, 99.0)  # of an image's intensity: black and white
 # Tiles per side, levels, and the largest share of a level over its uniform share (0: no limit).
-# Those of "clahe" are the defaults of the public benchmark EVREAL, which uses OpenCV.
+# "clahe" has the defaults of the public benchmark EVREAL, which uses OpenCV.
 EQUALIZATIONS = {"global": (1, 4096, 0.0), "local": (8, 4096, 0.0), "clahe": (8, 256, 2.0)}
 
 
@@ -44,7 +44,7 @@ class VideoMethod(Protocol):
         """Take in the next events, in order; the images do not depend on how the stream is cut."""
 
     def image(self, t_us: int) -> Float64:
-        """Return log intensity, (height, width), up to a constant; no event so far is later."""
+        """Return log intensity, (height, width), up to a constant, from the events before t_us."""
 
 
 # Called with a sensor's width, height and contrast threshold.
@@ -127,7 +127,7 @@ def picture(
     shape: tuple[int, int],
     equalization: str = "local",
 ) -> Float64:
-    """Return a log intensity as it is compared: enlarged, stretched and equalized.
+    """Enlarge, stretch and equalize a log intensity for comparison.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
     functions
         The functions; tyro reads their parameters and docstrings.
     overview
-        Whether the help of each is its first line alone, for the list of all commands.
+        Whether each command's help is only its first line, for the list of all commands.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
         described = docstring_parser.parse(function.__doc__ or "")
         for argument in described.params:  # tyro would keep the source's line breaks
             argument.description = " ".join((argument.description or "").split())
-            argument.default = None  # found in "by default ...", and composed into the name
+            argument.default = None  # parsed from "by default ..."; compose adds it to the name
         function.__doc__ = docstring_parser.compose(described)
         app.command(help=described.short_description if overview else None)(function)
     return app

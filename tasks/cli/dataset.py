@@ -87,9 +87,10 @@ def dataset(
     truth
         Time from one ground truth to the next, seconds.
     stereo
-        Add a right camera this far from the first, meters, in the folder right of each sequence.
+        Add a second camera this far to the right, meters; its data are in each sequence's folder
+        right.
     images
-        Also take images with a frame camera; their rate, Hz.
+        Also take images with a frame camera, at this rate, Hz.
     scheduler
         Address of a Dask scheduler, tcp://HOST:PORT; its workers make the sequences. All must see
         OUT under the same path.

@@ -48,24 +48,24 @@ def evaluate(
 ) -> None:
     """Score methods on a simulated sensor or on a recording.
 
-    The sensor sees one rendered sequence. A recording is a file of events of any format. Optical
-    flow, also dense, starts from zero there. Without frames its score is how much sharper it makes
-    the events; with frames the distance from tracks of corners, and images are compared with the
+    The sensor sees one rendered sequence. A recording is a file of events of any format. On a
+    recording, optical flow starts from zero. Its score is the distance from tracked corners if
+    there are frames, and otherwise how much it sharpens the events. Images are compared with the
     frames.
 
     Parameters
     ----------
     method
         Names (`eres methods` lists them), or your own functions as
-        package.module:function; by default all methods of the task that need no weights or have
-        them, without diagnostics.
+        package.module:function; by default all methods of the task except diagnostics and networks
+        without weights.
     resolution
         Width of the sensor, px; for a sequence.
     cutoff
         Corner frequency of the photoreceptor's poles, Hz; for a sequence, by default an ideal
         pixel.
     threshold
-        Contrast threshold, log units; that of a recording is fitted to its frames.
+        Contrast threshold, log units; by default 0.2, and for a recording fitted to its frames.
     speed
         Factor on the speed of the rendered sequence.
     weights
@@ -87,7 +87,7 @@ def evaluate(
         raise TaskError(f"{source}: found neither a file of events nor a folder of a sequence")
     if (format, reading, frames, flow) != (None, AS_STORED, NO_FRAMES, USUAL_FLOW):
         raise TaskError(
-            f"{source}: found no file of events, expected options of recordings only with one"
+            f"{source}: found a folder with options of recordings, expected a file of events"
         )
     from eres_render import open_sequence
     from tasks.cli.progress_bar import progress_bar

@@ -43,19 +43,19 @@ def simulate(
 
     The frames are a rendered clip, a video, or a folder of PNG, JPEG, TIFF or EXR images. The dark
     level is a thousandth of their white. If the sensor's shape differs from the frames', the sensor
-    sees their center. The file includes the events of a clip's warm-up and, if its format can, the
-    start and end of its window, the sensor and the seed.
+    sees their center. The file includes the events of a clip's warm-up and, if its format can hold
+    them, the start and end of its window, the sensor and the seed.
 
     Parameters
     ----------
     out
         File of events: .h5 (DSEC), .raw (Prophesee EVT3), .npz or .txt.
     sensor
-        Name of a camera (`eres sensors` lists them), instead of a resolution: its pixels, their
-        fill factor, and its bus.
+        Name of a camera (`eres sensors` lists them), instead of a resolution; it sets the pixels,
+        their fill factor and the bus.
     resolution
-        Width of the sensor, px, instead of a camera. Footage needs neither: the sensor then has its
-        size.
+        Width of the sensor, px, instead of a camera. Footage needs neither: by default the sensor
+        has the footage's size.
     threshold
         Contrast threshold, log units; 0.2 by default.
     speed

@@ -30,10 +30,10 @@ def fit(
 ) -> None:
     """Estimate a sensor's electronics from a recording.
 
-    They are written as a profile. Noise and hot pixels come from a stretch in which nothing moves;
-    contrast thresholds from frames on the clock of the events; cutoff and latency from steps of the
-    light at known times, or from the motion between the frames. Each number has a 95 % interval.
-    `eres simulate --profile` takes the profile.
+    Writes a profile for `eres simulate --profile`. Noise and hot pixels come from a stretch in
+    which nothing moves; contrast thresholds from frames on the clock of the events; cutoff and
+    latency from steps of the light at known times, or from the motion between the frames. Each
+    number has a 95 % interval.
 
     Parameters
     ----------
@@ -42,17 +42,17 @@ def fit(
     still
         Start and end of a stretch in which nothing moves, seconds after the first event.
     crop
-        In place of frames, the folder of `eres rig crop` with this recording: its page, seen from
-        the solved poses, is the light.
+        In place of frames, the folder that `eres rig crop` made of this recording: the light is
+        its page, seen from the solved poses.
     motion
         Also estimate cutoff and latency from frames or crop: how late and how smooth the events
         are, compared with the light along the motion of the image.
     dark
-        Dark level for thresholds and motion, share of white, the largest number that the frames'
-        files can store; the printed sweep shows how much it decides.
+        Dark level for thresholds and motion, as a share of white, the largest value that the
+        frames' files can store; the printed sweep shows how much the thresholds depend on it.
     steps
         File with the times at which the light steps up, microseconds on the clock of the events,
-        one a line; or triggers, the rising edges in the recording.
+        one per line; or triggers, for the rising edges in the recording.
     title
         Name of the sensor; by default that of the recording.
     format
@@ -76,7 +76,10 @@ def fit(
         raise TaskError(f"{out}: found {out.suffix or 'no extension'!r}, expected .toml")
     check_new(out, overwrite)
     if motion and frames.estimate_shift:
-        raise TaskError("found motion and estimate-shift, which would hide the latency")
+        raise TaskError(
+            "motion, estimate-shift: found both, expected one of them; an estimated shift would "
+            "hide the latency"
+        )
     shift_us, opened = frames.shift_us, frames.open_frames()
     notes: list[str] = []
     if opened is not None:

@@ -20,8 +20,8 @@ def bake(
 ) -> None:
     """Bake a scene's lightmaps into its folder.
 
-    They are next to scene.xml. Without them the first render bakes into the cache. Both need LLVM
-    or a GPU; machines without can use lightmaps from the folder.
+    Writes them next to scene.xml. Without them, the first render bakes into the cache. Baking needs
+    LLVM or a GPU; machines without either can use lightmaps from the folder.
     """
     from eres_render import load_scene
     from eres_render.rendering.backend import select_variant
@@ -58,10 +58,10 @@ def render(
 ) -> None:
     """Render HDR frames along a camera path.
 
-    Writes clips, or one continuous sequence. A clip is a warm-up for the sensor, then a 50 ms
-    window, every 0.5 s of the path. Each is a folder: half-float OpenEXR frames of linear radiance,
-    manifest.json, poses in TUM's format. After an interruption the same command continues with the
-    first missing frame.
+    Writes clips, one for every 0.5 s of the path, or one continuous sequence. A clip is a warm-up
+    for the sensor and then a 50 ms window. Each is a folder: half-float OpenEXR frames of linear
+    radiance, manifest.json, and poses in TUM's format. After an interruption the same command
+    continues with the first missing frame.
 
     Parameters
     ----------
@@ -94,10 +94,9 @@ def render(
         Poses (camera to world) in TUM's format that the camera passes through at their times, in
         place of the scene's path; a Mitsuba .xml needs them.
     integrator
-        How to compute light. With baked it is computed once, for Lambertian scenes; baked-full is
-        the same with a ray for every sample, and many times slower; with path every frame is
-        path-traced, with noise; with emission surfaces have only the light that they emit. By
-        default baked if possible.
+        How to compute light: baked, once, for Lambertian scenes; baked-full, the same with a ray
+        for every sample, and many times slower; path, path tracing of every frame, with noise;
+        emission, only the light that surfaces emit. By default baked if possible.
     seed
         Seed of the pixel sampler, the same for every frame.
     warmup
@@ -167,8 +166,8 @@ def stereo(
 ) -> None:
     """Write the path of a second camera on the same rig.
 
-    It is to the right of the scene's. Give it to `eres render --trajectory` to render what the
-    second camera sees.
+    The second camera is to the right of the scene's. Give the path to `eres render --trajectory` to
+    render what it sees.
 
     Parameters
     ----------
@@ -223,7 +222,7 @@ def truth(
     flow_png
         Write the flow as 16-bit PNG too, as in the DSEC dataset.
     overwrite
-        Replace ground truth that the folder holds; without it such a folder is refused.
+        Replace ground truth in the folder; by default such a folder is refused.
     """
     from eres_render import ground_truth, open_sequence, window_times, write_truth
     from tasks.cli.progress_bar import progress_bar
@@ -255,9 +254,9 @@ def images(
 ) -> None:
     """Take images with a frame camera along a sequence.
 
-    They have exposure and noise and are gray PNG of 8 bits. An image is the mean of the rendered
-    light over its exposure, in sRGB's encoding; white is the sequence's white. images.json has the
-    start and the end of each exposure on the events' clock.
+    The images have exposure and noise, and are 8-bit gray PNG files. An image is the mean of the
+    rendered light over its exposure, encoded as sRGB; white is the sequence's white. images.json
+    has the start and end of each exposure on the events' clock.
 
     Parameters
     ----------

@@ -47,8 +47,8 @@ def sensors(
 
     Cameras are for `eres simulate --sensor`, profiles for `--profile`.
 
-    The cameras are those of the paper's Table 1. With the name or file of a profile, list what it
-    knows, with units, 95 % intervals and sources, and what is unknown.
+    The cameras are those of the paper's Table 1. With the name or file of a profile, list its known
+    values with units, 95 % intervals and sources, and the unknown ones.
     """
     if profile is not None:
         _show(profile)
@@ -89,7 +89,7 @@ def _list_profiles() -> None:
 
 
 def _show(name: str) -> None:
-    """List what a profile knows, and what it does not."""
+    """List the known and unknown values of a profile."""
     from sensor.profiles import find_profile
     from sensor.profiles.quantities import FIELDS, QUANTITIES
 

@@ -25,7 +25,7 @@ _Recordings = Annotated[
 def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     """Draw the page: a picture with ArUco markers around it, to print.
 
-    Writes OUT in its size on paper, and next to it page.json, where the markers are in meters, and
+    Writes OUT at its size on paper and, next to it, page.json with the markers in meters, and
     page.png. Print at 100 % and measure a marker: its side is in page.json.
 
     Parameters
@@ -68,7 +68,7 @@ def render(
     """Render what the camera of a virtual rig sees on all strokes of its slider.
 
     Writes the folder of a recording: rig.toml, the page, slider.csv, frames of a frame camera with
-    their exposures, truth.json, and the light, of which `eres simulate` makes the events:
+    their exposures, truth.json, and the light, from which `eres simulate` makes the events:
     `eres simulate OUT/light/continuous --out OUT/events.h5`. An interrupted render continues.
 
     Parameters
@@ -78,7 +78,7 @@ def render(
     depth
         Distance of the camera's center from the page in the middle of a stroke, meters.
     images
-        Number of images of the frame camera, evenly spaced along the slider's way; one more is
+        Number of images of the frame camera, evenly spaced along the slider's travel; one more is
         taken before the start.
     exposure
         Exposure time of the frame camera, seconds.
@@ -177,13 +177,12 @@ def detect(
     out
         File of corners, .parquet.
     source
-        What the images are: frame for those of the frame camera, hf for images of the high-pass
-        filter, made of events alone, ei for the first frame plus all events since (for simulated
-        events without noise).
+        Source of the images: frame, the frame camera; hf, the high-pass filter, from events alone;
+        ei, the first frame plus all events since (for simulated events without noise).
     images
-        Number of images, evenly spaced along the slider's way.
+        Number of images, evenly spaced along the slider's travel.
     max_speed
-        Leave out faster motion, m/s.
+        Leave out times at which the slider is faster, m/s.
     threshold
         Contrast threshold of ei, log units; by default that of the simulated sensor.
     blur
@@ -234,9 +233,9 @@ def solve(
     """Solve the camera's pose on the slider from the markers, for each recording.
 
     Estimates eight numbers: the camera's rotation, its position at the slider's 0, and the
-    direction of travel; their covariance is in OUT. Ends with an error if the corners leave one of
-    them open, or contradict each other. For a virtual recording, prints how far it is from the
-    truth, which is read after OUT is written.
+    direction of travel; their covariance is in OUT. Fails if the corners do not determine all of
+    them, or contradict each other. For a virtual recording, prints the errors; the truth is read
+    only after OUT is written.
 
     Parameters
     ----------
@@ -249,7 +248,7 @@ def solve(
     scale
         Estimate the scale of the slider's encoder.
     corner_bias
-        Estimate by how much corners are seen nearer to the middle of their markers, as in images of
+        Estimate how far corners appear shifted toward the middle of their markers, as in images of
         log intensity.
     max_rms
         Largest root mean square of the residuals, px; more is an error.
@@ -292,15 +291,15 @@ def solve(
 
 
 def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool = False) -> None:
-    """Cut the events of recordings to the field that all of them show.
+    """Crop the events of recordings to the field that all of them show.
 
     Writes a folder for each recording: events.h5, crop.json, the poses (TUM) and the homographies
-    from the page to the crop each millisecond, the slider and the page.
+    from the page to the crop for each millisecond, the slider and the page.
 
     Parameters
     ----------
     calibration
-        File of `eres rig solve`, of all these recordings.
+        File of `eres rig solve` for all these recordings.
     out
         Folder for the crops.
     overwrite
@@ -344,11 +343,11 @@ def evaluate(
 ) -> None:
     """Score the methods of flow, video and tracking on the crops of a rig.
 
-    The truth is that of the solved poses at the time of the encoder; the delay of the sensor is not
-    taken out. OUT is the folder of a run: `eres claims OUT` judges the paper's claim about its
-    slider on these recordings, and `eres report OUT` draws their scores. Speeds are in m/s.
-    Distances whose crops differ by less than 10 % in width are one, and so are such speeds; each
-    has as many windows as the one with the fewest.
+    The truth comes from the solved poses at the times of the encoder; the delay of the sensor is
+    not removed. OUT is the folder of a run: `eres claims OUT` judges the paper's claim about its
+    slider on these recordings, and `eres report OUT` draws their scores. Speeds are in m/s. Crops
+    that differ by less than 10 % in width count as one distance, and speeds within 10 % as one
+    speed; all have as many windows as the one with the fewest.
 
     Parameters
     ----------
@@ -363,12 +362,12 @@ def evaluate(
     threshold
         Contrast threshold, log units; by default that of the simulated sensor.
     cutoff
-        Cutoff of the photoreceptor, Hz, as `eres fit --crop --motion` finds it; by default that of
-        the simulated sensor. It names the light in the report; no score depends on it.
+        Cutoff of the photoreceptor, Hz, as `eres fit --crop --motion` estimates it; by default that
+        of the simulated sensor. It names the light in the report; no score depends on it.
     initial_sigma_mm
-        Error from which tracking starts, of each control position, mm.
+        Standard deviation of the initial error of each control position in tracking, mm.
     seed
-        Seed of the errors from which flow and tracking start.
+        Seed of the initial errors in flow and tracking.
     overwrite
         Replace an existing file.
     """

@@ -65,7 +65,7 @@ def study(
     resolution
         Side of the rendered frames, px; finer sensors are left out.
     photoreceptor
-        two_pole, one_pole or v2e, or several of them, which see the same frames.
+        two_pole, one_pole or v2e, or several of them, on the same frames.
     trajectory
         File of poses in TUM format, in place of the path of the one scene.
     method
@@ -76,8 +76,8 @@ def study(
     weights
         Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     mix
-        Continue a run even with another version of Mitsuba or another device (GPU or CPU) than it
-        was begun with. Their frames differ slightly.
+        Continue a run even with another version of Mitsuba, or on another device (GPU or CPU), than
+        it was begun with. Their frames differ slightly.
     """
     from dataclasses import replace
 
@@ -131,7 +131,7 @@ def study(
 
 
 def report(run: RunFolder) -> None:
-    """Write report.html, figures and tables of a run again."""
+    """Rewrite report.html, figures and tables of a run."""
     from tasks.study.report import write_report
 
     terminal.out.print(str(write_report(run)), soft_wrap=True)

@@ -22,19 +22,19 @@ _Runs = Annotated[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrainingOptions:
-    """What a training of either network starts from.
+    """Options of a training, the same for both networks.
 
     Parameters
     ----------
     out
         Folder of the training.
     config
-        Settings: small, or trial, smaller still and done in minutes, or a TOML file
-        (docs/training.md).
+        Settings: small; trial, which takes minutes; or a TOML file (docs/training.md).
     light
-        Light of the crops: ideal pixels in all, or a cutoff drawn for each. All else is the same.
+        Light of the crops: ideal, for ideal pixels in all; all, for a cutoff drawn for each. All
+        else is the same.
     seed
-        Seed of crops and first weights.
+        Seed of the crops and the initial weights.
     device
         Where to compute; by default a GPU if PyTorch finds one.
     """
@@ -49,9 +49,9 @@ class TrainingOptions:
 def reconstruction(training: OmitArgPrefixes[TrainingOptions]) -> None:
     """Train our network for reconstruction: images from events alone.
 
-    OUT gets weights.pt at the end, for --weights our_reconstruction_all_light=OUT/weights.pt (or
-    ideal_light, as trained), and as it goes the learning curve, curve.csv and curve.png. The same
-    command continues after an interruption.
+    Updates the learning curve, curve.csv and curve.png, while it trains, and writes weights.pt at
+    the end, for --weights our_reconstruction_all_light=OUT/weights.pt (or ideal_light, as trained).
+    The same command continues after an interruption.
     """
     from tasks.learned.training.settings import RECONSTRUCTIONS, find_training
 
@@ -61,9 +61,9 @@ def reconstruction(training: OmitArgPrefixes[TrainingOptions]) -> None:
 def flow(training: OmitArgPrefixes[TrainingOptions]) -> None:
     """Train our network for dense optical flow.
 
-    OUT gets weights.pt at the end, for --weights our_flow_all_light=OUT/weights.pt (or ideal_light,
-    as trained), and as it goes the learning curve, curve.csv and curve.png. The same command
-    continues after an interruption.
+    Updates the learning curve, curve.csv and curve.png, while it trains, and writes weights.pt at
+    the end, for --weights our_flow_all_light=OUT/weights.pt (or ideal_light, as trained). The same
+    command continues after an interruption.
     """
     from tasks.learned.training.settings import FLOWS, find_training
 
@@ -100,8 +100,8 @@ def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOpt
         from tasks.learned.training.start import start
     except ImportError as error:
         raise TrainingError(
-            f"train: PyTorch cannot be imported ({error}); it comes with the extra `learned`, in a "
-            "checkout by: pip install '.[learned]'"
+            f"train: PyTorch cannot be imported ({error}); install the extra `learned`, in a "
+            "checkout with: pip install '.[learned]'"
         ) from None
 
     with progress_bar(terminal.err) as on_progress:

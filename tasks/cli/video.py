@@ -32,7 +32,7 @@ def video(
     out
         Folder of the images, new or with images of an earlier call.
     calibration
-        File of the lens, fx fy cx cy k1 k2 p1 p2 k3, whose distortion is taken out of the images.
+        File of the lens, fx fy cx cy k1 k2 p1 p2 k3; its distortion is removed from the images.
     weights
         Files of networks' weights as METHOD=FILE, or a FILE for the one method that needs weights.
     format

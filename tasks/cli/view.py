@@ -29,8 +29,9 @@ def view(
 ) -> None:
     """Look at events and clips: video, picture, page or Rerun.
 
-    Several sources are side by side. Each pixel has the color of the sum of its polarities in the
-    window. The caption has the size and cutoff of the sensor, if the file knows them, and the rate.
+    Several sources are shown side by side. The color of a pixel shows the sum of its polarities in
+    the window. The caption has the size and cutoff of the sensor, if the file has them, and the
+    rate.
 
     Parameters
     ----------

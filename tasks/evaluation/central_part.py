@@ -14,7 +14,7 @@ from sensor.optics import crop_to_aspect
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class _CentralPart(RadianceSequence):
-    """A sequence whose frames are a crop of those of another, which may still be rendering."""
+    """A sequence that crops the frames of another, which may still be rendering."""
 
     whole: RadianceSequence
     rows: slice
@@ -45,8 +45,8 @@ def central_part(
     Returns
     -------
     sequence, truth
-        The frames' pixels that the sensor sees, and ground truth of the camera that has only these.
-        They are the arguments themselves if the sensor sees all.
+        The frames cropped to what the sensor sees, and the ground truth of the cropped camera; the
+        arguments themselves if the sensor sees all.
     """
     whole = sequence.camera
     rows, columns = crop_to_aspect(whole.height, whole.width, height, width)

@@ -1,4 +1,4 @@
-"""Poses farther away from a plane, for `Camera.zoomed` to show the same image."""
+"""Poses farther away from a plane, from which `Camera.zoomed` shows the same image."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def farther(T_world_cam: Float64, plane: Plane, times: float) -> Float64:
     plane
         The plane.
     times
-        New distance over the old one.
+        Ratio of the new distance to the old one.
 
     Returns
     -------

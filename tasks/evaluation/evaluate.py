@@ -129,7 +129,7 @@ class _Sensor:
         if self._sender is None:
             self._receive(events)
             return
-        # The window is a part of its own, so that its lost events can be counted.
+        # The window's events are sent separately to count those that the bus drops.
         self._receive(self._sender.push(events[:first]))
         before = self._sender.report.dropped
         self._receive(self._sender.push(events[first:last]))
@@ -157,7 +157,7 @@ def _collect(
     stopwatch: Stopwatch,
     on_progress: Progress,
 ) -> None:
-    """Simulate all sensors, and push the events to them while the next ones are simulated."""
+    """Simulate all sensors; push their events while the next ones are simulated."""
 
     def frames(ahead: Iterator[NDArray[np.float32]]) -> Iterator[NDArray[np.float32]]:
         for k in range(len(sequence)):
@@ -177,7 +177,7 @@ def _collect(
         for batch in _batches(events_of_all):
             with stopwatch("collecting"):
                 _finish(pushes)
-            # Those with the most events come first, so that no core ends with one alone.
+            # The largest come first, so that the cores finish at about the same time.
             order = sorted(batch, key=lambda i: -len(batch[i]))
             pushes = [workers.submit(sensors[i].push, batch[i]) for i in order]
         with stopwatch("collecting"):
@@ -185,7 +185,7 @@ def _collect(
 
 
 def _finish(pushes: Iterable[Future[None]]) -> None:
-    """Wait until sensors have their events, or raise what one of them raised."""
+    """Wait until the sensors have their events; raise the first error."""
     for push in pushes:
         push.result()
 
@@ -205,7 +205,7 @@ def _score(
     sensors: Sequence[_Sensor], workers: Executor, on_progress: Progress
 ) -> list[list[tuple[str, Score]]]:
     """Return the scores of each sensor, each with its task."""
-    # Large sensors take longest. They come first, so that no core ends with one alone.
+    # The largest come first, so that the cores finish at about the same time.
     order = sorted(range(len(sensors)), key=lambda i: -sensors[i].setting.model.width)
     scores: dict[int, list[tuple[str, Score]]] = {}
     for i, found in zip(order, workers.map(lambda i: sensors[i].scores(), order), strict=True):

@@ -1,4 +1,4 @@
-"""Frames that a thread reads, or renders, while sensors see the ones before them."""
+"""Frames that a thread reads or renders while sensors process earlier ones."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-FRAMES_AHEAD = 12  # as many as sensors see at once, so that neither side waits for the other
+FRAMES_AHEAD = 12  # as many as sensors take at once, so that neither side waits for the other
 
 
 @contextmanager
 def frames_ahead(frames: Iterable[T], count: int) -> Iterator[Iterator[T]]:
-    """Take frames in a thread of their own, some of them before they are wanted.
+    """Take frames in a separate thread, up to `FRAMES_AHEAD` in advance.
 
-    Rendering and simulating use all cores, but not all of the time. At once they leave few idle.
+    Rendering and simulating use all cores, but not all of the time. Together they leave few idle.
 
     Parameters
     ----------
     frames
-        The frames; iterated in that thread alone.
+        The frames; iterated only in that thread.
     count
         Their number.
 

@@ -16,7 +16,7 @@ from tasks.video import log_light, picture
 
 
 class ReferenceFrames:
-    """Frames, ground truth and log images of one sequence, with which answers are compared.
+    """Frames, ground truth and log images of one sequence, to compare answers with.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class ReferenceFrames:
         return self._features[count, seed]
 
     def picture(self, t_s: float, equalization: str) -> NDArray[np.float64]:
-        """Return the true image with which an image of a video is compared.
+        """Return the true image to compare an image of a video with.
 
         Parameters
         ----------

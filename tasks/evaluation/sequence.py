@@ -39,8 +39,8 @@ def evaluate_sequence(
     task
         Name of the task.
     methods
-        Names, or "package.module:function"; by default all listed methods but diagnostics, and
-        networks only with weights.
+        Names, or "package.module:function"; by default all methods of the task except diagnostics
+        and networks without weights.
     width
         Width of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz
@@ -61,12 +61,14 @@ def evaluate_sequence(
     Raises
     ------
     TaskError
-        A method does not exist or cannot run, the sensor is finer than the frames, or the scene
-        does not suit the task.
+        A method does not exist or cannot run, the sensor is finer than the frames, or the task
+        needs another scene or lens.
+    WeightsError
+        Weights are given for something that is not a network of the task.
     """
     spec = TASKS[task]
     if strangers := set(weights or ()) - set(spec.networks):
-        raise WeightsError(f"weights: found some of {min(strangers)}, which is no method of {task}")
+        raise WeightsError(f"weights: found {min(strangers)}, expected a network of task {task}")
     names = tuple(methods) or spec.usual(weights or ())
     for name in names:
         check_method(task, name, weights)

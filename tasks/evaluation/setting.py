@@ -26,8 +26,8 @@ class Setting:
     illuminance_lux, speed_m_s
         As in `Row`.
     distance
-        How many times farther from the plane the camera is than in the frames, with a focal length
-        that is as many times longer: the image is the same, the pose is not.
+        Factor by which the camera is farther from the plane than in the frames; its focal length is
+        longer by the same factor, so the image is the same, but the pose is not.
     """
 
     model: SensorModel

@@ -12,12 +12,12 @@ from tasks.methods import check_method
 from tasks.registry import TASKS, load
 
 MAY_BE_ZERO = {"may be zero": True}
-"""Metadata of a field whose numbers may be 0; those of other fields must be positive."""
+"""Metadata of a field whose numbers may be 0; numbers of other fields must be positive."""
 
 Equalization = Literal["none", "global", "local", "clahe"]
 
 E2VID_WINDOW_S = 0.025
-"""Length of the windows of E2VID in path time, where the settings give none."""
+"""Default length of the windows of E2VID, seconds of the path."""
 
 
 class Stretches(NamedTuple):
@@ -26,7 +26,8 @@ class Stretches(NamedTuple):
     Attributes
     ----------
     continuous_s
-        Run-in and length of one stretch from the start of the path instead, seconds.
+        Run-in and length of one stretch from the start of the path, seconds, in place of those
+        around the samples.
     windows_before
         Number of windows that a stretch also covers before the scored one.
     speeds
@@ -70,14 +71,14 @@ class TaskSettings:
         return 0.0
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
-        """Return the least work that shows whether methods work.
+        """Return settings with the least work that shows whether methods work.
 
         Parameters
         ----------
         methods
             Their names.
         window_s
-            Length of the scored window.
+            Length of the scored window, seconds.
 
         Returns
         -------
@@ -88,7 +89,7 @@ class TaskSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkSettings(TaskSettings):
-    """Settings of a task some of whose methods need weights.
+    """Settings of a task with methods that need weights.
 
     Parameters
     ----------
@@ -102,12 +103,12 @@ class NetworkSettings(TaskSettings):
 
 
 _E2VID_S = 10.5  # core seconds of a window at 1280 px, as measured for docs/learned.md
-_OURS_S = _E2VID_S / 4  # half as many channels
+_OURS_S = _E2VID_S / 4  # with half as many channels
 _ERAFT_S = 90.0  # of a pair of windows
 
 
 def _share(width: int) -> float:
-    """Return a sensor's share of the pixels at 1280 px; scoring time is in proportion to it."""
+    """Return a sensor's pixels over those at 1280 px; scoring time is proportional to it."""
     return width**2 / 1280**2
 
 
@@ -120,7 +121,7 @@ class Reconstruction(TaskSettings):
     methods
         By name, or "package.module:function".
     upsampling
-        How event integration brings events to the frames' resolution: "nearest", "bilinear" or
+        How event integration upsamples to the frames' resolution: "nearest", "bilinear" or
         "bicubic".
     """
 
@@ -142,11 +143,12 @@ class Flow(TaskSettings):
     features
         Patches in each clip.
     native_patch
-        Also try patches of 61 px of the sensor, whatever its width.
+        Also score patches of 61 px of the sensor, whatever its width.
     initial_sigma_px
         Error of the initial flow: standard deviation of each component, px of a 1280 px sensor.
     fast_methods, fast_speed, fast_scenes
-        Methods to evaluate also at one much higher speed, and on which scenes; all by default.
+        Methods to evaluate also at one much higher speed, that speed as a factor on the base speed,
+        and the scenes for it; by default all scenes.
     seed
         Seed of the initial flows.
     """
@@ -176,14 +178,14 @@ class Flow(TaskSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DenseFlow(NetworkSettings):
-    """Optical flow of all pixels, over each clip's window, from it and the window before.
+    """Optical flow of all pixels over each clip's window, from its events and earlier ones.
 
     Parameters
     ----------
     methods
         By name, or "package.module:function".
     features
-        Patches in each clip, in whose middle the flow is scored.
+        Features in each clip, at which the flow is scored.
     initial_sigma_px
         Error of the initial flow: standard deviation of each component, px of a 1280 px sensor.
     seed
@@ -211,17 +213,18 @@ class Tracking(TaskSettings):
     methods
         By name, or "package.module:function".
     sigmas_mm
-        Errors of the initial path: standard deviation of each component of the control points.
+        Errors of the initial path: standard deviations of each component of the control positions.
         Each is a variant of the task.
     max_events
-        Largest number of events that a method gets from the path's 14 ms, of random pixels.
+        Largest number of events that a method gets from the path's 14 ms; they are from random
+        pixels.
     max_delay_us
-        Largest delay of events, for methods that estimate it: they also get events after the end of
-        the path.
+        Largest delay of events, for methods that estimate it: the sample has events up to this long
+        after the end of the path.
     seed
         Seed of the initial paths and of the choice of pixels.
     tracking_window_s
-        Length of the window, seconds of the path, where the study's is too short: the path and the
+        Length of the window, seconds of the path, if the study's is too short: the path and the
         largest delay must fit at every speed. None for the study's.
     """
 
@@ -236,7 +239,7 @@ class Tracking(TaskSettings):
         return {Stretches(window_s=self.tracking_window_s or 0.0): self}
 
     def score_s(self, width: int) -> float:
-        us_per_event = 7  # of the most that a method gets, at any width
+        us_per_event = 7  # at any width, as all get up to max_events
         return 1e-6 * us_per_event * self.max_events * len(self.methods) * len(self.sigmas_mm)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
@@ -246,7 +249,7 @@ class Tracking(TaskSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Video(NetworkSettings):
-    """Image reconstruction with a state that lasts, on one continuous stretch.
+    """Image reconstruction by methods with a state, on one continuous stretch.
 
     Parameters
     ----------
@@ -255,19 +258,19 @@ class Video(NetworkSettings):
     scenes
         Names of the scenes; all by default.
     duration_s, run_in_s
-        Length of the stretch from the start of the path, and of its first part that is not scored,
-        seconds.
+        Length of the stretch from the start of the path, and of its first part, which is not
+        scored, seconds.
     every_s
         Time between scored images, seconds of the path.
     equalization
         Equalization of the histograms of prediction and truth: "none", "global",
         "local" or "clahe" (local, with limited contrast).
     other_equalizations
-        Other ones to score the same images with, each a variant of the task.
+        Further equalizations to score the same images with, each a variant of the task.
     e2vid_window_s
         Length of the windows of E2VID, seconds of the path; None for 0.025.
     e2vid_events_per_px
-        Number of events of a window of E2VID for each pixel, instead of a length.
+        Number of events per pixel in a window of E2VID, instead of a length.
     """
 
     methods: tuple[str, ...] = ()
@@ -332,7 +335,7 @@ class Evaluate(Mapping[str, TaskSettings]):
 def check_methods(
     evaluate: Mapping[str, TaskSettings], sizes: Iterable[tuple[int, int]] = ()
 ) -> None:
-    """Check before any rendering that all methods exist and can run.
+    """Check that all methods exist and can run, before anything is rendered.
 
     Parameters
     ----------

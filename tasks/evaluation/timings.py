@@ -25,8 +25,8 @@ class MethodTimings:
     events
         Number of events that the method got, over all answers.
     cpu_s, median_cpu_s
-        CPU time of the method on its one core: the sum over all answers, and their median, which
-        the compilation in the first one does not affect.
+        CPU time of the method, seconds: the sum over all answers, and their median, which the
+        compilation in the first one does not affect.
     """
 
     task: str
@@ -43,9 +43,9 @@ class MethodTimings:
 class JobTimings:
     """Work and time of one job. Times are wall-clock times with all cores at work.
 
-    Frames render while sensors simulate the ones before, and scorers take in the events of those
-    before these. Half of the time in which frames render counts for rendering, half for the others,
-    so all stages add up to the time of the job.
+    Frames render while sensors simulate earlier frames, and scorers take in the events of still
+    earlier ones. Time in which frames render while others work counts half for rendering and half
+    for the others, so all stages add up to the time of the job.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class JobTimings:
     frames, resolution, spp
         Number of frames that were read, their side in px, and samples per pixel.
     reading_s
-        Time spent waiting for frames that are not rendering: they are read, or written.
+        Time spent waiting for frames to be read or written, not rendered.
     sensors
         Number of sensors.
     pixel_frames, events
@@ -94,18 +94,18 @@ class JobTimings:
 def split_shared_time(
     rendering_s: float, waiting_s: float, simulating_s: float, collecting_s: float
 ) -> dict[str, float]:
-    """Split the time in which frames render while sensors and scorers work on the ones before.
+    """Split the time in which frames render while sensors and scorers work on earlier ones.
 
-    Half of it counts for rendering, half for the others, so that the results add up to the time
-    that passed.
+    Half of it counts for rendering, half for the others, so that the results add up to the elapsed
+    time.
 
     Parameters
     ----------
     rendering_s
         Time in which frames rendered.
     waiting_s, simulating_s, collecting_s
-        Time in which the sensors waited for frames, and in which they and the scorers worked; one
-        after the other.
+        Times in which the sensors waited for frames, in which they simulated, and in which they
+        waited for the scorers; these do not overlap.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def timings_file(timings: JobTimings) -> bytes:
 def read_timings(folder: Path) -> list[JobTimings]:
     """Read the timings of all jobs in a folder, by scene, sample and number of methods.
 
-    An empty list stands for a folder that does not exist.
+    The list is empty if the folder does not exist.
 
     Raises
     ------

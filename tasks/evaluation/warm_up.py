@@ -10,7 +10,7 @@ from eres_render.trajectory.frame_times import warn_if_far_apart
 
 _log = logging.getLogger(__name__)
 
-_ENOUGH = 6.0  # time constants: the start then still counts 1.7 % (two poles)
+_ENOUGH = 6.0  # time constants; the start then has a weight of 1.7 % (two poles)
 
 
 def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) -> None:
@@ -23,7 +23,7 @@ def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) ->
     cutoff_hz
         Corner frequency of each of the photoreceptor's poles; inf needs no warm-up.
     speed
-        Factor by which the scene moves faster than it was rendered; it shortens the warm-up.
+        Factor by which the scene moves faster than rendered; it shortens the warm-up.
     """
     seconds = (sequence.window_s[0] - float(sequence.t_s[0])) / speed
     time_constants = 2 * math.pi * cutoff_hz * seconds if seconds > 0 else math.inf

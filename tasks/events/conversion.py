@@ -39,11 +39,12 @@ def convert(
     source, out
         The files.
     format, input_format
-        Formats of `out` and `source`; by default their extensions or headers tell.
+        Formats of `out` and `source`; by default those of their extensions or headers.
     reading
         How to read `source`.
     shift_us
-        Added to all times: of events, triggers, ground truth, and the window in the origin.
+        Added to all times, microseconds: of events, triggers, ground truth, and the window in the
+        origin.
     from_start
         Shift all times so that the first event is at 0.
     overwrite

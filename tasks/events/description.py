@@ -24,9 +24,9 @@ def describe(
     path
         The file.
     format
-        Its format; by default its extension or header tells.
+        Its format; by default that of its extension or header.
     reading
-        How to read it. Without a size, its events may be anywhere.
+        How to read it. Without a size, its events may have any position.
 
     Returns
     -------

@@ -20,17 +20,17 @@ class FootageOptions:
     Parameters
     ----------
     fps
-        Frames per second; folders need it unless they have a timestamps.txt with one time a line.
-        For a video, instead of its own times, such as 960 for slow motion that plays at 30.
+        Frames per second. Folders need it unless they have a timestamps.txt with one time per line.
+        For a video it replaces its own times, such as 960 for slow motion that plays at 30.
     time_unit
-        Unit of timestamps.txt: s, ms, us or ns; needed unless its first line is such as
+        Unit of timestamps.txt: s, ms, us or ns; needed unless the first line names it, as in
         "# unit: us".
     encoding
         Transfer function of the stored numbers: srgb, rec709, linear, or gamma:2.2. By default
         rec709 for videos, linear for floats, else srgb.
     interpolate
-        Insert motion-compensated frames: into how many intervals to divide each (1 to 1000), or
-        auto, which leaves half a pixel of motion from frame to frame.
+        Insert motion-compensated frames: the number of intervals that replace each interval (1 to
+        1000), or auto, for half a pixel of motion from frame to frame.
     """
 
     fps: float | None = None
@@ -43,12 +43,12 @@ NO_FOOTAGE = FootageOptions()
 
 
 def open_frames(path: Path, footage: FootageOptions) -> RadianceSequence | Footage:
-    """Open what a sensor can be simulated on.
+    """Open the frames to simulate a sensor on.
 
     Parameters
     ----------
     path
-        Folder of a rendered clip, recognized by its manifest, a video, or a folder of images.
+        Folder of a rendered clip, recognized by its manifest; a video; or a folder of images.
     footage
         Options for the latter two.
 
@@ -59,7 +59,7 @@ def open_frames(path: Path, footage: FootageOptions) -> RadianceSequence | Foota
     Raises
     ------
     TaskError, SequenceError
-        Nothing there can be opened, or a rendered clip has options of footage.
+        The path cannot be opened, or options of footage are given for a rendered clip.
     """
     from eres_render import open_sequence
     from tasks.footage import open_footage

@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 _FAR_PX = 1.0
 _MOST_STEPS = 1000  # half a pixel each; optical flow does not follow motion of 500 px
-# Motion from frame to frame, px, and the least and largest share of events that is lost on the
+# Motion from frame to frame, px, and the smallest and largest share of events that is lost on the
 # rendered scenes; see docs/footage.md.
 _LOST = np.array([[1, 0.09, 0.15], [2, 0.26, 0.40], [4, 0.46, 0.62], [8, 0.65, 0.80]])
 
@@ -39,8 +39,8 @@ def simulate_footage(
 ) -> tuple[int, ReadoutReport | None]:
     """Write the events that a sensor fires on footage.
 
-    The log says which encoding is assumed. Without interpolation a warning says about how many
-    events are lost, where things move by more than a pixel of the sensor from frame to frame.
+    The log states the assumed encoding. Without interpolation, a warning estimates how many events
+    are lost if things move by more than a pixel of the sensor from frame to frame.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def simulate_footage(
         Speed, seed, bus, and how to write the file.
     interpolate
         Number of intervals into which each interval between frames is divided by
-        motion-compensated frames, or "auto": as many as it takes to have half a pixel of motion.
+        motion-compensated frames, or "auto": as many as leave half a pixel of motion.
     on_progress
         Called after each frame.
 

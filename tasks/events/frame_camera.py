@@ -34,9 +34,9 @@ def write_images(
 ) -> int:
     """Write the images that a frame camera takes along a sequence.
 
-    Writes `000000.png`, ..., gray, 8 bits in sRGB's encoding, with white at the sequence's white
-    level; and at last `images.json`: the start and the end of each exposure, microseconds on the
-    clock of the events, and the options.
+    Writes `000000.png`, ..., 8-bit gray encoded as sRGB, with white at the sequence's white level;
+    and finally `images.json`: the start and end of each exposure, microseconds on the clock of the
+    events, and the options.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def exposed(sequence: RadianceSequence, start_s: float, end_s: float) -> Float64
     sequence
         The sequence.
     start_s, end_s
-        Start and end of the exposure, on the time of the frames.
+        Start and end of the exposure, seconds in the time of the frames.
 
     Returns
     -------
@@ -118,21 +118,21 @@ def exposed(sequence: RadianceSequence, start_s: float, end_s: float) -> Float64
 
 
 def frame_weights(t_s: Float64, start_s: float, end_s: float) -> tuple[int, Float64]:
-    """Return the weights of frames in the mean from one time to another.
+    """Return the weights of frames in their mean over an interval of time.
 
     Parameters
     ----------
     t_s
         (T,) increasing times of the frames, s.
     start_s, end_s
-        Start and end of the mean, within these times.
+        Start and end of the interval, s, within these times.
 
     Returns
     -------
     first
-        Number of the first frame with a weight.
+        Index of the first frame with a weight.
     weights
-        (N,) weights of the frames from it; their sum is 1.
+        (N,) weights of the frames from that one on; their sum is 1.
     """
     first = max(0, int(np.searchsorted(t_s, start_s, "right")) - 1)
     stop = min(len(t_s), int(np.searchsorted(t_s, end_s, "left")) + 1)

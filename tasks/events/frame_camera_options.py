@@ -11,17 +11,16 @@ from tasks.errors import TaskError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameCameraOptions:
-    """A global-shutter camera for gray images of 8 bits.
+    """A global-shutter camera that takes 8-bit gray images.
 
     Parameters
     ----------
     exposure
         Exposure time, seconds.
     full_well
-        Electrons of a pixel that is white; photon noise follows from it. inf is a camera without
-        noise.
+        Electrons of a white pixel; they set the photon noise. inf is a camera without noise.
     read_noise
-        Standard deviation of the noise of the readout, electrons.
+        Standard deviation of the read noise, electrons.
     """
 
     exposure: float = 0.005

@@ -26,8 +26,8 @@ class Measured(NamedTuple):
 
     gyroscope: Float64  # (N, 3) angular velocity, rad/s
     accelerometer: Float64  # (N, 3) specific force, m/s^2
-    gyroscope_bias: Float64  # (N, 3), contained in the first
-    accelerometer_bias: Float64  # (N, 3), contained in the second
+    gyroscope_bias: Float64  # (N, 3), included in the angular velocity
+    accelerometer_bias: Float64  # (N, 3), included in the specific force
 
 
 def measure(
@@ -35,10 +35,10 @@ def measure(
 ) -> Measured:
     """Return what an IMU on a camera measures.
 
-    The specific force is the camera's acceleration less that of gravity, so at rest it points up
-    with 9.80665 m/s^2, and in free fall it is zero. Derivatives of the path are exact. Biases start
-    at zero; with steps of dt, white noise of density n has the standard deviation n / sqrt(dt), and
-    a bias of random walk w takes steps of w sqrt(dt) (Kalibr's model of an IMU).
+    The specific force is the camera's acceleration minus that of gravity: at rest it points up with
+    9.80665 m/s^2, and in free fall it is zero. Derivatives of the path are exact. Biases start at
+    zero. With steps of dt, white noise of density n has the standard deviation n / sqrt(dt), and a
+    bias of random walk w takes steps of standard deviation w sqrt(dt) (Kalibr's IMU noise model).
 
     Parameters
     ----------

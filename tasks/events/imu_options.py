@@ -17,7 +17,7 @@ class ImuOptions:
     Parameters
     ----------
     imu
-        Rate of an inertial measurement unit that is added to the file, Hz.
+        Add an inertial measurement unit with this rate to the file, Hz.
     gyroscope_noise
         White noise of the angular velocity, rad/s/sqrt(Hz).
     gyroscope_walk

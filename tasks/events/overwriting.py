@@ -1,4 +1,4 @@
-"""Files that exist are replaced only where that was asked for."""
+"""Existing files are replaced only on request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options of commands for files of events that do not tell how to read them."""
+"""Options for reading files of events that do not store all that is needed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """How to read a file that does not tell it.
+    """How to read a file of events that does not store all that is needed.
 
     Parameters
     ----------
@@ -21,10 +21,10 @@ class Reading:
         Width and height of the sensor, for a file that does not store them.
     time_unit
         Unit of the times of a text file: s, ms, us or ns. Needed if they are whole numbers and no
-        line of names tells.
+        header line names it.
     sort
-        Sort the events by time, for text, AEDAT4, DAT, ES and bags; all events are then
-        in memory.
+        Sort the events by time, for text, AEDAT4, DAT, ES and bags; this needs all events in
+        memory.
     topic
         Topic of a ROS bag, if several have events.
     """

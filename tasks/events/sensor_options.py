@@ -24,7 +24,7 @@ class PixelOptions:
     ----------
     profile
         Electronics of a real sensor: a name (`eres sensors` lists them) or a TOML file. Other
-        options win.
+        options override it.
     photoreceptor
         two_pole, one_pole, or v2e: one pole whose cutoff depends on each pixel's light as in v2e;
         two_pole by default.
@@ -39,9 +39,10 @@ class PixelOptions:
     cutoff_follows_light
         Make the cutoff proportional to each pixel's own light; white has the given cutoff.
     random_start
-        Start pixels at random phases, as in a sensor that has been running.
+        Start the memory of each pixel at a random level, as in a sensor that has been running.
     fill_factor
-        Share of a pixel's area that sees light, 0 to 1; by default that of the camera, or 1.
+        Share of a pixel's area that is sensitive to light, 0 to 1; by default that of the camera,
+        or 1.
     threshold_mismatch
         Standard deviation of the contrast threshold between pixels, log units; typically 0.03.
     leak
@@ -49,13 +50,14 @@ class PixelOptions:
     shot_noise
         Rate of noise events of a pixel in the dark, Hz.
     shot_noise_exponent
-        Their rate falls as (1 + light / dark level) to the power of minus this; 0.5 by default.
+        The rate of noise events falls as (1 + light / dark level) to the power of minus this; 0.5
+        by default.
     hot_pixels
         Share of pixels that are hot, 0 to 1.
     hot_pixel_rate
         Rate of noise events of a hot pixel in any light, Hz; 100 by default.
     refractory
-        Time after an event in which a pixel reports no other, seconds.
+        Time after an event in which a pixel fires no other, seconds.
     latency
         Delay of every event after its cause, in addition to that of the photoreceptor, seconds.
     """
@@ -128,7 +130,7 @@ class PixelOptions:
         return model
 
     def settled(self) -> PixelOptions:
-        """Return the same pixels without a profile: all values are given, except for the cutoff."""
+        """Return the same pixels without a profile, with all values except the cutoff explicit."""
         plain = SensorModel(width=1, height=1, dark_level=1.0)
         model = replace(self, illuminance=None, cutoff_follows_light=False).applied_to(plain, 1.0)
         values = {name: getattr(model, field) for name, field in _FIELDS.items()}
@@ -162,13 +164,13 @@ class BusOptions:
     Parameters
     ----------
     bus
-        Capacity of the bus, million events per second, or the name of a camera with such a bus, see
-        `eres sensors`, or unlimited: all events leave at once. By default that of the camera, or
-        unlimited.
+        Capacity of the bus, million events per second; or the name of a camera with such a bus
+        (`eres sensors` lists them); or unlimited, for events that leave at once. By default that of
+        the camera, or unlimited.
     fifo
         Number of events that can wait for the bus; an event that finds the queue full is dropped.
     row_overhead
-        Time to open a row of pixels, seconds. The row that has waited longest is next.
+        Time to open a row of pixels, seconds. The row that has waited longest is read next.
     """
 
     bus: str | None = None
@@ -181,7 +183,11 @@ class BusOptions:
         Parameters
         ----------
         sensor
-            Name of the camera, whose bus is the default; its bandwidth may be unknown.
+            Name of the camera whose bus is the default; its bandwidth may be unknown.
+
+        Returns
+        -------
+        The bus.
 
         Raises
         ------
@@ -195,7 +201,7 @@ class BusOptions:
             if (self.fifo, self.row_overhead) != (NO_BUS.fifo, NO_BUS.row_overhead):
                 raise TaskError("fifo, row-overhead: found no bus, expected one, such as --bus 12")
             return None
-        from sensor import Readout  # here, as Numba loads more slowly than help prints
+        from sensor import Readout  # here, as Numba would slow down `--help`
 
         return Readout(
             max_rate_hz=rate_mev_s * 1e6, fifo_depth=self.fifo, row_overhead_s=self.row_overhead

@@ -147,12 +147,12 @@ def simulate_sequence(
     """Write the events that a sensor fires on a sequence.
 
     If the sensor's shape differs from the frames', the sensor sees their center, so that its pixels
-    are square. All events are written, those of the warm-up too; the file's origin states the start
-    and end of the window. A warning says if the warm-up is short for the sensor, or if frames are
-    far apart.
+    are square. All events are written, including those of the warm-up; the file's origin states the
+    start and end of the window. Warns if the warm-up is short for the sensor, or if frames are far
+    apart.
 
-    If the poses of the path do not start at time 0, event times count from the same zero as the
-    poses, at any speed.
+    If the poses of the path do not start at time 0, event times have the same zero as the poses, at
+    any speed.
 
     Parameters
     ----------
@@ -165,9 +165,9 @@ def simulate_sequence(
     options
         Speed, seed, bus, and how to write the file.
     truth_step_s
-        Step of the ground truth that is added to the file, see `truth_to_add`; None for none.
+        Step of the ground truth to add to the file, seconds, see `truth_to_add`; None for none.
     imu
-        An IMU that is added to the file, if it has a rate; see `imu_to_add`.
+        IMU to add to the file, if it has a rate; see `imu_to_add`.
     on_progress
         Called after each frame.
 
@@ -178,7 +178,7 @@ def simulate_sequence(
     Raises
     ------
     TaskError
-        The file exists, or its format cannot hold ground truth or an IMU.
+        The file exists, or its format cannot store ground truth or an IMU.
     """
     check_new(out, options.overwrite)
     speed = options.speed
@@ -220,7 +220,7 @@ def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value
 
     Returns
     -------
-    The facts, for `simulate_frames`.
+    Names and values, for `simulate_frames`.
     """
     manifest = sequence.manifest
     window_us = [sequence.t_offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]

@@ -41,8 +41,7 @@ def truth_to_add(
     speed
         Factor by which the scene moves faster than it was rendered.
     step_s
-        Step between times, from the start of the sequence's window to its end, in the sequence's
-        time.
+        Step between times, seconds of the sequence, from the start of its window to its end.
 
     Returns
     -------
@@ -109,7 +108,7 @@ def groups_to_copy(source: Path, names: Sequence[str], shift_us: int = 0) -> Add
     names
         Some of `COPIED`.
     shift_us
-        Added to their times.
+        Added to their times, microseconds.
 
     Returns
     -------

@@ -22,7 +22,7 @@ from tasks.methods import source_file
 from tasks.tracking import TrackingEstimate, TrackingSample
 
 _INFINITE = 1e150  # px, m: the square of a larger number overflows
-_SAME_S = 1e-9  # by how much a path may be shorter than the initial one
+_SAME_S = 1e-9  # tolerance: how much shorter than the initial path a path may be
 
 
 def ask(
@@ -51,7 +51,7 @@ def ask(
     started_s = cpu_s()
     try:
         answer = function(*arguments, **options)
-    except WeightsError:  # says itself what is wrong
+    except WeightsError:  # its text is clear on its own
         raise
     except Exception as error:
         text = " ".join(str(error).split())
@@ -71,16 +71,17 @@ def _place(error: Exception, task: str, name: str) -> str:
 
 
 def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64]) -> FlowEstimate:
-    """Check the flow that a method of a patch, or of all pixels, returned.
+    """Check the answer of a flow method, of one patch or of all pixels.
 
     Parameters
     ----------
     task, name
         Task and name of the method.
     answer
-        What it returned: of a patch a `FlowEstimate`, of all pixels their flow.
+        What it returned: a `FlowEstimate` for a patch, (2, h, w) flow for all pixels.
     nothing
-        (2,) or (2, h, w) flow of a method that does nothing, of the expected size.
+        Flow of a method that does nothing, of the expected shape: (2,) for a patch, (2, h, w) for
+        all pixels.
 
     Returns
     -------
@@ -89,7 +90,7 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
     Raises
     ------
     MethodError
-        The answer is something else, or not of that size.
+        The answer is of another type or shape.
     """
     of_patch = nothing.ndim == 1
     estimate = answer if of_patch else FlowEstimate(answer)
@@ -156,7 +157,7 @@ def image_answer(
     answer
         What it returned.
     nothing
-        (H, W) image of a method that does nothing, of the expected size.
+        (H, W) image of a method that does nothing, of the expected shape.
 
     Returns
     -------
@@ -165,7 +166,7 @@ def image_answer(
     Raises
     ------
     MethodError
-        The answer is not an image of that size.
+        The answer is not an image of that shape.
     """
     image = _numbers(answer, nothing.shape)
     if image is None:
@@ -186,7 +187,7 @@ def _refusal(task: str, name: str, found: str, expected: str) -> MethodError:
 
 
 def _numbers(found: Any, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """Return an array of real numbers of a shape, None if it is something else."""
+    """Return an array of real numbers of that shape, None if it is something else."""
     try:
         array = np.asarray(found)
     except Exception:  # lists of different lengths, or arrays of another library

@@ -22,13 +22,13 @@ class Score:
     method, value, variant, item, failure
         As in `Row`.
     sample
-        As in `Row`; None for that of the clip.
+        As in `Row`; None for the number of the clip.
     events
         Number of events that the method got.
     cpu_s
-        CPU time of the method.
+        CPU time of the method, seconds.
     copied
-        Whether the method's answer is that of another variant, and was not computed again.
+        Whether the answer was computed for another variant, and not again.
     """
 
     method: str

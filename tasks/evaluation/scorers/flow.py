@@ -25,7 +25,7 @@ class FlowScorer:
         width = setting.model.width
         self._features = reference.features(task.features, task.seed).at(width)
         size = width, self._features.height
-        # At 1280 px both patches are the same, and are scored once.
+        # At 1280 px both patches are the same and are scored once.
         self._variants = {patch_px(width): [""]}
         if task.native_patch:
             self._variants.setdefault(patch_px(width, native=True), []).append(NATIVE_PATCH)

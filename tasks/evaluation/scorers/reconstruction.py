@@ -1,4 +1,4 @@
-"""Image reconstruction: the image at the window's end, from the one at its start and events."""
+"""Image reconstruction: the image at the window's end, from its start and its events."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ReconstructionScorer:
         self._off_weight = model.off_threshold / model.contrast_threshold
         size = model.height, model.width
         self._sum = np.zeros(size, np.int64)
-        # Of OFF events; a single 0 where they count like ON events.
+        # Sum of OFF events; a single 0 if they count like ON events.
         self._off_sum = np.zeros((1, 1) if self._off_weight == 1 else size, np.int64)
         self._events = 0
 

@@ -20,7 +20,7 @@ from tasks.evaluation.settings import Tracking
 from tasks.methods import load_method
 from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
 
-_PIXELS_PER_EVENT = 2  # pixels whose events are kept, per event that a method may get
+_PIXELS_PER_EVENT = 2  # keep the events of so many random pixels per event that a method may get
 
 
 class TrackingScorer:

@@ -20,7 +20,7 @@ from tasks.video import ImageTaker, picture, psnr_db
 
 
 class VideoScorer:
-    """Scores the PSNR of each image; each is one sample."""
+    """Scores the PSNR of each image; each image is one sample."""
 
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Video) -> None:
         self._reference, self._task = reference, task
@@ -39,12 +39,12 @@ class VideoScorer:
             self._takers[name] = ImageTaker(method, self._samples)
         self._blank = np.zeros((model.height, model.width))
         self._scores: list[Score] = []
-        # Since each method's last image.
+        # Events and CPU time since each method's last image.
         self._events = dict.fromkeys(self._takers, 0)
         self._cpu_s = dict.fromkeys(self._takers, 0.0)
 
     def _options(self, name: str, setting: Setting) -> dict[str, Any]:
-        """Return what some methods get in addition."""
+        """Return the extra arguments of a method."""
         if name in TASKS["video"].diagnostics:
             sequence, dark_level = self._reference.sequence, self._reference.dark_level
             light = TrueLight(sequence, dark_level, setting.model.cutoff_hz, setting.speed)
@@ -60,7 +60,7 @@ class VideoScorer:
         return {}
 
     def push(self, events: Events) -> None:
-        """Pass the events on, and score the images that are due; they are too large to keep."""
+        """Pass the events on, and score the images that are due; keep no image, they are large."""
         for name, taker in self._takers.items():
             taken, cpu_s = ask("video", name, taker.push, events)
             self._cpu_s[name] += cpu_s
