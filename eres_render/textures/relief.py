@@ -38,8 +38,10 @@ class Faces(NamedTuple):
 
 def faces_of(relief: Float32) -> Faces:
     """Return the faces of a relief, (height, width) heights in texels."""
-    slope_x = cv2.Sobel(relief, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)
-    slope_y = cv2.Sobel(relief, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)
+    slope_x, slope_y = (
+        cv2.Sobel(relief, cv2.CV_32F, dx, 1 - dx, ksize=1, scale=0.5).astype(np.float32, copy=False)
+        for dx in (1, 0)
+    )
     up = 1 / np.sqrt(1 + np.square(slope_x) + np.square(slope_y))
     return Faces(slope_x, slope_y, up)
 
