@@ -138,6 +138,11 @@ def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np
     -------
     (height, width) float64, 1/s
 
+    Raises
+    ------
+    EventError
+        A time is not an integer.
+
     Examples
     --------
     A pixel that fires a hundred times as often as its neighbors is hot:

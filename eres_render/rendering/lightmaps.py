@@ -60,7 +60,7 @@ def bake_scene(
     BackendError
         If the selected variant is scalar.
     SceneError
-        If a surface is not Lambertian.
+        If the scene has no light or moving objects, or a surface cannot be baked.
     """
     folder = folder or scene.folder
     settings = scene.settings.bake
@@ -101,7 +101,9 @@ def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32
     Raises
     ------
     BackendError
-        If they would have to be baked and the selected variant is scalar.
+        If they must be baked and the selected variant is scalar.
+    SceneError
+        If they must be baked and cannot be; see `bake_scene`.
     """
     files = _lightmap_files(scene)
     if not files:
@@ -165,8 +167,8 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
 
     Raises
     ------
-    SceneError
-        If a shape has no lightmap.
+    BackendError, SceneError
+        As for `lightmaps`, or if a shape has no lightmap.
     """
     import mitsuba as mi
 

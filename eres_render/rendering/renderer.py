@@ -243,6 +243,11 @@ class Renderer:
         -------
         radiance
             (count, N) float32, W m^-2 sr^-1.
+
+        Raises
+        ------
+        RenderError
+            If objects move and no time is given.
         """
         self._place_objects(t_s)
         if self.variant.startswith("scalar"):

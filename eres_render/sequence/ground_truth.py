@@ -70,7 +70,7 @@ class GroundTruth:
     """Depth, flow, moving objects and poses of a camera on its path, at any time and resolution.
 
     For a plane they are in closed form. Rays at everything else are cast in single precision, with
-    errors of about 1e-6 of the distance.
+    errors of about 1e-6 of the distance. Methods raise `TrajectoryError` for times off the path.
 
     Parameters
     ----------

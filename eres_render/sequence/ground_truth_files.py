@@ -213,6 +213,11 @@ def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
         The EXR file.
     depth
         (H, W) z-depth, m.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be written.
     """
     _write_float_exr(path, {"Z": depth})
 
@@ -226,6 +231,11 @@ def write_flow(path: Path, flow: Flow) -> None:
         The EXR file.
     flow
         The flow.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be written.
     """
     u, v = np.moveaxis(flow.flow_px, 2, 0)
     _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid, "occluded": flow.occluded})

@@ -111,6 +111,11 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         Folder of the sequence.
     manifest
         What to write.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be written.
     """
     table = dataclasses.asdict(manifest)
     for name in ("t_offset_us", "intrinsics", "distortion", "objects"):

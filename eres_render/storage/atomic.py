@@ -63,5 +63,10 @@ def write_text(path: Path, text: str) -> None:
         The file; its folder is made if necessary.
     text
         Its content.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be written.
     """
     write_bytes(path, text.encode())

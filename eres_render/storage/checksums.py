@@ -64,6 +64,11 @@ def write_sums(folder: Path, sums: Mapping[str, str]) -> None:
         The folder of the file.
     sums
         SHA-256 by path within the folder.
+
+    Raises
+    ------
+    RenderError
+        If the file cannot be written.
     """
     lines = (f"{digest}  {name}\n" for name, digest in sorted(sums.items()))
     write_text(folder / FILE_NAME, "".join(lines))

@@ -125,7 +125,8 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
     Raises
     ------
     EventFormatError
-        The sensor has more than 2048 pixels a side, or a time is outside [0, 2^40) us.
+        The sensor has more than 2048 pixels per side, a time is outside [0, 2^40) us, or a trigger
+        is on a channel that the format lacks.
     """
     width, height = header.width or 0, header.height or 0
     if max(width, height) > MAX_SIDE_PX:
