@@ -57,15 +57,16 @@ def evaluate(
     ----------
     method
         Names (`eres methods` lists them), or your own functions as
-        package.module:function; by default all methods of the task except diagnostics and networks
-        without weights.
+        package.module:function; by default all methods of the task that can run, except
+        diagnostics.
     resolution
         Width of the sensor, px; for a sequence.
     cutoff
         Corner frequency of the photoreceptor's poles, Hz; for a sequence, by default an ideal
         pixel.
     threshold
-        Contrast threshold, log units; by default 0.2, and for a recording fitted to its frames.
+        Contrast threshold, log units; by default 0.2, and for a recording that of its file, or
+        fitted to its frames.
     speed
         Factor on the speed of the rendered sequence.
     weights

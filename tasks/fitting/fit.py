@@ -1,4 +1,4 @@
-"""`fit`: all that a recording shows about its sensor."""
+"""`fit`: estimate the electronics of a sensor from a recording."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Evidence:
     frames
         Frames of the same camera, on the clock of the events.
     light
-        In place of frames: light that is known at times between which the image moves by half a
-        pixel at most, white at 1.
+        In place of frames: light with white at 1, at times between which the image moves by half a
+        pixel at most.
     motion
-        Whether cutoff and latency are to be estimated from the motion of the frames or the light.
+        Whether to estimate cutoff and latency from the motion of the frames or the light.
     dark_share
-        Dark level for thresholds and motion, share of white: of the largest number that the files
+        Dark level for thresholds and motion, as a share of white, the largest value that the files
         of the frames can store.
     rises_us
         (S,) times at which the light steps up, on the clock of the events.
@@ -48,7 +48,8 @@ class Evidence:
     Raises
     ------
     TaskError
-        There is none, or a number is out of range.
+        Nothing is known, frames and light are both given, motion comes without them or with steps,
+        or a number is out of range.
     """
 
     still_s: tuple[float, float] | None = None
@@ -102,7 +103,7 @@ class Found:
     motion: MotionResponse | None = None
 
     def sentence(self) -> str:
-        """Say how far the thresholds depend on the dark level."""
+        """Return a sentence on how far the thresholds depend on the dark level."""
         on, off = ([getattr(one, sign).value for one in self.sweep] for sign in ("on", "off"))
         low, high = (100 * end(one.dark for one in self.sweep) for end in (min, max))
         return (
@@ -117,6 +118,10 @@ class Found:
         ----------
         recording
             Name of the recording, for the sources.
+
+        Returns
+        -------
+        Measured values by the name of the field.
         """
         fields: dict[str, Measured] = {}
         if self.response is not None:
@@ -205,7 +210,7 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
 
 
 def _in_motion(events: Events, evidence: Evidence, found: Found, on_progress: Progress) -> Found:
-    """Add the thresholds and, on request, what motion shows."""
+    """Add the thresholds and, on request, cutoff and latency from motion."""
     exposure_us = 0.0
     if evidence.frames is not None:
         frames = busiest([events], evidence.frames)

@@ -18,10 +18,10 @@ from tasks.recording.threshold import best_delay_us, fit_line
 Float64 = NDArray[np.float64]
 
 _HUBER = 1.345  # standard deviations
-_SHARE = 0.3  # of the filter in the delay, squared: from where the search starts
-_PIXELS = 0.05  # of a time constant: thresholds that differ between pixels by 10 %, in simulations
-_NOISY = 0.05  # of the change of the light that stays: more of it hides the filter
-_STEP_US, _STEP = 2.0, 0.01  # of the derivatives
+_SHARE = 0.3  # start of the search: share of the filter in the delay, squared
+_PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, in simulations
+_NOISY = 0.05  # share of the light's change: if more is unexplained, it hides the filter
+_STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
 
 
 class MotionResponse(NamedTuple):
@@ -34,12 +34,12 @@ class MotionResponse(NamedTuple):
     delay_s
         Delay of slow changes: the latency and the time constants of all poles.
     cutoff_hz
-        Corner frequency of each pole; inf is the end of its interval where the motion is too slow
-        to tell the filter from a delay.
+        Corner frequency of each pole; its interval ends at inf if the motion is too slow to tell
+        the filter from a delay.
     latency_s
         The part of the delay that the poles do not explain.
     unexplained
-        Share of the squared change of the light from event to event that stays.
+        Share of the squared change of the light from event to event that the fit does not explain.
     events
         Number of events.
     """
@@ -65,17 +65,18 @@ class MotionResponse(NamedTuple):
 def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> MotionResponse:
     """Estimate cutoff and latency from events whose light is known.
 
-    An event lags its light by the latency and the filter. Slow changes tell the sum; fast ones are
-    also smoothed by the filter, not by the latency, and tell the two apart. The log light at the
-    events, filtered and delayed, is fitted to the numbers of events of each pixel, in units of the
-    threshold, by least squares with Huber's loss: delay, share of the filter, and both thresholds.
+    An event lags its light by the latency and the filter. Slow changes determine the sum; fast ones
+    are also smoothed by the filter, but not by the latency, and separate the two. The log light at
+    the events, filtered and delayed, is fitted to the numbers of events of each pixel, in units of
+    the threshold, by least squares with Huber's loss. The unknowns are the delay, the share of the
+    filter, and both thresholds.
 
     The intervals are those of a bootstrap over tiles of pixels, to first order, widened by the
     change of the answer with light from every second frame, and by 5 % of the time constant for
     thresholds that differ between pixels by up to 10 %. An exposure smooths the frames as the
-    filter smooths the events, so that the cutoff may be lower by as much. A filter also smooths
-    errors of the light: where more than a twentieth of its change stays unexplained, the cutoff is
-    only bounded from below, and the latency by the delay.
+    filter smooths the events, so the lower end of the cutoff includes its smoothing. A filter also
+    smooths errors of the light: if more than a twentieth of its change is unexplained, the cutoff
+    is only bounded from below, and the latency by the delay.
 
     Parameters
     ----------
@@ -84,7 +85,7 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     coarse
         The same with light from every second frame.
     exposure_us
-        Exposure of the frames.
+        Exposure of the frames, microseconds.
 
     Returns
     -------
@@ -93,7 +94,7 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     Raises
     ------
     TaskError
-        The events are not later than the light, as where the clocks disagree.
+        The events are not later than the light, for example because the clocks disagree.
     """
     start_us = best_delay_us(levels)
     if start_us <= 0:
@@ -119,7 +120,7 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     unexplained = fit_line(levels, *late).unexplained
     if unexplained > _NOISY:
         pole = Estimate(pole.value, 0.0, slowest)
-    if unexplained > _NOISY or latency.value < 1e-6:  # at its bound, where draws do not vary
+    if unexplained > _NOISY or latency.value < 1e-6:  # at its bound, the draws do not vary
         latency = Estimate(latency.value, 0.0, max(latency.high, delay.high - poles * pole.low))
     return MotionResponse(
         photoreceptor=None if not decided else "two_pole" if poles == 2 else "one_pole",
@@ -138,7 +139,7 @@ def _corner_hz(pole_s: float) -> float:
 class _Fit:
     """Least squares of delay, share of the filter and thresholds.
 
-    The share is squared: a filter that is fast smooths in proportion to its square.
+    The share is squared, as a fast filter smooths in proportion to the square of its time constant.
     """
 
     def __init__(self, levels: Levels, poles: int, start_us: float) -> None:
@@ -166,7 +167,7 @@ class _Fit:
         _, self._tile = np.unique(levels.tile, return_inverse=True)
 
     def _left(self, x: Float64) -> Float64:
-        """Return what the thresholds leave of the light at the events, in their unit."""
+        """Return the (N,) residuals of the light at the events, in thresholds."""
         delay_us, share, C_on, C_off = x[0], x[1], math.exp(x[2]), math.exp(x[3])
         pole_s = 1e-6 * delay_us * math.sqrt(share) / self._poles
         late_us = delay_us - 1e6 * self._poles * pole_s
@@ -199,14 +200,14 @@ class _Fit:
         return np.bincount(self._tile, loss).astype(np.float64)
 
     def answer(self, step: Float64 | None = None) -> Float64:
-        """Return delay, time constant and latency, seconds, a step away from the fit."""
+        """Return delay, time constant and latency, seconds, at the fit or a step from it."""
         delay_us, share = self._x[:2] if step is None else self._x[:2] + step[:2]
         delay_s, filtered = 1e-6 * max(0.0, delay_us), math.sqrt(min(max(share, 0.0), 1.0))
         filtered = 1.0 if filtered > 1 - 1e-6 else filtered
         return np.array([delay_s, delay_s * filtered / self._poles, delay_s * (1 - filtered)])
 
     def estimates(self) -> list[Estimate]:
-        """Return the same with intervals: each draw takes one step of Gauss and Newton."""
+        """Return the answer with intervals; each draw takes one Gauss-Newton step."""
         weight = np.minimum(1.0, self._scale / np.maximum(np.abs(self._rest), 1e-12))
         J = self._slopes(self._x)
         upper = np.triu_indices(4)

@@ -1,4 +1,4 @@
-"""Write what a recording shows as a profile, for `eres simulate --profile`."""
+"""Write the profile of a sensor, for `eres simulate --profile`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Measured(NamedTuple):
     unit
         Its unit, one of `sensor.profiles.quantities`; empty for a name.
     source
-        From what, and how.
+        Where the value comes from, and how it was measured.
     """
 
     value: Estimate | float | str
@@ -38,9 +38,9 @@ def write_profile(file: Path, title: str, fields: Mapping[str, Measured]) -> Non
     file
         The TOML file.
     title
-        Which sensor it describes.
+        Name of the sensor.
     fields
-        What was measured.
+        Measured values by the name of the field.
     """
     parts = [f"title = {_text(title)}\n"]
     for name, (value, unit, source) in fields.items():

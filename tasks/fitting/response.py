@@ -15,19 +15,19 @@ from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, tiles_of
 
 _LEAST_STEPS = 2
-_LEAST_EVENTS = 3.0  # of a pixel, after one step
+_LEAST_EVENTS = 3.0  # mean number of events of a pixel after a step
 _POINTS = 120  # of the curve
-_FROM = 1.0  # events of a pixel: its first one depends on its memory
+_FROM = 1.0  # events of a pixel, as the first one depends on its memory
 _DRAWS = 100
 _TAIL = 0.995
-# B of one pole: (1 + C_off / C_on) / 2 for a pixel that fell before, and its range for C_off / C_on
-# from 1/2 to 3/2. From two poles B follows.
+# B for one pole: (1 + C_off / C_on) / 2 for a pixel whose light fell before, and its range for
+# C_off / C_on from 1/2 to 3/2. For two poles, B is fitted.
 _ABSORBED = 1.0
 _ABSORBED_RANGE = (0.75, 1.25)
 
 
 class Response(NamedTuple):
-    """How the photoreceptor answers a step of the light.
+    """Response of the photoreceptor to a step of the light.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ class Response(NamedTuple):
     cutoff_hz, latency_s
         Corner frequency, and the delay that the poles do not explain.
     first_event_s
-        (3,) delays of the first event of a pixel: 5 %, 50 % and 95 % of the pixels.
+        (3,) delays of the first event of a pixel after a step, seconds: the 5th, 50th and 95th
+        percentiles.
     steps
         Number of steps.
     """
@@ -54,17 +55,17 @@ def fit_response(events: Events, rises_us: NDArray[np.int64]) -> Response:
     Only pixels with at least one ON event per step on average are used: those that see the lamp.
     The mean number of ON events of a pixel until a time t after the step is A g(a (t - latency)) -
     B, where g is the step response of one pole, 1 - e^{-y}, or of two, 1 - (1 + y) e^{-y}; A is the
-    step in thresholds, and B the part of it that the memories of the pixels absorb. A, B, a and the
-    latency are those of least squares, for times after the first event of the mean pixel. With one
-    pole a delay looks like another B, which is therefore 1 as for equal thresholds, 3/4 to 5/4 for
-    others; the two kinds are compared with that B. The interval is that of a bootstrap over tiles
-    of pixels, widened by the change of the estimate where the fit begins half an event later, and
-    by that from another B.
+    step in thresholds, and B the part of it that the memories of the pixels absorb. Least squares
+    finds A, B, a and the latency, from the first event of the mean pixel on. With one pole, a delay
+    looks like another B, so B is fixed: at 1, for equal thresholds, and at 3/4 and 5/4 for the
+    interval. One and two poles are compared with B at 1. The interval is that of a bootstrap over
+    tiles of pixels, widened by the change of the estimate if the fit begins half an event later,
+    and by that with another B.
 
     Parameters
     ----------
     events
-        The events; those until the next step, or as long after the last one, belong to a step.
+        The events; those within the shortest time between steps after a step belong to it.
     rises_us
         (S,) times of the steps, on the clock of the events, increasing.
 
@@ -152,7 +153,7 @@ class _Fit(NamedTuple):
 
 
 class _Curve:
-    """Least squares of the mean number of events on the response of the poles."""
+    """Least-squares fit of the response of the poles to the mean number of events."""
 
     def __init__(self, t_s: NDArray[np.float64]) -> None:
         self._t_s = t_s
@@ -167,7 +168,8 @@ class _Curve:
     ) -> _Fit:
         """Fit to the part of the curve from `least` events on.
 
-        A, and B if it is not given, follow from the other two by linear regression.
+        A, and B unless it is given as `absorbed`, follow from a and the latency by linear
+        regression.
         """
         kept = np.flatnonzero(events >= least)
         kept = kept[np.unique(np.linspace(0, len(kept) - 1, _POINTS).astype(int))]

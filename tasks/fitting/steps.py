@@ -19,10 +19,10 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
     Parameters
     ----------
     where
-        A text file with one time a line, microseconds; or "triggers", the rising edges in the
+        A text file with one time per line, microseconds; or "triggers", for the rising edges in the
         recording.
     recording, format
-        The recording, and its format if its name does not tell.
+        The recording, and its format; by default that of its extension or header.
 
     Returns
     -------
@@ -31,7 +31,7 @@ def read_steps(where: str, recording: Path, format: str | None = None) -> NDArra
     Raises
     ------
     TaskError
-        The file cannot be read, or has something else in it.
+        The file is missing, or contains something else.
     """
     if where == TRIGGERS:
         triggers = read_triggers(recording, format=format)

@@ -13,21 +13,21 @@ from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, poisson_rate, share
 
 HOT = 10.0  # times the mean rate of the other pixels
-_CHANCE = 0.01  # that one pixel of a sensor without hot pixels is taken for hot
+_CHANCE = 0.01  # probability that any pixel of a sensor without hot pixels is taken for hot
 _PASSES = 20
 
 
 class Noise(NamedTuple):
-    """What a still stretch shows.
+    """Noise of a sensor, from a still stretch.
 
     Parameters
     ----------
     leak_hz, shot_noise_hz
-        Rates of a pixel that is not hot: shot noise fires ON and OFF equally, leakage ON alone.
+        Rates of a pixel that is not hot: shot noise fires ON and OFF equally, leakage only ON.
     hot_pixels
         Share of hot pixels.
     hot_pixel_hz
-        Their mean rate above that of the others, None without any.
+        Their mean rate above that of the others, None if there are none.
     hot
         (H, W) bool, which pixels are hot.
     """
@@ -53,8 +53,9 @@ def counts(events: Events) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float) -> Noise:
     """Estimate noise from the events of a still scene in constant light.
 
-    A pixel is hot if it fires more than ten times as often as the mean of those that are not hot,
-    and more than a Poisson process of that mean does in one of a hundred sensors of this size.
+    A pixel is hot if it fires more than ten times as often as the mean of the others, and more than
+    the most active pixel would in 99 of 100 sensors of this size, if all were Poisson processes of
+    that mean.
 
     Parameters
     ----------

@@ -21,8 +21,8 @@ from tasks.registry import TASKS, load
 METHODS = {task: spec.methods for task, spec in TASKS.items()}
 """Place of each method, "module:function", by task and name."""
 
-# Raise a method's number when its results change (it is 1 where it is not listed): studies then
-# compute the jobs that use the method again.
+# Raise a method's number (1 by default) when its results change: studies then recompute the jobs
+# that use the method.
 METHOD_VERSIONS = {
     "photometric_flow": 3,
     "photometric_flow_unknown_contrast": 3,
@@ -53,7 +53,7 @@ def load_method(
     TaskError
         The task has no method of that name, or the function cannot be imported.
     WeightsError
-        The method needs weights, and there are none, or not those of its network.
+        The method needs weights, and there are none, or they are from another network.
 
     Examples
     --------
@@ -84,13 +84,13 @@ def load_method(
 def task_of(name: str) -> str:
     """Return the task of a method.
 
-    Of one of the user's own, "package.module:function", the kind tells the task: a class is a video
-    method; for a function, it is the type of its first parameter.
+    A user's class, "package.module:class", is a video method; the task of a user's function follows
+    from the type of its first parameter.
 
     Raises
     ------
     TaskError
-        The first parameter does not tell the task, or several tasks have a method of that name.
+        The first parameter is of no task, or several tasks have a method of that name.
     """
     if ":" not in name and (tasks := [task for task in TASKS if name in TASKS[task].methods]):
         if len(tasks) > 1:
@@ -131,7 +131,7 @@ def check_method(
     Raises
     ------
     TaskError
-        The task has no such method, or the method says that it is for another task.
+        The task has no such method, or the method's type is that of another task.
     WeightsError
         Its network has no weights or wrong ones, or cannot run on one of the sensors.
     """
@@ -156,7 +156,7 @@ def _samples() -> dict[str, type]:
 
 
 def _told_tasks(function: Callable[..., Any]) -> list[str]:
-    """Return the tasks that a method says it is for, none if it does not say."""
+    """Return the tasks that fit the type of a method, none if its type fits no task."""
     if inspect.isclass(function):
         return [task for task, spec in TASKS.items() if spec.sample is None]
     kind = _first_type(function)
@@ -191,10 +191,10 @@ def source_file(task: str, name: str) -> str | None:
 
 
 def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:
-    """Identify the code of methods, and the weights of their networks, so that changes are noticed.
+    """Identify the code of methods, and the weights of their networks, to detect changes.
 
-    Our methods have a number in `METHOD_VERSIONS` (1 if they are not listed there); a method of the
-    user's own is identified by the SHA-256 of its file, and so are weights.
+    Our methods have a number in `METHOD_VERSIONS` (1 by default); a user's method is identified by
+    the SHA-256 of its file, and so are weights.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
 
 
 def _imported(module: str) -> ModuleType:
-    """Import a user's module, also from the working directory, as `python -m` would."""
+    """Import a user's module, also from the working directory, as `python -m` does."""
     if "" not in sys.path and os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
     return importlib.import_module(module)

@@ -4,9 +4,9 @@ Rebecq, Ranftl, Koltun and Scaramuzza, "High Speed and High Dynamic Range Video 
 Camera" (PAMI 2019). The network's memory is all that lasts from one window to the next. Its image
 is intensity as on a display, without the original's unsharp mask.
 
-Windows last a fixed time, or hold a fixed number of events as in the original. An image ends a
-window of fixed time, so images see all events before them; it is that of the latest whole window of
-a fixed number of events.
+Windows last a fixed time, or hold a fixed number of events as in the original. With fixed times, an
+image ends the current window, so that it includes all events before it; with fixed numbers, it is
+that of the latest complete window.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tasks.errors import TaskError
 
 WINDOW_US = 25_000.0
 DARKEST = 1 / 255  # of the displayed intensity, before the logarithm
-_LEAST_SHARE = 0.01  # of a window; an image that ends a shorter one is that of the window before
+_LEAST_SHARE = 0.01  # of a window: a shorter one is not ended, and its image is the previous one
 
 
 class Network(Protocol):
@@ -57,7 +57,7 @@ class E2vid:
     window_us
         Length of the windows, us. They begin at multiples of it, and after images.
     events_per_px
-        Number of events of a window for each pixel, instead of a length; the original has 0.35.
+        Number of events per pixel in a window, instead of a length; the original has 0.35.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class E2vid:
             events = events[before:]
 
     def image(self, t_us: int) -> NDArray[np.float64]:
-        """Return log intensity, (height, width): 0 before the first window has ended."""
+        """Return log intensity, (height, width), 0 before the first window has ended."""
         if self._count is None and self._origin_us is not None:
             while self._end_us <= t_us:
                 self._end_window()
@@ -135,7 +135,7 @@ class E2vid:
 
     @property
     def _end_us(self) -> int:
-        """End of the current window, which its events are before."""
+        """End of the current window; its events are earlier."""
         return round(self._start_us + self._window_us)
 
     def _before_end(self, events: Events) -> int | None:

@@ -36,7 +36,7 @@ def reconstruct(sample: ReconstructionSample, upsampling: str = "bicubic") -> ND
 
 
 def reconstruct_nearest(sample: ReconstructionSample) -> NDArray[np.float64]:
-    """As `reconstruct`, each pixel of the sensor a square of one change."""
+    """As `reconstruct`, with nearest-neighbor interpolation."""
     return reconstruct(sample, "nearest")
 
 

@@ -1,4 +1,4 @@
-"""High-pass filter (HF): each pixel adds up its events, and decays.
+"""High-pass filter (HF): each pixel integrates its events and decays.
 
 Scheerlinck, Barnes and Mahony, "Continuous-time Intensity Estimation Using Event Cameras" (ACCV
 2018), from events alone. A pixel's log intensity L follows
@@ -6,10 +6,10 @@ Scheerlinck, Barnes and Mahony, "Continuous-time Intensity Estimation Using Even
     dL/dt = -omega L + sum over its events of p C delta(t - t_k),
 
 so an event after dt multiplies L by exp(-omega dt) and adds p C. This is a high-pass filter, with
-its -3 dB point at omega rad/s, of the signal that the events sample. The authors' program, which
-gives our defaults, has the cutoff in Hz, omega = 2 pi f, and also multiplies L by exp(-d) at each
-event, with a decay d per event. 0.06 Hz is a time constant of 2.65 s, 0.06 per event one of 17
-events: the latter matters more at busy pixels.
+its -3 dB point at omega rad/s, of the signal that the events sample. The authors' program, from
+which our defaults are, has the cutoff in Hz, omega = 2 pi f, and also multiplies L by exp(-d) at
+each event, with a decay d per event. 0.06 Hz is a time constant of 2.65 s, and 0.06 per event is
+one of 17 events, which matters more at busy pixels.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _AHEAD = 256  # events per group of pixels that are read ahead
 
 
 class _Rates(NamedTuple):
-    """What an event adds, and what fades."""
+    """What an event adds, and how fast values decay."""
 
-    C: float
+    C: float  # log units
     per_us: float  # decay with time
     per_event: float
 
@@ -50,7 +50,7 @@ class HighPassFilter:
     contrast_threshold
         C, log units.
     cutoff_hz
-        Cutoff of the high-pass; 0 never decays with time.
+        Cutoff of the high-pass filter; 0 for no decay with time.
     per_event_decay
         Decay d of a pixel at each of its events.
 
@@ -118,7 +118,7 @@ class HighPassFilter:
 
 
 def without_event_decay(width: int, height: int, contrast_threshold: float) -> HighPassFilter:
-    """Make the filter as in the paper: pixels decay with time alone.
+    """Make the filter as in the paper: pixels decay only with time.
 
     Parameters
     ----------
@@ -140,10 +140,9 @@ def _filter(
     width: int,
     events: Columns,
     rates: _Rates,
-    places: NDArray[np.uint64],  # (_AHEAD,) overwritten: place of each event's L in the state
+    places: NDArray[np.uint64],  # (_AHEAD,) overwritten: index of each event's L in the state
 ) -> float:
-    # Pixels are read ahead in groups, with few instructions from one to the next: loads that do not
-    # depend on each other overlap.
+    # Pixels are read ahead in groups, so that their independent loads overlap.
     t_us, x, y, p = events
     next_row, next_one = np.uint64(width), np.uint64(1)
     touched = 0.0
@@ -161,4 +160,4 @@ def _filter(
                 L *= math.exp(-decay)
             state[here] = L + p[start + k] * rates.C
             state[here + next_one] = t_us[start + k]
-    return touched  # used, so that the compiler keeps the reads
+    return touched  # so that the compiler keeps the reads

@@ -33,7 +33,7 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
     Raises
     ------
     WeightsError
-        There are no weights, PyTorch is not installed, or the file is not of this network.
+        There are no weights, PyTorch is not installed, or the file is from another network.
     """
     if not weights or name not in weights:
         raise WeightsError(
@@ -44,8 +44,8 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
         return _loaded(TASKS[task].networks[name], *_version(weights[name]))
     except ImportError as error:
         raise WeightsError(
-            f"{task}, method {name!r}: PyTorch cannot be imported ({error}); it comes with the "
-            "extra `learned`, in a checkout by: pip install '.[learned]'"
+            f"{task}, method {name!r}: PyTorch cannot be imported ({error}); install the extra "
+            "`learned`, in a checkout with: pip install '.[learned]'"
         ) from None
 
 
@@ -66,7 +66,7 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
     Parameters
     ----------
     given
-        What was given. A bare FILE is for the one method that needs weights.
+        The options, NAME=FILE or FILE. A bare FILE is for the one method that needs weights.
     methods
         The methods that are to run.
 
@@ -77,8 +77,8 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
     Raises
     ------
     WeightsError
-        A name is not that of a method with a network, or comes twice, or a bare FILE could be for
-        none or several.
+        A name is not that of a method with a network or is given twice, or a bare FILE fits no
+        method or several.
     """
     known = [name for spec in TASKS.values() for name in spec.networks]
     asked = list(dict.fromkeys(name for name in methods if name in known))
@@ -114,7 +114,7 @@ def _digest(file: Path, mtime_ns: int, size: int) -> str:
 
 
 def _version(file: str) -> tuple[Path, int, int]:
-    """Return a file with its time of change and its size: what is loaded once."""
+    """Return a file with its modification time and size, as the key of the cache."""
     try:
         found = Path(file).stat()
     except OSError as error:

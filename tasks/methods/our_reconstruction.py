@@ -1,9 +1,9 @@
-"""Our reconstruction: a small recurrent U-Net of E2VID's family, trained on our own simulator.
+"""Our reconstruction: a small recurrent U-Net like E2VID's, trained on our own simulator.
 
-It differs from E2VID (`tasks.methods.e2vid`) in its input: the voxel grid is in log units, C times
-the sum of polarities, not normalized; and further channels have each pixel's sums of all its events
-so far, which fade with each event as in the high-pass filter (`tasks.methods.high_pass_filter`), at
-several rates: one that fades fast is sharp, one that fades slowly has large structures, and ghosts.
+It differs from E2VID (`tasks.methods.e2vid`) in its input. The voxel grid is in log units, C times
+the sum of polarities, not normalized. Further channels hold the sum of all events of each pixel so
+far, which decays with each event as in the high-pass filter (`tasks.methods.high_pass_filter`), at
+several rates: a fast one is sharp, a slow one keeps large structures, but also ghosts.
 """
 
 from __future__ import annotations

@@ -4,13 +4,13 @@ Log intensity changed by p C between an event and the previous one at its pixel.
 image at the window's start predict that change, Eq. (10); least squares finds the flow.
 
 The paper substitutes the best C of Eq. (12) into the objective before it minimizes over v. The
-result is the variance of p Delta L, which is 0 at v = 0, where every Delta L is 0: no motion
-explains any events perfectly. So C is known here, as it is in simulation. Where it is unknown,
+result is the variance of p Delta L, which is 0 at v = 0, where every Delta L is 0: zero motion
+explains any events perfectly. So C is known here, as it is in simulation. If it is unknown, the
+scale-free form is minimized: the variance over C^2, rescaled,
 
-    min over C of  mean (p Delta L / C - 1)^2  =  1 - mean(p Delta L)^2 / mean((p Delta L)^2)
+    min over C of  mean (p Delta L / C - 1)^2  =  1 - mean(p Delta L)^2 / mean((p Delta L)^2).
 
-is the scale-free form: the variance over C^2, rescaled. It has its largest value, 1, at v = 0, as C
-is bounded from below.
+It has its largest value, 1, at v = 0, as C is bounded from below.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def estimate_unknown_contrast(sample: FlowSample) -> FlowEstimate:
 def estimate_by_descent(sample: FlowSample) -> FlowEstimate:
     """As `estimate_unknown_contrast`, by steepest descent over the flow, with the best C at each.
 
-    The paper says that it uses a first-order method, not which one.
+    The paper uses a first-order method, but does not say which one.
     """
     return _estimate(sample, _steepest_descent, contrast_is_known=False)
 
@@ -113,7 +113,7 @@ def _by_pixel(sample: FlowSample, usable: NDArray[np.bool_]) -> NDArray[np.intp]
 def _best_gain(
     events: NDArray[np.float64], L: NDArray[np.float64], unknowns: NDArray[np.float64]
 ) -> float:
-    """Return 1 / C of the least cost at a flow, Eq. (12) for the scale-free objective.
+    """Return 1 / C of least cost at a flow: Eq. (12) for the scale-free objective.
 
     The cost is a parabola in 1 / C, so one Newton step from any point finds its vertex.
     """
@@ -129,9 +129,9 @@ def _steepest_descent(
     lower: NDArray[np.float64],
     upper: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], bool]:
-    """Return the unknowns where steps against the gradient end, and True.
+    """Return the unknowns at which steps against the gradient end, and True.
 
-    A step is twice as long as the one before where that lowered the cost, else half as long.
+    The step length doubles after a step that lowers the cost, and halves otherwise.
     """
 
     def at(
@@ -162,13 +162,13 @@ def normal_equations(events, L, unknowns):
     """Sum up the cost |p Delta L(v) / C - 1|^2 of Eq. (11) and its derivatives.
 
     Delta L_k(v) = L(x_k - v t_k) - L(x_k - v (t_k - Delta t_k)), Eq. (10); with a delay d, t_k - d
-    replaces t_k. An event right after the previous one at its pixel shares a point with it, which
-    is sampled once.
+    replaces t_k. Consecutive rows with consecutive events of a pixel share a point, which is
+    sampled once.
 
     Parameters
     ----------
     events
-        (N, 5): x, y, t, time of the previous event at the pixel, p; fastest sorted by pixel.
+        (N, 5): x, y, t, time of the previous event at the pixel, p; fastest if sorted by pixel.
     L
         (h, w) float64, log intensity at the window's start.
     unknowns
@@ -184,7 +184,7 @@ def normal_equations(events, L, unknowns):
     curvature = np.zeros((4, 4))
     x, y, t = np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER), np.empty(2 * _TOGETHER)
     seen = np.empty((3, 2 * _TOGETHER))
-    points = np.empty(_TOGETHER, np.uint64)  # of each event; that of the one before is the previous
+    points = np.empty(_TOGETHER, np.uint64)  # of each event; the previous event's is one before
     for start in range(0, events.shape[0], _TOGETHER):
         block = events[start : start + _TOGETHER]
         count = 0

@@ -1,4 +1,4 @@
-"""Oracles of video: what the truth itself scores once the photoreceptor has changed it.
+"""Oracles of video: the truth itself, as the photoreceptor changes it.
 
 They get the frames, not only the events, and bound what methods can reach with a slow sensor: two
 poles at f delay slow changes by 1 / (pi f), two time constants, and blur fast ones.
@@ -59,7 +59,12 @@ class TrueLight:
 
         Returns
         -------
-        (height, width).
+        (height, width), log units.
+
+        Raises
+        ------
+        TaskError
+            The frame has values that are negative or not finite.
         """
         seen = integrate(self.sequence.frame(k), height, width)
         if seen is None:
@@ -96,7 +101,7 @@ class _Oracle:
 
 
 class LateTruth(_Oracle):
-    """The true image, two time constants late; made as every video method, with `light`."""
+    """The true image, two time constants late; constructed as video methods are, with `light`."""
 
     def image(self, t_us: int) -> Float64:
         """Return log intensity, (height, width), linear in time between frames.
@@ -118,7 +123,7 @@ class FilteredTruth(_Oracle):
     """The true log light, through both poles of the photoreceptor.
 
     As in the sensor, the poles start settled on the first frame, and the log light is linear in
-    time between frames. Made as every video method, with `light`.
+    time between frames. Constructed as video methods are, with `light`.
     """
 
     def __post_init__(self) -> None:
@@ -126,7 +131,7 @@ class FilteredTruth(_Oracle):
         self._input = self._first = self._second = self._seen(0)
 
     def image(self, t_us: int) -> Float64:
-        """Return log intensity, (height, width), as the second pole has it."""
+        """Return log intensity, (height, width): the output of the second pole."""
         t_s, times = 1e-6 * t_us, self.light.t_s
         while self._frame + 1 < len(times) and times[self._frame + 1] <= t_s + 1e-9:
             self._frame += 1

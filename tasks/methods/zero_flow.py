@@ -9,5 +9,5 @@ from tasks.dense_flow import DenseFlowSample
 
 
 def estimate(sample: DenseFlowSample) -> NDArray[np.float64]:
-    """Return no flow, (2, height, width)."""
+    """Return zeros, (2, height, width)."""
     return np.zeros(sample.shape)

@@ -1,1 +1,1 @@
-"""Recordings of real cameras: their events, frames and calibration, and how methods do on them."""
+"""Recordings of real cameras: their events, frames and calibration, and scores of methods."""

@@ -1,7 +1,7 @@
-"""`Calibration`: the lens of a camera, from a file as the RPG's event camera dataset has it.
+"""`Calibration`: the lens of a camera, from a file as in the RPG's event camera dataset.
 
-One line `fx fy cx cy k1 k2 p1 p2 k3`, in pixels and as OpenCV's distortion; (0, 0) is the center of
-the top-left pixel.
+The file is one line `fx fy cx cy k1 k2 p1 p2 k3`, in pixels and with OpenCV's distortion; (0, 0) is
+the center of the top-left pixel.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tasks.errors import TaskError
 
 _NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-_FARTHEST = 0.2  # of the principal point from the middle, in widths and heights of the sensor
+_FARTHEST = 0.2  # distance of the principal point from the middle, in widths and heights
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,12 +39,16 @@ class Calibration:
         return np.asarray(cv2.undistort(image, self.K, self.distortion))
 
     def undistorted_points(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (N, 2) where the pinhole camera would see some points.
+        """Return where the pinhole camera would see some points.
 
         Parameters
         ----------
         points_px
             (N, 2), with pixel centers at integers + 0.5.
+
+        Returns
+        -------
+        (N, 2) positions, px.
         """
         if not len(points_px):
             return points_px
@@ -71,7 +75,7 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
     Raises
     ------
     TaskError
-        The file is not such a line, or the numbers cannot be those of a sensor of this size.
+        The file is not such a line, or the numbers do not fit a sensor of this size.
     """
     text = path.read_text(errors="replace").split()
     try:

@@ -1,7 +1,7 @@
-"""The clock of the frames, as frames and events tell it.
+"""The clock of the frames, from frames and events.
 
-The right shift of the frames is that with which events explain most of the change from frame to
-frame, whatever an event is worth.
+At the right shift of the frames, events explain most of the change from frame to frame, whatever
+an event is worth.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from tasks.recording.worth import Explained
 
 REACH_US = 20_000
 STEP_US = 1_000
-_MOST_PAIRS = 5  # from which a shift is estimated
+_MOST_PAIRS = 5  # pairs of frames that a shift is estimated from
 
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """How much later than their times the frames fit the events best.
+    """Shift of the frames at which they fit the events best.
 
     Parameters
     ----------
     shift_us
-        To add to the times of the frames.
+        Shift to add to the times of the frames, microseconds.
     unexplained, unexplained_before
         Share of the squared change between frames that the events do not explain, with the shift
         and without.
@@ -40,16 +40,16 @@ class Shift:
 
     @property
     def matters(self) -> bool:
-        """Whether the frames fit the events visibly better with the shift."""
+        """Whether the frames fit the events clearly better with the shift."""
         return self.unexplained < self.unexplained_before - 0.05
 
 
 def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
-    """Estimate by how much the clocks of frames and events differ.
+    """Estimate the difference between the clocks of frames and events.
 
-    The shift is that of the least unexplained change of the first pairs, of all within 20 ms in
-    steps of 1 ms; a parabola through the best three gives its fraction. Not all of it comes from
-    clocks: events follow when the light has changed by a threshold, and later in a slow sensor.
+    The shift minimizes the unexplained change of the first five pairs, over 20 ms in both
+    directions in steps of 1 ms, refined by a parabola through the best three. Not all of it comes
+    from clocks: events come after the light has changed by a threshold, and later in a slow sensor.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def estimate_shift(recording: Recording, frames: Frames) -> Shift | None:
     Returns
     -------
     Shift
-        None if no pair lies 20 ms within the recording, or the best shift is the largest.
+        None if no pair is 20 ms or more inside the recording, or the best shift is at either end.
     """
     pairs = inside(recording, frames, REACH_US)[:_MOST_PAIRS]
     shifts_us = np.arange(-REACH_US, REACH_US + STEP_US, STEP_US)
@@ -89,9 +89,9 @@ def on_one_clock(
     recording, frames
         The events and frames.
     shift_us
-        Added to the times of the frames; None estimates it.
+        Added to the times of the frames, microseconds; None estimates it.
     notes
-        Sentences are appended.
+        List to append sentences to.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Dense optical flow on a recording: flow of all pixels, read at corners.
 
-Each window comes with the window before it, which dense methods compare it with;
-`tasks.recording.flow_windows` says what flow is compared with.
+Dense methods get each window and the window before it. `tasks.recording.flow_windows` describes the
+windows and the reference for flow.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def score_dense_flow(
     recording
         The events.
     frames
-        Frames of the same camera, if there are some.
+        Frames of the same camera, if there are any.
     methods
         Names, or "package.module:function".
     weights
@@ -49,12 +49,12 @@ def score_dense_flow(
 
     Returns
     -------
-    Scores of each window, corner and method, as of `tasks.recording.flow.score_flow`.
+    Scores of each window, corner and method, as for `tasks.recording.flow.score_flow`.
 
     Raises
     ------
     TaskError
-        The recording is shorter than two windows, or nothing in it can be followed.
+        The recording is shorter than two windows, or has no corners to follow.
     """
     loaded = {name: load_method("dense_flow", name, weights) for name in methods}
     start = Start.of(options, np.nan, recording.size[0])

@@ -21,17 +21,17 @@ from tasks.recording.threshold import Thresholds, fit_recording
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
 
-_NEEDED = {  # what a recording does not have, or what is not scored on one
-    "tracking": "a plane, the poses and the camera, which a recording does not tell",
+_NEEDED = {  # data that a recording does not have, by task
+    "tracking": "a plane, the poses and the camera, which a recording does not have",
 }
-_WITH_DELAY = "photometric_flow_with_delay"  # of the filter, which clocks and exposures hide
-_FROM_ZERO = "initial_flow"  # of dense flow: there is no other than zero, as of zero_flow
-_ANY_THRESHOLD = 0.2  # log units; scales images from events alone, whose pictures are stretched
+_WITH_DELAY = "photometric_flow_with_delay"  # not by default: clocks and exposures hide the delay
+_FROM_ZERO = "initial_flow"  # not by default for dense flow: it is the same as zero_flow
+_ANY_THRESHOLD = 0.2  # log units, if nothing is known
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingEvaluation:
-    """Scores on a recording, and what was assumed or found for them.
+    """Scores on a recording, with the assumptions and estimates behind them.
 
     Parameters
     ----------
@@ -68,12 +68,13 @@ def evaluate_recording(
     frames
         Frames of the same camera.
     methods
-        Names, or "package.module:function"; by default all listed methods that the recording has
-        the data for.
+        Names, or "package.module:function"; by default all methods of the task that the recording
+        has the data for.
     shift_us
-        Added to the times of the frames; None estimates it.
+        Added to the times of the frames, microseconds; None estimates it.
     contrast_threshold
-        C, log units; by default that of the file's sensor model, or the fit to the frames.
+        C, log units; by default that of the file's sensor model, or fitted to the frames, or 0.2
+        without frames.
     flow
         Windows and patches of flow.
     weights
@@ -88,8 +89,8 @@ def evaluate_recording(
     Raises
     ------
     TaskError
-        The recording does not have what the task or a method needs, a method does not exist, or
-        frames and events do not fit.
+        The recording lacks data that the task or a method needs, a method does not exist, or frames
+        and events do not fit.
     """
     if task in _NEEDED:
         raise TaskError(f"{recording.path}: {TASKS[task].title} needs {_NEEDED[task]}")
@@ -133,7 +134,7 @@ def _methods(
         if name in spec.diagnostics:
             raise TaskError(
                 f"{recording.path}: method {name!r} needs the true light, which a recording does "
-                "not tell"
+                "not have"
             )
     for name in given:
         if frames is None and name in LOCAL:

@@ -1,6 +1,6 @@
-"""Optical flow on a recording, from zero: no motion is known before.
+"""Optical flow on a recording, from zero, as no initial flow is known.
 
-`tasks.recording.flow_windows` says where flow is scored and what it is compared with.
+`tasks.recording.flow_windows` describes the windows and the reference for flow.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ LOCAL = (
     *("photometric_flow", "photometric_flow_unknown_contrast", "photometric_flow_by_descent"),
     "photometric_flow_with_delay",
 )
-"""Methods whose search ends at the nearest minimum: they start from contrast maximization."""
+"""Methods that search for the nearest minimum: they start from contrast maximization."""
 
 
 def score_flow(
@@ -45,11 +45,11 @@ def score_flow(
     recording
         The events.
     frames
-        Frames of the same camera, if there are some.
+        Frames of the same camera, if there are any.
     methods
         Names, or "package.module:function".
     contrast_threshold
-        For methods that use it, log units.
+        C for methods that use it, log units.
     options
         Windows and patches.
     on_progress
@@ -63,7 +63,7 @@ def score_flow(
     Raises
     ------
     TaskError
-        The recording is shorter than a window, or nothing in it can be followed.
+        The recording is shorter than a window, or has no corners to follow.
     """
     loaded = {name: load_method("flow", name) for name in methods}
     width, height = recording.size

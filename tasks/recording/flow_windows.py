@@ -1,9 +1,9 @@
-"""Windows of a recording in which flow is scored, and what it is compared with.
+"""Windows of a recording in which flow is scored, and the reference for it.
 
-With frames, a window lasts from one frame to the next, and the reference is where corners of the
-first are in the second. Without frames there is no reference: the score is how much sharper the
-image of the events becomes when they are moved back along the flow, the flow warp loss of
-Stoffregen et al., "Reducing the Sim-to-Real Gap for Event Cameras" (ECCV 2020), for the patch
+With frames, a window lasts from one frame to the next, and the reference is the track of each
+corner from the first to the second. Without frames there is no reference: the score is how much
+sharper the image of the events becomes when they are moved back along the flow, the flow warp loss
+of Stoffregen et al., "Reducing the Sim-to-Real Gap for Event Cameras" (ECCV 2020), for the patch
 around each corner of that image.
 """
 
@@ -29,12 +29,12 @@ from tasks.recording.recording import Recording, cut
 from tasks.recording.score import CONTRAST_GAIN, END_POINT_ERROR
 from tasks.recording.tracks import strong_corners, track
 
-_SIGMAS = 4  # that a search goes from its start, in every method
+_SIGMAS = 4  # reach of the search of every method
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A window of events, [start_us, end_us), and the number of the frame at its start, if any."""
+    """A window of events, [start_us, end_us), and the index of the frame at its start, if any."""
 
     start_us: int
     end_us: int
@@ -48,7 +48,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """What all samples of a recording have in common.
+    """Values that all samples of a recording have in common.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Start:
     patch_px
         Side of a patch, px.
     sigma_px
-        Scale of the flow, from zero, px.
+        Standard deviation of the flow around zero per component, px.
     """
 
     contrast_threshold: float
@@ -66,7 +66,7 @@ class Start:
 
     @classmethod
     def of(cls, options: FlowOptions, contrast_threshold: float, width: int) -> Start:
-        """Return it for a sensor.
+        """Return the values for a sensor.
 
         Parameters
         ----------
@@ -97,13 +97,13 @@ class Start:
         Parameters
         ----------
         events
-            Events of the window, and any others.
+            Events, including all of the window.
         window
             The window.
         log_image
-            (H, W) log light at its start, or NaN.
+            (H, W) log light at its start, NaN if unknown.
         center_px
-            The corner.
+            (2,) position of the corner, px.
 
         Returns
         -------
@@ -131,37 +131,37 @@ def followed(
     *,
     with_before: bool = False,
 ) -> Iterator[tuple[Window, Events, Reference]]:
-    """Yield the windows in which flow is scored, one after the other.
+    """Yield the windows in which flow is scored, one after another.
 
     Parameters
     ----------
     recording
         The events.
     frames
-        Frames of the same camera, if there are some.
+        Frames of the same camera, if there are any.
     start
-        Patches.
+        Values for the patches.
     options
-        Length and largest number of the windows, and largest number of points in each.
+        Length and largest number of windows, and largest number of points in each.
     on_progress
-        Called after each window with the number of those done and of all.
+        Called after each window with the number of finished windows and that of all.
     with_before
-        Whether to yield the events of the window before, too; windows without one are left out.
+        Whether to yield the events of the window before too; windows without one are left out.
 
     Yields
     ------
     window, events, reference
-        A window, its events, and what flow in it is compared with.
+        A window, its events, and the reference for flow in it.
 
     Raises
     ------
     TaskError
-        An option is out of range, the recording has no such window, or nothing can be followed.
+        An option is out of range, the recording has no such window, or no window has corners.
     """
     _check(options)
     windows = _windows(recording, frames, options, with_before)
     starts_us = [one.before_us if with_before else one.start_us for one in windows]
-    starts_us = np.minimum.accumulate(starts_us[::-1])[::-1].tolist()  # cut needs ascending ones
+    starts_us = np.minimum.accumulate(starts_us[::-1])[::-1].tolist()  # cut needs ascending starts
     cuts = [(start_us, one.end_us) for start_us, one in zip(starts_us, windows, strict=True)]
     points = 0
     for done, (window, events) in enumerate(
@@ -182,7 +182,7 @@ def followed(
 
 
 def _check(options: FlowOptions) -> None:
-    """Refuse windows, features or patches of no size."""
+    """Refuse options that are too small."""
     for name, least in (("window_ms", 1e-3), ("windows", 1), ("features", 1), ("patch_px", 3)):
         value = getattr(options, name)
         if not value >= least:
@@ -203,14 +203,14 @@ def _windows(
         found = [window for window in found if window.before_us >= recording.start_us]
         if not found:
             raise TaskError(
-                f"{recording.path}: found no frame with as many events before it as there are to "
-                "the next one, expected one: dense flow compares two windows"
+                f"{recording.path}: found no window between frames with events for as long before "
+                "it, expected one: dense flow compares two windows"
             )
     return [found[i] for i in spread(range(len(found)), options.windows)]
 
 
 def _even_windows(recording: Recording, options: FlowOptions, first: int) -> list[Window]:
-    """Return windows of even length, spread over a recording; leave out the `first` ones."""
+    """Return windows of equal length, spread over a recording, but not the first `first` ones."""
     length_us = round(1e3 * options.window_ms)
     whole = (recording.end_us - recording.start_us) // length_us
     if whole <= first:
@@ -226,12 +226,14 @@ def _even_windows(recording: Recording, options: FlowOptions, first: int) -> lis
 
 
 def spread(numbers: Sequence[int], most: int) -> list[int]:
-    """Return at most so many of some numbers, spread evenly.
+    """Choose some numbers, evenly spread.
 
     Parameters
     ----------
-    numbers, most
-        The numbers, and how many to return at most.
+    numbers
+        The numbers to choose from.
+    most
+        Largest number of them.
 
     Returns
     -------
@@ -249,7 +251,7 @@ def spread(numbers: Sequence[int], most: int) -> list[int]:
 
 
 class Reference(Protocol):
-    """What the flow at some points of a window is compared with.
+    """Reference for the flow at some points of a window.
 
     Attributes
     ----------
@@ -268,7 +270,7 @@ class Reference(Protocol):
         Parameters
         ----------
         item
-            Number of the point.
+            Index of the point.
         flow_px
             (2,) the flow, px per window.
 
@@ -295,7 +297,7 @@ class _Tracks:
 
 
 class _Sharpness:
-    """How much sharper the events around corners become along a flow."""
+    """How much sharper the events around corners become when moved back along a flow."""
 
     metric = CONTRAST_GAIN.name
 

@@ -1,12 +1,12 @@
-"""`Frames`: images that the camera of a recording took, with the times of their exposures.
+"""`Frames`: images from the camera of a recording, with the times of their exposures.
 
 A folder has one of these files, next to the images or above them:
 
     frames.csv        t_us_start,t_us_end,file      microseconds on the clock of the events
     images.txt        time file                     as in the RPG's event camera dataset
-    timestamps.txt    time                          one a line; the images in order of their names
+    timestamps.txt    time                          one per line, for the images sorted by name
 
-The latter two say when an exposure starts, not when it ends, and need a unit of time.
+The latter two have the start of each exposure, not its end, and need a unit of time.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ logger = logging.getLogger(__name__)
 
 _COLUMNS = ["t_us_start", "t_us_end", "file"]
 DARK = 1 / 64
-"""Added to the light of frames before the logarithm, in units of white: below about 4 of 255 codes,
-a frame says more of its own noise than of the light."""
+"""Added to the light of frames before the logarithm, in units of white. Below about code 4 of 255,
+a frame is mostly noise."""
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames of a recording, in the order of time.
+    """Frames of a recording, in order of time.
 
     Parameters
     ----------
     files
         The images.
     start_us, end_us
-        (N,) int64, start and end of each exposure, on the clock of the events; equal where the
+        (N,) int64, start and end of each exposure, on the clock of the events; equal if the
         exposure is unknown.
     encoding
         Transfer function of the stored numbers, see `sensor.to_linear`.
@@ -60,7 +60,7 @@ class Frames:
         return len(self.files)
 
     def some(self, numbers: NDArray[np.int64]) -> Frames:
-        """Return the frames of these numbers, ascending."""
+        """Return the frames of these indices, which ascend."""
         return replace(
             self,
             files=tuple(self.files[k] for k in numbers),
@@ -75,7 +75,7 @@ class Frames:
 
     @property
     def middle_us(self) -> NDArray[np.int64]:
-        """(N,) middle of each exposure: the time for which its image stands."""
+        """(N,) middle of each exposure, taken as the time of its image."""
         return (self.start_us + self.end_us) // 2
 
     @cached_property
@@ -83,11 +83,11 @@ class Frames:
         return Luminance(self.encoding)
 
     def light(self, k: int) -> NDArray[np.float32]:
-        """Return (H, W) the light of a frame, in units of white."""
+        """Return the light of a frame, (H, W), in units of white."""
         return self._luminance(next(read_images([self.files[k]])))
 
     def log_light(self, k: int) -> NDArray[np.float64]:
-        """Return (H, W) the log of light and dark level."""
+        """Return the log of light plus dark level, (H, W)."""
         return np.log(self.light(k).astype(np.float64) + DARK)
 
     def footage(self) -> Footage:
@@ -126,8 +126,8 @@ def open_frames(
     time_unit
         Unit of images.txt or timestamps.txt: s, ms, us or ns.
     exposure_us
-        Length of all exposures, for files that do not state it; without it, a warning says that
-        frames are taken as instants.
+        Length of all exposures, for files that do not state it; without it, exposures are taken as
+        instants, with a warning.
     encoding
         Transfer function of the stored numbers, see `sensor.to_linear`.
 
@@ -138,7 +138,7 @@ def open_frames(
     Raises
     ------
     TaskError
-        The folder has no times, a file is missing or is damaged, or the times do not ascend.
+        The folder has no times, a file is missing or damaged, or the times do not ascend.
     """
     if not folder.is_dir():
         raise TaskError(f"{folder}: found no folder of frames")

@@ -1,8 +1,8 @@
 """Images on a recording with frames: each is compared with the frame that the camera took.
 
-`reconstruction` predicts a frame from the one before it and the events between them, and doing
-nothing is that frame. `video` has the events alone; as nothing tells them the level of the light,
-histograms are equalized before the comparison, and doing nothing is a gray image.
+`reconstruction` predicts a frame from the one before it and the events between them; its baseline
+is the frame before. `video` uses only events; as these do not determine the level of the light,
+histograms are equalized before the comparison, and the baseline is a gray image.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ def score_reconstruction(
     methods
         Names, or "package.module:function".
     thresholds
-        Contrast thresholds. Methods get one for both polarities, and polarity sums that make up for
+        Contrast thresholds. Methods get one for both polarities, and polarity sums that account for
         the difference.
     on_progress
         Called after each pair of frames.
 
     Returns
     -------
-    PSNR of each frame and method, of light; its peak is white, the largest number that the files
-    can store.
+    PSNR of each frame and method, of linear light; the peak is white, the largest value that the
+    files can store.
     """
     pairs = inside(recording, frames)
     loaded = {name: load_method("reconstruction", name) for name in methods}
@@ -88,7 +88,7 @@ def score_video(
     methods
         Names, or "package.module:class".
     contrast_threshold
-        Of both polarities, log units.
+        C for both polarities, log units.
     equalization
         As for `tasks.video.picture`.
     weights
@@ -99,6 +99,11 @@ def score_video(
     Returns
     -------
     PSNR of each image and method, of equalized pictures.
+
+    Raises
+    ------
+    TaskError
+        No frame is within the time of the events.
     """
     kept = [
         k

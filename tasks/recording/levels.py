@@ -1,9 +1,9 @@
 """`Levels`: the light of pixels at the times of their events.
 
 An event fires when the log intensity of its pixel is exactly at a level of the comparator. So
-from one event of a pixel to any later one it changes by C_on for each brighter event less C_off for
-each darker one, without a remainder, and whichever way the light took. Between the frames of a
-camera the light follows from the motion of the image.
+from one event of a pixel to any later one, it changes by exactly C_on for each brighter event minus
+C_off for each darker one, whatever happens in between. Between the frames of a camera, the light
+follows from the motion of the image.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from tasks.recording.frames import Frames
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-_MOST_FRAMES = 200  # of the stretch in which most events are
+_MOST_FRAMES = 200  # of the stretch with most events
 _MOST_STEPS = 1000  # frames after interpolation
 _MOST_PIXELS = 4096
-_MOST_EVENTS = 40_000  # whose light is used; all are counted
-_BLOCK = 8  # events: over more, thresholds that differ between pixels add up
+_MOST_EVENTS = 40_000  # events whose light is used; all are counted
+_BLOCK = 8  # events; over longer blocks, differences between the pixels' thresholds add up
 _SATURATED = 0.98  # of the brightest light
 _LEAST = 100  # events
-_INSTANT_S = 1e-9  # a shorter time constant is none
-SETTLING = 0.1  # of the stretch: before, a filter still remembers the time before the stretch
+_INSTANT_S = 1e-9  # a shorter time constant counts as none
+SETTLING = 0.1  # of the stretch, before which a filter depends on light before the stretch
 
 
 def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
-    """Return the successive frames, 200 at most, between which there are most events.
+    """Return the successive frames, at most 200, with most events between them.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
     Returns
     -------
     Frames
-        All of them within the time of the events.
+        All within the time of the events.
 
     Raises
     ------
     TaskError
-        Fewer than three frames are.
+        Fewer than three frames are within the time of the events.
     """
     t_us = frames.middle_us
     count = np.zeros(len(t_us) - 1, np.int64)
@@ -78,17 +78,17 @@ def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
 
 
 def light_of(frames: Frames) -> Footage:
-    """Return the light along the motion of the image, in steps of half a pixel at most.
+    """Return the light along the motion of the image, in steps of at most half a pixel.
 
     Parameters
     ----------
     frames
-        Frames of a camera; each stands for the middle of its exposure.
+        Frames of a camera; each is taken at the middle of its exposure.
 
     Returns
     -------
-    The frames, and motion-compensated ones between them; the first of them if more than 1000
-    frames would be needed.
+    The frames, and motion-compensated ones between them; only the first part if all would need more
+    than 1000 frames.
     """
     own = frames.footage()
     steps = steps_for(displacements_px(own))
@@ -99,7 +99,7 @@ def light_of(frames: Frames) -> Footage:
 
 
 def every_second(light: Footage) -> Footage:
-    """Return every second frame of light whose frames are all known."""
+    """Return every second frame of light."""
     return replace(light, t_s=light.t_s[::2], frames=lambda: islice(light, 0, None, 2))
 
 
@@ -112,17 +112,17 @@ class Levels:
     light_us
         (T,) float64 times of the light, microseconds.
     log_light
-        (T, P) float64 log of the light of P pixels and the dark level.
+        (T, P) float64 log of the light of P pixels plus the dark level.
     dark
         Dark level, in units of white.
     t_us, pixel
         (N,) times of the events, and their pixels, 0 to P - 1.
     on, off
-        (N,) events of the pixel until then, this one included.
+        (N,) numbers of ON and OFF events of the pixel until then, including this one.
     block
-        (N,) number of the group of successive events of a pixel, from 0 on.
+        (N,) index of the group of successive events of a pixel.
     tile
-        (N,) tile of the pixel.
+        (N,) index of the pixel's tile.
     """
 
     light_us: Float64
@@ -140,7 +140,7 @@ class Levels:
 
     @property
     def settling_us(self) -> float:
-        """Time from the start of the light to the first event, and largest delay times two."""
+        """Least time from the start of the light to an event: twice the largest delay."""
         return SETTLING * float(self.light_us[-1] - self.light_us[0])
 
     def at_dark(self, dark: float) -> Levels:
@@ -149,18 +149,18 @@ class Levels:
         return replace(self, log_light=np.log(light + dark), dark=dark)
 
     def within_blocks(self, values: Float64) -> Float64:
-        """Return (N,) values without the mean of their block, which takes the unknown level."""
+        """Return (N,) values minus the mean of their block, which removes the unknown level."""
         return values - (np.bincount(self.block, values) / np.bincount(self.block))[self.block]
 
     def light_at_events(
         self, delay_us: float = 0.0, pole_s: float = 0.0, poles: int = 2
     ) -> Float64:
-        """Return (N,) log light behind the photoreceptor, a delay before each event.
+        """Return the log light after the photoreceptor, a delay before each event.
 
         Parameters
         ----------
         delay_us
-            The delay.
+            The delay, microseconds.
         pole_s
             Time constant of each pole, seconds; 0 for none.
         poles
@@ -189,7 +189,7 @@ class Levels:
 
 
 def _poles(u: Float64, steps_s: Float64, pole_s: float, poles: int) -> tuple[Float64, Float64]:
-    """Return the outputs of both poles at the times of the light, (T, P) each, from rest."""
+    """Return the outputs of both poles at the times of the light, (T, P) each, settled at first."""
     v1, v2 = np.empty_like(u), np.empty_like(u if poles == 2 else u[:1])
     v1[0] = v2[0] = u[0]
     for k, dt_s in enumerate(steps_s.tolist()):
@@ -205,14 +205,15 @@ def _poles(u: Float64, steps_s: Float64, pole_s: float, poles: int) -> tuple[Flo
 def levels_of(
     events: Events, light: Footage, dark: float, hot: NDArray[np.bool_] | None = None
 ) -> Levels:
-    """Collect the light of the pixels with most events, in tiles of 8 x 8.
+    """Collect the events, and their light, of the tiles of 8 x 8 pixels with most events.
 
     Parameters
     ----------
     events
         The events.
     light
-        Light at times between which the image moves by half a pixel at most, on their clock.
+        Light on the clock of the events, at times between which the image moves by at most half a
+        pixel.
     dark
         Dark level, in units of white.
     hot
@@ -221,9 +222,9 @@ def levels_of(
     Returns
     -------
     Levels
-        Of events within the time of the light, less a tenth at its start and a twentieth at its
-        end; of every n-th block if there are more than 40,000. Events in light as bright as the
-        brightest, which may be saturated, are left out.
+        Events within the time of the light, without a tenth at its start and a twentieth at its
+        end; only every n-th block if there are more than 40,000. Events at the brightest light,
+        which may be saturated, are left out.
 
     Raises
     ------

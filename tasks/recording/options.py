@@ -24,11 +24,11 @@ class FrameOptions:
     frames_time_unit
         Unit of images.txt or timestamps.txt: s, ms, us or ns.
     exposure_us
-        Length of all exposures, where no frames.csv tells, microseconds.
+        Length of all exposures, microseconds, unless frames.csv has it.
     frames_shift_us
         Add this to the times of the frames, microseconds.
     estimate_shift
-        Find by how much the frames must be shifted to fit the events best, up to 20 ms.
+        Estimate the shift of the frames, up to 20 ms, that fits the events best.
     encoding
         Transfer function of the frames: srgb (by default), rec709, linear, or gamma:2.2.
     """
@@ -42,7 +42,7 @@ class FrameOptions:
 
     @property
     def shift_us(self) -> int | None:
-        """Shift of the frames; None if it is to be estimated."""
+        """Shift of the frames, microseconds; None to estimate it."""
         if self.estimate_shift and self.frames_shift_us is not None:
             raise TaskError("found frames-shift-us and estimate-shift, expected one of them")
         return None if self.estimate_shift else (self.frames_shift_us or 0)
@@ -53,7 +53,7 @@ class FrameOptions:
         Raises
         ------
         TaskError
-            They cannot be read, or options for frames are given without frames.
+            The frames cannot be read, or options for frames are given without frames.
         """
         from tasks.recording.frames import open_frames
 
@@ -86,7 +86,7 @@ class FlowOptions:
     Parameters
     ----------
     window_ms
-        Length of a window, milliseconds; with frames it is the time between two.
+        Length of a window, milliseconds; with frames, a window lasts from one to the next.
     windows
         Largest number of windows, spread evenly over the recording.
     features
@@ -110,7 +110,7 @@ USUAL_FLOW = FlowOptions()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoOptions:
-    """Which images are made.
+    """Images to make.
 
     Parameters
     ----------
@@ -122,9 +122,9 @@ class VideoOptions:
         Time of the first image, seconds on the clock of the events; by default one step after the
         first event.
     end
-        No image is later, seconds; by default just after the last event.
+        Time after which there are no images, seconds; by default just after the last event.
     equalization
-        Of the histograms of the images: none, global, local, or clahe (local, with limited
+        Equalization of the images' histograms: none, global, local, or clahe (local, with limited
         contrast).
     """
 

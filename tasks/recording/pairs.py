@@ -1,9 +1,9 @@
-"""Pairs of consecutive frames, and what the events between them add up to.
+"""Pairs of consecutive frames, and the sums of events between them.
 
 An exposure averages the light while it lasts. If log intensity changes little meanwhile, the
 logarithm of the average is the average of the logarithm, so the change from one frame to the next
-is a weighted sum of events: the weight of an event rises from 0 to 1 over the first exposure, as
-less and less of it still sees the light before the event, and falls from 1 to 0 over the second.
+is a weighted sum of events: the weight of an event rises from 0 to 1 over the first exposure, with
+the share of the exposure before the event, and falls from 1 to 0 over the second.
 This is the linear form of the event-based double integral of Pan et al., "Bringing a Blurry Frame
 Alive at High Frame-Rate with an Event Camera" (CVPR 2019).
 """
@@ -71,18 +71,18 @@ def _seconds(t_us: int) -> str:
 
 
 def inside(recording: Recording, frames: Frames, margin_us: int = 0) -> list[int]:
-    """Return the pairs within a recording: each the number of its first frame.
+    """Return the pairs within a recording, as the index of their first frame.
 
     Parameters
     ----------
     recording, frames
         The events and frames.
     margin_us
-        Least time from the exposures to the first and last event.
+        Least time from the exposures to the first and last event, microseconds.
 
     Returns
     -------
-    Numbers k of the frames for which k and k + 1 are in the recording.
+    Indices k of the frames for which k and k + 1 are within the recording.
     """
     kept = (frames.start_us >= recording.start_us + margin_us) & (
         frames.end_us <= recording.end_us - margin_us
@@ -100,9 +100,9 @@ def events_of(
     recording, frames
         The events and frames.
     pairs
-        Numbers of the first frames, ascending.
+        Indices of the first frames, ascending.
     margin_us
-        How much earlier and later to begin and end.
+        How much earlier to begin and later to end, microseconds.
 
     Returns
     -------
@@ -120,11 +120,11 @@ def sums(events: Events, frames: Frames, k: int, shift_us: int = 0) -> PairSums:
     Parameters
     ----------
     events
-        All events of the pair, and any others.
+        Events, including all of the pair.
     frames, k
-        The frames, and the number of the first of the two.
+        The frames, and the index of the first of the two.
     shift_us
-        Added to the times of the frames.
+        Added to the times of the frames, microseconds.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def sums(events: Events, frames: Frames, k: int, shift_us: int = 0) -> PairSums:
 
 
 def _share(t_us: NDArray[np.int64], frames: Frames, k: int) -> NDArray[np.float64]:
-    """Return the share of an exposure that is over at each time; a step if it is an instant."""
+    """Return the share of exposure k that is over at each time; a step if it is an instant."""
     start_us, end_us = int(frames.start_us[k]), int(frames.end_us[k])
     if start_us == end_us:
         return (t_us >= start_us).astype(np.float64)

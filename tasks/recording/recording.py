@@ -58,14 +58,14 @@ class Recording:
 def open_recording(
     path: Path, *, format: str | None = None, reading: Reading = AS_STORED
 ) -> Recording:
-    """Open a file of events; reads all of it once, to know its time.
+    """Open a file of events; reads all of it once, for its times and number of events.
 
     Parameters
     ----------
     path
         The file.
     format
-        Its format; by default its extension or header tells.
+        Its format; by default that of its extension or header.
     reading
         How to read it.
 
@@ -78,7 +78,7 @@ def open_recording(
     EventFormatError
         The file is damaged, or its size is neither stored nor given.
     TaskError
-        It has no events.
+        The file has no events.
     """
     parts = reading.parts(path, format)
     header = read_header(path, format=format).with_size(reading.size)
@@ -94,7 +94,7 @@ def open_recording(
 
 
 def cut(parts: Iterable[Events], windows_us: Sequence[tuple[int, int]]) -> Iterator[Events]:
-    """Cut windows out of a stream; no more than a window and a part are in memory.
+    """Cut windows out of a stream, with at most a window and a part in memory.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def cut(parts: Iterable[Events], windows_us: Sequence[tuple[int, int]]) -> Itera
     Yields
     ------
     Events
-        Of each window.
+        Events of each window.
     """
     stream = iter(parts)
     held = next(stream)

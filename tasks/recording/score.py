@@ -11,7 +11,7 @@ END_POINT_ERROR = Metric(
     "epe_px", "distance from the tracks of the frames", "px", False, negligible=0.05, decimals=2
 )
 CONTRAST_GAIN = Metric("contrast_gain", "contrast gain", "", True, negligible=0.01, decimals=3)
-"""Contrast of the events that are moved back along a flow, over that of the events as they are."""
+"""Contrast of the events moved back along a flow, over that of the unmoved events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class RecordingScore:
     t_us
         End of the window, or time of the image, on the clock of the events.
     item
-        Number of the feature.
+        Index of the feature.
     failure
         Reason of a failure, or "".
     """

@@ -1,4 +1,4 @@
-"""The contrast thresholds, as frames and events tell them: see `tasks.recording.levels`."""
+"""Contrast thresholds from frames and events: see `tasks.recording.levels`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tasks.recording.recording import Recording, cut
 _PIXELS = 0.04  # effect of thresholds that differ between pixels by 10 %, in simulations
 _PASSES = 6
 _HUBER = 1.345  # standard deviations
-_DELAYS = 21  # from which a search starts
+_DELAYS = 21  # tried before the search
 
 
 class Thresholds(NamedTuple):
@@ -45,7 +45,7 @@ class Thresholds(NamedTuple):
         return 0.5 * (self.on + self.off)
 
     def change(self, found: PairSums) -> NDArray[np.float64]:
-        """Return (H, W) the change of log intensity that events stand for."""
+        """Return the change of log intensity of the events, (H, W)."""
         return self.on * found.on - self.off * found.off
 
 
@@ -78,12 +78,12 @@ class FittedThresholds(NamedTuple):
 
 
 def fit_recording(recording: Recording, frames: Frames) -> FittedThresholds:
-    """Fit the contrast thresholds to the frames of a recording, where it has most events.
+    """Fit the contrast thresholds to the frames of a recording, in the stretch with most events.
 
     Parameters
     ----------
     recording, frames
-        The events and frames; the events of 200 frames at most are in memory.
+        The events and frames; the events of at most 200 frames are in memory.
 
     Returns
     -------
@@ -140,8 +140,8 @@ class Line(NamedTuple):
 def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: int = 2) -> Line:
     """Fit both thresholds by robust regression of the light on the numbers of events.
 
-    Each block of events of a pixel has an unknown level, which the means take. Huber's weights
-    bound the effect of outliers.
+    Each block of events of a pixel has an unknown level; subtracting the block's mean removes it.
+    Huber's weights bound the effect of outliers.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def fit_line(levels: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: 
     Returns
     -------
     Line
-        NaN if the events do not tell ON from OFF.
+        NaN if the events do not separate ON from OFF.
     """
     y = levels.within_blocks(levels.light_at_events(delay_us, pole_s, poles))
     a, b = levels.within_blocks(levels.on), -levels.within_blocks(levels.off)
@@ -192,8 +192,8 @@ def fit_thresholds(
     """Estimate both thresholds.
 
     The interval is that of a bootstrap over tiles of pixels, widened by the change of the answer
-    with every second frame, which bounds the error from light between the frames. Four percent are
-    added for thresholds that differ between pixels by up to 10 %.
+    with every second frame, which bounds the error of the light between frames, and by 4 % for
+    thresholds that differ between pixels by up to 10 %.
 
     Parameters
     ----------
@@ -211,8 +211,8 @@ def fit_thresholds(
     Raises
     ------
     TaskError
-        The changes of the light do not fit the events, or do not tell ON from OFF, as where all
-        light rises.
+        The changes of the light do not fit the events, or do not separate ON from OFF, for example
+        because all light rises.
     """
     found = fit_line(levels, delay_us, pole_s, poles)
     both = bootstrap(found.sums, _solved)

@@ -1,7 +1,7 @@
-"""Tracks of corners from one frame to the next: the reference for flow where no truth is known.
+"""Tracks of corners from one frame to the next: the reference for flow if no truth is known.
 
-Lucas and Kanade's tracker in a pyramid, as OpenCV has it, forward and backward: a corner that does
-not come back to where it was is left out (Kalal et al., "Forward-Backward Error", ICPR 2010).
+OpenCV's pyramidal Lucas-Kanade tracker, forward and backward: a corner that does not come back to
+its start is left out (Kalal et al., "Forward-Backward Error", ICPR 2010).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 RETURN_PX = 0.2
-QUALITY = 0.03  # of the weakest corner over the strongest: weaker ones are the noise of a frame
+QUALITY = 0.03  # strength of the weakest corner over the strongest; weaker ones are noise
 _APART = 1 / 24  # widths of the frame between two corners
 _WINDOW_PX = 21
 _LEVELS = 3
@@ -66,14 +66,14 @@ def track(light: NDArray[np.floating], later: NDArray[np.floating], count: int) 
     Parameters
     ----------
     light, later
-        (H, W) light of two frames, in one unit.
+        (H, W) light of two frames, in the same unit.
     count
         Largest number of corners.
 
     Returns
     -------
     Tracks
-        Of the corners whose way there and back ends within 0.2 px of its start.
+        Tracks of the corners that come back to within 0.2 px of their start.
     """
     white = max(light.max(), later.max())
     if not white > 0:

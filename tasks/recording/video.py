@@ -34,7 +34,7 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     Parameters
     ----------
     recording, options
-        The events, and which images.
+        The events, and the images to make.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     Raises
     ------
     TaskError
-        The rate is not positive, there are more than a million, or there is none.
+        The rate is not positive, there are more than a million images, or there is none.
     """
     check_positive("fps", options.fps, TaskError)
     step_us = 1e6 / options.fps
@@ -81,16 +81,15 @@ def write_video(
     out
         The folder: 000000.png and so on, and timestamps.txt with a time for each, us.
     options
-        Which images.
+        The images to make.
     contrast_threshold
-        C, log units. A filter's images are stretched, so that only the ratio of C to the dark
-        matters in them.
+        C, log units. It scales the log intensity of the images before they are stretched.
     calibration
-        Lens, whose distortion is taken out of the images.
+        Lens, whose distortion is removed from the images.
     weights
         Files of weights by the names of the methods that need them.
     overwrite
-        Whether to replace a folder that such images are in.
+        Whether to replace a folder of such images.
     on_progress
         Called after each part of the events.
 
@@ -107,7 +106,7 @@ def write_video(
     if options.method in TASKS["video"].diagnostics:
         raise TaskError(
             f"method: found {options.method!r}, which needs the true light, expected another: a "
-            "recording does not tell it"
+            "recording does not have it"
         )
     if options.equalization not in ("none", *EQUALIZATIONS):
         raise TaskError(

@@ -1,10 +1,11 @@
-"""What an event is worth between two frames, to predict the one from the other.
+"""What an event is worth between two frames, to predict the second from the first.
 
-At a frame the log light of a pixel is anywhere between two levels of its comparator, and some
+At a frame, the log light of a pixel is anywhere between two levels of its comparator, and some
 events are noise. So a prediction is best if an event counts for less than a threshold, or for more
-where events are missing: least squares over all pixels of all pairs of frames. A pixel's weight is
-its light squared, as an error of log intensity is one of light in proportion to it: the noise of a
-frame is in its codes. The thresholds themselves are those of `tasks.recording.threshold`.
+if events are missing. Least squares over all pixels of all pairs of frames finds its worth. The
+weight of a pixel is its light squared, as an error of log intensity is an error of light in
+proportion to the light, and the noise of a frame is in its light. `tasks.recording.threshold` fits
+the thresholds themselves.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from tasks.recording.threshold import Thresholds
 
 
 class Explained:
-    """How much of the change between frames events explain: normal equations."""
+    """Normal equations of the change between frames that events explain."""
 
     def __init__(self) -> None:
         self._matrix = np.zeros((2, 2))
@@ -35,7 +36,7 @@ class Explained:
         before, after
             (H, W) log light of both.
         found
-            The events between.
+            Sums of the events between.
         """
         weight = np.exp(2 * before).ravel()
         change = (after - before).ravel()
@@ -46,7 +47,7 @@ class Explained:
         self._total += float(weight @ change**2)
 
     def solve(self) -> tuple[Thresholds, float] | None:
-        """Return what ON and OFF events are worth, and the share of the squared change that stays.
+        """Return what ON and OFF events are worth, and the unexplained share of squared change.
 
         None if the events do not determine them.
         """
@@ -63,7 +64,7 @@ def worth_of_events(recording: Recording, frames: Frames) -> tuple[Thresholds, f
     Parameters
     ----------
     recording, frames
-        The events and frames; a pair of events and two logarithms of frames are in memory.
+        The events and frames; only one pair of frames and its events are in memory at a time.
 
     Returns
     -------

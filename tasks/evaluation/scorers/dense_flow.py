@@ -30,7 +30,7 @@ class DenseFlowScorer:
             start_s, end_s = reference.sequence.window_s
             raise TaskError(
                 f"dense_flow: found frames from {first_us * 1e-6 * setting.speed:g} s on, expected "
-                f"them from {2 * start_s - end_s:g} s on, one window before the scored one; "
+                f"them from {2 * start_s - end_s:g} s on, one window earlier than the scored one; "
                 "render the clip with a longer --warmup"
             )
         self._features = reference.features(task.features, task.seed).at(setting.model.width)

@@ -13,16 +13,16 @@ from tasks.numerics.compiling import inlined, jit_contract_in_place
 
 REFERENCE_TIME = 0.5  # mid-window, so that events move as little as possible
 EVEN_OFFSET_PX = 0.5 - math.sqrt(1 / 12)
-"""Offset of all events with which zero flow is no sharper than others. Bilinear votes blur by
-f (1 - f) px^2, where f is the distance to the pixel before: 1/6 on average, but 0 for all events
-that stay where they are. This f has 1/6."""
-_OBJECTIVES = {  # by gradient, and around even events
+"""Offset of all events that makes zero flow no sharper than other flows. Bilinear votes blur by
+f (1 - f) px^2, where f is the distance from the previous pixel center: 1/6 on average over f, but 0
+at zero flow, where all events are at pixel centers. At this f it is 1/6."""
+_OBJECTIVES = {  # the fields by_gradient and around_even of `Patch`
     "variance": (False, True),
     "gradient": (True, True),
     "plain variance": (False, False),
 }
 _EXPOSURES = 16  # times, at least, at which the patch's own motion is sampled
-_TOGETHER = 256  # events whose places are computed at once
+_TOGETHER = 256  # events whose positions are computed at once
 _SMOOTHING_PX = 1.0
 _REACH_PX = 4  # of the Gaussian: four sigma
 _TAPS = np.exp(-0.5 * (np.arange(_REACH_PX + 1) / _SMOOTHING_PX) ** 2)
@@ -31,12 +31,12 @@ _G0, _G1, _G2, _G3, _G4 = (float(tap) for tap in _TAPS)
 
 
 class Patch(NamedTuple):
-    """The events of a patch, in pixels of an image with a margin for every flow."""
+    """The events of a patch, in pixels of an image with a margin that fits every flow."""
 
-    column: NDArray[np.float64]  # (N,) of each event in the image
+    column: NDArray[np.float64]  # (N,) position of each event in the image
     row: NDArray[np.float64]
-    t: NDArray[np.float64]  # (N,) its time from mid-window
-    exposure_t: NDArray[np.float64]  # times from mid-window at which the patch is sampled
+    t: NDArray[np.float64]  # (N,) time of each event from mid-window
+    exposure_t: NDArray[np.float64]  # (E,) times from mid-window at which the patch is sampled
     width: int  # of the patch, px
     height: int
     far_x: int  # width of the margin, px
@@ -46,39 +46,39 @@ class Patch(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Memory of a search: images of (height, width) with margins, empty where none is written."""
+    """Memory of a search. Images include the margins."""
 
-    pixels: NDArray[np.float64]  # of the votes, row by row
+    pixels: NDArray[np.float64]  # the votes, row by row
     votes: NDArray[np.float64]  # the same memory as an image
     across: NDArray[np.float64]  # the votes blurred along x
     blurred: NDArray[np.float64]
     first: NDArray[np.uint64]  # (_TOGETHER,) pixel at the top left of each event
-    f: NDArray[np.float64]  # (2, _TOGETHER) x and y from its center to the event
-    corner: NDArray[np.int64]  # (2, E) x and y of the moving patch's first pixel
-    part: NDArray[np.float64]  # (2, E) x and y from its center to the patch's first one
+    f: NDArray[np.float64]  # (2, _TOGETHER) x and y from the center of that pixel to the event
+    corner: NDArray[np.int64]  # (2, E) x and y of the pixel at the top left of the moving patch
+    part: NDArray[np.float64]  # (2, E) x and y from that pixel to the patch's first pixel
 
 
 class Contrast:
     """Contrast of the image of warped events: its variance around the image without texture.
 
     A static patch sees a point near its edge only for a part of the window. So the image of warped
-    events fades out at its edges, and the plain variance rewards any flow that moves this edge
-    together. Therefore the image of events that are spread evenly over patch and window is
-    subtracted before the squares are added up. The sum then gains nothing from patch edges, at
-    small or large flows, and the scatter of single events adds the same to it at every flow.
+    events fades out at its edges, and the plain variance depends on the flow even without texture.
+    Therefore the image of events spread evenly over patch and window is subtracted before the
+    squares are summed. The edges of the patch then add nothing to the sum at any flow, and the
+    scatter of single events adds the same at every flow.
 
     Parameters
     ----------
     sample
         Events of one patch.
     reach_px
-        Largest distance of any flow from the initial flow, per component: all flows then get
-        images of the same size.
+        Largest distance of any flow from the initial flow, per component; it sets the size of the
+        images.
     objective
-        "variance", "gradient", or "plain variance": nothing is subtracted. As no vote is lost, that
-        is the variance of the image of warped events but for a constant.
+        "variance", "gradient", or "plain variance", which subtracts nothing: as no vote is lost, it
+        is the variance of the image of warped events up to a constant.
     offset_px
-        Moves all events along both axes: 0, or `EVEN_OFFSET_PX`.
+        Shift of all events along both axes: 0, or `EVEN_OFFSET_PX`.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Contrast:
         )
 
     def __call__(self, flow: NDArray[np.float64]) -> float:
-        """Return the contrast at a flow, (2,) px per window, relative to the mean squared."""
+        """Return the contrast at a flow, (2,) px per window, as `contrast_at`."""
         return contrast_at(self.patch, self.work, flow[0], flow[1])
 
 
@@ -133,11 +133,11 @@ def contrast_at(patch, work, vx, vy):
     work
         Its `Work`, overwritten.
     vx, vy
-        The flow.
+        The flow, px per window.
 
     Returns
     -------
-    The contrast, relative to the mean squared number of events per pixel.
+    The contrast, relative to the square of the mean number of events per pixel.
     """
     work.pixels[:] = 0.0
     _vote(patch, vx, vy, work)
@@ -164,7 +164,7 @@ def contrast_at(patch, work, vx, vy):
 
 @inlined
 def _vote(patch, vx, vy, work):
-    """Add the bilinear votes of the warped events; places first, which are computed in vectors."""
+    """Add the bilinear votes of the warped events; their positions first, in a vectorized loop."""
     pixels, first, fx, fy = work.pixels, work.first, work.f[0], work.f[1]
     columns = work.votes.shape[1]
     right, below = np.uint64(1), np.uint64(columns)
@@ -186,10 +186,10 @@ def _vote(patch, vx, vy, work):
 
 @inlined
 def _subtract_even_events(patch, vx, vy, work):
-    """Subtract the votes of as many events, spread evenly over the patch and the window.
+    """Subtract the votes of the same number of events, spread evenly over the patch and the window.
 
-    A moving patch with its votes is the product of a moving interval in x and one in y: at the
-    interval's first pixel 1 - f, then 1, and f after its last.
+    The votes of a moving patch are the product of a moving interval in x and one in y: 1 - f at the
+    interval's first pixel, then 1, and f after its last.
     """
     width, height, exposures = patch.width, patch.height, patch.exposure_t.size
     x0, y0, fx, fy = work.corner[0], work.corner[1], work.part[0], work.part[1]

@@ -17,25 +17,25 @@ def estimate(
 ) -> FlowEstimate:
     """Estimate the flow with the greatest contrast of the image of warped events.
 
-    Polarity is not used; votes are bilinear, and the image is smoothed by a Gaussian of 1 px. It is
-    large enough for any flow within the bound, so that no vote is lost. The search (Nelder-Mead)
-    stays within 4 sigma of the initial flow; an answer at this bound is a failure, since contrast
-    can run away on dense texture.
+    Polarity is not used; votes are bilinear, and the image is smoothed by a Gaussian of 1 px. The
+    image is large enough for any flow within the bound, so that no vote is lost. The search
+    (Nelder-Mead) stays within 4 sigma of the initial flow; an answer at this bound is a failure,
+    since contrast can run away on dense texture.
 
     Parameters
     ----------
     sample
         Events of one patch.
     objective
-        As of `Contrast`: "variance", "gradient" for the mean squared gradient magnitude, or "plain
+        As for `Contrast`: "variance", "gradient" for the mean squared gradient magnitude, or "plain
         variance".
     offset_px
-        Moves all events along both axes. With `EVEN_OFFSET_PX`, a search from zero is free to leave
-        it: events that do not move have sharp votes.
+        Shift of all events along both axes. `EVEN_OFFSET_PX` lets a search leave zero flow, at
+        which votes are otherwise sharpest.
 
     Returns
     -------
-    The flow; the initial flow where the search fails.
+    The flow; the initial flow if the search fails.
     """
     if len(sample.t) < MIN_EVENTS:
         return FlowEstimate(sample.initial, f"{len(sample.t)} events")
@@ -56,5 +56,5 @@ def estimate_by_gradient(sample: FlowSample) -> FlowEstimate:
 
 
 def estimate_by_plain_variance(sample: FlowSample) -> FlowEstimate:
-    """As `estimate`, with the variance of the image of warped events alone as contrast."""
+    """As `estimate`, with the plain variance of the image of warped events as contrast."""
     return estimate(sample, objective="plain variance")

@@ -2,7 +2,7 @@
 
 The steps, their order and their arithmetic are those of SciPy's `minimize`, so that both end at the
 same flow to the last bit. SciPy calls back for each value, which takes longer than the contrast of
-a small patch, and keeps other threads of Python waiting; here one call is the whole search.
+a small patch, and holds the GIL; here the whole search is one compiled call.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def find_sharpest(patch, work, initial, reach, simplex):
     reach
         Largest distance from the initial flow per component, px.
     simplex
-        (3, 3): x and y of the first three points, from the initial flow, and room for their losses.
-        At the end they are the last three points, the best one first.
+        (3, 3): a row for each of the first three points: x and y from the initial flow, and room
+        for the loss. Overwritten by the last three points, the best one first.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def find_sharpest(patch, work, initial, reach, simplex):
 def _loss(patch, work, initial, reach, x, y):
     """Return the negative contrast at an offset from the initial flow."""
     if max(abs(x), abs(y)) > reach:
-        return 0.0  # worse than any image, as squares are positive
+        return 0.0  # worse than any image, whose squares are positive
     return -contrast_at(patch, work, initial[0] + x, initial[1] + y)
 
 
@@ -99,8 +99,8 @@ def _extent(simplex):
 def _across(simplex, factor):
     """Return the middle of the two best points, moved away from the worst one.
 
-    It moves by `factor` times the distance between the two; a negative factor moves it towards the
-    worst point.
+    It moves by `factor` times its distance from the worst point, and toward it if `factor` is
+    negative.
     """
     x = (1.0 + factor) * ((simplex[0, 0] + simplex[1, 0]) / 2.0) - factor * simplex[2, 0]
     y = (1.0 + factor) * ((simplex[0, 1] + simplex[1, 1]) / 2.0) - factor * simplex[2, 1]

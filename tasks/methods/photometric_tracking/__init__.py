@@ -1,6 +1,6 @@
 """Event-based Photometric Pose Tracker (EPPT), Eqs. (13) to (15), with C known.
 
-Log intensity changed by C between two events at a pixel. The reference view gives the value that
+Log intensity changed by p C between two events at a pixel. The reference view gives the value that
 the pixel saw: its ray meets the plane, and that point is projected into the reference view, Eq.
 (13). So each event with an earlier one at its pixel gives one residual, Eq. (14),
 

@@ -42,7 +42,7 @@ class RobustSum:
     cost
         Robust sum of squares, Eq. (15).
     gradient, hessian
-        (6 M,) and (6 M, 6 M) Gauss-Newton, in the control poses.
+        (6 M,) gradient and (6 M, 6 M) Gauss-Newton Hessian in the M control poses.
     outside
         Number of events that see a point outside the reference view.
     """
@@ -89,8 +89,8 @@ def normal_equations(events, geometry, spline, level, loss):
     """Sum up the robust cost of Eq. (15) and its derivatives in the control poses.
 
     The cost is sum rho(r_k). An event that sees a point outside the reference view has no
-    derivatives, and costs as much as with a flat reference view, rho(C), so that the search does
-    not gain from looking away.
+    derivatives, and costs rho(C), as in a flat reference view, so that the search gains nothing by
+    looking away.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def normal_equations(events, geometry, spline, level, loss):
         else:
             weight = huber / size
             cost += huber * (size - 0.5 * huber)
-        # Only control poses from the earlier event's first to this one's last have derivatives.
+        # Only the control poses of the segments from the earlier event's to this one's matter.
         first, count = 6 * s_0, 6 * (s_1 - s_0) + 24
         J[:count] = 0.0
         for i in range(24):
@@ -204,7 +204,7 @@ def normal_equations(events, geometry, spline, level, loss):
             J_i = weight * J[i]
             gradient[first + i] += J_i * r
             row = H[first + i, first : first + count]
-            for j in range(count):  # whole rows: twice the sums of half rows, in half the time
+            for j in range(count):  # whole rows take half the time of half rows
                 row[j] += J_i * J[j]
     for i in range(6 * controls):
         for j in range(i):

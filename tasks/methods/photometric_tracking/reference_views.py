@@ -11,7 +11,7 @@ import numpy as np
 from tasks.methods.photometric_tracking.residuals import Float64, Intrinsics, intrinsics
 from tasks.numerics.compiling import jit_contract
 
-_COARSEST_PX = 16  # of the reference view at its coarsest
+_COARSEST_PX = 16  # least side of the coarsest view
 
 
 class Level(NamedTuple):
@@ -25,7 +25,7 @@ class Level(NamedTuple):
 def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Level]:
     """Yield reference views, the coarsest first.
 
-    Each view is the next finer one, blurred by a Gaussian of 1 px, at half the size by area.
+    Each view is the next finer one, blurred by a Gaussian of 1 px and halved by averaging areas.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Leve
     K
         (3, 3) camera matrix.
     coarsest_px
-        Blur of the coarsest view, about, in pixels of the reference view.
+        Approximate blur of the coarsest view, in pixels of the reference view.
 
     Yields
     ------
@@ -54,12 +54,12 @@ def pyramid(log_image: Float64, K: Float64, coarsest_px: float) -> Iterator[Leve
 
 
 def gain(log_image: Float64, coarse: Float64) -> float:
-    """Return the factor on a blurred view with which its gradient best predicts the fine gradient.
+    """Return the factor on a blurred view that makes its gradient best predict the fine gradient.
 
     This is the regression of the fine gradient on the coarse one, at least 1. The regression of the
-    coarse gradient on the fine one tells how much contrast the blur removes. Reducing C by that
-    looks equivalent, but then the detail that the blur hides makes every path look too long, and
-    the search ends millimeters away from the path.
+    coarse gradient on the fine one is the share of contrast that the blur leaves. Reducing C to
+    that share looks equivalent, but then the detail that the blur hides makes every path look too
+    long, and the search ends millimeters away from the true path.
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ def gain(log_image: Float64, coarse: Float64) -> float:
 def _gradient_products(a, b):
     """Sum grad a . grad b and |grad a|^2 over two (h, w) images, with differences as gradients.
 
-    The sums run row by row in one order. BLAS adds in an order that depends on its threads, so the
-    same events would give another path on another machine.
+    The sums run row by row in a fixed order. BLAS adds in an order that depends on its threads, so
+    that the same events would give another path on another machine.
     """
     height, width = a.shape
     both = total = 0.0

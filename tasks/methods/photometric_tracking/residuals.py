@@ -16,8 +16,8 @@ from tasks.tracking import TrackingSample
 Float64 = NDArray[np.float64]
 Intrinsics = tuple[float, float, float, float]  # focal lengths and principal point, px
 
-RESIDUALS_PER_UNKNOWN = 10  # at least, or there are too few events
-_COARSE_RESIDUALS = 8000  # are enough for a blurred reference view
+RESIDUALS_PER_UNKNOWN = 10  # with fewer, there are too few events
+_COARSE_RESIDUALS = 8000  # enough for a blurred reference view
 
 
 def knots_us(path: Trajectory) -> tuple[int, int]:
@@ -139,12 +139,12 @@ def join_events(problem: Problem, events: int) -> Problem:
     problem
         The events.
     events
-        How many become one. The last ones of a pixel, where they are fewer, become one too.
+        How many become one; the remainder at a pixel becomes one too.
 
     Returns
     -------
-    The problem with the joined events. Where more than `_COARSE_RESIDUALS` are left, only every
-    n-th pixel is used.
+    The problem with the joined events. If more than `_COARSE_RESIDUALS` are left, only every n-th
+    pixel is used.
     """
     if events == 1:
         return problem

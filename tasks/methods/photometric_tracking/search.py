@@ -16,13 +16,13 @@ from tasks.numerics.compiling import jit_contract
 
 _MAX_PASSES = 60  # per level
 _CONVERGED_PX = 0.02  # a shorter step is the last; root mean square over the control poses
-_CONVERGED_NOISE = 0.1  # so is one that gains less than this share of the noise in the minimum
+_CONVERGED_NOISE = 0.1  # a step that gains less than this share of the minimum's noise is the last
 
 Found = tuple[Trajectory, RobustSum, int, bool]
 
 
 def search(problem: Problem, path: Trajectory, levels: Iterable[Level]) -> Found:
-    """Search on one reference view after the other.
+    """Search on one reference view after another.
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ def _levenberg_marquardt(problem: Problem, level: Level, path: Trajectory) -> Fo
 def cholesky_solve(A, b):
     """Solve A x = b for a positive definite A.
 
-    LAPACK would split large matrices, those of long paths, by its number of threads, and so round
-    differently.
+    LAPACK splits large matrices, those of long paths, by its number of threads, which changes the
+    rounding.
 
     Parameters
     ----------

@@ -52,10 +52,10 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
 
     Events with a delay d are those of the path T(t - d), so events alone cannot separate a delay
     from another path: for any d, a path shifted in time fits as well. But the camera was at T_0 at
-    time 0, when the reference view was taken. So the path of the late events is estimated first,
-    over the path's duration and `sample.max_delay_us`: its beginning as in `estimate`, except for
-    the finest level, and from there all of it, with little blur. The delay is the time at which
-    that path sees the reference view, by the least mean squared distance in the image.
+    time 0, when the reference view was taken. So the path of the late events is estimated over its
+    duration and `sample.max_delay_us`: first its beginning, as in `estimate` without the finest
+    level, then all of it, with little blur. The delay is the time at which that path sees the
+    reference view, by the least mean squared distance in the image.
 
     Raises
     ------
@@ -87,14 +87,14 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
 
 
 def _blur_px(sample: TrackingSample) -> float:
-    """Return by how much the perturbation of the initial path moves the image, px."""
+    """Return how far the perturbation of the initial path moves the image, px."""
     return sample.camera.focal_px * sample.initial_sigma_m / distance_m(sample)
 
 
 def _begun(sample: TrackingSample) -> tuple[Trajectory, float]:
-    """Estimate a path without delay and without the finest level; return it with its error in px.
+    """Estimate a path without delay and without the finest level; return it and its error in px.
 
-    It is the initial path if the search does not converge.
+    The path is the initial one if the search does not converge.
     """
     start = _start_of(sample)
     if not start.failure and start.found[3]:
@@ -151,8 +151,8 @@ def _judge(
 def _extended(path: Trajectory, by_us: int) -> Trajectory:
     """Extend a path with its mean velocity.
 
-    The last control pose is replaced too: the path hardly depends on it, so a search may leave it
-    anywhere.
+    The last control pose is replaced too: the path hardly depends on it, so the search leaves it
+    undetermined.
     """
     interval_us, _ = knots_us(path)
     end_s, interval_s = path.duration_s, 1e-6 * interval_us
