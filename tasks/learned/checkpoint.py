@@ -1,4 +1,4 @@
-"""Files of weights: read without running code, and refused with what they hold."""
+"""Read files of weights without running code from them."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from torch import Tensor, nn
 
 from tasks.errors import WeightsError
 
-_SHOWN = 4  # names of a list in a message
+_SHOWN = 4  # names that a message lists
 
 
 def read_checkpoint(file: Path) -> Any:
     """Read a file that `torch.save` wrote.
 
-    Only tensors and plain values are read, never other classes, as a pickle could run code.
+    Only tensors and plain values are read, since a pickle of other classes could run code.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def read_checkpoint(file: Path) -> Any:
     Raises
     ------
     WeightsError
-        The file is missing, damaged, no checkpoint, or holds other classes.
+        The file is missing, damaged, not a checkpoint, or holds other classes.
     """
     try:
         return torch.load(file, map_location="cpu", weights_only=True)
@@ -43,22 +43,22 @@ def read_checkpoint(file: Path) -> Any:
         if classes := re.findall(r"GLOBAL ([\w.]+)", str(error)):
             raise WeightsError(
                 f"{file}: found a pickle of {_listed(dict.fromkeys(classes))}, which could run "
-                "code, expected tensors and plain values. Where you trust the file, load it with "
-                "the program that wrote it, and save only its weights and options"
+                "code, expected tensors and plain values. If you trust the file, load it with the "
+                "program that wrote it, and save only its weights and options"
             ) from None
-        raise WeightsError(f"{file}: found no checkpoint of PyTorch") from None
+        raise WeightsError(f"{file}: not a PyTorch checkpoint") from None
     except (RuntimeError, EOFError, KeyError, ValueError, AttributeError) as error:
         reason = str(error).partition("\n")[0][:200]
-        raise WeightsError(f"{file}: not a complete checkpoint of PyTorch: {reason}") from None
+        raise WeightsError(f"{file}: not a complete PyTorch checkpoint: {reason}") from None
 
 
 def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:
-    """Return a state dict.
+    """Return a state dict from the content of a checkpoint.
 
     Parameters
     ----------
     found
-        What was read.
+        The content.
     file
         The file that it was read from, for errors.
 
@@ -69,7 +69,7 @@ def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:
     Raises
     ------
     WeightsError
-        It holds anything else than tensors by name.
+        The content is anything other than tensors by name.
     """
     entries = found.items() if isinstance(found, Mapping) else ()
     if not entries or not all(isinstance(k, str) and isinstance(v, Tensor) for k, v in entries):
@@ -78,7 +78,7 @@ def tensors_of(found: Any, file: Path) -> dict[str, Tensor]:
 
 
 def held(found: Any) -> str:
-    """Return in words what a checkpoint holds."""
+    """Describe what a checkpoint holds."""
     if isinstance(found, Mapping):
         architecture = f"arch {found['arch']!r} and " if "arch" in found else ""
         entries = "1 entry" if len(found) == 1 else f"{len(found)} entries"
@@ -101,7 +101,7 @@ def load_into(network: nn.Module, state: Mapping[str, Tensor], file: Path) -> No
     Raises
     ------
     WeightsError
-        An entry is missing, left over, or has another shape; the message names it.
+        An entry is missing, unexpected, of another shape or not finite; the message names it.
     """
     expected = network.state_dict()
     for name in expected:

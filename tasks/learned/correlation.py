@@ -1,6 +1,6 @@
-"""Correlation of all pairs of cells, and what E-RAFT looks up in it.
+"""Correlation of all pairs of cells, and the part of it that E-RAFT looks up.
 
-All pairs at 1280 px are 3.5 GB. A look-up needs few of them: those of each old cell with the new
+All pairs at 1280 px take 3.5 GB. A look-up needs few of them: those of each old cell with the new
 ones around its place. So a few rows of old cells at a time are correlated with the rows of new
 cells that they look at, looked up, and dropped.
 """
@@ -16,14 +16,14 @@ from torch.nn import functional
 LEVELS = 4
 RADIUS = 4
 CHANNELS = LEVELS * (2 * RADIUS + 1) ** 2
-_ROWS = 4  # of old cells at a time
+_ROWS = 4  # rows of old cells at a time
 
 
 class Correlation:
     """Correlation of every old cell with every new one, at four resolutions of the new ones.
 
     The average over new cells commutes with the inner product: the new features are pooled, and
-    each level is one matrix product. All of it is in float32.
+    each level is one matrix product. Everything is in float32.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ class Correlation:
 
         Returns
         -------
-        (1, 324, h, w): level by level, column by column of offsets from -4 to 4, interpolated
-        bilinearly, 0 outside the image.
+        (1, 324, h, w): level by level, then column by column of the offsets from -4 to 4,
+        interpolated bilinearly, 0 outside the image.
         """
         places = at[0].permute(1, 2, 0)
         blocks = zip(self._old.split(_ROWS), places.split(_ROWS), strict=True)
@@ -68,9 +68,9 @@ def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
     old, places
         (rows, w, channels) features and (rows, w, 2) places of the block.
     new
-        (1, channels, h', w') features, each the mean of `pooled` cells along each axis.
+        (1, channels, h', w') features, each the mean of `pooled` x `pooled` cells.
     pooled
-        Cells.
+        Number of pooled cells along each axis.
     """
     rows, width, channels = old.shape
     x, y = (places / pooled).reshape(-1, 2).T
@@ -78,7 +78,7 @@ def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
     seen = new[0, :, first:end]
     products = (old.reshape(-1, channels) @ seen.reshape(channels, -1)).view(-1, 1, *seen.shape[1:])
     steps = torch.arange(-RADIUS, RADIUS + 1).to(places)
-    # grid_sample takes -1 to 1 as the centers of the first and the last cell.
+    # In grid_sample, -1 and 1 are the centers of the first and the last cell.
     columns = 2 * (x[:, None] + steps) / (seen.shape[2] - 1) - 1
     lines = 2 * (y[:, None] - first + steps) / (seen.shape[1] - 1) - 1
     points = torch.stack(
@@ -90,7 +90,7 @@ def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
 
 
 def _rows_around(y: Tensor, height: int) -> tuple[int, int]:
-    """Return the first row that places look at and the one after the last; at least two rows."""
+    """Return the first row that places look at and the one after the last, at least two apart."""
     least, most = (int(end) for end in torch.nan_to_num(y).floor().aminmax())
     first = min(max(least - RADIUS, 0), height - 2)
     last = min(max(most + RADIUS + 1, first + 1), height - 1)

@@ -1,7 +1,7 @@
 """Run networks on this machine's cores, one at a time, and count their CPU time.
 
-All networks run in one thread, whose helpers PyTorch keeps: two at once would need twice the memory
-and share the same cores.
+All networks run in one thread, which keeps PyTorch's helper threads. Two networks at a time would
+need twice the memory and share the same cores.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _networks = ThreadPoolExecutor(1, "networks")
 def run(function: Callable[..., T], *arguments: Any) -> T:
     """Run a function in the networks' thread, without gradients.
 
-    Its CPU time, helpers included, counts as that of the calling thread
-    (`tasks.cpu_time`). Convolutions are in bfloat16 where the processor computes with it.
+    Its CPU time, helper threads included, counts as that of the calling thread
+    (`tasks.cpu_time`). Convolutions are in bfloat16 if the processor supports it.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def run(function: Callable[..., T], *arguments: Any) -> T:
 
 
 def has_bfloat16() -> bool:
-    """Return whether the processor computes with bfloat16."""
+    """Return whether the processor has instructions for bfloat16."""
     return bool(torch.cpu._is_avx512_bf16_supported())
 
 
@@ -60,7 +60,7 @@ def _counted(function: Callable[..., T], arguments: tuple[Any, ...]) -> tuple[T,
 
 @cache
 def _helpers() -> tuple[str, ...]:
-    """Start the helpers of this thread; return their numbers, none where they cannot be counted."""
+    """Start PyTorch's helper threads and return their ids; use none where none can be measured."""
     if not _THREADS.exists():
         torch.set_num_threads(1)
         return ()

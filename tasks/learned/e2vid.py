@@ -21,7 +21,7 @@ from tasks.learned.size import check_memory
 
 ARCHITECTURE = "E2VIDRecurrent"
 _ROOT = "unetrecurrent."
-# Bytes of a pixel at the peak, by channels at full resolution: measured at 640 and 1280 px.
+# Peak memory per pixel and per channel at full resolution, measured at 640 and 1280 px.
 _BYTES_PER_PX_AND_CHANNEL = 80
 
 
@@ -59,7 +59,7 @@ class E2vid:
         """
         multiple = 2**self._network.options.num_encoders
         side = min(width, height)
-        if (-side % multiple + 1) // 2 >= side:  # more than the image to reflect
+        if (-side % multiple + 1) // 2 >= side:  # reflection cannot pad by the whole image
             raise WeightsError(
                 f"{self._name}: found a sensor of {width}x{height} px, expected at least "
                 f"{multiple // 2} px on each side"
@@ -98,14 +98,14 @@ class E2vid:
 
 
 def reflected(grid: Tensor, multiple: int) -> Tensor:
-    """Pad by reflection to multiples of a side, the larger half on the left and at the top.
+    """Pad by reflection to a multiple of a number, the larger half on the left and at the top.
 
     Parameters
     ----------
     grid
         (..., H, W).
     multiple
-        The padded height and width are multiples of it.
+        The number.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def load(file: Path) -> E2vid:
 
 
 def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
-    """Return the options of the network that these weights are of.
+    """Return the options of the network to which weights belong.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def options_of(state: Mapping[str, Tensor], file: Path) -> E2vidOptions:
 
 
 def _stored_options(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """Return the options that the file names, None if it names none."""
+    """Return the options that the file states, None if it states none."""
     config = found.get("config")
     inner = config.get("model") if isinstance(config, Mapping) else None
     stored = found.get("model", inner)
@@ -203,7 +203,7 @@ def _stored_options(found: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def _check_options(stored: Mapping[str, Any] | None, options: E2vidOptions, file: Path) -> None:
-    """Check that the options in a file are those of its weights."""
+    """Check that the options in a file match its weights."""
     if stored is None:
         return
     of_weights = asdict(options)

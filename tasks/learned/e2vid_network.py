@@ -20,14 +20,14 @@ State = tuple[Tensor, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class E2vidOptions:
-    """Shape of the network, in the words and with the defaults of its checkpoints.
+    """Shape of the network, with the names and defaults of its checkpoints.
 
     Parameters
     ----------
     num_bins
         Bins of the voxel grid.
     skip_type
-        How decoders join the encoders' output: "sum" or "concat".
+        How decoders combine their input with the encoders' output: "sum" or "concat".
     recurrent_block_type
         "convlstm" or "convgru".
     num_encoders
@@ -118,7 +118,7 @@ class _UNetRecurrent(nn.Module):
 
 
 class _Conv(nn.Module):
-    """A convolution of odd side, and a normalization if there is one."""
+    """A convolution with an odd kernel size, and a normalization if there is one."""
 
     def __init__(
         self, channels: int, out: int, side: int, *, norm: str | None, stride: int = 1
@@ -187,7 +187,7 @@ class _ConvLSTM(nn.Module):
         self.Gates = nn.Conv2d(2 * channels, 4 * channels, 3, padding=1)
 
     def forward(self, x: Tensor, state: State) -> State:
-        # The memory keeps the precision of the weights where convolutions have less.
+        # The memory keeps the precision of the weights even if convolutions use less.
         hidden, cell = state or 2 * (torch.zeros_like(x, dtype=self.Gates.weight.dtype),)
         gates = self.Gates(torch.cat([x, hidden.to(x.dtype)], dim=1)).to(cell.dtype)
         take, keep, out, candidate = gates.chunk(4, dim=1)

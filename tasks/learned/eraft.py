@@ -16,10 +16,10 @@ from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_o
 from tasks.learned.eraft_network import ERAFT, ITERATIONS
 from tasks.learned.size import check_memory
 
-LEAST_PX = 128  # below, the coarsest level of the correlation has one cell, and no scale
-_BYTES_PER_PX = 600  # at the peak: measured 500 at 1280 px, in bfloat16 and in float32
+LEAST_PX = 128  # below, the coarsest level of the correlation has one cell: nothing to interpolate
+_BYTES_PER_PX = 600  # at the peak; 500 were measured at 1280 px, in bfloat16 and in float32
 _FIRST = "fnet.conv1.weight"
-# The published code has one normalization under both names.
+# The published code stores one normalization under both names.
 _TWICE = tuple((f"cnet.layer{i}.0.norm3.", f"cnet.layer{i}.0.downsample.1.") for i in (2, 3))
 
 
@@ -121,7 +121,7 @@ def load(file: Path) -> ERaft:
 
 
 def _with_both_names(state: dict[str, Tensor], file: Path) -> dict[str, Tensor]:
-    """Return the weights with both names of those that have two."""
+    """Return the weights, with both names for those that have two."""
     whole = dict(state)
     for starts in _TWICE:
         for start, other in (starts, starts[::-1]):

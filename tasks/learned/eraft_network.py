@@ -26,7 +26,7 @@ class ERAFT(nn.Module):
     bins
         Bins of the voxel grids.
     narrower
-        What the published number of channels of each layer is divided by: 1, 2, 4, 8 or 16.
+        Divisor of the published number of channels of each layer: 1, 2, 4, 8 or 16.
     """
 
     def __init__(self, bins: int, narrower: int = 1) -> None:
@@ -56,8 +56,9 @@ class ERAFT(nn.Module):
 
         Returns
         -------
-        The flow of the cells, (N, 2, h, w), in cells of the padded image, and the flow of the
-        pixels, (N, 2, H, W) px with x first: in training after each update, else after the last.
+        The flow of the cells, (N, 2, h, w), in cells of the padded image, and a list of flows of
+        the pixels, (N, 2, H, W) px with x first: in training after each update, otherwise after the
+        last.
         """
         height, width = old.shape[-2:]
         old, new = padded(old), padded(new)
@@ -95,7 +96,7 @@ def cells(height: int, width: int) -> Tensor:
     Parameters
     ----------
     height, width
-        Their number.
+        Number of cells along each axis.
 
     Returns
     -------
@@ -113,7 +114,7 @@ def enlarged(flow: Tensor, weights: Tensor) -> Tensor:
     flow
         (N, 2, h, w), in cells.
     weights
-        (N, 9 * 64, h, w) before the softmax over the 9 neighbors, which come row by row.
+        (N, 9 * 64, h, w) before the softmax over the 9 neighbors, which are in row-major order.
 
     Returns
     -------
@@ -175,7 +176,7 @@ class _ResidualBlock(nn.Module):
 
 
 class _UpdateBlock(nn.Module):
-    """Updates hidden state and flow from the correlation that was looked up."""
+    """Updates the hidden state and the flow from the looked-up correlation."""
 
     def __init__(self, narrower: int) -> None:
         super().__init__()
@@ -210,7 +211,7 @@ class _MotionEncoder(nn.Module):
         self.convc2 = nn.Conv2d(whole, most, 3, padding=1)
         self.convf1 = nn.Conv2d(2, half, 7, padding=3)
         self.convf2 = nn.Conv2d(half, quarter, 3, padding=1)
-        self.conv = nn.Conv2d(whole, half - 2, 3, padding=1)  # and the flow
+        self.conv = nn.Conv2d(whole, half - 2, 3, padding=1)  # the flow adds two channels
 
     def forward(self, looked_up: Tensor, flow: Tensor) -> Tensor:
         correlated = functional.relu(self.convc2(functional.relu(self.convc1(looked_up))))

@@ -7,15 +7,15 @@ from torch import Tensor
 
 from tasks.learned.eraft_network import cells
 
-_LEAST = 1e-15  # keeps the quotient finite where nobody votes
+_LEAST = 1e-15  # keeps the quotient finite where there are no votes
 
 
 def carried_forward(flow: Tensor) -> Tensor:
     """Move each cell's flow along itself: the start for the next pair of windows.
 
-    Each cell votes with bilinear weights for the cells around its target; each cell takes the mean
-    of the votes, 0 without votes. Both the floor and the ceiling of a coordinate count, so a whole
-    coordinate votes twice, as in the published code.
+    Each cell votes with bilinear weights for the cells around its target; each cell takes the
+    weighted mean of its votes, or 0 without votes. Both the floor and the ceiling of a coordinate
+    count, so an integer coordinate votes twice, as in the published code.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ def carried_forward(flow: Tensor) -> Tensor:
     """
     height, width = flow.shape[-2:]
     x, y = (cells(height, width).to(flow) + flow)[0]
-    total = torch.zeros(3, height * width).to(flow)  # of both components and of the weights
+    total = torch.zeros(3, height * width).to(flow)  # sums of both components and of the weights
     for column in (x.floor(), x.ceil()):
         for row in (y.floor(), y.ceil()):
             share = (1 - (x - column).abs()) * (1 - (y - row).abs())

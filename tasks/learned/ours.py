@@ -1,4 +1,4 @@
-"""Files of our own networks' weights, trained by `eres train`: in half precision, read safely."""
+"""Files of the weights of our own networks, trained by `eres train`, in half precision."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class OurReconstruction(E2vid):
 
     @property
     def bins(self) -> int:
-        """Bins of the voxel grids; the network has further channels, for sums of events."""
+        """Bins of the voxel grids; the network has more input channels, for sums of events."""
         return super().bins - len(DECAYS)
 
 
@@ -88,7 +88,7 @@ def _flow(file: Path, light: str) -> ERaft:
     return ERaft(network, shape[1], "our flow")
 
 
-# Each reads a file that `save` wrote, and raises a `WeightsError` if it cannot be read, or is of
+# Each reads a file that `save` wrote, and raises `WeightsError` if it cannot be read or is of
 # another network or light.
 reconstruction_ideal_light = partial(_reconstruction, light="ideal")
 reconstruction_all_light = partial(_reconstruction, light="all")

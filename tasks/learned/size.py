@@ -12,16 +12,16 @@ def check_memory(name: str, width: int, height: int, needed: int) -> None:
     Parameters
     ----------
     name
-        The network.
+        Name of the network, for the error.
     width, height
         Size of the image, px.
     needed
-        Bytes that it needs.
+        Memory that it needs, bytes.
 
     Raises
     ------
     WeightsError
-        They are more than this machine has; the message gives both.
+        The network needs more memory than this machine has; the message gives both.
     """
     if needed > (there := memory_bytes()):
         raise WeightsError(

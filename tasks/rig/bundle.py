@@ -6,13 +6,13 @@ The camera does not turn; its position is
 
 with the slider's position x. That is eight parameters: the camera's rotation (3), its position at
 x = 0 (3), and the direction of travel (2). The pose of the slider's base (6) and the rotation of
-the camera on its carriage (3) would be nine, but to turn the base about the direction of travel and
-the camera back changes no image.
+the camera on its carriage (3) would be nine, one too many: turning the base about the direction of
+travel and the camera back by the same angle changes no image.
 
 Three more can be unknown. Events are late, so an image at time t shows where the slider was at
 t - latency: latency and position cannot be told apart if the slider moves one way only. The scale
-of the encoder may be off. And dark corners move inward in images of log intensity: each corner is
-seen `corner_bias_px` outward from the middle of its marker.
+of the encoder may be off. And dark markers look smaller in images of log intensity: each corner is
+displaced by `corner_bias_px` away from the middle of its marker, or toward it if negative.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ LATENCY, SCALE, CORNER_BIAS = "latency_ms", "scale", "corner_bias_px"
 
 _LEAST_IMAGES, _LEAST_MARKERS = 3, 6
 _OUTLIER = 4.0  # robust standard deviations of the residuals of all corners
-_LEAST_SIGMA_PX = 0.05  # below which no corner is an outlier
+_LEAST_SIGMA_PX = 0.05  # lower limit of that standard deviation
 _LEAST_INLIERS = 0.5
 _ROUNDS = 10
 _MOST_STEPS = 200
 _WORST_CONDITION = 1e-6  # smallest singular value of the scaled Jacobian, over the largest
-_LEAST_SPEED = 0.2  # of the highest speed, that counts as motion in one direction
-_LEAST_SHARE = 0.1  # of the moving images, in each direction
+_LEAST_SPEED = 0.2  # fraction of the highest speed above which an image counts as moving
+_LEAST_SHARE = 0.1  # fraction of the moving images, in each direction
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,9 +58,9 @@ class Corners:
     t_us
         (M,) time of the image of each marker, microseconds on the slider's clock.
     page_m
-        (M, 4, 2) its corners on the page, m: x to the right and y down from the top left.
+        (M, 4, 2) corners on the page, m: x to the right and y down from the top left.
     image_px
-        (M, 4, 2) its corners in the image, px, (0, 0) at the corner of the first pixel.
+        (M, 4, 2) corners in the image, px, (0, 0) at the corner of the first pixel.
     """
 
     t_us: Float64
@@ -68,7 +68,7 @@ class Corners:
     image_px: Float64
 
     def of(self, chosen: NDArray[np.bool_]) -> Corners:
-        """Return some of the markers."""
+        """Return the markers chosen by a mask, (M,)."""
         return Corners(self.t_us[chosen], self.page_m[chosen], self.image_px[chosen])
 
 
@@ -79,14 +79,14 @@ class RigPose:
     Parameters
     ----------
     R_world_cam
-        (3, 3) rotation. The world is the page: x to the right, y down, z into the page, and the
-        origin in its top left corner, m.
+        (3, 3) rotation from the camera to the world. The world is the page: x to the right, y down,
+        z into the page, and the origin at its top left corner, m.
     origin_m
         (3,) position of the camera at the slider's 0, m.
     direction
         (3,) unit vector of travel.
     scale
-        Meters for each meter of the encoder.
+        Meters of travel per meter of the encoder.
     """
 
     R_world_cam: Float64
@@ -166,10 +166,10 @@ class Solution:
         Names of the P parameters.
     covariance
         (P, P), in the parameters' units: turns about the camera's axes, rad; origin, m; turns of
-        the direction of travel, rad; then the other unknowns. It is that of independent corners, as
-        noisy as the residuals.
+        the direction of travel, rad; then the other unknowns. It assumes that corners are
+        independent and as noisy as the residuals.
     rms_px
-        Root mean square of the inliers' residuals, per corner (x and y together).
+        Root mean square distance of the inliers' corners from their predictions.
     inliers
         (M,) whether each marker was used.
     images
@@ -196,8 +196,9 @@ def solve(
 ) -> Solution:
     """Find the camera's pose, direction of travel and other unknowns, from corners of markers.
 
-    Least squares of the distances in the image, with the intrinsics and the page known. Markers
-    with a corner that is more than four robust standard deviations off are left out, step by step.
+    Least squares of the distances in the image, with the intrinsics and the page known. After each
+    fit, markers are left out if a corner's distance is more than four times the robust root mean
+    square distance.
 
     Parameters
     ----------
@@ -217,9 +218,9 @@ def solve(
     Raises
     ------
     RigError
-        If markers or images are too few, the slider does not move, or moves in one direction only
-        though the latency is unknown, too many corners contradict each other, or the corners leave
-        a parameter open.
+        If there are too few markers or images, the slider does not move, it moves in one direction
+        only although the latency is unknown, too many markers contradict the others, the search
+        fails, or the corners do not determine a parameter.
     """
     _check_enough(corners)
     x_m = slider.position_m(corners.t_us)
@@ -236,13 +237,13 @@ def solve(
             _check_both_directions(slider, used)
         values = model.fit(used, values)
         off_px = np.linalg.norm(model.residuals(corners, values), axis=-1)
-        # Of two normal components of standard deviation 1, the median length is 1.1774.
+        # The median length of a vector of two standard normal components is 1.1774.
         sigma_px = max(float(np.median(off_px[inliers])) / 1.1774, _LEAST_SIGMA_PX)
         now = off_px.max(axis=1) < _OUTLIER * sigma_px * np.sqrt(2)
         if now.mean() < _LEAST_INLIERS:
             raise RigError(
                 f"solve: found {np.sum(~now)} of {len(now)} markers that contradict the others, "
-                f"expected less than half; is this the page and the camera of the recording?"
+                f"expected fewer than half; is this the page and the camera of the recording?"
             )
         if np.array_equal(now, inliers):
             break
@@ -263,21 +264,20 @@ def _check_enough(corners: Corners) -> None:
 
 
 def _check_both_directions(slider: Slider, corners: Corners) -> None:
-    """Refuse to estimate a latency from motion in one direction."""
+    """Refuse to estimate a latency from motion in one direction only."""
     speed = slider.speed_mps(np.unique(corners.t_us))
     fast = abs(speed) > _LEAST_SPEED * abs(speed).max(initial=0.0)
     there, back = int(np.sum(fast & (speed > 0))), int(np.sum(fast & (speed < 0)))
     if min(there, back) < max(1, _LEAST_SHARE * (there + back)):
         raise RigError(
             f"solve: latency: found {there} images on the way there and {back} on the way back, "
-            "expected both, as latency and position look the same on one way; leave the latency "
-            "out, or record both"
+            "expected both, as motion in one direction cannot tell latency from position; leave "
+            "the latency out, or record both"
         )
 
 
 def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
-    """Return a rough pose: the mean of the images' own rotations, and the straight line of
-    positions that fits it best."""
+    """Return a rough pose: the images' mean rotation, and the line that best fits it."""
     world = np.concatenate([corners.page_m, np.zeros_like(corners.page_m[..., :1])], axis=-1)
     rays = camera.rays(corners.image_px)
     times, counts = np.unique(corners.t_us, return_counts=True)
@@ -290,7 +290,7 @@ def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
         if found:
             rotations.append(cv2.Rodrigues(turn)[0].T)
     if not rotations:
-        raise RigError("solve: found no image whose markers give a pose")
+        raise RigError("solve: found no image whose markers give a pose, expected one or more")
     R = Rotation.from_matrix(rotations).mean().as_matrix()
     # A point lies on its ray r: r x (point - origin - x * direction) = 0, linear in both unknowns.
     r = (rays @ R.T).reshape(-1, 3)
@@ -306,7 +306,7 @@ def _first_guess(corners: Corners, x_m: Float64, camera: Camera) -> RigPose:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Model:
-    """Residuals as a function of the parameters, which count from a first guess."""
+    """Residuals as a function of the parameters, which are relative to a first guess."""
 
     slider: Slider
     camera: Camera
@@ -322,7 +322,7 @@ class _Model:
 
     def pose(self, values: Float64) -> RigPose:
         extra = self._extra(values)
-        # Two small turns of the direction, about the two axes across it.
+        # Two small turns of the direction, about the two axes perpendicular to it.
         across = np.linalg.svd(self.guess.direction[None])[2][1:]
         direction = self.guess.direction + values[6:8] @ across
         return RigPose(
@@ -347,7 +347,7 @@ class _Model:
         return corners.image_px - predicted
 
     def fit(self, corners: Corners, values: Float64) -> Float64:
-        """Return the parameters with the least squares of the residuals."""
+        """Return the parameters with the smallest sum of squared residuals."""
         try:
             fitted = least_squares(
                 lambda at: self.residuals(corners, at).ravel(),
@@ -357,7 +357,7 @@ class _Model:
                 method="trf",
                 max_nfev=_MOST_STEPS,
             )
-        except RenderError:  # the page came behind the camera
+        except RenderError:  # the page is behind the camera
             raise RigError(
                 "solve: the search lost the page; is this the page and the camera of the recording?"
             ) from None
@@ -387,8 +387,9 @@ class _Model:
         if singular[-1] < _WORST_CONDITION * singular[0]:
             open_one = names[int(np.argmax(abs(directions[-1])))]
             raise RigError(
-                f"solve: the corners leave {open_one} open (smallest singular value "
-                f"{singular[-1] / singular[0]:.1g} of the largest, expected {_WORST_CONDITION:g})"
+                f"solve: the corners do not determine {open_one}: found a smallest singular value "
+                f"of {singular[-1] / singular[0]:.1g} of the largest, expected at least "
+                f"{_WORST_CONDITION:g}"
             )
         variance = np.sum(off_px**2) / max(off_px.size - len(values), 1)
         half = directions / singular[:, None] / length

@@ -1,4 +1,4 @@
-"""`Calibration`: what `eres rig solve` found out about recordings, and its file."""
+"""`Calibration`: the solutions of recordings, and the file that `eres rig solve` writes."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ Float64 = NDArray[np.float64]
 TRUTH_NAME = "truth.json"
 GAUGE = "page: x right, y down, z into the page, origin in its top left corner, meters"
 
-_GRID = 9  # points along each side of the image, at which views are compared
-_EDGE_PX = 2.0  # by which a corner may be beyond the image, as it is where two lines meet
+_GRID = 9  # points along each side of the image at which views are compared
+_EDGE_PX = 2.0  # a corner is an intersection of lines, so it can lie this far outside the image
 _WINDOW_M = 0.006  # travel of a window of flow, m
 
 
 @dataclass(frozen=True, slots=True)
 class StoredPose:
-    """A `RigPose` as JSON has it: rows of the rotation, positions in m."""
+    """A `RigPose` as stored in JSON: the rows of the rotation, and positions in m."""
 
     R_world_cam: tuple[Vector3, Vector3, Vector3]
     origin_m: Vector3
@@ -66,16 +66,16 @@ class SolvedRecording:
     recording
         Path of its folder, absolute.
     source
-        What the markers were found in: frame, hf or ei.
+        The images in which the markers were found: frame, hf or ei, as in `Detections`.
     width, height
         Size of the camera's image, px.
     pose
-        Where the camera is for each position of the slider, at the time of the encoder's reading:
-        the latency is not in it.
+        Where the camera is for each position of the slider, at the time of the encoder's reading;
+        the latency is not included.
     latency_ms
-        How late the images are, with the offset of the slider's clock if there is one.
+        How late the images are, including the offset of the slider's clock if there is one.
     corner_bias_px
-        How far corners are seen outward from the middle of their markers.
+        How far corners are displaced away from the middle of their markers, px.
     estimated
         Names of the parameters, in the order of the covariance.
     covariance
@@ -85,7 +85,7 @@ class SolvedRecording:
     markers, inliers, images
         Number of markers found and used, and of images with markers.
     x_m
-        Least and largest position of the slider in these images, m.
+        Smallest and largest position of the slider in the images used, m.
     """
 
     recording: str
@@ -109,7 +109,7 @@ class SolvedRecording:
         Raises
         ------
         RigError
-            If the calibration is of another camera.
+            If the size of the camera's image is not that of the calibration.
         """
         if (self.width, self.height) != (camera.width, camera.height):
             raise RigError(
@@ -120,7 +120,7 @@ class SolvedRecording:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """The solutions of some recordings, and the frame in which their poses are."""
+    """The solutions of recordings, and the coordinate frame of their poses."""
 
     gauge: str
     recordings: tuple[SolvedRecording, ...]
@@ -156,7 +156,7 @@ def solve_recording(
     found
         The markers.
     unknowns
-        What is estimated in addition to the poses.
+        What is estimated in addition to the pose.
     max_rms_px
         Refuse solutions with larger residuals, px.
 
@@ -167,7 +167,8 @@ def solve_recording(
     Raises
     ------
     RigError
-        As `tasks.rig.bundle.solve`, if a marker is not on the page, or residuals are too large.
+        As in `tasks.rig.bundle.solve`; also if a marker is not on the page, a corner is outside the
+        image, or the residuals are too large.
     """
     page, camera = recording.page, recording.camera
     if len(found.number) and found.number.max() >= len(page.markers_m):
@@ -193,7 +194,7 @@ def solve_recording(
     if solution.rms_px > max_rms_px:
         raise RigError(
             f"{recording.folder}: solve: found residuals of {solution.rms_px:.2f} px, expected at "
-            f"most {max_rms_px:g}; do the clocks, the page and the camera fit?"
+            f"most {max_rms_px:g}; are the clocks, the page and the camera those of the recording?"
         )
     return _stored(recording, found, solution)
 
@@ -252,9 +253,9 @@ class Errors:
     position_mm, turn_deg
         Root mean square distance of the positions, and angle between the rotations.
     image_px
-        Root mean square distance of where the two see the same points of the page.
+        Root mean square distance between the two images of the same points of the page.
     flow_px
-        The same for displacements over 6 mm of travel, at the same pixels.
+        Root mean square difference of the displacements over 6 mm of travel, at the same pixels.
     """
 
     position_mm: float
@@ -273,7 +274,7 @@ def compare(pose: RigPose, truth: RigPose, camera: Camera, x_m: tuple[float, flo
     camera
         The camera.
     x_m
-        Least and largest position of the slider.
+        Smallest and largest position of the slider, m.
 
     Returns
     -------
@@ -324,7 +325,7 @@ def _rms(vectors: ArrayLike) -> float:
 
 
 def read_truth(recording: Recording) -> RigPose | None:
-    """Return the true pose of a virtual recording, None for a real one."""
+    """Return the true pose of a virtual recording, or None for a real one."""
     file = recording.folder / TRUTH_NAME
     return read_json(StoredPose, file, RigError).pose() if file.exists() else None
 

@@ -1,7 +1,7 @@
 """Rows of recordings in cells like those of a study: one speed, one width, the same samples.
 
-A slider keeps its speed to some percent, and crops from one distance differ by some pixels; a study
-compares medians over as many samples and items at each width and speed.
+A slider keeps its speed to within a few percent, and crops from one distance differ by a few
+pixels. A study compares medians over the same number of samples and items at each width and speed.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from tasks.errors import RigError
 from tasks.row import Row
 
-_APART = 1.1  # ratio above which two speeds, or two widths, are different ones
+_APART = 1.1  # ratio from which two neighboring speeds, or widths, count as different
 
 _Window = list[Row]  # the rows of a task in one window of one recording
 
@@ -31,10 +31,10 @@ def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
     Returns
     -------
     rows
-        `width` and `speed` are the medians of those that are within 10 % of each other;
-        `speed_m_s` is `speed`. Of each picture and task, those speeds are kept that each width has,
-        with as many windows at each, evenly spread, and as many items, the first. Samples count
-        from 0 at each speed and width.
+        `width` and `speed` are the medians of their groups, which are separated by gaps of 10 %;
+        `speed_m_s` equals `speed`. For each picture and task, only speeds that every width has are
+        kept, all with the same number of windows, evenly spread, and of items, the first ones.
+        Samples are numbered from 0 at each speed and width.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def _groups(values: Iterable[float]) -> dict[float, float]:
 
 
 def _equal(scene: str, cells: dict[tuple[int, float], list[_Window]]) -> list[Row]:
-    """Return the rows of a task on a picture, cut to what each width has."""
+    """Return the rows of a task on a picture, reduced to what every width has."""
     widths = {width for width, _ in cells}
     most = {w: max(_items(one) for at in cells if at[0] == w for one in cells[at]) for w in widths}
     items = min(most.values())

@@ -1,4 +1,4 @@
-"""The slider's readings on the clock of the events, by edges of a wire that both saw."""
+"""The slider's readings on the clock of the events, from edges on a wire that both recorded."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Float64 = NDArray[np.float64]
 
 FILE_NAME = "triggers.csv"
 
-_MOST_DRIFT = 1e-3  # of a clock; those of cameras and controllers drift by less than a tenth of it
-_FARTHEST_US = 1000.0  # of an edge from where the two clocks put it
+_MOST_DRIFT = 1e-3  # clocks of cameras and controllers drift by less than a tenth of this
+_FARTHEST_US = 1000.0  # largest distance of an edge from the fitted line
 
 
 def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers]) -> Slider:
@@ -28,22 +28,22 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
     slider
         Readings on the clock of the slider.
     file
-        triggers.csv: a line for each edge with `slider_us`, its time on the clock of the slider,
-        and `t_us`, that on the clock of the events. Without a column `t_us` the edges are the
-        rising ones in the file of events, in the same order.
+        triggers.csv: a line for each edge with its time on the slider's clock, `slider_us`, and on
+        the events' clock, `t_us`. Without a column `t_us`, the edges are the rising ones in the
+        file of events, in the same order.
     seen
         Returns the triggers in the file of events.
 
     Returns
     -------
     slider
-        The same positions. From one edge the clocks get an offset, from several also a drift.
+        The same positions. One edge gives the offset of the clocks, several also their drift.
 
     Raises
     ------
     RigError
-        If a column is missing, a value is not a number, the numbers of edges differ, or no offset
-        and drift puts them together.
+        If a column is missing, a value is not a number, there is no edge, the numbers of edges
+        differ, or no offset and drift fit the edges.
     """
     columns = read_columns(file, ("slider_us",), optional=("t_us",))
     try:
@@ -74,7 +74,7 @@ def on_clock_of_events(slider: Slider, file: Path, seen: Callable[[], Triggers])
 
 
 def _drift(slider_us: Float64, t_us: Float64) -> float:
-    """Return by how much faster the clock of the events runs, by least squares."""
+    """Return how much faster the clock of the events runs, as a fraction, by least squares."""
     from_mean = slider_us - slider_us.mean()
     spread = float(from_mean @ from_mean)
     return float(from_mean @ (t_us - slider_us)) / spread if spread else 0.0

@@ -1,9 +1,9 @@
 """The field that all cameras of a rig see: one box of whole pixels for each recording.
 
-A camera that is nearer sees less of the page, with more pixels. The field is that of the nearest
-camera, or what of it the others see too. It moves along with the slider, as the cameras do; in the
-image of each camera it is a box that does not move. What the cameras are turned against each other
-stays in the homographies; events are not moved.
+A nearer camera sees less of the page, at more pixels per meter. The field is the part of the
+nearest camera's view that all others see too. It moves along with the slider, as the cameras do; in
+the image of each camera it is a fixed box. Events are not moved: the rotations of the cameras
+relative to each other remain in the homographies.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ Float64 = NDArray[np.float64]
 FILE_NAME = "crop.json"
 EVENTS_NAME = "events.h5"
 
-_POSITIONS = 33  # of the slider at which fields are compared
-_POSES_US = 1000  # between two poses and homographies that are written
+_POSITIONS = 33  # positions of the slider at which fields are compared
+_POSES_US = 1000  # time between two written poses and homographies
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +79,13 @@ class Cropped:
     width, height, fx, fy, cx, cy
         Size and intrinsics of the crop, px, (0, 0) at the corner of its first pixel.
     lens
-        Distortion k1, k2, p1, p2 and k3, with OpenCV's meaning.
+        Distortion coefficients k1, k2, p1, p2 and k3 of OpenCV's model.
     box
-        Where it is in the camera's image.
+        Where the crop is in the camera's image.
     pose
         Where the camera is for each position of the slider.
     latency_ms
-        Latency of the images that the rig was solved with. The poses do not include it.
+        Latency of the images from which the rig was solved. The poses do not include it.
     """
 
     scene: str
@@ -122,12 +122,12 @@ def common_boxes(
     cameras, poses
         The cameras, and where they are.
     x_m
-        Least and largest position of the slider.
+        Smallest and largest position of the slider, m.
 
     Returns
     -------
     boxes
-        Each is the largest box of whole pixels within the field, at every position.
+        Each is the largest box of whole pixels that is within the field at every position.
 
     Raises
     ------
@@ -139,7 +139,6 @@ def common_boxes(
     nearest = int(np.argmin(depths))
     positions = np.linspace(*x_m, _POSITIONS).tolist()
     full = Box(0, 0, cameras[nearest].width, cameras[nearest].height)
-    # What of the nearest camera's view all others see, too.
     field = full
     for camera, pose in both:
         whole = Box(0, 0, camera.width, camera.height)
@@ -185,7 +184,7 @@ def homography(camera: Camera, pose: RigPose, x_m: float) -> Float64:
     Returns
     -------
     H
-        (3, 3), its last entry 1.
+        (3, 3), with last entry 1.
     """
     T = pose.at(x_m)
     R_cam_world = T[:3, :3].T
@@ -204,9 +203,9 @@ def crop(
 ) -> list[Path]:
     """Cut recordings to the field that all of them show.
 
-    Writes one folder for each recording, of its name: events.h5; crop.json (the box, the camera of
-    the crop and its pose); poses.txt (TUM, T_world_cam) and homographies.csv (from the page to the
-    crop) each millisecond; slider.csv; and the page.
+    Writes one folder for each recording, with the same name: events.h5; crop.json (the box, the
+    camera of the crop and its pose); poses.txt (TUM, T_world_cam) and homographies.csv (from the
+    page to the crop) every millisecond; slider.csv; and the page.
 
     Parameters
     ----------
@@ -228,19 +227,19 @@ def crop(
     Raises
     ------
     RigError
-        If there is no recording, one has no solution, the pages differ, two recordings have one
-        name, or there is no common field.
+        If there is no recording, one has no solution, the pages differ, two recordings have the
+        same name, or there is no common field.
     """
     if not recordings:
         raise RigError("crop: found no recording, expected at least one folder")
     solved = [calibration.of(one) for one in recordings]
     if len({one.folder.resolve().name for one in recordings}) < len(recordings):
-        raise RigError("crop: found two recordings of one name, expected different names")
+        raise RigError("crop: found two recordings of the same name, expected different names")
     if any(one.page != recordings[0].page for one in recordings):
-        raise RigError("crop: found recordings of different pages, expected one")
+        raise RigError("crop: found recordings of different pages, expected the same page")
     x_m = max(one.x_m[0] for one in solved), min(one.x_m[1] for one in solved)
     if not x_m[0] < x_m[1]:
-        raise RigError("crop: found no positions of the slider that all recordings have")
+        raise RigError("crop: found no range of slider positions that all recordings share")
     cameras = [one.camera for one in recordings]
     boxes = common_boxes(cameras, [one.pose.pose() for one in solved], x_m)
     folders = []

@@ -1,7 +1,7 @@
 """Scores of the methods on crops of a rig: flow, video and tracking.
 
-The truth comes from the solved poses, at the time of the encoder's readings: the delay of the
-sensor is not in it, as it is part of what is scored.
+The truth comes from the solved poses, at the time of the encoder's readings. It does not include
+the sensor's delay, which is part of what is scored.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ Float64 = NDArray[np.float64]
 PLANE = Plane(normal=(0.0, 0.0, -1.0), offset_m=0.0)
 
 _DARK = 1e-3  # added to the reflectance before the logarithm
-_EVEN = 1e-3  # largest share by which the speed differs within a window
+_EVEN = 1e-3  # largest deviation from constant speed at half time, as a fraction of the travel
 _MOST_SUPERSAMPLES = 4
 
 
@@ -63,22 +63,23 @@ class RigEvaluation:
     Parameters
     ----------
     windows
-        Number of windows on each crop, evenly spaced along the slider's way.
+        Number of windows on each crop, evenly spaced along the slider's way; those without constant
+        speed are left out.
     travel_m
         Travel of the slider in a window, m.
     flow, video, tracking
         Names of the methods of each task, or "package.module:function".
     features
-        Patches in each window; those in the picture only.
+        Largest number of patches in each window, all in the picture.
     initial_sigma_px
-        Error of the initial flow: standard deviation of each component, px at 1280 px.
+        Error of the initial flow: standard deviation of each component, px at a width of 1280 px.
     initial_sigma_mm
         Error of the initial path's control positions, mm.
     contrast_threshold
         C, log units; by default that of the file of events, if it was simulated.
     cutoff_hz
-        Cutoff of the photoreceptor, Hz, for the rows; by default that of the file of events, if it
-        was simulated, and inf otherwise. No score depends on it.
+        Cutoff of the photoreceptor that the rows store, Hz; by default that of the file of events,
+        if it was simulated, and inf otherwise. No score depends on it.
     seed
         Seed of the initial errors.
     """
@@ -104,12 +105,12 @@ class RigEvaluation:
 
 @dataclass(frozen=True, slots=True)
 class _Window:
-    """A stretch of even speed."""
+    """A time window of constant speed."""
 
     sample: int
     start_us: int
     end_us: int
-    x_m: tuple[float, float]  # of the slider, at its start and its end
+    x_m: tuple[float, float]  # position of the slider at the start and the end
 
     @property
     def speed_mps(self) -> float:
@@ -152,15 +153,14 @@ def evaluate_rig(
     Returns
     -------
     rows
-        `speed` and `speed_m_s` are in m/s, `width` is that of the crop, `scene` the picture;
-        `cutoff_hz` is inf if it is not known. Distances, speeds and samples are in the cells of
-        `in_cells`.
+        `speed` and `speed_m_s` are in m/s, `width` is that of the crop, `scene` is the picture, and
+        `cutoff_hz` is inf if it is not known. Widths, speeds and samples are grouped by `in_cells`.
 
     Raises
     ------
     RigError
-        If there are no crops, the contrast threshold is not known, no window has even speed,
-        distances have no speed in common, or tracking gets a camera with a lens.
+        If there are no crops, the contrast threshold is not known, no window has constant speed,
+        no speed is common to all distances, or a camera has lens distortion and tracking is scored.
     """
     if not folders:
         raise RigError("crops: found no folder, expected those of `eres rig crop`")
@@ -223,7 +223,7 @@ def _load(folder: Path, settings: RigEvaluation) -> _Crop:
 
 
 def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_Window]:
-    """Return windows of even speed along the way."""
+    """Return windows of constant speed, evenly spaced along the slider's way."""
     if not len(events):
         raise RigError(f"{EVENTS_NAME}: found no events, expected some")
     first_us, last_us = int(events.t_us[0]), int(events.t_us[-1])
@@ -258,7 +258,7 @@ def page_view(
     crop_camera
         The camera.
     pose
-        Where it is.
+        Where the camera is for each position of the slider.
     x_m
         Position of the slider, m.
     page
@@ -269,7 +269,7 @@ def page_view(
     Returns
     -------
     view
-        (h, w). Beyond the page it is as white as paper.
+        (h, w). Outside the page it is as white as paper.
     """
     corner = on_page(pose, crop_camera, np.array([[0.0, 0.0], [1.0, 0.0]]), x_m)
     dots = float(np.linalg.norm(corner[1] - corner[0])) / page.dot_m  # across a pixel
@@ -283,7 +283,7 @@ def page_view(
     columns_px = (np.arange(crop_camera.width)[:, None] + steps).ravel()
     rows_px = (np.arange(crop_camera.height)[:, None] + steps).ravel()
     points_px = np.stack(np.meshgrid(columns_px, rows_px), axis=-1)
-    # From the page to the middles of its dots.
+    # From meters to dots; the center of the first dot is (0, 0).
     at = on_page(pose, crop_camera, points_px, x_m) / (shrink * page.dot_m) - 0.5
     seen = cv2.remap(
         light.astype(np.float32),
@@ -390,7 +390,7 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
     def pose(t_s: Float64) -> Float64:
         return crop.pose.at(crop.slider.position_m(window.start_us + 1e6 * t_s))
 
-    margin_us = 20_000  # a path lasts 14 ms, and has a control pose before and after
+    margin_us = 20_000  # a path lasts 14 ms, and has a control pose before it and one after it
     slider_us = crop.slider.t_us
     if window.start_us - margin_us < slider_us[0] or window.start_us + margin_us > slider_us[-1]:
         return

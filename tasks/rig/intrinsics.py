@@ -1,9 +1,9 @@
 """Intrinsics of an event camera from recordings of a flashing chessboard.
 
-A board on a screen flashes, so every one of its edges fires events without any motion. The events
-of a recording, through the high-pass filter without decay per event, give one image of the board;
-the inner corners of several such views give the camera (Zhang, "A Flexible New Technique for Camera
-Calibration", PAMI 2000; OpenCV's `calibrateCamera`).
+A board that flashes on a screen causes events without motion. The high-pass filter, without decay
+per event, turns the events of each recording into images of the board. The inner corners in several
+such views give the camera (Zhang, "A Flexible New Technique for Camera Calibration", PAMI 2000;
+OpenCV's `calibrateCamera`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tasks.rig.markers import gray_codes
 Float64 = NDArray[np.float64]
 
 _CUTOFF_HZ = 0.5
-_IMAGES = 9  # over a recording, of which the mean magnitude shows the board
+_IMAGES = 9  # of the filter in each recording
 _ENLARGED = 4
 _LEAST_VIEWS = 3
 
@@ -77,7 +77,7 @@ class Intrinsics:
 
 
 def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[np.uint8]]:
-    """Yield gray images of a flashing board, of a recording.
+    """Yield gray images of a flashing board from a recording.
 
     Parameters
     ----------
@@ -89,7 +89,12 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     Yields
     ------
     images
-        (H, W) each: the sum of the high-pass filter's images first, then these one by one.
+        (H, W) uint8: the sum of the high-pass filter's images first, then each of them.
+
+    Raises
+    ------
+    RigError
+        If the file has no events.
     """
     parts = [part for part in read_events(path, size=size) if len(part)]
     if not parts:
@@ -124,7 +129,8 @@ def find_board(gray: NDArray[np.uint8], board: Board) -> Float64 | None:
     Returns
     -------
     corners_px
-        (N, 2) px, (0, 0) at the corner of the first pixel, row by row; None if it is not found.
+        (N, 2) px, (0, 0) at the corner of the first pixel, row by row; None if the board is not
+        found.
     """
     size = gray.shape[1] * _ENLARGED, gray.shape[0] * _ENLARGED
     large = cv2.resize(gray, size, interpolation=cv2.INTER_CUBIC)
@@ -166,7 +172,8 @@ def calibrate(
             f"{_LEAST_VIEWS} views, tilted against each other"
         )
     points = [board.points_m()] * len(views_px)
-    pixels = [(view - 0.5).astype(np.float32) for view in views_px]  # OpenCV's, from centers
+    # OpenCV puts (0, 0) at the center of the first pixel.
+    pixels = [(view - 0.5).astype(np.float32) for view in views_px]
     try:
         rms_px, K, lens, _, _, sigmas, _, _ = cv2.calibrateCameraExtended(
             points, pixels, (width, height), np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
@@ -216,7 +223,8 @@ def intrinsics(
     Raises
     ------
     RigError
-        If the sensors differ in size, or the board is found in fewer than three recordings.
+        If the sensors differ in size, a file has no events, the board is found in fewer than three
+        recordings, or no camera fits the views.
     """
     views_px, found_in = [], []
     sizes = set()
@@ -224,7 +232,9 @@ def intrinsics(
         header = read_header(path).with_size(size)
         sizes.add((header.width, header.height))
         if len(sizes) > 1:
-            raise RigError(f"{path}: found a sensor of another size than before, expected one")
+            raise RigError(
+                f"{path}: found a sensor of another size than before, expected the same size"
+            )
         for gray in board_images(path, size):
             view_px = find_board(gray, board)
             if view_px is not None:

@@ -1,4 +1,4 @@
-"""The light that a crop of a rig saw: its page, from the solved poses, at any time."""
+"""The light that a crop of a rig saw: views of its page from the solved poses."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from tasks.rig.crop import EVENTS_NAME, read_crop
 from tasks.rig.evaluate import page_view
 from tasks.rig.page import read_page_image, reflectance
 
-_STEP_PX = 0.5  # of motion between two frames of the light
+_STEP_PX = 0.5  # motion between two frames of the light
 _MOST_STEPS = 1000
 
 
 def light_of_crop(folder: Path) -> Footage:
-    """Return the light along the fastest motion of a crop, in steps of half a pixel.
+    """Return the light of a crop during its fastest motion, in steps of half a pixel.
 
     Parameters
     ----------
     folder
-        One folder of `eres rig crop`.
+        A crop that `eres rig crop` wrote.
 
     Returns
     -------
     Footage
-        Frames of reflectance, 1001 at most, at the times of the slider.
+        At most 1001 frames of reflectance, on the clock of the events.
 
     Raises
     ------
     RigError
-        It is no crop, or nothing moves in it.
+        If the folder is not a crop, it has no events, or nothing moves in it.
     """
     cropped = read_crop(folder)
     camera, pose = cropped.camera(), cropped.pose.pose()

@@ -1,7 +1,7 @@
 """Corners of ArUco markers in gray images, to a fraction of a pixel.
 
-OpenCV counts from the center of the first pixel, we count from its corner, half a pixel more. Its
-AprilTag refinement is the exception: it counts from the corner already.
+OpenCV puts (0, 0) at the center of the first pixel. Here it is at the pixel's corner, so half a
+pixel is added, except to the AprilTag refinement, which counts from the corner already.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _METHODS = {
     "contour": (cv2.aruco.CORNER_REFINE_CONTOUR, 0.5),
     "apriltag": (cv2.aruco.CORNER_REFINE_APRILTAG, 0.0),
 }
-"""OpenCV's method, and what is added to its positions."""
+"""OpenCV's method, and the shift that is added to its positions, px."""
 
 _SMALL_PX = 640  # narrower images are enlarged, so that the markers' cells have enough pixels
 _ENLARGED = 4
@@ -49,10 +49,10 @@ class Detections:
     corners_px
         (M, 4, 2) its corners, clockwise from its top left, px; (0, 0) is the corner of the image.
     score
-        (M,) contrast of the marker: standard deviation of the gray within it, as a share of the
-        largest that there is.
+        (M,) contrast of the marker: standard deviation of the gray codes within it, as a fraction
+        of the largest possible.
     source
-        What the images were made of: "frame" (a camera's), "hf" (the high-pass filter) or "ei"
+        Where the images are from: "frame" (a frame camera), "hf" (the high-pass filter) or "ei"
         (event integration).
     """
 
@@ -72,7 +72,7 @@ class Detector:
     dictionary
         OpenCV's name of the dictionary.
     count
-        Numbers of the page's markers are below this; others are mistakes.
+        Number of markers on the page; detections with this number or above are false.
     refinement
         How corners are refined.
     enlarged
@@ -95,7 +95,7 @@ class Detector:
         Returns
         -------
         number
-            (M,) their numbers, ascending; one seen twice is left out.
+            (M,) their numbers, ascending; a number seen twice is left out.
         corners_px
             (M, 4, 2) px, from the corner of the image.
         score
@@ -123,9 +123,10 @@ class Detector:
 
 
 def detector(dictionary: str, count: int, width: int) -> Detector:
-    """Choose how markers are found in images of a width.
+    """Return the detector for images of a given width.
 
-    Corners are where lines through the markers' sides meet. Small images are enlarged four times.
+    Corners are the intersections of lines fitted to the markers' sides. Images narrower than 640 px
+    are enlarged four times.
 
     Parameters
     ----------
@@ -159,7 +160,7 @@ def _contrast(gray: NDArray[np.uint8], corners_px: Float64) -> float:
 
 
 def write_detections(path: Path, found: Detections) -> None:
-    """Write markers as Parquet, one line for each corner.
+    """Write markers as Parquet, one row for each corner.
 
     The columns are t_us, id, corner (0 to 3), u_px, v_px, score and source.
 
@@ -196,7 +197,7 @@ def read_detections(path: Path) -> Detections:
     Raises
     ------
     RigError
-        If the file is missing or damaged, or is not of this kind.
+        If the file is missing, damaged, or not a file of detections.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -215,7 +216,10 @@ def read_detections(path: Path) -> Detections:
     )
     sources = set(columns["source"].tolist())
     if not whole or not sources <= set(SOURCES) or len(sources) > 1:
-        raise RigError(f"{path}: not a file of `eres rig detect`: four corners of each marker")
+        raise RigError(
+            f"{path}: not a file of `eres rig detect`: expected four corners of each marker, and "
+            "one source"
+        )
     source: Source = next(iter(sources)) if sources else "frame"
     return Detections(
         t_us=columns["t_us"][::4].astype(np.int64),

@@ -1,4 +1,4 @@
-"""`Page`: a picture with ArUco markers around it, as it is printed."""
+"""`Page`: a printed picture with ArUco markers around it."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ PICTURES = {
     "split_rocks": ("split_rocks", 10.0),
 }
 
-_BORDER_CELLS = 1  # black around a marker's code
-_WHITE = 0.25  # least white around a marker, of its side
+_BORDER_CELLS = 1  # black cells around a marker's code
+_WHITE = 0.25  # smallest white margin around a marker, as a fraction of its side
 _INCH_M = 0.0254
 
 
@@ -55,7 +55,7 @@ class Page:
     picture_m
         Left, top, right and bottom of the picture.
     markers_m
-        Left and top of each marker; its number in the dictionary is its number here.
+        Left and top of each marker, in the order of the markers' numbers in the dictionary.
     marker_m
         Side of a marker.
     """
@@ -81,7 +81,7 @@ class Page:
 
 
 def markers(dictionary: str) -> cv2.aruco.Dictionary:
-    """Return a dictionary of markers by OpenCV's name.
+    """Return OpenCV's dictionary of markers of a given name.
 
     Raises
     ------
@@ -106,13 +106,13 @@ def lay_out(settings: PageSettings) -> Page:
 
     Returns
     -------
-    The page. A marker's cells are a whole number of dots, so its side is that of the settings to
-    half a dot a cell.
+    The page. A marker's cells are a whole number of dots, so its side differs from that of the
+    settings by up to half a dot per cell.
 
     Raises
     ------
     RigError
-        If there is room for no marker, or for more than the dictionary has.
+        If there is room for no marker, or for more markers than the dictionary has.
     """
     dictionary = markers(settings.dictionary)
     dot_m = _INCH_M / settings.dpi
@@ -157,21 +157,21 @@ def _dots(length_m: float, dot_m: float) -> int:
 
 
 def _places(length: int, side: int, pitch: int, white: int) -> NDArray[np.intp]:
-    """Return the starts of all markers that fit along a side, in the middle of it."""
+    """Return the starts of as many markers as fit along a side of the page, centered."""
     count = max((length - side - 2 * white) // pitch + 1, 0)
     start = (length - (count - 1) * pitch - side) // 2
     return start + pitch * np.arange(count)
 
 
 def _places_between(low: int, high: int, side: int, pitch: int) -> NDArray[np.intp]:
-    """Return the starts of all markers at the height of the picture."""
+    """Return the starts of as many markers as fit along the picture's height, centered."""
     count = max((high - low - side) // pitch + 1, 0)
     start = (low + high - (count - 1) * pitch - side) // 2
     return start + pitch * np.arange(count)
 
 
 def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
-    """Draw a page, as it is sent to the printer.
+    """Draw a page as it is sent to the printer.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
     Returns
     -------
     image
-        (H, W) codes of 8 bits in sRGB's encoding, of the reflectance over that of the paper.
+        (H, W) 8-bit sRGB codes of the reflectance relative to the paper's.
 
     Raises
     ------
@@ -203,7 +203,7 @@ def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
 
 
 def _picture(settings: PageSettings, shape: tuple[int, int], dot_m: float) -> NDArray[np.float32]:
-    """Return a picture, linear, with 1 at its brightest."""
+    """Return a linear picture that is 1 at its 99.9th percentile and above."""
     if settings.picture in PICTURES:
         kind, magnification = PICTURES[settings.picture]
         recipe = TextureRecipe(kind, shape[1], magnification * dot_m, settings.seed, shape[0])
@@ -227,7 +227,7 @@ def _srgb(light: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Return the light of 8-bit codes in sRGB's encoding, 0 to 1."""
+    """Return the linear values of 8-bit sRGB codes, 0 to 1."""
     value = codes / 255.0
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
@@ -238,21 +238,21 @@ def reflectance(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def write_print(path: Path, image: NDArray[np.uint8], page: Page) -> None:
-    """Write the page's image as PNG or PDF, in its size on paper.
+    """Write the page's image as PNG or PDF, at its printed size.
 
     Parameters
     ----------
     path
         A .png or .pdf file.
     image
-        (H, W) the page, as `draw` returns it.
+        (H, W) image of the page, as `draw` returns it.
     page
         The page.
 
     Raises
     ------
     RigError
-        If the extension is another.
+        If the extension is neither .png nor .pdf.
     """
     dpi = _INCH_M / page.dot_m
     data = io.BytesIO()
@@ -284,7 +284,7 @@ def read_page(path: Path) -> Page:
     Raises
     ------
     RigError
-        If it is missing, or a field is.
+        If it is missing, or a field is wrong.
     """
     return read_json(Page, path, RigError)
 
@@ -301,16 +301,16 @@ def read_page_image(path: Path, page: Page) -> NDArray[np.uint8]:
 
     Returns
     -------
-    (H, W) as `draw` returns it.
+    (H, W) image, as `draw` returns it.
 
     Raises
     ------
     RigError
-        If it cannot be read, or is of another size than the page.
+        If it cannot be read, or its size is not the page's.
     """
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
-        raise RigError(f"{path}: cannot be read, expected the page's image, of `eres rig page`")
+        raise RigError(f"{path}: cannot be read, expected the image that `eres rig page` wrote")
     shape = _dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)
     if image.shape != shape:
         raise RigError(f"{path}: found {image.shape[::-1]} px, expected {shape[::-1]}, the page's")

@@ -2,12 +2,12 @@
 
 It holds
 
-- `rig.toml` and the file of the camera that it names, if it does,
-- `page.json` and `page.png`, of `eres rig page`,
+- `rig.toml`, and the camera file that it names, if any,
+- `page.json` and `page.png`, from `eres rig page`,
 - `events.*`, in any format that `eres info` reads,
 - `slider.csv`: the encoder's readings, `t_us,x_m`, on the clock of the events,
-- optionally `triggers.csv`: `slider_us,t_us`, edges on the clocks of slider and events, if these
-  differ,
+- optionally `triggers.csv`: `slider_us,t_us`, times of edges on the clocks of the slider and of the
+  events, if these clocks differ,
 - optionally `frames.csv`: `t_us_start,t_us_end,file`, the exposures of images in `frames/`.
 """
 
@@ -51,7 +51,7 @@ class Frame:
 
     @property
     def t_us(self) -> int:
-        """The middle of the exposure."""
+        """The middle of the exposure, microseconds."""
         return (self.t_start_us + self.t_end_us) // 2
 
     def codes(self, camera: Camera) -> NDArray[np.uint8]:
@@ -60,7 +60,7 @@ class Frame:
         Raises
         ------
         RigError
-            If it cannot be read, or is of another size than the camera's.
+            If it cannot be read, or its size is not the camera's.
         """
         image = cv2.imread(str(self.file), cv2.IMREAD_GRAYSCALE)
         if image is None:
@@ -121,12 +121,12 @@ class Recording:
 
     @cached_property
     def header(self) -> Header:
-        """The header of the file of events, whose sensor has the camera's size.
+        """The header of the file of events.
 
         Raises
         ------
         RigError
-            If the file has another size.
+            If the file stores another size than the camera's.
         """
         header = read_header(self.events_file)
         width, height = self.camera.width, self.camera.height
@@ -139,7 +139,7 @@ class Recording:
         return header
 
     def events(self) -> Iterator[Events]:
-        """Read the events in parts, and check that the slider's clock is theirs.
+        """Read the events in parts, and check that their times overlap the slider's.
 
         Raises
         ------
@@ -164,12 +164,12 @@ class Recording:
 
     @cached_property
     def frames(self) -> tuple[Frame, ...]:
-        """The images of the frame camera, in the order of time; none without frames.csv.
+        """The images of the frame camera, in order of time; none without frames.csv.
 
         Raises
         ------
         RigError
-            If the file lacks an exposure, or one does not end after it started.
+            If the file lacks an exposure, or an exposure ends before it starts.
         """
         file = self.folder / FRAMES_NAME
         if not file.exists():
@@ -189,7 +189,10 @@ class Recording:
                     "microseconds"
                 ) from None
             if frame.t_end_us < frame.t_start_us:
-                raise RigError(f"{file}: found an exposure from {start} to {end} us")
+                raise RigError(
+                    f"{file}: found an exposure from {start} to {end} us, expected the end after "
+                    "the start"
+                )
             found.append(frame)
         return tuple(sorted(found, key=lambda frame: frame.t_us))
 
@@ -202,7 +205,7 @@ def write_frames_table(folder: Path, frames: list[Frame]) -> None:
     folder
         The folder.
     frames
-        The images in its folder `frames`.
+        The images, in its folder `frames`.
     """
     lines = [f"{one.t_start_us},{one.t_end_us},{one.file.name}" for one in frames]
     write_text(folder / FRAMES_NAME, "\n".join([",".join(_FRAME_COLUMNS), *lines]) + "\n")

@@ -1,4 +1,4 @@
-"""`RigSettings`: the page, the slider and the camera of a rig, as rig.toml has them."""
+"""`RigSettings`: the page, the slider and the camera of a rig, from rig.toml."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class SliderSettings:
     speeds_mps
         Speeds of the strokes, m/s.
     acceleration_mps2
-        Of the start and the end of each stroke, m/s^2.
+        Acceleration at the start and the end of each stroke, m/s^2.
     pause_s
         Time at rest before each stroke and after the last, s.
     direction
@@ -124,7 +124,7 @@ class CameraSettings:
     pitch_um, focal_mm
         Pixel pitch in micrometers and focal length in mm, in place of `fx`.
     k1, k2, p1, p2, k3
-        Distortion of the lens, with OpenCV's coefficients.
+        Distortion coefficients of the lens, as in OpenCV.
     """
 
     width: int
@@ -192,7 +192,7 @@ class RigSettings:
     camera
         The camera's intrinsics.
     camera_file
-        In place of `camera`: a YAML file in the same folder, of `eres rig intrinsics`, OpenCV or
+        In place of `camera`: a YAML file in the same folder, from `eres rig intrinsics`, OpenCV or
         Kalibr.
     slider, mount
         The strokes and the mount, for `eres rig render`; a real rig needs neither.
@@ -218,7 +218,7 @@ class RigSettings:
         """
         if self.camera_file is not None:
             return read_camera(folder / self.camera_file)
-        assert self.camera is not None  # as checked
+        assert self.camera is not None  # checked in __post_init__
         return self.camera.camera()
 
 

@@ -1,4 +1,4 @@
-"""`Slider`: where the carriage of a slider was, by its encoder."""
+"""`Slider`: the positions of a slider's carriage, from its encoder."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Float64 = NDArray[np.float64]
 FILE_NAME = "slider.csv"
 
 _COLUMNS = ("t_us", "x_m")
-_LONGEST_GAP = 20.0  # of the median time between two readings, while the carriage moves
-_STEP_US = 500  # between two readings of the virtual encoder
-_MOVES = 0.05  # of the highest speed: slower is at rest
+_LONGEST_GAP = 20.0  # times the median time between two readings, while the carriage moves
+_STEP_US = 500  # time between two readings of the virtual encoder
+_MOVES = 0.05  # fraction of the highest speed below which the carriage is at rest
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,7 +91,7 @@ class Slider:
         Raises
         ------
         RigError
-            If two readings in a row are many times farther apart than usual, and differ.
+            If two consecutive readings differ and are more than 20 times the median interval apart.
         """
         steps_us = np.diff(self.t_us)
         usual_us = float(np.median(steps_us))
@@ -115,9 +115,9 @@ class Slider:
         count
             Number of times.
         start_us, end_us
-            The stretch of time.
+            Start and end of the time span.
         max_speed_mps
-            Leave out faster motion, m/s.
+            Leave out motion faster than this, m/s.
 
         Returns
         -------
@@ -127,7 +127,7 @@ class Slider:
         Raises
         ------
         RigError
-            If the carriage does not move in that stretch, at such speeds.
+            If the carriage does not move in that time span at such a speed.
         """
         inside = (self.t_us > start_us) & (self.t_us < end_us)
         t = np.concatenate([[start_us], self.t_us[inside], [end_us]])
@@ -223,7 +223,7 @@ def read_columns(
 
 
 def strokes(settings: SliderSettings) -> Slider:
-    """Return the way of the virtual slider: there and back at each speed, with pauses.
+    """Return the motion of the virtual slider: there and back at each speed, with pauses.
 
     Parameters
     ----------
@@ -233,8 +233,8 @@ def strokes(settings: SliderSettings) -> Slider:
     Returns
     -------
     slider
-        From 0 s and 0 m, with a reading every 0.5 ms and at each change of the acceleration, whole
-        microseconds apart.
+        Starts at 0 s and 0 m, with a reading every 0.5 ms and at each change of the acceleration,
+        at whole microseconds.
     """
     corners_s, accelerations = [0.0], []
     rest_s = settings.pause_s

@@ -35,7 +35,7 @@ LIGHT_FOLDER = "light"
 
 _WALL = 0.6 * PAPER  # reflectance
 _BEHIND_M = 1e-4  # the wall is behind the page
-_MARGIN = 1.2  # of the wall, over what the camera sees of it
+_MARGIN = 1.2  # size of the wall over what the camera sees of it
 _CLEARANCE_M = 0.01
 
 _XML = (Path(__file__).parent / "page_scene.xml").read_text()  # with numbers to fill in
@@ -76,6 +76,11 @@ def true_pose(settings: RigSettings, slider: SliderSettings, page: Page, depth_m
     Returns
     -------
     The pose: in the middle of a stroke, the camera's axis meets the point that the mount faces.
+
+    Raises
+    ------
+    RigError
+        If the camera does not face the page.
     """
     mount = settings.mount
     turn = Rotation.from_euler("XYZ", mount.turn_deg, degrees=True).as_matrix()
@@ -115,9 +120,9 @@ def render_rig(
     images
         Number of images of a frame camera along the way, in addition to one before the start.
     frame_camera
-        That camera; all images are white where the light is.
+        That camera. White in its images is the white level of the light.
     spp, max_displacement_px
-        As for `eres_render.render_scene`.
+        As in `eres_render.render_scene`.
     seed
         Seed of the samples, and of the images' noise.
     on_progress
@@ -125,12 +130,12 @@ def render_rig(
 
     Returns
     -------
-    The light.
+    The rendered light.
 
     Raises
     ------
     RigError
-        If the rig has no slider, or the depth is not positive.
+        If the rig has no slider, the depth is not positive, or the camera does not face the page.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
@@ -184,9 +189,9 @@ def write_page_scene(
     camera
         The camera.
     slider
-        Its way.
+        The positions of the slider.
     pose
-        Where the camera is.
+        Where the camera is for each position of the slider.
     """
     folder.mkdir(parents=True, exist_ok=True)
     middle = np.array([0.5 * page.width_m, 0.5 * page.height_m])

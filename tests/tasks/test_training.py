@@ -221,7 +221,7 @@ def test_weights_of_others_are_refused(run, tmp_path):
     file.write_bytes((folder / "weights.pt").read_bytes())
     refused("light: found 'all', expected 'ideal'", "our_reconstruction_ideal_light")
     file.write_bytes((folder / "weights.pt").read_bytes()[:-200])
-    refused("checkpoint of PyTorch")
+    refused("PyTorch checkpoint")
     save(file, problem.network, FLOW, "all", {})
     refused("arch: found 'eres flow', expected 'eres reconstruction'")
     torch.save({**stored, "weights": {"a": torch.zeros(1)}}, file)
@@ -257,7 +257,7 @@ def test_folders_of_other_trainings_are_refused(run, tmp_path):
     for name in ("training.json", "checkpoint.pt"):
         (half / name).write_bytes((folder / name).read_bytes())
     (half / "checkpoint.pt").write_bytes((folder / "checkpoint.pt").read_bytes()[:-100])
-    with pytest.raises(WeightsError, match="not a complete checkpoint"):
+    with pytest.raises(WeightsError, match="not a complete PyTorch checkpoint"):
         trained(half)
     torch.save({"step": 1}, half / "checkpoint.pt")
     with pytest.raises(TrainingError, match="not a checkpoint of this training"):

@@ -1,4 +1,4 @@
-"""The card of trained networks: data, time, code, scores of every seed, limits."""
+"""The model card of trained networks: scores of every seed, time, code, settings and limits."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def card(folders: Sequence[Path]) -> str:
     Raises
     ------
     TrainingError
-        A folder is of no training, or of one that is not finished.
+        A folder is not that of a finished training.
     """
     parts = ["# Networks of our own"]
     by_task: dict[str, list[tuple[Path, dict[str, Any], dict[str, Any]]]] = {}
@@ -69,7 +69,7 @@ def _table(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> str:
 
 
 def _origins(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> list[str]:
-    """Return what the trainings have in common, once for each that differs."""
+    """Describe steps, device, size, code and settings of the trainings, without repetition."""
     found: dict[str, None] = {}
     for folder, described, scores in runs:
         settings = {k: v for k, v in described["settings"].items() if k not in ("light", "seed")}

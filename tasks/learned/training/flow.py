@@ -1,4 +1,4 @@
-"""Learn dense optical flow: our network of E-RAFT's family."""
+"""Training of our network for dense optical flow, a smaller E-RAFT."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import flow_sample
 from tasks.random_crops.settings import Light
 
-# Bytes of a pixel and of a pair, by channels of the first layer.
+# Memory per pixel, pair of windows and channel of the first layer.
 _BYTES_PER_PX_AND_CHANNEL = 300  # 175 were measured in bfloat16
 _CHANNELS = 64  # of the first layer as published
 
@@ -24,8 +24,8 @@ _CHANNELS = 64  # of the first layer as published
 class Flow(Problem):
     """The flow of each pixel over a window, from its events and those of the window before.
 
-    The loss is the mean absolute error of both components over all pixels and updates of the flow,
-    later updates weighing more, as in RAFT (Teed and Deng, ECCV 2020).
+    The loss is a weighted sum over the updates of the flow of the mean absolute error of both
+    components. Later updates weigh more, as in RAFT (Teed and Deng, ECCV 2020).
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Flow(Problem):
     light
         The light of the crops.
     seed
-        Seed of the crops and of the first weights.
+        Seed of the crops and of the initial weights.
     """
 
     architecture = FLOW
@@ -53,7 +53,7 @@ class Flow(Problem):
         return flow_sample(crop, self._settings.bins)
 
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
-        """As `Problem.losses`: a single one."""
+        """As `Problem.losses`: a single loss."""
         grids, flows = batch
         old, new, truth = (
             grids[:, :-1].flatten(0, 1),

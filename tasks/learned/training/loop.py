@@ -1,4 +1,4 @@
-"""The training loop: crops made ahead, AdamW, validation, checkpoints, weights at the end."""
+"""The training loop: crops made ahead, AdamW, validation, checkpoints and final weights."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def train(
 ) -> Scores:
     """Train a network, or continue after the last checkpoint.
 
-    On one machine, with the same number of threads, an interrupted training ends with the same
-    weights as one that is not.
+    On the same machine with the same number of threads, an interrupted training ends with the same
+    weights as an uninterrupted one.
 
     Parameters
     ----------
@@ -59,21 +59,24 @@ def train(
     schedule
         How long and how fast it learns.
     folder
-        Folder of the training, which gets checkpoint, learning curve, scores and weights.
+        Folder of the training, for its checkpoint, learning curve, scores and weights.
     device
-        Where to compute, "cpu" or "cuda"; None is a GPU if there is one.
+        "cpu" or "cuda"; None uses a GPU if there is one.
     on_progress
         Called after each step.
 
     Returns
     -------
-    Mean scores on the held-out crops, of the weights as they are stored and of each baseline, by
-    light.
+    Mean scores on the held-out crops by light: of the network with its stored weights, then of each
+    baseline.
 
     Raises
     ------
     TrainingError
-        There is not enough memory, no such device, or the loss is not finite.
+        There is not enough memory or no such device, the checkpoint is of another training, or the
+        loss is not finite.
+    WeightsError
+        The checkpoint cannot be read.
     """
     if (folder / WEIGHTS_FILE).exists():
         done: Scores = json.loads((folder / SCORES_FILE).read_text(encoding="utf-8"))["scores"]
@@ -135,7 +138,7 @@ def _check_memory(problem: Problem) -> None:
 
 @contextmanager
 def _made_ahead(problem: Problem, start: int, end: int) -> Iterator[Iterator[list[Tensor]]]:
-    """Give the batches of all steps in order, which threads make ahead."""
+    """Provide the batches of all steps in order; threads make them ahead."""
     threads = cores()
     with ThreadPoolExecutor(threads, "crops") as pool:
         ahead: deque[Future[list[Tensor]]] = deque()
@@ -183,7 +186,7 @@ def _step(
 
 
 def _autocast(place: torch.device) -> torch.autocast:
-    """Compute in bfloat16 where the processor does, as with trained networks."""
+    """Compute in bfloat16 if the device supports it, as with trained networks."""
     is_fast = torch.cuda.is_bf16_supported() if place.type == "cuda" else has_bfloat16()
     return torch.autocast(place.type, torch.bfloat16, enabled=is_fast)
 
@@ -207,7 +210,7 @@ def _validate(problem: Problem, progress: Progress, place: torch.device, folder:
 
 
 def _in_words(progress: Progress, problem: Problem) -> str:
-    """Return how far a training is, in a line."""
+    """Describe the progress of a training in one line."""
     rate = progress.step / progress.seconds
     said = [f"step {progress.step}, {rate:.2f} steps/s"]
     if progress.curve:
@@ -229,7 +232,7 @@ def _other(column: str, name: str) -> str:
 
 
 def _round_to_half(network: torch.nn.Module) -> None:
-    """Round weights to half precision, in which they are stored."""
+    """Round the weights to half precision, as they are stored."""
     with torch.no_grad():
         for tensor in network.state_dict().values():
             if tensor.is_floating_point():

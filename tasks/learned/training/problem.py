@@ -1,4 +1,4 @@
-"""What a network learns, and how it is scored: the part that both tasks share."""
+"""What a network learns and how it is scored: the part that both tasks share."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tasks.random_crops.settings import Light
 Arrays = tuple[NDArray[np.float32], ...]
 
 LIGHTS = {"ideal": math.inf, "200 Hz": 200.0, "50 Hz": 50.0}
-"""Cutoffs of the validation, Hz, by name."""
+"""Cutoffs of the validation crops, Hz, by name."""
 
 _HELD_OUT_SEED = 0
 
 
 class Problem(ABC):
-    """A network, the crops that it learns from, and those that it is scored on.
+    """A network, the crops from which it learns, and those on which it is scored.
 
     Parameters
     ----------
@@ -36,14 +36,14 @@ class Problem(ABC):
     light
         The light of the crops.
     seed
-        Their seed.
+        Seed of the crops.
     """
 
     architecture: ClassVar[str]
     score: ClassVar[str]
-    """What scores are, with the unit."""
+    """Name of the score, with its unit."""
     baselines: ClassVar[tuple[str, ...]]
-    """What the network is compared with."""
+    """Names of the baselines with which the network is compared."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Problem(ABC):
 
     @abstractmethod
     def sample(self, crop: Crop, run_in: int) -> Arrays:
-        """Return what is learned from a crop.
+        """Return the arrays that are learned from a crop.
 
         Parameters
         ----------
@@ -71,12 +71,12 @@ class Problem(ABC):
 
         Returns
         -------
-        Arrays; inputs come first.
+        Arrays; inputs first, then truths.
         """
 
     @abstractmethod
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
-        """Yield the losses of the samples of several crops; the network learns from each at once.
+        """Yield the losses of a batch of samples; the network learns from each before the next.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class Problem(ABC):
 
     @abstractmethod
     def network_score(self, batch: Sequence[Tensor]) -> float:
-        """Return the mean score of the network on the samples of several crops."""
+        """Return the mean score of the network on a batch of samples."""
 
     @abstractmethod
     def baseline_scores(self, crop: Crop, sample: Arrays) -> list[float]:
@@ -104,10 +104,10 @@ class Problem(ABC):
 
     @abstractmethod
     def memory_bytes(self) -> int:
-        """Return about how much memory a step needs."""
+        """Return an estimate of the memory that a step needs, bytes."""
 
     def run_in(self, step: int) -> int:
-        """Return the number of windows before those that a step learns from."""
+        """Return the number of windows before those from which a step learns."""
         return 0
 
     def held_out_run_in(self) -> int:
@@ -115,7 +115,7 @@ class Problem(ABC):
         return 0
 
     def batch(self, step: int) -> list[Tensor]:
-        """Return the samples of a step, which depend on settings, light, seed and step alone."""
+        """Return the samples of a step; they depend only on settings, light, seed and step."""
         count, run_in = self._schedule.crops_per_step, self.run_in(step)
         samples = []
         for index in range(step * count, (step + 1) * count):
@@ -149,11 +149,11 @@ class Problem(ABC):
         Parameters
         ----------
         device
-            Where the network is.
+            The network's device.
 
         Returns
         -------
-        Those of the network and of each baseline, by light.
+        The scores of the network and of each baseline, by light.
         """
         self.network.eval()
         with torch.inference_mode():

@@ -1,4 +1,4 @@
-"""Checkpoints of a training: all that its next steps depend on."""
+"""Checkpoints of a training: everything on which its next steps depend."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ class Progress:
     step
         Number of completed steps.
     seconds
-        Time that they took.
+        Time that these took, s.
     curve
         Step, seconds, loss and scores of each validation, by name.
     losses
-        Losses of the steps since then.
+        Losses of the steps since the last validation.
     """
 
     step: int = 0
@@ -41,16 +41,16 @@ class Progress:
 def save_checkpoint(
     folder: Path, progress: Progress, network: nn.Module, optimizer: torch.optim.Optimizer
 ) -> None:
-    """Write all that the next steps depend on.
+    """Write everything on which the next steps depend.
 
     Parameters
     ----------
     folder
         Folder of the training.
     progress
-        How far it is.
+        Its progress.
     network, optimizer
-        Their state is written.
+        The network and the optimizer whose states are written.
     """
     content = {
         "step": progress.step,
@@ -65,25 +65,25 @@ def save_checkpoint(
 
 
 def load_checkpoint(folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer) -> Progress:
-    """Continue after the last checkpoint, if there is one.
+    """Load the last checkpoint, if there is one.
 
     Parameters
     ----------
     folder
         Folder of the training.
     network, optimizer
-        They take on the state that was written.
+        Set to the states in the checkpoint.
 
     Returns
     -------
-    How far the training was.
+    The progress at the checkpoint, or that of a new training.
 
     Raises
     ------
     WeightsError
         The checkpoint cannot be read.
     TrainingError
-        It is not of this training.
+        The checkpoint is of another training.
     """
     file = folder / FILE_NAME
     if not file.exists():

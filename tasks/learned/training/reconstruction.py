@@ -1,4 +1,4 @@
-"""Learn to reconstruct images: our network of E2VID's family."""
+"""Training of our network for image reconstruction, a smaller E2VID."""
 
 from __future__ import annotations
 
@@ -21,19 +21,18 @@ from tasks.random_crops.samples import EQUALIZATION, video_sample
 from tasks.random_crops.settings import Light
 from tasks.video import VideoMethod, picture, psnr_db
 
-# Bytes of a pixel, of all windows through which gradients flow, by channels at full resolution.
+# Memory per pixel, window through which gradients flow, and channel at full resolution.
 _BYTES_PER_PX_AND_CHANNEL = 200  # 125 were measured in bfloat16
-_GAIN = 2.0  # of the sums of events in the first output, before the sigmoid
-_KEEP = 2.0  # first bias of the memory's keep gates: it lasts 8 windows, with 0 it would last 2
-_OTHERS = 0.1  # share of the other channels' first weights there
+_GAIN = 2.0  # gain of the sums of events in the initial output, before the sigmoid
+_KEEP = 2.0  # initial bias of the keep gates: the memory lasts 8 windows; with 0 it would last 2
+_OTHERS = 0.1  # factor on the other channels' initial weights in the output layer
 
 
 class Reconstruction(Problem):
-    """Images as they are scored, from windows of events.
+    """Images from windows of events, histogram-equalized as for the score.
 
-    The loss is the mean square of the network's error against the true picture, whose histogram is
-    equalized. The mean rank that is expected of a pixel makes it least, and ranks are what the
-    metric compares.
+    The loss is the mean squared error against the histogram-equalized true picture. It is smallest
+    for the expected rank of each pixel, and ranks are what the metric compares.
 
     Parameters
     ----------
@@ -42,7 +41,7 @@ class Reconstruction(Problem):
     light
         The light of the crops.
     seed
-        Seed of the crops and of the first weights.
+        Seed of the crops and of the initial weights.
     """
 
     architecture = RECONSTRUCTION
@@ -78,7 +77,7 @@ class Reconstruction(Problem):
         return video_sample(crop, self._settings.bins, run_in)
 
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
-        """As `Problem.losses`: the network's memory lasts, gradients end at each loss."""
+        """As `Problem.losses`: the network's memory continues, gradients stop at each loss."""
         grids, pictures = batch
         states: list[State] | None = None
         for start in range(0, grids.shape[1], self._settings.windows_at_once):
@@ -129,10 +128,10 @@ class Reconstruction(Problem):
 
 
 def _start_as_the_filter(network: E2VIDRecurrent) -> None:
-    """Let the network pass on the sums of events, the last channel of its input.
+    """Initialize the network so that it passes on the last input channel, a sum of events.
 
     It then starts with the scores of the high-pass filter, and need not learn to copy its input.
-    The first two channels of the head take the sums' positive and negative parts.
+    The first two channels of the head take the positive and the negative part of the sums.
     """
     unet = network.unetrecurrent
     middle = unet.head.conv2d.kernel_size[0] // 2

@@ -24,14 +24,14 @@ Row = dict[str, float]
 def opened(
     folder: Path, settings: Mapping[str, Any], made_with: Mapping[str, str]
 ) -> Iterator[None]:
-    """Make or continue the folder of a training, in a context that no other process can enter.
+    """Create or continue the folder of a training, locked against other processes.
 
     Parameters
     ----------
     folder
         The folder.
     settings
-        All that determines the training, as JSON can hold it.
+        Everything that determines the training, as values for JSON.
     made_with
         Code, machine and versions.
 
@@ -42,7 +42,7 @@ def opened(
     Raises
     ------
     TrainingError
-        The folder is of another training, or another process is at work in it.
+        The folder is of another training, or another process is training in it.
     """
     file = folder / SETTINGS_FILE
     try:
@@ -54,7 +54,7 @@ def opened(
                 write_text(file, json.dumps(content, indent=2) + "\n")
             yield
     except BlockingIOError:
-        raise TrainingError(f"{folder}: another process trains in this folder") from None
+        raise TrainingError(f"{folder}: another process is training in this folder") from None
 
 
 def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
@@ -75,12 +75,12 @@ def _differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[st
 
 
 def read_description(folder: Path) -> dict[str, Any]:
-    """Return settings and origin of a training.
+    """Return the settings and the origin of a training.
 
     Raises
     ------
     TrainingError
-        The folder is of no training.
+        The folder is not that of a training.
     """
     file = folder / SETTINGS_FILE
     try:
@@ -100,7 +100,7 @@ def write_curve(folder: Path, curve: list[Row]) -> None:
     folder
         Folder of the training.
     curve
-        Its rows.
+        Its rows, at least one.
     """
     text = io.StringIO(newline="")
     table = csv.DictWriter(text, list(curve[0]), lineterminator="\n")

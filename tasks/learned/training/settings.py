@@ -29,21 +29,21 @@ class Schedule:
     Parameters
     ----------
     steps
-        Number of steps; each has crops of its own.
+        Number of steps; each has its own crops.
     crops_per_step
-        Crops of a step, learned from at once.
+        Number of crops in the batch of a step.
     learning_rate
-        Largest learning rate. It rises in a straight line, then falls to 0 along a cosine.
+        Largest learning rate. It rises linearly, and falls to 0 along a cosine over all steps.
     rising_steps
         Steps in which the learning rate rises.
     weight_decay
-        Of AdamW.
+        Weight decay of AdamW.
     largest_gradient
-        Norm to which longer gradients are shortened.
+        Norm to which larger gradients are clipped.
     validate_every
         Steps from one validation to the next.
     validation_crops
-        Held-out crops, each seen in ideal light, at 200 Hz and at 50 Hz.
+        Number of held-out crops, each seen with ideal pixels and at cutoffs of 200 Hz and 50 Hz.
     checkpoint_minutes
         Time from one checkpoint to the next.
 
@@ -96,15 +96,15 @@ class ReconstructionTraining:
     base_channels
         Channels at full resolution; each encoder doubles them.
     encoders, residual_blocks
-        Their numbers.
+        Numbers of encoders and of residual blocks.
     run_in_windows
-        Largest number of windows before those that are learned from. Each step draws its own. Their
-        events are in the sums of events, so that sums of any age are seen.
+        Largest number of windows before those that are learned from; each step draws its own
+        number. Their events enter the sums of events, so that the network sees sums of all ages.
     windows
-        Windows that are learned from, in each crop.
+        Number of windows that are learned from, in each crop.
     windows_at_once
-        Windows through which gradients flow, a divisor of `windows`. The network's memory lasts
-        through all windows.
+        Number of windows through which gradients flow, a divisor of `windows`. The network's memory
+        lasts through all windows.
 
     Raises
     ------
@@ -154,13 +154,14 @@ class FlowTraining:
     bins
         Bins of the voxel grids.
     narrower
-        What E-RAFT's number of channels of each layer is divided by: 1, 2, 4, 8 or 16.
+        Divisor of the number of channels of each of E-RAFT's layers: 1, 2, 4, 8 or 16.
     windows
-        Windows of each crop; each but the first is learned from, with the one before it.
+        Number of windows of each crop; all but the first are learned from, each with the one before
+        it.
     updates
-        Updates of the flow.
+        Number of updates of the flow.
     fading
-        Weight of an update's flow relative to the next one's.
+        Weight of an update in the loss relative to the next one's.
 
     Raises
     ------
@@ -185,8 +186,8 @@ class FlowTraining:
                 raise TrainingError(f"{name}: found {getattr(self, name)}, expected at least 2")
         if self.crops.side_px < 128:
             raise TrainingError(
-                f"crops.side_px: found {self.crops.side_px}, expected at least 128, as the "
-                "network's coarsest level has a single cell below"
+                f"crops.side_px: found {self.crops.side_px}, expected at least 128, below which "
+                "the network's coarsest level has a single cell"
             )
 
 

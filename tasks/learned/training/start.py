@@ -36,12 +36,12 @@ def start(
     light
         "ideal" for ideal pixels in all crops, "all" to draw the cutoff of each.
     seed
-        Seed of the crops and of the first weights. The light changes neither textures, motions and
-        thresholds nor the first weights.
+        Seed of the crops and of the initial weights. The light changes neither the textures,
+        motions and thresholds of the crops nor the initial weights.
     folder
         Folder of the training.
     device
-        "cpu" or "cuda"; None is a GPU if there is one.
+        "cpu" or "cuda"; None uses a GPU if there is one.
     made_with
         Code, machine and versions, for the card.
     on_progress
@@ -55,6 +55,8 @@ def start(
     ------
     TrainingError
         The folder is of another training, or the training cannot be carried out.
+    WeightsError
+        The checkpoint in the folder cannot be read.
     """
     problem: Problem
     if isinstance(settings, FlowTraining):

@@ -43,8 +43,8 @@ def test_perfect_corners_give_the_truth():
     ],
 )
 def test_accuracy_with_noise(depth_m, sigma_px, position_mm, image_px, flow_px):
-    """Promise: with 20 views, errors are those that 60 views had in the first study of the rig,
-    times the root of 3, at most."""
+    """Promise: with 20 views, errors are at most sqrt(3) times those of 60 views in the first study
+    of the rig."""
     rig = Rig(depth_m)
     found = [
         errors(rig, solve(rig.corners(sigma_px, seed=seed), rig.slider, rig.camera))
@@ -56,8 +56,8 @@ def test_accuracy_with_noise(depth_m, sigma_px, position_mm, image_px, flow_px):
 
 
 def test_covariance_is_that_of_the_errors():
-    """Promise: each estimate is off by as much as its covariance says (whitened errors of all
-    eleven parameters together have a mean square of 1)."""
+    """Promise: errors are as large as the covariance says (the whitened errors of all eleven
+    parameters together have a mean square of 1)."""
     rig = Rig(0.436, davis346())
     exact = solve(rig.corners(0.0, 8), rig.slider, rig.camera, ALL)
     squares = []
@@ -78,7 +78,7 @@ def test_covariance_is_that_of_the_errors():
 
 def test_nine_parameters_have_a_null_direction_and_eight_have_none():
     """Promise: the paper's nine unknowns (pose of the slider's base, rotation of the camera on it)
-    have rank 8: to turn the base about the slider's axis and the camera back changes nothing."""
+    have rank 8: turning the base about the slider's axis and the camera back changes nothing."""
     rig = Rig(0.44)
     corners = rig.corners(0.0, 8)
     x_m = rig.slider.position_m(corners.t_us)
@@ -108,8 +108,8 @@ def test_nine_parameters_have_a_null_direction_and_eight_have_none():
 
 
 def test_latency_bends_the_poses_only_in_one_direction():
-    """Promise: an unknown latency shifts the image truth by speed times latency if the slider goes
-    one way, is invisible there, and cancels if it goes back too; estimated, it is found."""
+    """Promise: an unknown latency shifts the image truth by speed times latency, unnoticed, if the
+    slider goes one way, and cancels if it also goes back; if estimated, it is found."""
     rig = Rig(0.44)
     shift_px = 0.005 * 0.2 * rig.camera.fx / 0.44
     one_way = solve(rig.corners(0.3, 12, latency_ms=5.0, one_way=True), rig.slider, rig.camera)
@@ -133,8 +133,8 @@ def test_latency_is_refused_in_one_direction():
 
 
 def test_a_wrong_focal_length_is_invisible():
-    """Promise (of the docs' warning): half a percent of the focal length moves the camera by two
-    millimeters, at the same residuals, and leaves flow alone."""
+    """Promise (the docs' warning): half a percent of the focal length moves the camera by two
+    millimeters, at the same residuals, and does not change the flow."""
     rig = Rig(0.44, turn_deg=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0))
     corners = rig.corners(0.3, 8)
     wrong = Camera(1280, 720, fx=1.005 * rig.camera.fx)
@@ -172,7 +172,7 @@ def test_a_lens_is_part_of_the_camera():
 
 
 def test_contradictions_and_too_few_are_refused():
-    """Promise: solve fails loudly."""
+    """Promise: solve raises an error."""
     rig = Rig(0.44)
     corners = rig.corners(0.1, 5)
     with pytest.raises(RigError, match="markers in 2 images, expected at least"):

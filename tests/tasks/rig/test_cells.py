@@ -1,4 +1,4 @@
-"""Rows of recordings in cells as a study has them, and claim 22 on them."""
+"""Rows of recordings in cells like those of a study, and claim 22 on them."""
 
 import json
 from dataclasses import replace
@@ -38,8 +38,8 @@ def keys(rows, task):
 
 
 def test_speeds_and_widths_within_a_tenth_are_one():
-    """Promise: two recordings of one distance, and a speed that wobbles, are cells of a study:
-    samples count from 0 in each, and no score is changed."""
+    """Promise: two recordings at the same distance, with a speed that varies, fall into common
+    cells: samples count from 0 in each, and no score is changed."""
     slow, fast = [0.199, 0.2, 0.203], [0.6, 0.59, 0.61]
     rows = in_cells([recording(640, slow), recording(644, fast), recording(1190, slow + fast)])
     assert keys(rows, "tracking") == {
@@ -51,8 +51,8 @@ def test_speeds_and_widths_within_a_tenth_are_one():
 
 
 def test_each_width_has_as_many_windows_and_items():
-    """Promise: of unequal recordings what all have is kept, evenly spread and the first items; a
-    window with few items is left out, not all others cut to it."""
+    """Promise: of unequal recordings, the same number of windows, evenly spread, and of items, the
+    first ones, is kept; a window with few items is left out instead of reducing all others."""
     far, near = recording(640, [0.2] * 5), recording(1190, [0.2] * 3, items=4)
     sparse = [row for row in far if row.sample != 1 or row.item == 0]
     rows = in_cells([sparse, near])
@@ -80,9 +80,9 @@ def verdict(rows):
 
 
 def test_claim_22_on_recordings():
-    """Promise: the second nearest distance against the nearest, at the highest speed, on any print
-    and with a cutoff that nobody knows; a study of other
-    scenes is judged on all claims, one of prints on the same claim of the virtual slider."""
+    """Promise: the second nearest distance is compared with the nearest, at the highest speed, on
+    any print and with an unknown cutoff. A study of prints is judged on the same claim of the
+    virtual slider, one of other scenes on all claims."""
     assert claims_of({}, ["carpet", "forest"]) is CLAIMS
     assert claims_of({}, ["forest"]) == (ON_THE_SLIDER,)
     found = verdict(recorded(0.3))
@@ -101,7 +101,7 @@ def test_claim_22_on_recordings():
 
 
 def test_the_folder_is_that_of_a_run(tmp_path, eres):
-    """Promise: `eres claims` and the report read it, and judge the one claim that it is about."""
+    """Promise: `eres claims` and the report read it, and judge only the claim that applies."""
     write_recorded(tmp_path, [tmp_path / "crops"], {"windows": 9})
     assert json.loads((tmp_path / "study.json").read_text())["recorded"] == [
         str(tmp_path / "crops")

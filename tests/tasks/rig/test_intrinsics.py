@@ -1,4 +1,4 @@
-"""Intrinsics from a flashing board: the camera that saw it comes out."""
+"""Intrinsics from a flashing board: the true camera is found."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def files(tmp_path_factory):
 
 
 def test_perfect_corners_give_the_camera():
-    """Promise: pixels count from the image's corner, and the lens comes out."""
+    """Promise: pixels count from the image's corner, and the distortion is found."""
     camera, sigmas, rms_px = calibrate([corners_px(*view) for view in VIEWS], BOARD, 160, 128)
     for name in ("fx", "fy", "cx", "cy"):
         assert getattr(camera, name) == pytest.approx(getattr(TRUTH, name), abs=0.02), name

@@ -1,4 +1,4 @@
-"""Corners of markers: OpenCV's conventions, files, and what is not a marker."""
+"""Corners of markers: OpenCV's conventions, files, and false detections."""
 
 from dataclasses import replace
 from functools import cache
@@ -44,8 +44,8 @@ def true_corners(x, y):
     [("none", 0.2), ("subpix", 0.06), ("contour", 0.12), ("apriltag", 0.1)],
 )
 def test_positions_count_from_the_corner_of_the_image(refinement, enlarged, tolerance_px):
-    """Promise: whichever refinement of OpenCV, (0, 0) is the corner of the first pixel. A wrong
-    convention shifts all corners by half a pixel, of the enlarged image."""
+    """Promise: with each of OpenCV's refinements, (0, 0) is the corner of the first pixel. A wrong
+    convention shifts all corners by half a pixel of the enlarged image."""
     finder = Detector(DICTIONARY, 50, refinement, enlarged)
     off = []
     for x, y in PLACES:
@@ -57,8 +57,8 @@ def test_positions_count_from_the_corner_of_the_image(refinement, enlarged, tole
 
 
 def test_the_usual_detectors_find_corners_to_half_a_pixel():
-    """Promise: contour, on four times the size below 640 px; what all corners are off inward is the
-    corner bias, which `solve` can estimate."""
+    """Promise: contour refinement, enlarged four times below 640 px; the common inward shift of all
+    corners is the corner bias, which `solve` can estimate."""
     outward = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     for width, enlarged in ((346, 4), (1280, 1)):
         finder = detector(DICTIONARY, 50, width)
@@ -70,7 +70,7 @@ def test_the_usual_detectors_find_corners_to_half_a_pixel():
 
 
 def test_a_marker_twice_or_not_on_the_page_is_left_out():
-    """Promise: a number seen twice is no number, and numbers beyond the page are mistakes."""
+    """Promise: a number seen twice is left out, and so are numbers that the page does not have."""
     one = picture(60.0, 50.0)
     twice = np.concatenate([one, one], axis=1)
     finder = Detector(DICTIONARY, 50, "contour", 1)

@@ -1,4 +1,4 @@
-"""The page: markers where page.json says, in the size that is printed."""
+"""The page: markers are where page.json says, at the printed size."""
 
 import cv2
 import numpy as np
@@ -79,7 +79,7 @@ def test_reflectance_runs_from_ink_to_paper(page, image):
 
 
 def test_files_come_back_and_have_their_size_on_paper(page, image, tmp_path):
-    """Promise: PNG and PDF are printed at their size; page.json comes back to the bit."""
+    """Promise: PNG and PDF have the printed size; page.json is read back bit by bit."""
     write_page(tmp_path / "page.json", page)
     assert read_page(tmp_path / "page.json") == page
     for name in ("page.png", "page.pdf"):

@@ -1,4 +1,4 @@
-"""Two clocks, of the slider and of the events, by edges that both saw."""
+"""The clocks of the slider and of the events, from edges that both recorded."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def written(tmp_path, lines, header="slider_us,t_us"):
 
 
 def test_edges_give_offset_and_drift(tmp_path):
-    """Analytic: edges without error give both clocks back, to rounding; positions stay."""
+    """Analytic: exact edges give the relation of the clocks, to rounding; positions stay."""
     both = zip(EDGES_US.tolist(), on_events(EDGES_US).tolist(), strict=True)
     pairs = [f"{one!r},{two!r}" for one, two in both]
     found = on_clock_of_events(SLIDER, written(tmp_path, pairs), never)

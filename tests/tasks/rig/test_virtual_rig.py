@@ -1,4 +1,4 @@
-"""The whole way on a small virtual rig: render, simulate, detect, solve, crop, evaluate."""
+"""All steps on a small virtual rig: render, simulate, detect, solve, crop, evaluate."""
 
 import json
 import math
@@ -95,7 +95,7 @@ def error(solved, recording):
 
 
 def test_frames_give_the_rig(recording, frames_solved):
-    """Promise: from frames, image truth to two hundredths of a pixel and flow to one."""
+    """Promise: from frames, image truth to 0.02 px and flow to 0.01 px."""
     found = error(frames_solved, recording)
     assert found.image_px < 0.02
     assert found.flow_px < 0.01
@@ -104,8 +104,8 @@ def test_frames_give_the_rig(recording, frames_solved):
 
 
 def test_events_alone_give_it_too(recording):
-    """Promise: markers are found in images of the high-pass filter, and the rig to 0.2 px (this
-    one has only 15 px a marker)."""
+    """Promise: markers are found in images of the high-pass filter, and the rig to 0.2 px (here a
+    marker has only 15 px)."""
     found = detect(recording, "hf", images=10)
     solved = solve_recording(recording, found, Unknowns(latency=True, corner_bias=True), 2.0)
     assert error(solved, recording).image_px < 0.2
@@ -162,8 +162,8 @@ def test_the_truth_is_not_read(folder, recording, frames_solved, tmp_path):
 
 @pytest.mark.slow
 def test_a_crop_tells_cutoff_and_latency(recording, frames_solved, tmp_path, eres):
-    """Promise: the page from the solved poses is light in known motion: the cutoff of the sensor
-    and its latency of 0 are in their intervals, and the profile has them."""
+    """Promise: views of the page from the solved poses are light in known motion: the sensor's
+    cutoff and its latency of 0 are in their intervals, and the profile has them."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     (out,) = crop([recording], read_calibration(file), tmp_path / "crops")
@@ -219,8 +219,8 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
 
 
 def test_common_field_of_two_distances(recording, frames_solved):
-    """Promise: the far camera's box shows no more of the page than the near one's, and at most two
-    pixels less on each side."""
+    """Promise: the far camera's box shows no more of the page than the near camera's, and at most
+    two pixels less on each side."""
     near = frames_solved.pose.pose()
     far = type(near)(near.R_world_cam, near.origin_m - [0, 0, 0.1], near.direction)
     camera = recording.camera
@@ -332,8 +332,8 @@ def test_bad_recordings_are_refused(folder, tmp_path):
 
 
 def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp_path):
-    """Promise: tracking through a lens, shorter than a window, without events, or of one direction
-    where the latency is asked for: one line that names the recording."""
+    """Promise: tracking with lens distortion, a recording shorter than a window or without events,
+    and a latency from motion in one direction: one line that names the recording."""
     file = tmp_path / "calibration.json"
     write_calibration(file, [frames_solved])
     recording = open_recording(folder)
