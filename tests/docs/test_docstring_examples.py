@@ -3,6 +3,7 @@
 import doctest
 import importlib
 import inspect
+import io
 import re
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import sensor.formats
 import sensor.optics
 import sensor.representations
 import tasks.datasets
-from eres_render import load_scene, render_scene
+from docs_page import run
 
 ROOT = Path(__file__).parents[2]
 FILES = [
@@ -33,9 +34,12 @@ def module_name(path):
 @pytest.fixture(scope="session")
 def clips(tmp_path_factory):
     """The clip that some examples open, by the command that they name."""
-    folder = tmp_path_factory.mktemp("rendered") / "clips"
-    render_scene(load_scene("carpet"), folder, resolution=128, spp=4, samples=1)
-    return folder
+    folder = tmp_path_factory.mktemp("rendered")
+    command = "eres render carpet --out clips --resolution 128 --spp 4 --samples 1"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        run("sh", command, io.StringIO(), patch)
+    return folder / "clips"
 
 
 @pytest.mark.parametrize("path", FILES, ids=module_name)

@@ -9,6 +9,7 @@ import io
 import logging
 import re
 import shlex
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -23,7 +24,13 @@ PACKAGES = ("eres_render", "sensor", "tasks")
 # A fenced block: language, then perhaps the name of the file to write.
 BLOCK = re.compile(r"^```(\w+)(?: ([^\n]+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 OUTPUT = re.compile(r"output(?: (\d+)%)?")
+# Several pages begin with this clip, which takes seconds to render: the first of them renders it.
+THE_CLIP = re.compile(r"eres render carpet --out (\w+) --resolution 128 --spp 4 --samples 1")
 ANYTHING_OR_NUMBER = re.compile(r"(\.\.\.|\d+(?:\.\d+)?)")
+
+
+_rendered: list[tuple[Path, str]] = []
+"""The clip of `THE_CLIP` where a page has rendered it, and what was printed."""
 
 
 def follow(page: str, folder: Path) -> str:
@@ -73,10 +80,18 @@ def run(language: str, text: str, said: io.StringIO, patch: pytest.MonkeyPatch) 
         exec(text, {})
         return
     for line in text.splitlines():
+        if (same := THE_CLIP.fullmatch(line)) and _rendered:
+            clips, printed = _rendered[0]
+            shutil.copytree(clips, same[1])
+            said.write(printed.replace(clips.name, same[1]))
+            continue
+        start = said.tell()
         patch.setattr("sys.argv", shlex.split(line))
         with pytest.raises(SystemExit) as end:
             cli.main()
         assert end.value.code == 0, f"{line}\n{said.getvalue()}"
+        if same:
+            _rendered.append((Path(same[1]).absolute(), said.getvalue()[start:]))
 
 
 def matches(shown: str, printed: str, tolerance: float = 0.0) -> bool:
