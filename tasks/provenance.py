@@ -50,7 +50,7 @@ def environment(variant: str | None = None) -> dict[str, str]:
 
 def code() -> str:
     """Return the commit of the code, or the version if there is no commit."""
-    built_from = Path(__file__).with_name("commit.txt")  # in wheels alone
+    built_from = Path(__file__).with_name("commit.txt")  # only in wheels
     if built_from.exists():
         return f"git {built_from.read_text().strip()} as installed"
     return _git_commit() or f"eres {version(DISTRIBUTION)} as installed"

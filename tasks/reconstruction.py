@@ -21,7 +21,7 @@ class ReconstructionSample:
         (H, W) float64, L_0: log intensity at the window's start, at the frames' resolution.
     polarity_sum
         (h, w) float64, sum of polarities per pixel over the window, at the sensor's resolution. OFF
-        events count C_OFF / C_ON, where these differ.
+        events count C_OFF / C_ON, if these differ.
     contrast_threshold
         C of ON events, known in simulation, log units.
 

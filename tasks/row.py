@@ -57,8 +57,8 @@ class Row:
     failure: str = ""  # reason of a failure; the value is then that of the starting point
     photoreceptor: str = "two_pole"  # as in `sensor.SensorModel`; arbitrary for ideal pixels
     sensor: str = ""  # name of the sensor; "" is a square with the study's pixels
-    illuminance_lux: float = 0.0  # light on the scene; 0 where the light is given as a cutoff
-    speed_m_s: float = 0.0  # mean speed of the camera; 0 where it is given as a factor
+    illuminance_lux: float = 0.0  # light on the scene; 0 if the light is given as a cutoff
+    speed_m_s: float = 0.0  # mean speed of the camera; 0 if it is given as a factor
     bus_mev_s: float = math.inf  # capacity of the bus, million events per second; inf = no bus
     dropped: float = 0.0  # share of the window's events that the bus lost
 

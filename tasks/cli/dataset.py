@@ -58,7 +58,7 @@ def dataset(
     Each sequence is a folder: frames of linear radiance, the scene, and for each cutoff a DSEC file
     of events with the truth. `tasks.datasets.EventDataset` reads them. Surfaces glow with a fixed
     texture: there are no shadows. The same command continues after an interruption, and with a
-    higher count adds sequences; sequence k depends on the seed and on k alone.
+    higher count adds sequences; sequence k depends only on the seed and on k.
 
     Parameters
     ----------

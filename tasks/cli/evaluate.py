@@ -49,9 +49,8 @@ def evaluate(
     """Score methods on a simulated sensor or on a recording.
 
     The sensor sees one rendered sequence. A recording is a file of events of any format. On a
-    recording, optical flow starts from zero. Its score is the distance from tracked corners if
-    there are frames, and otherwise how much it sharpens the events. Images are compared with the
-    frames.
+    recording, optical flow starts from zero, and its score is the distance from corners tracked in
+    frames or, without frames, how much it sharpens the events. Images are compared with the frames.
 
     Parameters
     ----------

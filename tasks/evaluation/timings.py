@@ -62,7 +62,7 @@ class JobTimings:
     pixel_frames, events
         Number of pixels times frames, and of events, over all sensors, warm-up included.
     simulating_s
-        Time of the sensors alone.
+        Time spent simulating events.
     collecting_s
         Time spent waiting for scorers to take in events; video methods run there.
     scoring_s

@@ -80,7 +80,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """What a recording shows; None where there is no evidence.
+    """Estimates from a recording; None without evidence.
 
     Parameters
     ----------

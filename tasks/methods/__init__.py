@@ -151,7 +151,7 @@ def check_method(
 
 
 def _samples() -> dict[str, type]:
-    """Return the class of the first argument of each task's methods, where there is one."""
+    """Return the class of the first argument of each task's methods, by task, if there is one."""
     return {task: load(spec.sample) for task, spec in TASKS.items() if spec.sample}
 
 

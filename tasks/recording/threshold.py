@@ -73,7 +73,7 @@ class FittedThresholds(NamedTuple):
 
     @property
     def values(self) -> Thresholds:
-        """The thresholds alone."""
+        """The thresholds without their intervals."""
         return Thresholds(self.on.value, self.off.value)
 
 

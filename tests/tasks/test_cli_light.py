@@ -102,7 +102,7 @@ KALIBR = """cam0:
 
 def test_a_calibrated_lens_from_its_file_to_events_and_truth(eres, tmp_path):
     """Promise: size, focal lengths and lens come from the file; sequence, info, truth and events
-    have them, half a pixel from Kalibr's; and tracking, which needs a pinhole, says so."""
+    have them, half a pixel from Kalibr's; tracking, which needs a pinhole, refuses the lens."""
     file = tmp_path / "camera.yaml"
     file.write_text(KALIBR)
     render = ["render", "carpet", "--out", tmp_path / "out", "--camera", file]
@@ -148,8 +148,8 @@ def test_a_calibrated_camera_has_its_own_size(eres, tmp_path, options, text):
 
 
 def test_truth_replaces_truth_only_when_told(eres, tmp_path):
-    """Promise: a folder never has truth of two steps; --overwrite removes the old truth, no
-    more."""
+    """Promise: a folder never has truth of two steps; --overwrite removes the old truth
+    and nothing else."""
     folder, out = room_folder(tmp_path / "room"), tmp_path / "truth"
     options = ["--resolution", 24, "--spp", 1, "--samples", 1, "--max-displacement", 1]
     assert eres("render", folder, "--out", tmp_path / "r", *options)[0] == 0

@@ -14,7 +14,7 @@ from event_streams import SUFFIXES, assert_same, random_events
 from light_scenes import small_carpet_folder
 from sensor.formats import load_events, read_header, write_events
 
-START = Decimal("1600000000.123457")  # seconds since 1970; float64 has none that are nearer
+START = Decimal("1600000000.123457")  # seconds since 1970; float64 has steps of 0.24 us there
 OFFSET_US = 1_600_000_000_123_457
 T_S = [Decimal(text) for text in ("0", "0.1000001", "0.23", "0.3333333333333333", "0.4")]
 
@@ -43,7 +43,7 @@ def sequences(tmp_path_factory):
 
 @pytest.mark.parametrize("offset_us", [0, OFFSET_US, -3, 10**18])
 def test_times_and_offset_make_the_round_trip(tmp_path, offset_us):
-    """Promise: a time of 17 digits with an offset returns with the same last bit."""
+    """Promise: a time of 17 digits with an offset is read back to the last bit."""
     t_s = np.array([0.0, 1e-9, 0.1, 1 / 3, np.nextafter(0.5, 1), 1234.567890123456])
     (tmp_path / "a.txt").write_text(tum_text(t_s, np.tile(np.eye(4), (6, 1, 1)), offset_us))
     np.testing.assert_array_equal(read_tum(tmp_path / "a.txt", offset_us)[0], t_s)

@@ -135,8 +135,8 @@ def known(events, dark):
 
 @pytest.mark.parametrize("poles", [1, 2])
 def test_light_behind_the_photoreceptor_is_that_of_its_equation(poles):
-    """Promise: light that is a broken line in log units, filtered and delayed, is the solution of
-    the poles' differential equations at any time."""
+    """Promise: light that is piecewise linear in log units, filtered and delayed, solves the poles'
+    differential equations at any time."""
     rng = np.random.default_rng(5)
     t_s, u = np.cumsum(rng.uniform(1e-3, 5e-3, 8)), rng.normal(0, 1, 8)
     at_s = np.sort(rng.uniform(t_s[0], t_s[-1], 30))
@@ -188,7 +188,7 @@ def test_frames_give_back_the_thresholds(C_on, C_off, dark):
 
 
 def test_a_wrong_dark_level_gives_other_thresholds():
-    """Promise: the sweep shows what the dark level decides: more of it, smaller changes."""
+    """Promise: the sweep shows the effect of the dark level: a higher one gives smaller changes."""
     (levels, _) = known(moving(0.2, 0.2, 1e-2), 1e-2)
     values = [fit_line(levels.at_dark(dark)).on for dark in (1e-2, 1e-1, 3e-1)]
     assert values[0] == pytest.approx(0.2, rel=0.02)
@@ -214,8 +214,8 @@ def test_noise_and_hot_pixels_change_little():
     ],
 )
 def test_motion_gives_back_cutoff_and_latency(cutoff_hz, latency_s, photoreceptor):
-    """Promise: events of light in known motion tell the filter from a delay, inside intervals that
-    say something, and thresholds behind the filter are those of the sensor."""
+    """Promise: events of light in known motion separate the filter from a delay, with informative
+    intervals, and thresholds after the filter are those of the sensor."""
     slow = {"cutoff_hz": cutoff_hz, "latency_s": latency_s, "photoreceptor": photoreceptor}
     levels, coarse = known(moving(0.2, 0.25, 1e-2, threshold_mismatch=0.01, **slow), 1e-2)
     found = fit_motion(levels, coarse)
@@ -242,7 +242,7 @@ def test_motion_that_is_too_slow_says_so():
 
 
 def test_events_before_their_light_are_refused():
-    """Promise: no latency comes out of clocks that disagree."""
+    """Promise: clocks that disagree are an error, not a latency."""
     events = moving(0.2, 0.2, 1e-2)
     late = Events(events.t_us - 3000, events.x, events.y, events.p, WIDTH, HEIGHT)
     late = late.between(0, int(events.t_us[-1]))

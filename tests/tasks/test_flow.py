@@ -130,7 +130,7 @@ def test_a_slow_sensor_moves_the_flow_and_a_delay_explains_most_of_it():
         delays.append(answer.delay)
         with_delay.append(np.linalg.norm(answer.flow - FLOW))
         without.append(np.linalg.norm(photometric_flow.estimate(sample).flow - FLOW))
-    # The seen place is d v short of the true one, and the flow compensates for that.
+    # The observed position lags the true one by d v, and the flow compensates for that.
     assert np.median(without) > 0.5 * delay * np.linalg.norm(FLOW)
     assert np.median(with_delay) < 0.05
     assert np.median(delays) == pytest.approx(delay, rel=0.02)
@@ -416,7 +416,7 @@ def test_no_flow_scores_on_events_without_texture():
     ],
 )
 def test_a_search_that_goes_far_is_a_counted_failure(translating, method, reason):
-    """Promise: an answer beyond four sigma is none; the initial flow remains, with the reason."""
+    """Promise: an answer beyond four sigma fails; the initial flow remains, with the reason."""
     (sample,) = samples(translating, 1, 1.0)
     away = replace(sample, initial=FLOW + np.array([2.0, 0.0]), initial_sigma_px=0.4)
     answer = method.estimate(away)
@@ -426,7 +426,7 @@ def test_a_search_that_goes_far_is_a_counted_failure(translating, method, reason
 
 
 def test_too_few_events_is_a_counted_failure(translating):
-    """Promise: a patch with too few events has the reason and keeps its initial flow."""
+    """Promise: a patch with too few events gets the reason and keeps its initial flow."""
     events, log_image = translating
     for method in (photometric_flow, contrast_maximization):
         center = np.array([50.0, 50.0])
@@ -437,7 +437,7 @@ def test_too_few_events_is_a_counted_failure(translating):
 
 
 def test_times_before_are_those_of_the_same_pixel():
-    """Promise: each event has the index of the previous event at its own pixel."""
+    """Promise: each event has the time of the previous event at its own pixel."""
     pixel = np.array([3, 1, 3, 3, 1, 2])
     t = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     expected = [np.nan, np.nan, 0.1, 0.3, 0.2, np.nan]

@@ -129,7 +129,7 @@ def test_no_room_for_frames_for_a_folder_of_truth_or_for_a_study(sequence, tmp_p
     true, study = tmp_path / "truth", tmp_path / "run"
     first = sequence.folder / "frames" / "000000.exr"
     *_, text, frame, depth, job = run(
-        (None, [*render, tmp_path / "one"]),  # compiles what else could not be kept
+        (None, [*render, tmp_path / "one"]),  # compiles and caches, without a limit
         (None, [*render, tmp_path / "two"]),
         (100, [*render, out]),
         (first.stat().st_size - 1, [*render, out]),

@@ -166,7 +166,7 @@ def test_eraft_gets_the_grids_of_both_windows():
 
 
 def test_weights_are_named_or_for_the_only_network(tmp_path):
-    """Promise: NAME=FILE for each, a bare FILE where one method needs it; others are refused."""
+    """Promise: NAME=FILE for each, or a bare FILE if one method needs it; others are refused."""
     found = named_weights(["e2vid=a=b.pth", "eraft=c.tar"], [])
     assert found["e2vid"].endswith("/a=b.pth")
     assert found["eraft"].endswith("/c.tar")
@@ -224,7 +224,7 @@ e2vid = "weights/a.pth"
 
 
 def test_the_weights_of_a_study_are_in_its_keys(tmp_path):
-    """Promise: the content of the weights counts, their place does not, nor for other jobs."""
+    """Promise: a job's key depends on the content of its weights, but not on their path."""
     (tmp_path / "weights").mkdir()
     (tmp_path / "study.toml").write_text(STUDY)
     for name, content in (("a", b"one"), ("b", b"one"), ("c", b"two")):

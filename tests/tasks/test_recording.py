@@ -102,8 +102,8 @@ def test_the_worth_of_events_that_explain_the_frames(recording, made, tmp_path):
 
 
 def test_thresholds_of_a_simulated_camera(recording, frames):
-    """Promise: those of the sensor lie in the intervals, from frames between which the image moves
-    by 2 px: the light between them follows from the motion."""
+    """Promise: the sensor's thresholds lie in the intervals, though the image moves by 2 px between
+    frames: the light between them follows from the motion."""
     found = fit_recording(recording, frames)
     for one in (found.on, found.off):
         assert one.low < C < one.high
@@ -113,7 +113,7 @@ def test_thresholds_of_a_simulated_camera(recording, frames):
 
 
 def test_the_stretch_with_most_events_is_used(made, frames, monkeypatch):
-    """Promise: so many successive frames as allowed, around the events; frames before and after
+    """Promise: as many successive frames as allowed, around the events; frames before and after
     the recording do not count."""
     monkeypatch.setattr("tasks.recording.levels._MOST_FRAMES", 3)
     t_us = frames.middle_us
@@ -124,8 +124,8 @@ def test_the_stretch_with_most_events_is_used(made, frames, monkeypatch):
 
 
 def test_a_clock_that_is_off_is_found(recording, made, tmp_path, monkeypatch):
-    """Promise: frames whose stamps are 1.6 ms early fit best 1.6 ms later than those on the clock
-    of the events, which fit best when these have fired: less than 1 ms later."""
+    """Promise: frames with stamps 1.6 ms early fit best 1.6 ms later than frames on the clock of
+    the events; these fit best less than 1 ms later, as events fire after the change of light."""
     monkeypatch.setattr("tasks.recording.clock.REACH_US", 4000)
     early = open_frames(made.write_frames(tmp_path / "early", shift_us=-1600), encoding="linear")
     found = estimate_shift(recording, early)
@@ -174,7 +174,7 @@ def test_flow_without_frames_sharpens_the_events(recording):
 
 
 def moves_along(flow_px):
-    """Return a dense method that says the same flow everywhere, and notes what it got."""
+    """Return a dense method with the same flow everywhere, and the list of its samples."""
     seen = []
 
     def method(sample):

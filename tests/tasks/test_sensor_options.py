@@ -35,7 +35,7 @@ def test_a_profile_sets_the_electronics():
 
 
 def test_options_given_by_hand_win():
-    """Promise: each option wins over the profile, 0 too; a threshold holds for ON and OFF."""
+    """Promise: each option overrides the profile, even 0; a threshold holds for ON and OFF."""
     model = sensor(
         threshold=0.3, profile="v2e-noisy", leak=0.0, cutoff=200.0, photoreceptor="two_pole"
     )
@@ -79,8 +79,8 @@ def test_a_camera_has_its_fill_factor_unless_it_is_given():
 
 
 def test_a_camera_has_its_bus_unless_it_is_given():
-    """Promise: --sensor gives the rate of the bus; --bus wins, also with unlimited; a camera whose
-    bandwidth is unknown has no limit, nor has a sensor that is no camera."""
+    """Promise: --sensor sets the rate of the bus; --bus overrides it, also with unlimited; without
+    a camera, or with one of unknown bandwidth, there is no limit."""
     assert NO_BUS.readout("davis346").max_rate_hz == 12e6
     assert BusOptions(fifo=64).readout("gen3-cd").fifo_depth == 64
     assert BusOptions(bus="3").readout("davis346").max_rate_hz == 3e6
@@ -121,7 +121,7 @@ def test_a_dataset_takes_a_profile():
 
 
 def test_a_dataset_of_an_older_version_continues(tmp_path):
-    """Promise: dataset.json with `poles` is that of the same settings."""
+    """Promise: dataset.json with `poles` is accepted for the same settings."""
     out = tmp_path / "data"
     claim_folder(settings(), out)
     file = out / "dataset.json"
@@ -142,7 +142,7 @@ def test_a_dataset_of_an_older_version_continues(tmp_path):
 
 
 def test_a_study_names_a_photoreceptor(tmp_path):
-    """Promise: it reaches every sensor and the names of results; without it both stay the same."""
+    """Promise: it reaches every sensor and the keys of results; without it both stay the same."""
     file = tmp_path / "mine.toml"
     file.write_text('scenes = ["carpet"]\n[simulate]\nphotoreceptor = "v2e"')
     study = read_study(file)
