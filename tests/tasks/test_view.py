@@ -594,7 +594,7 @@ def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, mon
     monkeypatch.setattr("tasks.view.player.MOST_EVENTS", 1500)
     out = tmp_path / "some.html"
     assert eres("view", recording, "--out", out)[0] == 0
-    assert "keeps one of 3 events" in caplog.text
+    assert "keeps one of every 3 events" in caplog.text
     text = out.read_text()
     assert '"count": 1334' in text
     assert "one of 3 events" in text
