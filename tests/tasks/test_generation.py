@@ -154,8 +154,8 @@ def stopped(*_, **__):
 def test_another_dataset_in_the_folder_is_refused(made, tmp_path, eres):
     before = contents(made)
     for options, found in (
-        (["--seed", 5], "seed: found 4, not 5"),
-        (["--seed", 4, "--spp", 9], "spp: found 4, not 9"),
+        (["--seed", 5], "seed: found 4, expected 5"),
+        (["--seed", 4, "--spp", 9], "spp: found 4, expected 9"),
         (["--seed", 4, "--leak", 0.1], "'leak': 0.0"),
     ):
         code, _, error = eres("dataset", made, *OPTIONS, *options)
@@ -175,7 +175,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
     with locked(made / ".lock"):
         code, _, error = eres("dataset", made, "--seed", 4, "--count", 3, *OPTIONS)
     assert code == 1
-    assert "another process makes this dataset" in error
+    assert "another process is making this dataset" in error
 
 
 @pytest.mark.parametrize(
