@@ -255,7 +255,7 @@ def twice(folder):
         (unfinished, r"unfinished: found an unfinished file"),
         (cut, r"1.h5: not a complete HDF5 file"),
         (raw, r"2.raw: found a format without windows, .*: eres convert .*2.raw .*2.h5"),
-        (twice, r"clip_001: found clip 1 of .*again is too"),
+        (twice, r"clip_001: found clip 1 of .*, as in .*again;"),
     ],
 )
 def test_half_a_recording_is_named(folder, tmp_path, damage, said):
