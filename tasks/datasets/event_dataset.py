@@ -1,6 +1,6 @@
 """`EventDataset`: windows of events as dicts of arrays, for `torch.utils.data.DataLoader`.
 
-Torch is not imported. No file is open in the dataset itself, so it can be pickled and forked: each
+Torch is not imported. The dataset itself holds no open files, so it can be pickled and forked: each
 process opens the files that it reads.
 """
 
@@ -24,9 +24,9 @@ from sensor.optics import crop_to_aspect, integrate
 from tasks.datasets.recordings import TARGETS, TRUTH, Recording, find_recordings, nearest
 from tasks.errors import TaskError
 
-_MOST_OPEN = 32  # files a process keeps open
+_MOST_OPEN = 32  # files that a process keeps open
 
-_AT_A_TIME = ("depth", "pose", "instances")  # of the truth; the others are over an interval
+_AT_A_TIME = ("depth", "pose", "instances")  # truth at a time; the rest is over an interval
 
 Item = dict[str, NDArray[Any]]
 
@@ -40,29 +40,31 @@ class EventDataset:
     - `window_us` (2,) int64: start and end on the clock of the events; `recording` () int64: number
       in `recordings`.
     - `frame` (H, W) float32: radiance as the sensor sees it, of the rendered frame nearest to the
-      window's end, and its time `frame_us`. From the clip in the folder that the events were
-      simulated from.
+      window's end, and its time `frame_us`. It comes from the clip in the folder from which the
+      events were simulated.
     - `flow` (H, W, 2) float32, px, and `flow_valid` (H, W): from `flow_us[0]` to `flow_us[1]`, the
-      interval of the ground truth with the window's center. The target `occlusion` is
-      `flow_occluded` (H, W), over the same interval: something hides the point at its end.
+      interval of the ground truth that contains the window's center. The target `occlusion` is
+      `flow_occluded` (H, W), over the same interval: whether something hides the point at its end.
     - `depth` (H, W), m, `pose` (4, 4), T_world_cam, and `instances` (H, W) uint8, k where moving
-      object k is seen and 0 elsewhere: at the time of the truth that is nearest to the window's
-      end, `truth_us`; with `pose` also the camera matrix `K` (3, 3).
+      object k is seen and 0 elsewhere: at `truth_us`, the time of the ground truth nearest to the
+      window's end. With `pose` also the camera matrix `K` (3, 3), and `distortion` if the camera
+      has a lens.
 
     Parameters
     ----------
     folder
-        Folder of DSEC files from `eres simulate`, with `--truth` for all targets but frames, and of
-        the rendered clips for frames, at any depth. Warm-up before a clip's window is left out.
+        Folder with DSEC files from `eres simulate`, made with `--truth` for all targets but frames,
+        and with the rendered clips for frames, at any depth. The warm-up before a clip's window is
+        left out.
     window_us
         Length of the windows, microseconds. They follow one another without a gap.
     window_events
         Number of events of a window, instead of a length. Without either, a window is an interval
-        of the ground truth: its flow is then exactly that of the window.
+        of the ground truth, and the flow is exactly that of the window.
     targets
         Which of frame, flow, occlusion, depth, pose and instances to return; None for all that
-        there are, which must then be the same for every recording, except for instances: where
-        nothing moves they are 0.
+        there are. Every recording must have them, except for instances, which are 0 where nothing
+        moves.
     transform
         Function from `Events` to an array, such as
         `functools.partial(sensor.representations.voxel_grid, bins=5)`. To use it in processes
@@ -71,8 +73,8 @@ class EventDataset:
     Raises
     ------
     TaskError
-        A recording is incomplete or lacks a target, two are of sensors of different size, or no
-        window fits into any.
+        A recording is incomplete or lacks a target, two have sensors of different size, an argument
+        is wrong, or no window fits into any recording.
 
     Examples
     --------
@@ -178,8 +180,8 @@ def _check_sizes(recordings: Sequence[Recording]) -> None:
         if one.size_px != first.size_px:
             found, expected = ("{}x{} px".format(*size) for size in (one.size_px, first.size_px))
             raise TaskError(
-                f"{one.path}: found a sensor of {found}, expected {expected} as {first.path}; put "
-                "each size into a folder of its own"
+                f"{one.path}: found a sensor of {found}, expected {expected} as in {first.path}; "
+                "put each size into its own folder"
             )
 
 
@@ -209,7 +211,7 @@ def _reader(path: Path) -> DsecReader:
     return DsecReader(path)
 
 
-# HDF5 would go on with the files that it had open before the fork, and share their descriptors.
+# After a fork, HDF5 would otherwise use files opened before it, with shared descriptors.
 os.register_at_fork(after_in_child=_reader.cache_clear)
 
 
@@ -260,7 +262,7 @@ def _truth(
 
 
 def _image(truth: Any, name: str, k: int) -> NDArray[Any]:
-    """Return an array of the truth at a time; where nothing moves no file has instances."""
+    """Return an array of the truth at a time; without moving objects, a file has no instances."""
     if name == "instances" and name not in truth:
         return np.zeros(truth["depth"].shape[1:], np.uint8)
     return np.asarray(truth[name][k])

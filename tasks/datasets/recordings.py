@@ -1,4 +1,4 @@
-"""The recordings in a folder: event files, and the rendered clips that they were simulated from."""
+"""The recordings in a folder: event files, and the clips from which they were simulated."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ORIGIN = ("scene", "clip", "frames_width", "frames_height")
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """An event file and what is known with it; without open files.
+    """An event file, its clip and its ground truth; no file stays open.
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ class Recording:
     window_events
         Numbers of the first event of the window and of the one after it.
     truth_us
-        Times of the ground truth; empty without.
+        Times of the ground truth; empty if there is none.
     clip
-        Folder of the frames; None without.
+        Folder of the frames; None if there is none.
     targets
-        Names of the targets that there are. Where nothing moves there are no `instances`.
+        Names of the available targets. Without moving objects there are no `instances`.
     size_px
         Width and height of the sensor.
     """
@@ -61,7 +61,7 @@ class Recording:
 
 
 def find_recordings(folder: Path) -> list[Recording]:
-    """Find the recordings in a folder and in those below it, by path; hidden folders are left out.
+    """Find the recordings in a folder and below it, except for hidden folders, sorted by path.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def find_recordings(folder: Path) -> list[Recording]:
     Raises
     ------
     TaskError
-        There is none; or one is incomplete: an event file is unfinished or of a format that has no
-        windows, a clip has no event file, or two clips are the same.
+        There is none, an event file is unfinished or has a format without windows, a clip has no
+        event file, or two clips are the same.
     EventFormatError, SequenceError
         A file or a clip is damaged or unfinished.
     """
@@ -107,7 +107,7 @@ def find_recordings(folder: Path) -> list[Recording]:
 
 
 def _below(folder: Path, pattern: str) -> Iterator[Path]:
-    """Yield the files and folders of a name, except for those in hidden folders."""
+    """Yield the files and folders whose names match, except for those in hidden folders."""
     for path in folder.rglob(pattern):
         if not any(part.startswith(".") for part in path.relative_to(folder).parent.parts):
             yield path
@@ -121,15 +121,15 @@ def _is_of_another_format(path: Path, clips: dict[tuple[Any, ...], Path]) -> boo
 
 
 def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
-    """Return the folders of rendered clips by scene, number and size, as in an origin."""
+    """Return the folders of clips by scene, number and size, as in the origin of an event file."""
     clips: dict[tuple[Any, ...], Path] = {}
     for file in sorted(_below(folder, "manifest.json")):
-        clip = open_sequence(file.parent)  # raises what is missing
+        clip = open_sequence(file.parent)  # raises if something is missing
         key = (clip.manifest.scene, clip.manifest.clip, clip.width, clip.height)
         if key in clips:
             raise TaskError(
-                f"{file.parent}: found clip {key[1]} of {key[0]}, which {clips[key]} is too; "
-                "expected one of them"
+                f"{file.parent}: found clip {key[1]} of {key[0]}, as in {clips[key]}; expected "
+                "only one of them"
             )
         clips[key] = file.parent
     return clips
@@ -157,7 +157,7 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
 
 
 def nearest(times_us: np.ndarray, t_us: int) -> int:
-    """Return the index of the time that is nearest.
+    """Return the index of the nearest time.
 
     Parameters
     ----------

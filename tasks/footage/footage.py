@@ -33,7 +33,7 @@ class Footage:
     t_s
         (T,) times of the frames, seconds, increasing.
     t_offset_us
-        Time 0 on the clock of the footage, microseconds; the first frame comes less than 1 us
+        Time 0 of `t_s` on the clock of the footage, microseconds; the first frame is less than 1 us
         later.
     height, width
         Size of the frames, px.
@@ -42,7 +42,7 @@ class Footage:
     white_level
         Radiance of white: 1 for encoded numbers, else the 99.9th percentile of the first frame.
     frames
-        Starts reading: returns an iterator of (H, W) float32.
+        Function that starts reading: it returns an iterator of (H, W) float32.
     """
 
     path: Path
@@ -88,13 +88,16 @@ def open_footage(
     Returns
     -------
     Footage
-        Colors become luminance (ITU-R BT.709) after they are made linear.
+        Colors are made linear, then converted to luminance (ITU-R BT.709).
 
     Raises
     ------
     TaskError
-        The footage cannot be read, its frames differ in size, or its times are unknown or do not
-        fit. Frames are checked when they are read.
+        The footage cannot be read, its frames differ in size, its times are unknown or do not match
+        its frames, or floats have another encoding than "linear". Frames are checked when they are
+        read.
+    SensorError
+        The encoding is unknown.
     """
     path = Path(path)
     if not path.exists():

@@ -1,4 +1,4 @@
-"""Folders of images: their order, their times, their numbers."""
+"""Folders of images: their order, times and pixel values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TIMES = "timestamps.txt"
 _KINDS = {
     ".png": "png", ".jpg": "jpeg", ".jpeg": "jpeg", ".tif": "tiff", ".tiff": "tiff", ".exr": "exr"
 }  # fmt: skip
-# A decoder returns what it can of a file that was cut off; the end tells.
+# Decoders return part of the image of a truncated file, so its end is checked.
 _ENDS = {"png": b"IEND", "jpeg": b"\xff\xd9"}
 _END_BYTES = 1 << 12
 
@@ -30,7 +30,7 @@ def list_images(folder: Path) -> list[Path]:
     Raises
     ------
     TaskError
-        There are fewer than two, or of several kinds.
+        There are fewer than two, or they are of several kinds.
     """
     files = [file for file in folder.iterdir() if file.suffix.lower() in _KINDS]
     kinds = sorted({_KINDS[file.suffix.lower()] for file in files})
@@ -60,7 +60,7 @@ def times_ns(
     Parameters
     ----------
     folder
-        The folder, which may have a timestamps.txt with one time a line.
+        The folder, which may have a timestamps.txt with one time per line.
     files
         Its images.
     fps
@@ -75,8 +75,8 @@ def times_ns(
     Raises
     ------
     TaskError
-        The times or their unit are unknown or given twice, times and images differ in number, or an
-        image is missing from an evenly timed folder.
+        The times or their unit are unknown or given twice, the numbers of times and images differ,
+        or an image is missing from an evenly timed folder.
     """
     file = folder / _TIMES
     if fps is None and not file.exists():
@@ -94,7 +94,7 @@ def times_ns(
 
 
 def _check_complete(files: list[Path]) -> None:
-    """Refuse gaps in the numbering, where even times would be wrong from there on."""
+    """Refuse gaps in the numbering, after which evenly spaced times would be wrong."""
     numbers = [[int(part) for part in _parts(file) if part.isdigit()][-1:] for file in files]
     counts = [number[0] for number in numbers if number]
     if len(counts) < len(files):
@@ -114,7 +114,7 @@ def _read_times(file: Path, time_unit: str | None) -> list[int]:
         lines = file.read_text().splitlines()
     except UnicodeDecodeError as error:
         raise TaskError(
-            f"{file}: found bytes that are not text, expected one time a line"
+            f"{file}: found bytes that are not text, expected one time per line"
         ) from error
     stated = re.fullmatch(r"#\s*unit\s*:\s*(\w+)\s*", lines[0]) if lines else None
     unit = time_unit or (stated and stated[1])
@@ -122,7 +122,7 @@ def _read_times(file: Path, time_unit: str | None) -> list[int]:
         found = "no unit" if unit is None else f"unit {unit!r}"
         raise TaskError(
             f"{file}: found {found}, expected --time-unit s, ms, us or ns, or a first line such as "
-            "'# unit: us'; common files differ, so none is assumed"
+            "'# unit: us'; no unit is assumed, as common files differ"
         )
     times: list[int] = []
     for k, line in enumerate(lines, start=1):
@@ -172,14 +172,16 @@ def _read(file: Path) -> NDArray[np.generic]:
     end = _ENDS.get(kind, b"")
     image = None
     if end in data[-_END_BYTES:]:
-        # Bits and colors as stored, without alpha, turned as a camera says.
+        # Bit depth and colors as stored, without alpha, rotated by the EXIF orientation.
         image = cv2.imdecode(
             np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
         )
     if image is None:
-        raise TaskError(f"{file}: found {len(data)} bytes that are no whole {kind.upper()} image")
+        raise TaskError(
+            f"{file}: found {len(data)} bytes that are not a complete {kind.upper()} image"
+        )
     if image.dtype not in (np.uint8, np.uint16, np.float32):
-        raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bit, or 32 bit floats")
+        raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")
     return _checked(file, image if image.ndim == 2 else image[..., ::-1])
 
 

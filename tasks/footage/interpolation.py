@@ -16,11 +16,11 @@ from tasks.footage.motion import gray, optical_flow
 
 Float32 = NDArray[np.float32]
 
-_MOST_PX = 0.5  # of motion per step
+_MOST_PX = 0.5  # largest motion per step
 
 
 def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
-    """Return how finely to divide intervals so that half a pixel of motion is left in a step.
+    """Return how finely to divide intervals so that a step has at most half a pixel of motion.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def steps_for(displacements_px: NDArray[np.float64]) -> list[int]:
 
     Returns
     -------
-    (T - 1,) steps.
+    (T - 1,) numbers of steps.
     """
     return [max(1, math.ceil(shift / _MOST_PX)) for shift in displacements_px]
 
@@ -65,8 +65,8 @@ def interpolated(footage: Footage, steps: Sequence[int]) -> Footage:
 class _Between:
     """Frames between two frames: both are moved along the flow to the time in between and blended.
 
-    The flow at the time in between comes from those of both ends (Jiang et al., Super SloMo, CVPR
-    2018, Eq. 4). Where an end does not see what the other sees, its weight falls.
+    The flow at the time in between comes from those of both frames (Jiang et al., Super SloMo, CVPR
+    2018, Eq. 4). Where a frame does not show what the other shows, its weight is lower.
     """
 
     def __init__(self, before: Float32, after: Float32, white_level: float) -> None:
@@ -101,13 +101,13 @@ class _Between:
 
 
 def _consistency(grid: Float32, there: Float32, back: Float32) -> Float32:
-    """Return 1 where a point comes back to itself, less where it does not: it is hidden there."""
+    """Return 1 where a point comes back to itself, and less where it does not, as it is hidden."""
     missed = there + _sample(back, grid + there, cv2.INTER_LINEAR)
     error: Float32 = np.einsum("yxc,yxc->yx", missed, missed)
     return np.exp(-error)
 
 
 def _sample(image: Float32, at: Float32, interpolation: int) -> Float32:
-    """Sample an image at (H, W, 2) positions; beyond its border the border continues."""
+    """Sample an image at (H, W, 2) positions; beyond its border, the border is repeated."""
     x, y = at[..., 0], at[..., 1]
     return np.asarray(cv2.remap(image, x, y, interpolation, borderMode=cv2.BORDER_REPLICATE))

@@ -1,7 +1,7 @@
 """How far things move from frame to frame.
 
-From frame to frame the light of a pixel changes along a straight line. Where a texture moves by
-more than about a pixel, the line skips its ups and downs, and their events.
+The simulation interpolates between frames. Where a texture moves by more than about a pixel, it
+therefore misses variations of the light, and their events.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tasks.footage.footage import Footage
 Float32 = NDArray[np.float32]
 
 _MEASURED_PX = 320  # longer side of the images in which motion is measured
-_PERCENTILE = 95  # of the displacements: a few wrong vectors do not count
+_PERCENTILE = 95  # of the displacements, so that a few wrong vectors do not matter
 
 
 def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArray[np.float64]:
@@ -53,7 +53,7 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
 
 
 def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:
-    """Return an image for optical flow: dark and bright textures have similar contrast.
+    """Return an image for optical flow, in which dark and bright textures have similar contrast.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def optical_flow(before: NDArray[np.uint8], after: NDArray[np.uint8]) -> Float32
 
     Returns
     -------
-    (H, W, 2) float32 displacements of the points of `before`, px: columns, rows.
+    (H, W, 2) float32 displacements of the points of `before`, px: x, then y.
     """
     still = np.zeros((*before.shape, 2), np.float32)
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from tasks.errors import TaskError
 
-_RIGHT_ANGLE = 1e-3  # largest deviation, radians
-_HIGH_DEFINITION = 720  # rows from which video without a tag has the matrix of BT.709
+_RIGHT_ANGLE = 1e-3  # largest deviation from a right angle, radians
+_HIGH_DEFINITION = 720  # rows from which untagged video is taken to have the matrix of BT.709
 
 
 @contextmanager
 def _open(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a video: (container, stream); errors name the file."""
+    """Open a video and give its container and stream; errors name the file."""
     import av  # here: it loads FFmpeg's libraries
 
     try:
@@ -36,7 +36,7 @@ def _open(path: Path) -> Iterator[tuple[Any, Any]]:
 
 
 def times_ns(path: Path, fps: float | None) -> list[int]:
-    """Return when each frame of a video is shown.
+    """Return the time at which each frame of a video is shown.
 
     Parameters
     ----------
@@ -52,7 +52,8 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
     Raises
     ------
     TaskError
-        The video cannot be read, has fewer than two frames, or two at one time.
+        The video cannot be read, has fewer than two frames, or frames without a time or at the same
+        time.
     """
     with _open(path) as (container, stream):
         shown = [
@@ -86,12 +87,13 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
     Yields
     ------
     (H, W) for gray video, else (H, W, 3) red, green, blue; uint8, or uint16 for more than 8 bits.
-    They are turned and mirrored as the video's display matrix says: phones write how they are held.
+    Frames are rotated and mirrored by the video's display matrix, which phones write.
 
     Raises
     ------
     TaskError
-        The video is damaged, has another number of frames, or turns them by no right angle.
+        The video is damaged, has another number of frames, or its display matrix does not rotate by
+        a multiple of 90 degrees.
     """
     found = 0
     with _open(path) as (container, stream):
@@ -105,7 +107,7 @@ def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:
 
 
 def _numbers(frame: Any) -> NDArray[np.generic]:
-    """Return the numbers of a frame in the full range, by the matrix that its tags state."""
+    """Return the pixel values of a frame in full range, using the color matrix in its tags."""
     from av.video.reformatter import ColorRange, Colorspace, Interpolation
 
     components = frame.format.components
@@ -128,7 +130,7 @@ def _numbers(frame: Any) -> NDArray[np.generic]:
 
 
 def _turned(numbers: NDArray[np.generic], matrix: Any, path: Path) -> NDArray[np.generic]:
-    """Return the numbers of a frame as its display matrix turns and mirrors them.
+    """Return the pixel values of a frame, rotated and mirrored by its display matrix.
 
     The matrix is 9 int32, a b u c d v x y w: column p and row q are shown at column a p + c q and
     row b p + d q (QuickTime File Format, "Matrices").
@@ -137,7 +139,7 @@ def _turned(numbers: NDArray[np.generic], matrix: Any, path: Path) -> NDArray[np
     upright, sideways = abs(a) + abs(d), abs(b) + abs(c)
     if min(upright, sideways) > _RIGHT_ANGLE * max(upright, sideways):
         raise TaskError(
-            f"{path}: found frames turned by {np.degrees(np.arctan2(b, a)):.3g} degrees, expected "
+            f"{path}: found frames rotated by {np.degrees(np.arctan2(b, a)):.3g} degrees, expected "
             "a multiple of 90"
         )
     if sideways > upright:

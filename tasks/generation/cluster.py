@@ -1,4 +1,4 @@
-"""The workers of a Dask cluster make the sequences of a dataset, in a folder that all share."""
+"""Make the sequences of a dataset on the workers of a Dask cluster, in a shared folder."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def make_on_workers(
     Raises
     ------
     TaskError
-        The cluster cannot be reached, its workers die, have another version or another disk.
+        The cluster cannot be reached, or its workers die, have another version, or do not see the
+        folder.
     RenderError, SensorError, OSError
         As the workers raise them.
     """

@@ -1,4 +1,4 @@
-"""All sequences of a dataset, each in a folder that has its name only when it is complete."""
+"""All sequences of a dataset, each in a folder that gets its name only when it is complete."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def make_dataset(
 ) -> list[Path]:
     """Make the sequences of a dataset that do not exist yet.
 
-    Sequence k is the folder `out/00000k`; see `make_sequence`. It is under that name only when it
-    is complete. Unfinished ones are in `out/.unfinished`; the next call continues them.
+    Sequence k is the folder `out/00000k`; see `make_sequence`. It gets that name only when it is
+    complete. Unfinished sequences are in `out/.unfinished`; the next call continues them.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ def make_dataset(
         Number of sequences. More can be added later.
     scheduler
         Address of a Dask scheduler whose workers make the sequences; they must see the folder under
-        the same path. None for this process.
+        the same path. None makes them in this process.
     on_progress
-        Called as the sequences proceed; existing ones count as done.
+        Called as the sequences proceed; existing sequences count as done.
 
     Returns
     -------
@@ -52,10 +52,10 @@ def make_dataset(
     Raises
     ------
     TaskError
-        The folder holds a dataset with other settings or other files, another process writes
-        into it, or the cluster cannot be used.
+        The count is less than 1, the folder holds a dataset with other settings or other files,
+        another process writes into it, or the cluster cannot be used.
     RenderError, SensorError, OSError
-        As rendering and simulation raise them. Finished sequences stay.
+        As rendering and simulation raise them. Finished sequences are kept.
     """
     if count < 1:
         raise TaskError(f"count: found {count}, expected at least 1")
@@ -81,7 +81,7 @@ def make_dataset(
                     counted("next", done, len(missing))
             shutil.rmtree(out / UNFINISHED, ignore_errors=True)
     except BlockingIOError:
-        raise TaskError(f"{out}: another process makes this dataset; wait for it") from None
+        raise TaskError(f"{out}: another process is making this dataset; wait for it") from None
     return folders
 
 

@@ -1,4 +1,4 @@
-"""Estimate the time and the disk that a dataset takes."""
+"""Estimate the time and the disk space that a dataset takes."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from tasks.generation.settings import DatasetSettings
 
 # Means over the first 100 (motion) or 5 (the rest) random scenes of seed 0, on a virtual AMD EPYC
 # server, with LLVM.
-_MOTION_WIDTHS_S = 0.8  # of the fastest part of the image, its widths a second
+_MOTION_WIDTHS_S = 0.8  # motion of the fastest part of the image, image widths per second
 _EVENTS_PER_PX_S = 55
 _BYTES_A_FRAME_PX, _BYTES_A_TRUTH_PX, _BYTES_AN_EVENT = 1.5, 7.5, 2.8
 # CPU time
 _SEQUENCE_S, _FRAME_S, _SAMPLE_S = 6.0, 12e-3, 110e-9
-_MOST_CORES = 2  # that one sequence keeps busy
+_MOST_CORES = 2  # cores that one sequence keeps busy
 
 
 def estimate(settings: DatasetSettings, count: int) -> str:
-    """Return what sequences take, as a line of text.
+    """Describe in one line what sequences take.
 
     Parameters
     ----------

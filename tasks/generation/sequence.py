@@ -30,12 +30,12 @@ from tasks.events.simulation import (
 from tasks.events.truth import groups_to_copy
 from tasks.generation.settings import DatasetSettings
 
-# Where each stage begins in the time of a sequence, and its share; only the progress bar uses this.
+# Start and share of each stage within the time of a sequence, for the progress bar.
 _STAGES = {"rendering": (0.1, 0.6), "simulating": (0.7, 0.3)}
 
 
 UNFINISHED = ".unfinished"
-"""Folder, in that of the dataset, of the sequences that are being made."""
+"""Folder within the dataset's folder, for the sequences that are being made."""
 
 
 def sequence_folder(out: Path, number: int) -> Path:
@@ -62,7 +62,7 @@ def complete_sequence(
     Parameters
     ----------
     settings, number, on_progress
-        As for `make_sequence`.
+        As in `make_sequence`.
     out
         Folder of the dataset.
     """
@@ -74,11 +74,11 @@ def complete_sequence(
 def make_sequence(
     settings: DatasetSettings, number: int, folder: Path, on_progress: Progress = silent
 ) -> None:
-    """Make a sequence, or finish one; frames that exist are kept.
+    """Make or finish a sequence; existing frames are kept.
 
-    Writes a `RadianceSequence` with its scene in a folder inside, and `events_CUTOFF.h5` for each
-    cutoff: events in DSEC's format, with the ground truth; and the images of a frame camera into
-    `images`, if there is one. The right camera of a pair has the same in the folder `right`.
+    Writes a `RadianceSequence` with its scene in a folder inside; `events_CUTOFF.h5` for each
+    cutoff, with events in DSEC's format and the ground truth; and the images of a frame camera, if
+    there is one, into `images`. The files of the right camera of a pair are in the folder `right`.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def make_sequence(
     folder
         Its folder.
     on_progress
-        Called with the stage and the share of the work that is done, of 1.
+        Called with the stage and the share of the work that is done, from 0 to 1.
     """
     name = f"random-{settings.seed}-{number:06d}"
     end_s = settings.warm_up_s + settings.seconds
@@ -125,9 +125,9 @@ def _make_view(
     Parameters
     ----------
     source
-        Where the scene is from the folder, so that both can be moved.
+        Path of the scene relative to the folder, so that both can be moved.
     white_level
-        White of the first camera, for the second.
+        Radiance of white of the first camera, for the second one; None for the first.
     """
     is_first = white_level is None
 
@@ -179,9 +179,9 @@ def _make_view(
             )
     if settings.images_hz is not None:
         images = folder / "images"
-        shutil.rmtree(images, ignore_errors=True)  # of a start that was stopped here
+        shutil.rmtree(images, ignore_errors=True)  # from an interrupted run
         write_images(sequence, images, settings.images_hz, settings.camera, seed=sensor_seed)
     del renderer
-    gc.collect()  # scenes in Mitsuba are parts of cycles
+    gc.collect()  # Mitsuba's scenes are in reference cycles
     release_memory()
     return sequence.white_level

@@ -24,19 +24,21 @@ from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 FILE_NAME = "dataset.json"
 
 _WARM_UP = 6.0  # time constants of the slowest filter
-_MOST_DEVIATIONS = 2.0  # of a threshold from the mean
-_WIDEST_M = 0.3  # of a pair of cameras
+_MOST_DEVIATIONS = 2.0  # standard deviations of a threshold from the mean
+_WIDEST_M = 0.3  # largest baseline of a pair of cameras
 _DARK_LEVEL = 1e-3  # a thousandth of the radiance of white in the brightest scene, W m^-2 sr^-1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DatasetSettings:
-    """Settings of the sequences of a dataset; their number is not one, as it changes none of them.
+    """Settings of the sequences of a dataset.
+
+    The number of sequences is not a setting, as it changes none of them.
 
     Parameters
     ----------
     seed
-        Seed of the dataset; sequence k depends on it and on k alone.
+        Seed of the dataset; with the same settings, sequence k depends only on it and on k.
     seconds
         Length of each sequence, after its warm-up, s.
     width, height
@@ -44,16 +46,16 @@ class DatasetSettings:
     cutoffs_hz
         Corner frequencies of the photoreceptor's poles; one file of events for each.
     threshold, threshold_deviation
-        Mean and standard deviation of the contrast threshold over the sequences, log units; it is
-        at most two deviations away from the mean.
+        Mean and standard deviation of the contrast threshold over the sequences, log units; a
+        threshold is at most two standard deviations away from the mean.
     pixel
         Other properties of the pixels.
     imu
-        An IMU at the place of the camera, if it has a rate.
+        An IMU at the position of the camera; none without a rate.
     images_hz
         Rate of the images of a frame camera; None for no images.
     camera
-        That camera.
+        The frame camera.
     baseline_m
         Distance of a second, right camera on the same rig, m; None for one camera.
     spp
@@ -61,9 +63,9 @@ class DatasetSettings:
     max_displacement_px
         Largest motion in the image between two frames, px.
     truth_step_s
-        Time between the ground truth's images, s.
+        Time between the images of the ground truth, s.
     scene_version
-        Version of the scenes' generator.
+        Version of the generator of scenes.
 
     Raises
     ------
@@ -131,7 +133,7 @@ class DatasetSettings:
         Returns
         -------
         models
-            By the name of their cutoff, "inf" or Hz; all with the same contrast threshold.
+            Sensors by their cutoff, "inf" or in Hz; all with the same contrast threshold.
         """
         away = self._rng(number).normal(0.0, 1.0)
         away = float(np.clip(away, -_MOST_DEVIATIONS, _MOST_DEVIATIONS))
@@ -157,7 +159,7 @@ class DatasetSettings:
 
 
 def claim_folder(settings: DatasetSettings, out: Path) -> None:
-    """Write the settings of a dataset into its folder, or check that they are those in it.
+    """Write the settings of a dataset into its folder, or check that they match those in it.
 
     Parameters
     ----------
@@ -169,7 +171,7 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
     Raises
     ------
     TaskError
-        It holds a dataset with other settings, other files, or is a file.
+        The folder holds a dataset with other settings or other files, or it is a file.
     """
     if out.exists() and not out.is_dir():
         raise TaskError(f"{out}: found a file, expected a folder for the dataset")
@@ -180,8 +182,8 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
         for name in {**table, **old}:
             if old.get(name) != table.get(name):
                 raise TaskError(
-                    f"{file}: {name}: found {old.get(name)!r}, not {table.get(name)!r}; continue "
-                    "with the same options, or write elsewhere"
+                    f"{file}: {name}: found {old.get(name)!r}, expected {table.get(name)!r}; "
+                    "continue with the same options, or write elsewhere"
                 )
         return
     if out.is_dir() and any(path.name[0] != "." for path in out.iterdir()):
@@ -190,14 +192,14 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
 
 
 def _table(settings: DatasetSettings) -> dict[str, Any]:
-    """Return the settings as JSON has them: lists, and infinity as a text."""
+    """Return the settings as values for JSON: lists, and infinity as a text."""
     settled = dataclasses.replace(settings, pixel=settings.pixel.settled())
     table: dict[str, Any] = _plain(dataclasses.asdict(settled))
     return table
 
 
 def _with_photoreceptor(table: dict[str, Any]) -> dict[str, Any]:
-    """Return the settings of a dataset with a photoreceptor; older files have its poles."""
+    """Return a table with a photoreceptor; older files store its number of poles instead."""
     pixel = dict(table.get("pixel", {}))
     if "poles" not in pixel:
         return table

@@ -1,1 +1,1 @@
-"""Interpolation that several methods share."""
+"""Interpolation, splines and estimates with intervals that several methods share."""

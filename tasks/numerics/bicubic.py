@@ -6,15 +6,15 @@ import numpy as np
 
 from tasks.numerics.compiling import jit_contract
 
-_TOGETHER = 64  # points: their pixels stay in the nearest cache
+_TOGETHER = 64  # points at a time, so that their pixels stay in the L1 cache
 
 
 @jit_contract
 def sample(image, x_px, y_px):
     """Interpolate an image and its gradient at a point.
 
-    Catmull-Rom in both directions, so the gradient is continuous. Beyond the edge the outermost
-    pixels continue.
+    Catmull-Rom in both directions, so the gradient is continuous. Outside the image, the outermost
+    pixels are repeated.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def sample(image, x_px, y_px):
 def sample_all(image, x_px, y_px, found):
     """Interpolate an image and its gradient at many points.
 
-    As `sample`, but faster: pixels are read apart from the arithmetic, which is then in vectors.
+    As `sample`, but faster: pixels are read before the arithmetic, which is then vectorized.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def sample_all(image, x_px, y_px, found):
 
 @jit_contract
 def _read(image, x_px, y_px, pixels, f):
-    """Write the 16 pixels around each point, row by row, and its place (2, N) between them."""
+    """Write the 16 pixels around each point, row by row, and its (2, N) offsets between them."""
     height, width = image.shape
     flat = image.ravel()
     first = np.empty(_TOGETHER, np.int64)

@@ -1,4 +1,4 @@
-"""The cumulative cubic B-spline at many times, with derivatives in its control poses, jitted.
+"""The cumulative cubic B-spline at many times, with derivatives by its control poses, jitted.
 
 The spline is that of `eres_render.Trajectory` with evenly spaced knots, split SO(3) x R^3 (Mueggler
 et al., "Continuous-Time Visual-Inertial Odometry for Event Cameras", T-RO 2018, eq. 5):
@@ -101,7 +101,8 @@ def tabulate(R, p, omega, interval_us, wanted):
     interval_us
         Microseconds from knot to knot.
     wanted
-        (T,) bool, T at most M - 3 intervals. The other rows are not initialized.
+        (T,) bool, one for each microsecond of at most M - 3 intervals. Rows that are not wanted are
+        not initialized.
 
     Returns
     -------

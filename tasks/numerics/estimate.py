@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-TILE_PX = 8  # side of a tile; pixels of one tile see the same things, so tiles are resampled
+TILE_PX = 8  # side of a tile; pixels of a tile see the same things, so whole tiles are resampled
 _DRAWS = 400
 _LOW_HIGH = (2.5, 97.5)  # percent
 
@@ -28,7 +28,7 @@ class Estimate(NamedTuple):
     high: float
 
     def widened(self, by: float) -> Estimate:
-        """Return it with an interval wider by so much at both ends, of positive numbers."""
+        """Return the estimate with its interval wider by `by` at both ends, but not below 0."""
         return Estimate(self.value, max(0.0, self.low - by), self.high + by)
 
     def __str__(self) -> str:
@@ -43,15 +43,15 @@ def poisson_rate(count: float, exposure: float, dispersion: float = 1.0) -> Esti
     count
         Number of events.
     exposure
-        The count is `exposure` times the rate.
+        Expected count over the rate.
     dispersion
-        Variance over mean of the counts that were added up, 1 for one Poisson process.
+        Variance over mean of the counts that were added up, 1 for a Poisson process.
 
     Returns
     -------
     Estimate
-        With the exact interval of a Poisson mean (Garwood 1936), for as many events as the
-        dispersion leaves independent.
+        With the exact interval of a Poisson mean (Garwood 1936), for count / dispersion independent
+        events.
     """
     alone = count / dispersion
     low = stats.chi2.ppf(0.025, 2 * alone) / 2 if alone > 0 else 0.0
@@ -66,7 +66,7 @@ def share(count: int, total: int) -> Estimate:
     Parameters
     ----------
     count, total
-        Number of cases, and of all.
+        Number of cases, and of trials.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def bootstrap(
     Parameters
     ----------
     sums
-        (tiles, K) sums over the data of each tile, such that the answer depends on their total.
+        (tiles, K) sums over the data of each tile; the answer depends only on their total.
     answer
         Returns the (A,) numbers to estimate from a (K,) total.
 

@@ -1,1 +1,1 @@
-"""Random textures in motion with their events and truth, to train networks; each from its seed."""
+"""Random textures in motion with events and ground truth, each from a seed, to train networks."""

@@ -16,7 +16,7 @@ from tasks.random_crops.settings import Crops, Light
 from tasks.random_crops.texture import random_texture
 from tasks.random_crops.view import view
 
-DARK_LEVEL = 1e-3  # of white, as sensors have by default
+DARK_LEVEL = 1e-3  # of white, the sensors' default
 _HELD_OUT = 1 << 64  # larger than any seed
 _TEXELS_PER_PX = (1.0, 1.6)
 
@@ -28,18 +28,18 @@ class Crop:
     Parameters
     ----------
     events
-        Those of each window, from its start on and before its end.
+        Events of each window, [start, end).
     ends_us
         Ends of the windows, us.
     log_images
-        (windows + 1, S, S) float32: log intensity, dark level included, at the ends of the windows;
-        the first is at the start.
+        (windows + 1, S, S) float32: log intensity, including the dark level, at the start of the
+        first window and at the end of each.
     motion
-        Motion of the texture, in windows.
+        Motion of the texture, with time in windows.
     contrast_threshold
         C, log units.
     cutoff_hz
-        Cutoff of the photoreceptor.
+        Cutoff of the photoreceptor, Hz.
     """
 
     events: tuple[Events, ...]
@@ -59,9 +59,9 @@ def random_crop(
     light: Light | float = "all",
     held_out: bool = False,
 ) -> Crop:
-    """Make a crop, which depends on the arguments alone.
+    """Make a crop, which depends only on the arguments.
 
-    Texture, motion and contrast threshold do not depend on the light.
+    Its texture, motion and contrast threshold do not depend on the light.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def random_crop(
     light
         "ideal", "all" to draw the cutoff, or the cutoff in Hz.
     held_out
-        Whether it is from the crops that no training sees, whatever its seed.
+        Whether the crop is one of those that no training sees, whatever its seed.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def _log_uniform(rng: np.random.Generator, between: tuple[float, float]) -> floa
 
 
 def _frame_times(motion: Motion, windows: int, max_displacement_px: float) -> NDArray[np.float64]:
-    """Return times of frames, windows: evenly in each, with one at each of its ends."""
+    """Return times of frames, in windows: evenly spaced in each window, with one at both ends."""
     times = [np.zeros(1)]
     for k in range(windows):
         count = math.ceil(motion.fastest_px(k) / max_displacement_px)

@@ -1,4 +1,4 @@
-"""Random motion of a camera before a plane: homographies, and the flow that they make."""
+"""Random motion of a camera in front of a plane: homographies, and the flow that they cause."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 Float64 = NDArray[np.float64]
 
-_WAVES = 2  # of each coordinate
+_WAVES = 2  # for each coordinate
 _PERIODS = (12.0, 60.0)  # windows: 0.3 to 1.5 s for windows of 25 ms
-_SHARE_OF_WAVES = 0.7  # of the speed; the rest is steady
-_SAMPLES = 8  # of a window, to find how fast the corners move
+_SHARE_OF_WAVES = 0.7  # in the speed; the rest is steady
+_SAMPLES = 8  # in a window, to find how fast the corners move
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Path:
-    """A coordinate over time: steady, and waves around it."""
+    """A coordinate over time: steady motion, and waves around it."""
 
     start: float
     rate: float
@@ -41,11 +41,11 @@ def _random_path(
     rng
         Source of all randomness.
     start
-        Its value at time 0, but for the waves.
+        Value at time 0 without the waves.
     speed
-        About the speed of the waves, per window.
+        Approximate speed of the waves, per window.
     steady
-        Speed of the rest, per window.
+        Speed of the steady motion, per window.
     largest
         Largest amplitude of a wave.
 
@@ -72,9 +72,9 @@ class Motion:
     side_px
         Side of the image, px.
     motion_px
-        About the mean motion in the image, px per window.
+        Approximate mean motion in the image, px per window.
     texels_per_px
-        Scale at time 0, but for the waves.
+        Scale at time 0 without the waves.
     """
 
     def __init__(
@@ -100,12 +100,12 @@ class Motion:
         ]
 
     def homographies(self, t: Float64) -> Float64:
-        """Return where pixels look at given times.
+        """Return the homographies at given times.
 
         Parameters
         ----------
         t
-            (N,) windows.
+            (N,) times, windows.
 
         Returns
         -------
@@ -133,7 +133,7 @@ class Motion:
         Parameters
         ----------
         start, end
-            The times, windows; the points are at the pixels' centers at the first.
+            The times, windows; the points are at the pixels' centers at the start.
 
         Returns
         -------

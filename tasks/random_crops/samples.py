@@ -1,4 +1,4 @@
-"""Samples of the two tasks, made of random crops."""
+"""Samples for the two tasks, made from random crops."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class VideoSample(NamedTuple):
     grids
         (windows, bins + 4, S, S) inputs of the network.
     pictures
-        (windows, S, S) the true image at the end of each, as it is scored, in [0, 1].
+        (windows, S, S) true image at the end of each window, equalized as for the score, in [0, 1].
     """
 
     grids: Float32
@@ -38,7 +38,7 @@ class FlowSample(NamedTuple):
     Attributes
     ----------
     grids
-        (pairs + 1, bins, S, S): a pair is a grid and the next.
+        (pairs + 1, bins, S, S): a pair is a grid and the next one.
     flows
         (pairs, 2, S, S) px, from the start of the second window of a pair to its end.
     """
@@ -57,7 +57,7 @@ def video_sample(crop: Crop, bins: int, run_in: int) -> VideoSample:
     bins
         Bins of the voxel grids.
     run_in
-        Number of first windows that are left out; their events are in the sums all the same.
+        Number of windows at the start that are left out; their events still enter the sums.
 
     Returns
     -------

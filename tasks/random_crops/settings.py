@@ -10,12 +10,12 @@ from eres_render.errors import check_positive
 from tasks.errors import TaskError
 
 Light = Literal["ideal", "all"]
-"""Whether pixels are ideal in all crops, or each crop has its own cutoff."""
+"""Whether pixels are ideal in all crops ("ideal"), or each crop draws its cutoff ("all")."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crops:
-    """Ranges from which each crop draws its properties, evenly on a logarithmic scale.
+    """Ranges from which each crop draws its properties, uniformly on a logarithmic scale.
 
     Parameters
     ----------
@@ -24,15 +24,15 @@ class Crops:
     window_ms
         Length of a window of events, ms.
     motion_px
-        Least and largest motion in the image, px per window, on average over the crop.
+        Smallest and largest mean motion in the image, px per window.
     cutoff_hz
-        Least and largest cutoff of the photoreceptor, Hz.
+        Smallest and largest cutoff of the photoreceptor, Hz.
     ideal_share
-        Share of the crops whose pixels are ideal in all the same.
+        Share of the crops that have ideal pixels in light "all".
     contrast_threshold
-        Least and largest contrast threshold, log units.
+        Smallest and largest contrast threshold, log units.
     log_contrast
-        Least and largest standard deviation of a texture's log intensity.
+        Smallest and largest standard deviation of a texture's log intensity.
     max_displacement_px
         Largest motion in the image between two frames, px.
 
@@ -63,13 +63,13 @@ class Crops:
             if isinstance(found, tuple) and not 0 < found[0] <= found[1] < math.inf:
                 raise TaskError(
                     f"{field.name}: found {list(found)}, expected two positive numbers, the "
-                    "lesser first"
+                    "smaller first"
                 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowCrops(Crops):
-    """As `Crops`, with the defaults for flow: larger, and windows as the study's."""
+    """As `Crops`, with the defaults for flow: larger crops, and windows as long as the study's."""
 
     side_px: int = 128
     window_ms: float = 50.0

@@ -1,7 +1,7 @@
 """Random periodic textures: noise, leaves, patches and repeated motifs, and layers of them.
 
-None of them is a texture of a packaged scene. Contrast reaches from the whole texture down to a
-texel, since it is what a sensor's pixels average that distinguishes resolutions.
+None of them is a texture of a packaged scene. They have contrast at all scales down to a texel,
+since resolutions differ in the detail that a pixel averages.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ jit = compiler(Path(__file__).parent)
 
 SIDE = 512  # texels, a power of two
 DARKEST, BRIGHTEST = 0.02, 1.0
-_LEAST_LEAF, _LARGEST_LEAF = 2.0, 80.0  # radii, texels
+_LEAST_LEAF, _LARGEST_LEAF = 2.0, 80.0  # radii in texels
 _COVER = 4.0  # mean number of leaves over a texel
 _MOTIFS = (32, 64, 128)  # sides, texels
 
 
 def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
-    """Return a texture that continues periodically.
+    """Return a periodic texture.
 
     Parameters
     ----------
     rng
         Source of all randomness.
     log_contrast
-        Standard deviation of log intensity before it is limited.
+        Standard deviation of the log intensity before it is clipped.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def fractal(rng: np.random.Generator, slope: float) -> Float32:
 
     Returns
     -------
-    (512, 512), of mean 0 and standard deviation 1.
+    (512, 512), with mean 0 and standard deviation 1.
     """
     rows, columns = np.fft.fftfreq(SIDE)[:, None], np.fft.rfftfreq(SIDE)[None]
     radius = np.hypot(rows, columns)
@@ -83,7 +83,7 @@ def _noise(rng: np.random.Generator) -> Float32:
 
 
 def _patches(rng: np.random.Generator) -> Float32:
-    """A few gray levels with sharp borders: noise between thresholds."""
+    """Return a few gray levels with sharp borders: noise between thresholds."""
     noise = fractal(rng, rng.uniform(1.0, 2.0))
     levels = np.sort(rng.normal(0.0, 1.0, rng.integers(1, 6)))
     grays = rng.standard_normal(levels.size + 1).astype(np.float32)
@@ -91,7 +91,7 @@ def _patches(rng: np.random.Generator) -> Float32:
 
 
 def _motif(rng: np.random.Generator) -> Float32:
-    """Repeat a small image, mirrored or not, in patches of its own."""
+    """Repeat a small image of patches, mirrored or not."""
     side = int(rng.choice(_MOTIFS))
     motif = _patches(rng)[:side, :side]
     if rng.random() < 0.5:
@@ -101,7 +101,7 @@ def _motif(rng: np.random.Generator) -> Float32:
 
 
 def _leaves(rng: np.random.Generator) -> Float32:
-    """Dead leaves: ellipses and rectangles of power-law sizes, each over those before it."""
+    """Return dead leaves: ellipses and rectangles of power-law sizes, each over those before it."""
     ratio = (_LEAST_LEAF / _LARGEST_LEAF) ** 2
     mean_square = _LEAST_LEAF**2 * -np.log(ratio) / (1 - ratio)  # of radii
     count = int(_COVER * SIDE**2 / (3.5 * 0.7 * mean_square))  # leaves are 0.4 to 1 as wide as long

@@ -22,7 +22,7 @@ def view(
     """Average a texture over each pixel.
 
     A pixel is the mean of 2 x 2 samples, each interpolated bilinearly. OpenCV's `warpPerspective`
-    would round positions to 1/32 px, and motion in such steps makes false events.
+    would round positions to 1/32 px, and motion in such steps causes false events.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def view(
     homography
         (3, 3), from pixels to texels, both with centers at integers + 0.5.
     side_px
-        Side of the image.
+        Side of the image, px.
 
     Returns
     -------

@@ -59,7 +59,8 @@ class ClipFrames:
 
         Returns
         -------
-        Ascending times. The first frame is the one at the start, or the first of all.
+        Ascending times, us. The first is that of the frame shown at the start, or of the first
+        frame.
         """
         times_us = np.ceil(self._times_s / self._speed * 1e6).astype(int)
         times_us += self.sequence.t_offset_us
@@ -73,14 +74,14 @@ class ClipFrames:
         return self._read(min(max(i, 0), len(self._times_s) - 1))
 
     def seen_by(self, width: int, height: int, t_us: int) -> Picture:
-        """Return what a sensor of some size sees at a time.
+        """Return what a sensor of a given size sees at a time.
 
         Parameters
         ----------
         width, height
             Size of the sensor, px.
         t_us
-            The time.
+            The time on the clock of the events, us.
 
         Returns
         -------
@@ -105,7 +106,7 @@ class FrameSource:
         return self.frames.sequence.width, self.frames.sequence.height
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
-        """Yield a panel for each of some ascending times on the clock of the events, us."""
+        """Yield a panel for each of the ascending times, us on the clock of the events."""
         title = f"{self.frames.sequence.manifest.scene}, frames"
         for t_us in times_us:
             yield Panel(
@@ -130,7 +131,7 @@ class DepthSource:
         return self.truth.depth(self.frames.path_s(t_us), *self.size)
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
-        """Yield a panel for each of some ascending times on the clock of the events, us."""
+        """Yield a panel for each of the ascending times, us on the clock of the events."""
         some = np.concatenate([self.depth(t_us) for t_us in _some(times_us)])
         seen = some[np.isfinite(some)]
         near_m, far_m = np.percentile(seen, (0.5, 99.5)) if seen.size else (1.0, 1.0)
@@ -166,7 +167,7 @@ class FlowSource:
         return (flow * scale).astype(np.float32)
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
-        """Yield a panel for each of some ascending times on the clock of the events, us."""
+        """Yield a panel for each of the ascending times, us on the clock of the events."""
         some = np.concatenate([self.flow(t_us) for t_us in _some(times_us)])
         longest = float(np.percentile(np.hypot(some[..., 0], some[..., 1]), 99)) or 1.0
         for t_us in times_us:
@@ -187,13 +188,13 @@ def _truth_size(sequence: RadianceSequence) -> tuple[int, int]:
 
 
 def _some(times_us: Sequence[int]) -> list[int]:
-    """Return a few of some times, evenly."""
+    """Return a few evenly spaced times."""
     at = np.linspace(0, len(times_us) - 1, min(_SAMPLES, len(times_us)))
     return [times_us[i] for i in np.round(at).astype(int)]
 
 
 def _inlay(picture: Picture, legend: Picture, shape: NDArray[np.bool_] | None = None) -> None:
-    """Put a legend into the lower left corner, on a black edge."""
+    """Put a legend with a black edge into the lower left corner."""
     height, width = legend.shape[:2]
     edge = max(2, picture.shape[0] // 200)
     inside = np.full((height, width), True) if shape is None else shape

@@ -18,7 +18,7 @@ Color = tuple[int, int, int]
 Picture = NDArray[np.uint8]  # (H, W, 3) red, green, blue
 
 STRENGTHS = (0.0, 0.65, 0.85, 1.0)
-"""How opaque a pixel is whose polarities sum to 0, 1, 2, and 3 or more in magnitude."""
+"""Opacity of a pixel whose polarities sum to 0, 1, 2, and 3 or more in magnitude."""
 
 _GAMMA = 2.2
 
@@ -44,7 +44,7 @@ class Palette:
     text: Color
 
 
-# Blue and vermilion, white and blue: pairs that the common color deficiencies keep apart.
+# Blue and vermilion, white and blue: distinct also with the common color vision deficiencies.
 PALETTES = {
     "blue-red": Palette(
         brighter=(20, 92, 220),
@@ -143,14 +143,14 @@ def tone_mapped(radiance: NDArray[np.float32], white_level: float) -> Picture:
 
 
 def depth_colors(depth: NDArray[np.floating], near_m: float, far_m: float) -> Picture:
-    """Return depth in the colors of viridis: near is yellow, far is dark blue, nothing is black.
+    """Return depth in the colors of viridis: near is yellow, far is dark blue, infinite is black.
 
     Parameters
     ----------
     depth
         (H, W) z-depth, m; inf where nothing is seen.
     near_m, far_m
-        Ends of the scale, m. It is even in 1 / depth, as the motion of the image is.
+        Ends of the scale, m. It is linear in 1 / depth, like the motion in the image.
 
     Returns
     -------

@@ -25,15 +25,15 @@ class EventSource:
     Parameters
     ----------
     path, header, format
-        The file, its header with a size, and its format; None to go by its name.
+        The file, its header with a size, and its format; None to infer it from the name.
     palette
         Colors of the picture.
     length_us, count
-        Window of a picture: its length, or its number of events; see `windows`.
+        Window of a picture: its length, or its number of events; see `tasks.view.windows.windows`.
     reading
         How to read the file.
     frames
-        Drawn behind the events.
+        Frames drawn behind the events.
     """
 
     path: Path
@@ -62,7 +62,7 @@ class EventSource:
         return self.reading.parts(self.path, self.format)
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
-        """Yield a panel for each of some ascending times, us."""
+        """Yield a panel for each of the ascending times, us."""
         for _, panel in self.drawn(times_us):
             yield panel
 
@@ -86,7 +86,7 @@ class EventSource:
 
 
 def sensor_title(model: SensorModel) -> str:
-    """Return the size of a sensor and its cutoff."""
+    """Describe a sensor by its size and its cutoff."""
     size = f"{model.width}x{model.height} px"
     return f"{size}, {model.cutoff_hz:g} Hz" if np.isfinite(model.cutoff_hz) else f"{size}, ideal"
 

@@ -15,14 +15,14 @@ from eres_render.storage.atomic import new_file
 from tasks.errors import TaskError
 from tasks.view.drawing import Picture
 
-_ENCODERS = ("libx264", "libopenh264")  # of H.264, the best first
-_PALETTE_PICTURES = 5  # that decide the colors of a GIF
+_ENCODERS = ("libx264", "libopenh264")  # for H.264, the best first
+_PALETTE_PICTURES = 5  # first pictures, which determine the palette of a GIF
 _WEBP_QUALITY = 60
-_TICKS_HZ = {".gif": 100, ".webp": 1000}  # a picture lasts a whole number of them
+_TICKS_HZ = {".gif": 100, ".webp": 1000}  # a picture lasts a whole number of ticks
 
 
 def possible_fps(kind: str, fps: float) -> float:
-    """Return the rate nearest to a wanted one that a file can have.
+    """Return the frame rate closest to a given one that a kind of file can have.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def write_mp4(path: Path, pictures: Iterator[Picture], fps: float) -> None:
     Raises
     ------
     TaskError
-        This build of FFmpeg cannot encode H.264.
+        PyAV's FFmpeg cannot encode H.264.
     """
     import av
     from av.video.reformatter import ColorRange, Colorspace

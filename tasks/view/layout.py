@@ -13,11 +13,11 @@ from PIL import Image, ImageDraw, ImageFont
 from tasks.view.drawing import Palette, Picture, resized
 from tasks.view.panel import Panel
 
-_SMALL_PX = 360  # lower pictures grow, by a whole factor
+_SMALL_PX = 360  # pictures of less height are enlarged by an integer factor
 _GAP_PX, _MARGIN_PX = 8, 4
-_TEXT_SHARE = 0.065  # of the height of the pictures
+_TEXT_SHARE = 0.065  # size of the text over the height of the pictures
 _SMALLEST_TEXT_PX, _LARGEST_TEXT_PX = 12, 24
-_FINER = 4  # letters are drawn this much larger and averaged, which places them between pixels
+_FINER = 4  # letters are drawn this much larger and averaged, for positions between pixels
 
 
 class Layout:
@@ -28,11 +28,11 @@ class Layout:
     sizes
         Width and height of each picture, px.
     most
-        Width and height that the result must not exceed, px, except for captions.
+        Largest width and height of the result without captions, px, if no height is given.
     palette
         Colors of captions and footer.
     height
-        Height of the pictures, px; by default that of the largest, or a multiple of it for small
+        Height of the pictures, px; by default that of the tallest, or a multiple of it for small
         sensors.
     """
 
@@ -53,7 +53,7 @@ class Layout:
         self._widths = [max(1, round(shape * height)) for shape in shapes]
         self._lefts = [sum(self._widths[:k]) + k * _GAP_PX for k in range(len(sizes))]
         self._palette = palette
-        self._text_px = self._page_px = 0  # those of the first picture are kept
+        self._text_px = self._page_px = 0  # measured on the first picture
 
     def draw(self, panels: Sequence[Panel], footer: str) -> Picture:
         """Draw panels.
@@ -67,7 +67,7 @@ class Layout:
 
         Returns
         -------
-        (H, W, 3) uint8, the same H and W each time, even, as videos need it.
+        (H, W, 3) uint8. H and W are the same each time, and even, as videos require.
         """
         if not self._text_px:
             self._measure(panels, footer)
@@ -83,7 +83,7 @@ class Layout:
         return np.asarray(page)
 
     def _measure(self, panels: Sequence[Panel], footer: str) -> None:
-        """Choose letters that fit below the narrowest picture, and a page that holds the footer."""
+        """Choose text that fits below the narrowest picture, and a page that fits the footer."""
         size = round(_TEXT_SHARE * self._height)
         size = min(max(size, _SMALLEST_TEXT_PX), _LARGEST_TEXT_PX)
         captions = [line for panel in panels for line in (panel.title, panel.detail)]
@@ -97,7 +97,7 @@ class Layout:
     def _write(
         self, page: Image.Image, x: int, y: int, text: str, most: int, dim: bool = False
     ) -> None:
-        """Write a line in at most `most` px from column x on."""
+        """Write a line at most `most` px wide, starting at column x."""
         ink, behind = np.array(self._palette.text), np.array(self._palette.page)
         color = ink + (0.3 if dim else 0.0) * (behind - ink)
         font = _font(_FINER * self._text_px)

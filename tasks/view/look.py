@@ -8,7 +8,7 @@ from typing import Literal
 
 from tasks.errors import TaskError
 
-_LATEST_S = 9e12  # int64 holds its microseconds
+_LATEST_S = 9e12  # int64 can hold it in microseconds
 _RANGES = {
     "window": (1e-3, 1e3 * _LATEST_S),
     "count": (1, math.inf),
@@ -30,7 +30,7 @@ class Look:
     count
         Each picture shows this many events up to its time, instead of a window.
     slow
-        Slow motion: how many times slower than real time. By default the file plays a few seconds.
+        Slow motion: how many times slower than real time. By default the file lasts a few seconds.
     fps
         Pictures per second of a .mp4, .gif, .webp or .rrd; 25 by default.
     start
@@ -42,7 +42,7 @@ class Look:
     palette
         Colors: blue-red or dark.
     height
-        Height of the pictures, px; by default one that suits sensor and file.
+        Height of the pictures, px; by default one that suits the sensor and the file.
     """
 
     window: float = 10.0
@@ -61,7 +61,7 @@ class Look:
         Raises
         ------
         TaskError
-            The text names the option.
+            A value is out of range; the text names the option.
         """
         for name, (least, most) in _RANGES.items():
             value = getattr(self, name)
@@ -70,7 +70,7 @@ class Look:
 
     @property
     def length_us(self) -> int | None:
-        """Length of a window, us; None if it has a number of events."""
+        """Length of a window, us; None if its number of events is given."""
         return None if self.count is not None else round(1e3 * self.window)
 
 

@@ -16,7 +16,7 @@ class Panel:
     picture
         (H, W, 3) uint8.
     title, detail
-        Two lines of caption: what it is, and its numbers at this time.
+        Two lines of caption: what the picture shows, and its numbers at this time.
     """
 
     picture: Picture

@@ -1,6 +1,6 @@
-"""A page that plays events in a browser, without a network: one HTML file.
+"""A page that plays events in a browser, offline: one HTML file.
 
-The events are over frames where their sources have them.
+The events are drawn over frames if their source has them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from tasks.view.player_frames import pack_frames
 _log = logging.getLogger(__name__)
 
 MOST_EVENTS = 2_000_000
-"""Events of a page, all files together; of more, every second, third, ... is kept."""
+"""Largest number of events of a page, all files together; of more, every second, third, ... is
+kept."""
 
 _TEMPLATES = Environment(
     loader=PackageLoader("tasks.view"),
@@ -52,8 +53,9 @@ class PackedEvents:
     every
         The page has every `every`-th event of the file.
     data
-        Base64 of the columns, compressed by zlib: uint32 time from the event before, us (the first
-        from the start of the page); uint16 x; uint16 y; uint8 1 for brighter; little-endian.
+        Base64 of the columns, little-endian and compressed by zlib: uint32 time since the previous
+        event, us (for the first, since the start of the page); uint16 x; uint16 y; uint8 polarity,
+        1 for brighter.
     """
 
     title: str
@@ -81,26 +83,26 @@ def write_player(
     sources
         Files of events, side by side.
     counts
-        How many events of each lie in the span.
+        Number of events of each file in the span.
     span_us
         The part of the events that is shown, [start, end), us.
     window_ms
-        Length of the window of events at first, ms.
+        Initial length of the window of events, ms.
     on_progress
         Called after each file.
 
     Raises
     ------
     TaskError
-        The span is longer than the page's clock.
+        The span is longer than the page's clock, 71 minutes.
     """
     if span_us[1] - span_us[0] >= 1 << 32:
         raise TaskError(f"{path}: found more than 71 minutes; choose a part with --start and --end")
     every = -(-sum(counts) // MOST_EVENTS)
     if every > 1:
         _log.warning(
-            "%s: keeps one of %d events, as there are %d and a browser holds %d; choose a part "
-            "with --start and --end for all of them",
+            "%s: keeps one of every %d events, as there are %d and a page holds at most %d; choose "
+            "a part with --start and --end to keep all of its events",
             *(path, every, sum(counts), MOST_EVENTS),
         )
     packed = []

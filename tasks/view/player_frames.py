@@ -12,10 +12,10 @@ from PIL import Image
 from tasks.view.event_file import EventSource
 
 MOST_FRAMES = 200
-"""Frames behind the events of one file; of more, every second, third, ... is kept."""
+"""Largest number of frames behind one file; of more, every second, third, ... is kept."""
 MOST_PIXELS = 48_000_000
-"""Pixels of all frames of a page; a browser holds them in memory, 4 bytes each."""
-_WIDEST_PX = 640  # pictures of wider sensors shrink
+"""Largest number of pixels in all frames of a page; a browser needs 4 bytes for each."""
+_WIDEST_PX = 640  # frames for wider sensors are scaled down
 _WEBP_QUALITY = 60
 
 
@@ -26,9 +26,9 @@ class PackedFrames:
     Parameters
     ----------
     t_us
-        From when each is shown, us from the start of the page, ascending.
+        Times from which they are shown, ascending, us after the start of the page.
     images
-        Base64 of WebP, in the shape of the sensor.
+        Base64 of WebP, with the aspect ratio of the sensor.
     """
 
     t_us: list[int]
@@ -38,7 +38,7 @@ class PackedFrames:
 def pack_frames(
     sources: Sequence[EventSource], span_us: tuple[int, int]
 ) -> list[PackedFrames | None]:
-    """Pack the frames behind some files of events.
+    """Pack the frames behind files of events.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def pack_frames(
     Returns
     -------
     frames
-        Those of each file; None if there is nothing behind its events.
+        Those of each file; None if there are none.
     """
     sizes = [_size(source) for source in sources if source.frames is not None]
     pixels = sum(width * height for width, height in sizes)

@@ -18,7 +18,7 @@ from tasks.errors import TaskError
 from tasks.view.clip import ClipFrames, DepthSource, FlowSource
 from tasks.view.event_file import EventSource, Source
 
-_MOST_POINTS = 20_000  # of a window
+_MOST_POINTS = 20_000  # in a window
 _PATH_STEPS = 500
 
 
@@ -30,8 +30,8 @@ def write_recording(
 ) -> None:
     """Log frames, poses, true depth and flow of clips, and pictures and points of events.
 
-    Everything is on the timeline "time". A point of an event is its pixel and its age, where the
-    oldest is as far away as the sensor is wide.
+    Everything is on the timeline "time". The point of an event has its column, its row and its age,
+    scaled so that the oldest event is as far away as the sensor is wide.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def write_recording(
     sources
         Clips and files of events.
     times_us
-        Times at which all are logged, us.
+        Ascending times at which all sources are logged, us.
     on_progress
         Called after each time.
 
@@ -65,7 +65,7 @@ def write_recording(
 
 
 def _places(sources: Sequence[Source]) -> list[list[str]]:
-    """Return where each source is in the recording; sources of one name are numbered."""
+    """Return where each source is in the recording; sources of the same name are numbered."""
     names = [
         ["events", source.path.name]
         if isinstance(source, EventSource)
@@ -103,7 +103,7 @@ def _recording(path: Path | None) -> Iterator[tuple[Any, Any]]:
 def _clip(
     rerun: Any, recording: Any, place: str, frames: ClipFrames, times_us: Sequence[int]
 ) -> Iterator[None]:
-    """Log a clip at each time, before the next is asked for."""
+    """Log a clip at one time per step."""
     clip = frames.sequence
     truth = ground_truth(clip)
     depth, flow = DepthSource(frames, truth), FlowSource(frames, truth)
@@ -131,7 +131,7 @@ def _clip(
 def _events(
     rerun: Any, recording: Any, place: str, source: EventSource, times_us: Sequence[int]
 ) -> Iterator[None]:
-    """Log a file of events at each time, before the next is asked for."""
+    """Log a file of events at one time per step."""
     palette = source.palette
     for events, panel in source.drawn(times_us):
         recording.log(f"{place}/image", rerun.Image(panel.picture))
@@ -144,7 +144,7 @@ def _events(
 
 
 def _points(events: Events) -> NDArray[np.float32]:
-    """Return (N, 3) column, row and age; the oldest event is as far away as the sensor is wide."""
+    """Return (N, 3) columns, rows and ages; the largest age is the width of the sensor."""
     if not len(events):
         return np.zeros((0, 3), np.float32)
     age_us = events.t_us[-1] - events.t_us

@@ -26,16 +26,16 @@ _FASTEST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """The sources to show, and the time that all of them cover.
+    """The sources to show, and the time that they cover together.
 
     Parameters
     ----------
     sources
-        In their order.
+        The sources, in order.
     start_us, end_us
         The part of their time that is shown, us.
     counts
-        Number of events in that part, of each file of events.
+        Number of events in that part, for each file of events.
     """
 
     sources: tuple[Source, ...]
@@ -59,7 +59,7 @@ def open_subject(
     format: str | None,
     on_progress: Progress,
 ) -> Subject:
-    """Open files of events and rendered clips, and measure their time.
+    """Open files of events and rendered clips, and find the time that they cover.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ def open_subject(
     show
         What is drawn of clips.
     reading, format
-        How to read files of events that do not tell it.
+        How to read files of events that do not state it.
     on_progress
-        Called for each file.
+        Called for each source.
 
     Returns
     -------
@@ -83,8 +83,8 @@ def open_subject(
     Raises
     ------
     TaskError
-        A file has no events or a clip no frames in the time that is shown, speeds differ beside a
-        clip, or options of files are given without a file.
+        A file has no events or a clip no frames in the time that is shown, events next to a clip
+        have different speeds, or options of files are given without a file.
     """
     files = [path for path in paths if not path.is_dir()]
     if not files and (format is not None or reading != AS_STORED):

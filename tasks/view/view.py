@@ -20,10 +20,10 @@ from tasks.view.recording import write_recording
 from tasks.view.subject import Show, Subject, open_subject
 
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
-_SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # that a file plays by default, about
+_SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # approximate default duration of a file
 _USUAL_FPS = 25.0
 _FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
-# All pictures of a .gif or .webp are in memory at once, of others only their times.
+# All pictures of a .gif or .webp are in memory at once; of other files, only their times.
 _MOST_PICTURES = {".mp4": 10**6, ".gif": 300, ".webp": 300}
 
 KINDS = (*WRITERS, ".html", ".rrd")
@@ -62,7 +62,7 @@ def view(
     show
         What is drawn of rendered clips.
     reading, format
-        How to read files of events that do not tell it.
+        How to read files of events that do not state it.
     overwrite
         Whether to replace an existing file.
     on_progress
@@ -125,7 +125,7 @@ def _times(subject: Subject, look: Look, kind: str) -> list[int]:
     """Return the ends of the pictures' windows, us."""
     start_us, end_us = subject.start_us, subject.end_us
     if kind == ".png":
-        # The middle, rounded up: the only event of a file comes before it.
+        # The middle, rounded up, so that it is after the only event of a file.
         t_us = (start_us + end_us + 1) // 2 if look.at is None else round(1e6 * look.at)
         if not start_us <= t_us <= end_us:
             span = f"{start_us * 1e-6:.6f} to {end_us * 1e-6:.6f} s"

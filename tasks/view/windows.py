@@ -12,14 +12,14 @@ from sensor.events import Events, concatenate
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The time and number of a file's events.
+    """The time span and the number of a file's events.
 
     Parameters
     ----------
     start_us, end_us
         From the first event to just after the last: [start_us, end_us).
     count
-        How many there are.
+        Number of events.
     """
 
     start_us: int
@@ -64,18 +64,18 @@ def windows(
     length_us: int | None = None,
     count: int | None = None,
 ) -> Iterator[Events]:
-    """Yield the events of windows that end at some times.
+    """Yield the events of windows that end at given times.
 
     Parameters
     ----------
     parts
         Parts of a stream, at least one.
     ends_us
-        Ends of the windows, ascending.
+        Ends of the windows, ascending, us.
     length_us
         Length of the windows: events in [end - length_us, end).
     count
-        Instead of a length, the number of events before the end.
+        Number of events before the end, instead of a length.
 
     Yields
     ------

@@ -60,7 +60,7 @@ def test_any_window_of_a_file(tmp_path):
 
 
 def test_windows_of_the_truth(folder):
-    """Promise: without a length, windows are the truth's intervals, with all that there is."""
+    """Promise: without a length, windows are the truth's intervals, with all targets."""
     dataset = EventDataset(folder)
     assert dataset.targets == ("frame", "flow", "occlusion", "depth", "pose")
     assert len(dataset) == 2 * 3
@@ -117,7 +117,7 @@ def test_masks_of_objects_are_empty_where_nothing_moves(folder, tmp_path):
 
 @pytest.mark.parametrize("length", [{"window_us": 7_000}, {"window_events": 40}])
 def test_windows_by_time_and_by_count(folder, length):
-    """Promise: windows follow one another, in the clip's window, and leave out less than one."""
+    """Promise: windows follow one another in the clip's window, and leave out less than one."""
     dataset = EventDataset(folder, targets=["flow"], **length)
     for number in (0, 1):
         items = [dataset[k] for k in range(len(dataset)) if dataset[k]["recording"] == number]
@@ -172,7 +172,7 @@ def read_in_worker(dataset):
 @pytest.mark.skipif(sys.platform != "linux", reason="needs fork and /proc")
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # fork with numba's threads
 def test_forked_processes_open_their_own_files(folder):
-    """Promise: workers read the same though the parent read before, and inherit no open file."""
+    """Promise: workers read the same even if the parent read before, and inherit no open file."""
     dataset = EventDataset(folder, transform=GRID)
     expected = [dataset[k]["events"] for k in range(len(dataset))]
     assert len(open_files()) >= 2
@@ -255,11 +255,11 @@ def twice(folder):
         (unfinished, r"unfinished: found an unfinished file"),
         (cut, r"1.h5: not a complete HDF5 file"),
         (raw, r"2.raw: found a format without windows, .*: eres convert .*2.raw .*2.h5"),
-        (twice, r"clip_001: found clip 1 of .*again is too"),
+        (twice, r"clip_001: found clip 1 of .*, as in .*again;"),
     ],
 )
 def test_half_a_recording_is_named(folder, tmp_path, damage, said):
-    """Promise: nothing incomplete is skipped in silence; the error says which file."""
+    """Promise: nothing incomplete is skipped silently; the error names the file."""
     copy = copied(folder, tmp_path)
     damage(copy)
     with pytest.raises((TaskError, SequenceError, ValueError), match=said):
@@ -267,7 +267,7 @@ def test_half_a_recording_is_named(folder, tmp_path, damage, said):
 
 
 def test_sensors_of_different_size_are_refused(folder, tmp_path):
-    """Promise: all windows have one size, so that they can be stacked."""
+    """Promise: all windows have the same size, so that they can be stacked."""
     copy = copied(folder, tmp_path)
     write_events(copy / "2.h5", random_events(9, 8, 16))
     with pytest.raises(TaskError, match=r"2.h5: found a sensor of 8x16 px, expected 16x16 px as"):

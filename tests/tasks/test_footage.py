@@ -60,7 +60,7 @@ def write_video(path, planes, *, times=None, codec="ffv1", pixels="yuv444p", mat
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize(("suffix", "encoding"), [(".png", "srgb"), (".tif", "gamma:2.2")])
 def test_colors_become_luminance_after_they_are_linear(tmp_path, suffix, encoding, dtype):
-    """Physics: light adds up, numbers of a transfer function do not; 8 and 16 bit."""
+    """Physics: light adds up, encoded numbers do not; 8 and 16 bits."""
     images = pictures(dtype=dtype)
     folder = write_folder(tmp_path / "in", images, suffix)
     footage = open_footage(folder, fps=240, encoding=None if encoding == "srgb" else encoding)
@@ -120,8 +120,8 @@ def rgb_of(planes, matrix, wide):
 @pytest.mark.parametrize("matrix", [1, 5])
 @pytest.mark.parametrize("wide", [1, 2])
 def test_videos_are_decoded_by_their_tags(tmp_path, matrix, wide):
-    """Physics: the matrix and range that a video states decide its light; FFmpeg's default is
-    another one."""
+    """Physics: the matrix and the range in a video's tags determine its light; FFmpeg's defaults
+    differ."""
     planes = np.random.default_rng(1).integers(60, 180, (3, 3, 32, 48), np.uint8)
     video = write_video(tmp_path / "a.mkv", planes, matrix=matrix, wide=wide)
     footage = open_footage(video)
@@ -143,7 +143,7 @@ def test_video_with_ten_bits_keeps_them(tmp_path):
     ("matrix", "corners"),
     [  # a, b, c, d; where the corners A B / C D are shown
         ((1, 0, 0, 1), "AB/CD"),
-        ((0, 1, -1, 0), "CA/DB"),  # a phone that is held upright
+        ((0, 1, -1, 0), "CA/DB"),  # a phone held upright
         ((-1, 0, 0, -1), "DC/BA"),
         ((0, -1, 1, 0), "BD/AC"),
         ((-1, 0, 0, 1), "BA/DC"),  # mirrored, as from a front camera
@@ -152,7 +152,7 @@ def test_video_with_ten_bits_keeps_them(tmp_path):
     ],
 )
 def test_videos_are_turned_as_they_are_shown(tmp_path, matrix, corners):
-    """Promise: the display matrix of a video turns and mirrors its frames."""
+    """Promise: the display matrix of a video rotates and mirrors its frames."""
     levels = dict(zip("ABCD", (40, 90, 140, 190), strict=True))
     plain = np.kron([[levels[c] for c in row] for row in ("AB", "CD")], np.ones((16, 32)))
     video = mp4_shown_by(tmp_path, plain.astype(np.uint8), matrix)
@@ -165,9 +165,9 @@ def test_videos_are_turned_as_they_are_shown(tmp_path, matrix, corners):
 
 
 def test_a_turn_by_no_right_angle_is_refused(tmp_path):
-    """Promise: no frame is shown askew; the error says how it is turned."""
+    """Promise: frames at an oblique angle are refused; the error gives the angle."""
     video = mp4_shown_by(tmp_path, np.full((32, 64), 99, np.uint8), (0.8, 0.6, -0.6, 0.8))
-    with pytest.raises(TaskError, match=r"turned by 36.9 degrees, expected a multiple of 90"):
+    with pytest.raises(TaskError, match=r"rotated by 36.9 degrees, expected a multiple of 90"):
         open_footage(video)
 
 
@@ -206,7 +206,7 @@ def test_command_turns_a_folder_into_events(tmp_path, eres):
 
 
 def test_times_from_a_file(tmp_path):
-    """Promise: exact times in the unit that is stated or given; absolute times stay the clock."""
+    """Promise: times are exact in the stated or given unit; absolute times remain the clock."""
     folder = write_folder(tmp_path / "in", pictures(3), ".png")
     times = folder / "timestamps.txt"
     times.write_text("# unit: s\n1700000000.000001\n1700000000.000011\n\n1700000000.5 # late\n")
@@ -232,7 +232,7 @@ def test_times_from_a_file(tmp_path):
     ],
 )
 def test_times_are_checked(tmp_path, text, unit, error):
-    """Promise: a unit is never guessed, and times that do not fit are named with their line."""
+    """Promise: a unit is never guessed, and wrong times are named with their line."""
     folder = write_folder(tmp_path / "in", pictures(3), ".png")
     (folder / "timestamps.txt").write_text(text)
     with pytest.raises(TaskError, match=error):
@@ -240,7 +240,7 @@ def test_times_are_checked(tmp_path, text, unit, error):
 
 
 def test_folders_are_checked(tmp_path):
-    """Promise: what is missing, mixed, damaged or of another size is named."""
+    """Promise: errors name images that are missing, mixed, damaged or of another size."""
     with pytest.raises(TaskError, match="neither a video nor a folder of images"):
         open_footage(tmp_path / "none")
     (tmp_path / "empty").mkdir()
@@ -256,7 +256,7 @@ def test_folders_are_checked(tmp_path):
         open_footage(folder, fps=1)
     data = (tmp_path / "kept.png").read_bytes()
     (folder / "frame10.png").write_bytes(data[:-20])
-    with pytest.raises(TaskError, match=r"frame10.png: found \d+ bytes that are no whole PNG"):
+    with pytest.raises(TaskError, match=r"frame10.png: found \d+ bytes .* not a complete PNG"):
         list(open_footage(folder, fps=1))
     cv2.imwrite(str(folder / "frame10.png"), np.zeros((7, 9), np.uint8))
     with pytest.raises(TaskError, match=r"frame10.png: found 9x7 px, expected 26x20 px, as in fr"):
@@ -272,12 +272,12 @@ def test_a_truncated_jpeg_is_refused(tmp_path):
     assert len(list(open_footage(folder, fps=1))) == 2
     data = (folder / "frame9.jpg").read_bytes()
     (folder / "frame9.jpg").write_bytes(data[: len(data) // 2])
-    with pytest.raises(TaskError, match=r"frame9.jpg: found \d+ bytes that are no whole JPEG"):
+    with pytest.raises(TaskError, match=r"frame9.jpg: found \d+ bytes .* not a complete JPEG"):
         list(open_footage(folder, fps=1))
 
 
 def test_videos_are_checked(tmp_path):
-    """Promise: no video, a cut one, and options that do not fit are named."""
+    """Promise: errors name files that are no video or truncated, and options that do not apply."""
     text = tmp_path / "a.mp4"
     text.write_text("this is no video")
     with pytest.raises(TaskError, match=r"a.mp4: cannot be read as a video"):
@@ -319,7 +319,7 @@ def test_motion_is_measured(tmp_path):
 
 
 def test_frames_in_between_follow_the_motion(tmp_path):
-    """Analytic: half way, the texture has moved half as far; own frames stay as they are."""
+    """Analytic: halfway, the texture has moved half as far; the footage's own frames are kept."""
     footage = footage_of(tmp_path, [waves(0), waves(4), waves(8)])
     dense = interpolated(footage, [4, 1])
     np.testing.assert_allclose(dense.t_s, [0, 0.0025, 0.005, 0.0075, 0.01, 0.02])
@@ -358,7 +358,7 @@ def test_interpolation_brings_events_back(tmp_path, caplog):
 
 
 def test_motion_is_measured_only_where_it_is_needed(tmp_path):
-    """Promise: a given number of intervals needs no pass over the frames; a mistake costs none."""
+    """Promise: a given number of intervals needs no pass over the frames, nor does an error."""
     footage = footage_of(tmp_path, [waves(t, 32) for t in range(3)])
     model = SensorModel(width=32, height=32)
 
@@ -377,7 +377,7 @@ def test_motion_is_measured_only_where_it_is_needed(tmp_path):
 
 
 def test_memory_does_not_grow_with_the_footage(tmp_path):
-    """Promise: a few frames are in memory at a time."""
+    """Promise: only a few frames are in memory at a time."""
     footage = footage_of(tmp_path, [waves(t, 256) for t in range(12)])
     tracemalloc.start()
     count = sum(1 for _ in interpolated(footage, [4] * 11))

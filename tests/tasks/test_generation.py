@@ -1,4 +1,4 @@
-"""`eres dataset`: sequences of random scenes, from their seeds alone, and resumed after a stop."""
+"""`eres dataset`: sequences of random scenes, reproduced from seeds and resumed after a stop."""
 
 import dataclasses
 import logging
@@ -60,7 +60,7 @@ def contents(folder):
 
 
 def data_of(path):
-    """Return the bytes of a file, or the data of HDF5: its unused bytes may be any."""
+    """Return the bytes of a file, or the data of HDF5, whose unused bytes are arbitrary."""
     if path.suffix != ".h5":
         return path.read_bytes()
     found = {}
@@ -76,7 +76,7 @@ def data_of(path):
 
 
 def test_a_dataset_is_read_as_it_is(made):
-    """Promise: windows of both sequences and both cutoffs, with all that there is."""
+    """Promise: there are windows of both sequences and both cutoffs, with all targets."""
     dataset = EventDataset(made)
     assert dataset.targets == ("frame", "flow", "occlusion", "depth", "pose", "instances")
     assert [(one.path.parent.name, one.path.name) for one in dataset.recordings] == [
@@ -124,8 +124,8 @@ def test_sequences_differ_and_cutoffs_share_sensor_window_and_truth(made):
 
 
 def test_a_stopped_dataset_continues_to_the_same_bytes(made, tmp_path, eres, monkeypatch):
-    """Promise: the same command goes on where it was stopped; a sequence has its name only when it
-    is complete; and it is the same whatever was made before it."""
+    """Promise: the same command continues where it was stopped; a sequence gets its name only when
+    it is complete; and it is the same whatever was made before it."""
     out = tmp_path / "data"
     shutil.copytree(made, out, ignore=shutil.ignore_patterns("000001"))
     command = ["dataset", out, "--count", 2, "--seed", 4, *OPTIONS]
@@ -154,8 +154,8 @@ def stopped(*_, **__):
 def test_another_dataset_in_the_folder_is_refused(made, tmp_path, eres):
     before = contents(made)
     for options, found in (
-        (["--seed", 5], "seed: found 4, not 5"),
-        (["--seed", 4, "--spp", 9], "spp: found 4, not 9"),
+        (["--seed", 5], "seed: found 4, expected 5"),
+        (["--seed", 4, "--spp", 9], "spp: found 4, expected 9"),
         (["--seed", 4, "--leak", 0.1], "'leak': 0.0"),
     ):
         code, _, error = eres("dataset", made, *OPTIONS, *options)
@@ -175,7 +175,7 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
     with locked(made / ".lock"):
         code, _, error = eres("dataset", made, "--seed", 4, "--count", 3, *OPTIONS)
     assert code == 1
-    assert "another process makes this dataset" in error
+    assert "another process is making this dataset" in error
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_senseless_options_are_refused(tmp_path, eres, options, found):
 
 
 def test_a_dataset_has_cutoffs_and_no_single_one(tmp_path, eres):
-    """Promise: its help lists no option that it refuses; who types it reads the right one."""
+    """Promise: its help lists no option that it refuses; the error for it names the right one."""
     said = eres("dataset", "--help")[1]
     assert re.search(r"--cutoffs\b", said)
     assert not re.search(r"--(cutoff|illuminance)\s", said)
@@ -215,7 +215,7 @@ def test_thresholds_stay_near_their_mean():
     settings = DatasetSettings(seed=0, seconds=1.0, width=4, height=4)
     C = [settings.models(k, 1.0)["inf"].contrast_threshold for k in range(400)]
     assert np.mean(C) == pytest.approx(0.2, abs=0.005)
-    assert np.std(C) == pytest.approx(0.0264, abs=0.003)  # of a normal that is cut at two sigma
+    assert np.std(C) == pytest.approx(0.0264, abs=0.003)  # of a normal clipped at two sigma
     assert 0.14 <= min(C) <= 0.145
     assert 0.255 <= max(C) <= 0.26
     noisy = DatasetSettings(
@@ -236,7 +236,7 @@ def test_thresholds_stay_near_their_mean():
 
 @pytest.mark.filterwarnings("default:Creating scratch directories")
 def test_workers_make_the_same_sequences(made, tmp_path, eres):
-    """Promise: what a worker makes is the same to the byte; one without the folder says so."""
+    """Promise: a worker's files are the same byte by byte; a worker without the folder says so."""
     out = tmp_path / "data"
     shutil.copytree(made, out, ignore=shutil.ignore_patterns("000001"))
     here = {"host": "127.0.0.1", "protocol": "tcp://", "dashboard_address": ":0"}
@@ -259,7 +259,7 @@ def test_workers_make_the_same_sequences(made, tmp_path, eres):
 
 
 def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
-    """What the left camera sees at depth z, the right one sees f b / z farther left, as deep."""
+    """What the left camera sees at depth z, the right one sees f b / z farther left at depth z."""
     settings = DatasetSettings(
         seed=1, seconds=0.01, width=32, height=24, truth_step_s=0.01, baseline_m=0.1
     )
@@ -285,7 +285,7 @@ def test_a_right_camera_sees_the_scene_from_beside(tmp_path):
 
 
 def test_the_estimate_grows_with_the_work():
-    """Promise: time and disk are said before the start; both as measured for 346 x 260 px."""
+    """Promise: time and disk space are logged before the start, as measured for 346 x 260 px."""
     settings = DatasetSettings(
         seed=0, seconds=1.0, width=346, height=260, cutoffs_hz=(np.inf, 200, 50)
     )

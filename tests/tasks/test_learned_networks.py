@@ -1,4 +1,4 @@
-"""Networks equal the published code: with weights from a formula, its outputs are stored.
+"""Networks equal the published code, whose outputs with weights from a formula are stored.
 
 Needs PyTorch: `make .venv/.learned`.
 """
@@ -281,8 +281,8 @@ def look_up_in_all(levels, at):
 
 @pytest.mark.parametrize("moved", ["little", "far", "out"])
 def test_look_ups_by_blocks_equal_those_in_the_whole_correlation(moved):
-    """Promise: what a look-up finds does not depend on the rows that it computes: near, all over
-    the image, and outside of it, with a number of rows that is no multiple of a block's."""
+    """Promise: a look-up does not depend on which rows it computes: nearby, all over the image, and
+    outside it, with a number of rows that is not a multiple of a block's."""
     generator = torch.Generator().manual_seed(3)
     old, new = torch.randn((2, 1, 6, 18, 17), generator=generator)
     reach = {"little": 0.8, "far": 30.0, "out": 0.8}[moved]
@@ -307,7 +307,7 @@ def test_a_look_up_finds_the_products_of_the_cells_around():
 
 
 def test_places_that_are_not_finite_give_no_error():
-    """Promise: a flow that has run away is a failure of the method, not of the look-up."""
+    """Promise: the look-up accepts a flow that has diverged; the method then fails."""
     at = cells(16, 16)
     at[0, :, 3, 3], at[0, 1, 5, 5] = torch.nan, torch.inf
     features = torch.ones(1, 4, 16, 16)
@@ -412,7 +412,7 @@ def test_wrong_e2vid_checkpoints_are_refused(saved, content, words, capsys):
 
 
 def test_files_that_are_no_checkpoints_are_refused(saved):
-    """Promise: a truncated file, other bytes, a plain pickle and a folder are named as such."""
+    """Promise: errors say that a file is truncated, has other bytes, is a pickle or a folder."""
     file = saved(e2vid_checkpoint())
     data = file.read_bytes()
     for content in (b"", b"no checkpoint", data[:1000], data[:-100], pickle.dumps([1], 2)):
@@ -444,7 +444,7 @@ def test_eraft_checkpoints_are_checked(saved, random_eraft):
 
 
 def test_sizes_are_checked_before_anything_runs(saved, random_eraft, monkeypatch):
-    """Promise: a sensor that is too small, or too large for the memory, is refused by name."""
+    """Promise: a sensor that is too small, or too large for the memory, is refused."""
     small = e2vid.load(saved(e2vid_checkpoint()))
     small.check_size(2, 2)
     with pytest.raises(WeightsError, match="e2vid: found a sensor of 1x9 px, expected at least 2"):
@@ -466,7 +466,7 @@ def test_sizes_are_checked_before_anything_runs(saved, random_eraft, monkeypatch
 
 
 def test_the_cpu_time_of_helpers_counts():
-    """Promise: what a network needs on other threads counts as time of the thread that asked."""
+    """Promise: CPU time of a network on other threads counts as that of the calling thread."""
 
     def multiply():
         a = torch.ones(400, 400)
@@ -481,7 +481,7 @@ def test_the_cpu_time_of_helpers_counts():
 
 
 def test_bfloat16_changes_images_little(saved, monkeypatch):
-    """Promise: reduced precision stays far below a gray level of ten."""
+    """Promise: reduced precision changes images by less than 4 % of their range."""
     file = saved(e2vid_checkpoint("small"))
     grid = voxels("grid", (5, 32, 32)).astype(np.float32)
     found = []
@@ -509,8 +509,8 @@ def test_weights_identify_the_rows(saved):
 
 
 def test_e2vid_in_a_command_and_in_a_study(small_carpet, saved, tmp_path, eres):
-    """Promise: `--weights` reaches the network, so do those of a study, and a file of another
-    network is one line."""
+    """Promise: `--weights` and the weights of a study reach the network; the error for a file of
+    another network is one line."""
     file = saved(e2vid_checkpoint(), "e2vid.pth")
     options = {"resolution": 64, "spp": 4, "samples": 1, "max_displacement_px": 1.0}
     (clip,) = render_scene(small_carpet, tmp_path / "clips", **options)

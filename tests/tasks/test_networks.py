@@ -63,7 +63,7 @@ def stream(count=600, duration_us=100_000):
 
 
 def run(events, times=(), cuts=(), **options):
-    """Return the grids that a network got, and the images at some times."""
+    """Return the grids that a network got, and the images at given times."""
     network = Recorder()
     taker = ImageTaker(E2vid(W, H, 0.2, network=network, **options), sorted(times))
     edges, taken = [0, *sorted(cuts), len(events)], []
@@ -115,7 +115,7 @@ def test_windows_begin_with_the_first_event_and_may_be_empty():
 
 
 def test_windows_may_hold_a_number_of_events():
-    """Promise: N = floor(share * pixels) events each, one after another, none twice."""
+    """Promise: windows of N = floor(share * pixels) events follow one another without overlap."""
     events = stream()
     count = math.floor(0.35 * W * H)
     grids, taken = run(events, [0, 10**6], events_per_px=0.35)
@@ -133,7 +133,7 @@ def test_windows_may_hold_a_number_of_events():
     st.sampled_from([{}, {"window_us": 9000.0}, {"events_per_px": 0.3}]),
 )
 def test_any_division_of_the_stream_gives_the_same_windows(cuts, times, options):
-    """Promise: how the stream arrives changes neither grids nor images."""
+    """Promise: the division of the stream changes neither grids nor images."""
     events = stream()
     whole, images = run(events, times, **options)
     parts, others = run(events, times, cuts, **options)
@@ -151,7 +151,7 @@ def test_e2vid_refuses_what_it_cannot_use():
 
 
 def test_eraft_gets_the_grids_of_both_windows():
-    """Promise: the window before comes first, both in the convention of E-RAFT."""
+    """Promise: the previous window comes first, both in the convention of E-RAFT."""
     events, network = stream(), Recorder()
     parts = events.between(0, 50_000), events.between(50_000, 100_000)
     flow = estimate_eraft(
@@ -224,7 +224,7 @@ e2vid = "weights/a.pth"
 
 
 def test_the_weights_of_a_study_are_in_its_keys(tmp_path):
-    """Promise: a job's key depends on the content of its weights, but not on their path."""
+    """Promise: a job depends on the content of its weights, not on their path; others do not."""
     (tmp_path / "weights").mkdir()
     (tmp_path / "study.toml").write_text(STUDY)
     for name, content in (("a", b"one"), ("b", b"one"), ("c", b"two")):
@@ -262,7 +262,7 @@ def test_a_study_without_weights_is_refused_before_it_starts(tmp_path):
 
 
 def test_the_initial_flow_is_that_of_the_nearest_feature():
-    """Promise: read at the features, the baseline is exactly their initial flow."""
+    """Promise: at the features, the baseline is exactly their initial flow."""
     rng = np.random.default_rng(0)
     centers = np.array([[2.2, 3.1], [9.4, 2.6], [6.0, 7.7]])
     initial = rng.normal(size=(3, 2))
@@ -283,7 +283,7 @@ def test_flow_is_read_between_the_centers_of_pixels():
 
 
 def test_dense_flow_on_a_clip(small_carpet, tmp_path):
-    """Promise: doing nothing is as far off as things move; a clip that begins late is refused."""
+    """Promise: the error of zero flow is the motion; a clip that begins too late is refused."""
     options = {"resolution": 64, "spp": 4, "samples": 1, "max_displacement_px": 1.0}
     (clip,) = render_scene(small_carpet, tmp_path / "long", warmup_s=0.06, **options)
     rows = evaluate_sequence(clip, "dense_flow", width=64)

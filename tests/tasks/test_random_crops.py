@@ -43,7 +43,7 @@ def sampled(texture, homography, side):
 
 
 def test_a_view_is_the_mean_of_samples():
-    """Promise: 2 x 2 bilinear samples a pixel, of a texture that continues periodically."""
+    """Promise: a pixel is the mean of 2 x 2 bilinear samples of a periodic texture."""
     texture = np.random.default_rng(0).random((64, 64)).astype(np.float32)
     for homography in Motion(np.random.default_rng(1), 12, 6.0, 1.5).homographies(np.arange(3.0)):
         found = view(texture, homography, 12)
@@ -51,7 +51,7 @@ def test_a_view_is_the_mean_of_samples():
 
 
 def test_a_view_of_two_texels_a_pixel_is_their_mean():
-    """Promise, by hand: at 2 texels a pixel, shifted by whole texels, a pixel is the mean of 4."""
+    """Promise: at 2 texels per pixel, shifted by whole texels, a pixel is the mean of 4 texels."""
     texture = np.random.default_rng(0).random((16, 16)).astype(np.float32)
     homography = np.array([[2.0, 0, 3], [0, 2, -1], [0, 0, 1]])
     rolled = np.roll(texture, (1, -3), axis=(0, 1))
@@ -141,7 +141,7 @@ def test_events_add_up_to_the_truth_at_every_windows_end(crop):
 
 
 def test_twins_see_the_same_crops(crop):
-    """Promise: light changes the cutoff and the events, neither truth nor threshold."""
+    """Promise: light changes the cutoff and the events, but neither truth nor threshold."""
     other = random_crop(CROPS, WINDOWS, seed=3, index=1, light=50.0)
     np.testing.assert_array_equal(other.log_images, crop.log_images)
     assert other.contrast_threshold == crop.contrast_threshold
@@ -161,8 +161,7 @@ def test_drawn_light_is_within_its_range():
 
 
 def test_crops_depend_on_their_seed_alone(crop):
-    """Promise: the same crop again from the same seed, others from others and from those held
-    out."""
+    """Promise: the same seed gives the same crop; another seed, or a held-out crop, differs."""
     again = random_crop(CROPS, WINDOWS, seed=3, index=1, light="ideal")
     np.testing.assert_array_equal(again.log_images, crop.log_images)
     for one, other in zip(again.events, crop.events, strict=True):
@@ -190,8 +189,8 @@ class Recorder:
 
 
 def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
-    """Promise: inputs of training are those of evaluation to the bit, and targets the pictures to
-    which the scorer compares the image at a window's end."""
+    """Promise: inputs of training equal those of evaluation bit by bit, and targets are the
+    pictures with which the scorer compares the image at a window's end."""
     sample = video_sample(crop, 5, run_in=0)
     network = Recorder()
     window_us = 1e3 * CROPS.window_ms
@@ -212,8 +211,8 @@ def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
 
 
 def test_inputs_are_in_log_units(crop):
-    """Promise: bins add up to C times the polarities; each further channel is the high-pass filter
-    without its decay in time, with a decay per event of its own, the last with the filter's."""
+    """Promise: bins add up to C times the polarities; each other channel is the high-pass filter
+    without decay in time and with its own decay per event, the last one with the filter's."""
     grids = video_sample(crop, 5, run_in=0).grids
     size = SIDE, SIDE, crop.contrast_threshold
     filters = [HighPassFilter(*size, 0.0, decay) for decay in DECAYS[:-1]]
@@ -228,7 +227,7 @@ def test_inputs_are_in_log_units(crop):
 
 
 def test_a_flow_sample_pairs_windows_with_the_later_ones_flow(crop):
-    """Promise: the flow is that over the second window of a pair, from its start."""
+    """Promise: the flow is over the second window of a pair."""
     sample = flow_sample(crop, 5)
     assert sample.grids.shape == (WINDOWS, 5, SIDE, SIDE)
     for k in range(1, WINDOWS):

@@ -1,4 +1,4 @@
-"""Training our own networks: resumed to the bit, twins, weights, refusals, commands.
+"""Training our own networks: exact continuation, twins, weights, refusals, commands.
 
 Needs PyTorch: `make .venv/.learned`.
 """
@@ -64,7 +64,7 @@ def trained(folder, light="all", seed=0, settings=TINY, **options):
 
 @pytest.fixture(scope="module", autouse=True)
 def _one_thread():
-    """Networks as small as these are slower with several."""
+    """Such small networks are slower with several threads."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -88,7 +88,7 @@ class Stop(Exception):
 
 
 def test_an_interrupted_training_ends_with_the_same_weights(run, tmp_path):
-    """Promise: crops, order, optimizer and learning rate go on as if nothing had happened."""
+    """Promise: crops, order, optimizer and learning rate continue as without an interruption."""
 
     def stop(stage, done, total):
         if done == 3:
@@ -109,7 +109,7 @@ def test_an_interrupted_training_ends_with_the_same_weights(run, tmp_path):
 
 
 def test_twins_differ_in_light_alone():
-    """Promise: the same first weights, truths and run-in; events differ."""
+    """Promise: the same initial weights, truths and run-in; events differ."""
     twins = [Reconstruction(TINY, light, 5) for light in ("ideal", "all")]
     states = [twin.network.state_dict() for twin in twins]
     assert all(torch.equal(states[0][name], states[1][name]) for name in states[0])
@@ -123,7 +123,7 @@ def test_twins_differ_in_light_alone():
 
 
 def test_a_training_starts_from_the_high_pass_filter():
-    """Promise: before the first step, the image is about the sums of events."""
+    """Promise: before the first step, the image is nearly that of the sums of events."""
     problem = Reconstruction(replace(TINY, base_channels=8), "ideal", 0)
     grids, _ = problem.batch(1)
     states = None
@@ -136,8 +136,8 @@ def test_a_training_starts_from_the_high_pass_filter():
 
 
 def test_a_new_memory_lasts():
-    """Promise: before the first step, without new input, the memory fades by less than a fifth in
-    a window, so that gradients reach far back."""
+    """Promise: before the first step, the memory fades by less than a fifth per window without new
+    input, so that gradients reach far back."""
     network = Reconstruction(TINY, "ideal", 0).network
     zero = torch.zeros(1, network.options.num_bins, 32, 32)
     with torch.inference_mode():
@@ -208,7 +208,7 @@ def test_pairs_of_a_batch_do_not_affect_each_other():
 
 
 def test_weights_of_others_are_refused(run, tmp_path):
-    """Promise: one line says what the file holds, for each way in which it can be wrong."""
+    """Promise: one line says what a wrong file holds."""
     folder, problem, _ = run
     file, name = tmp_path / "w.pt", "our_reconstruction_all_light"
 
@@ -265,7 +265,7 @@ def test_folders_of_other_trainings_are_refused(run, tmp_path):
 
 
 def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
-    """Promise: too little memory, no GPU and a diverging loss are named."""
+    """Promise: errors name too little memory, a missing GPU and a diverging loss."""
     fast = replace(TINY, schedule=replace(BRIEF, learning_rate=1e30, largest_gradient=1e30))
     with pytest.raises(TrainingError, match=r"schedule\.learning_rate"):
         trained(tmp_path / "fast", settings=fast)
@@ -279,7 +279,7 @@ def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
 
 
 def test_settings_are_names_or_files(tmp_path):
-    """Promise: a file changes the fields that it has; wrong ones are named."""
+    """Promise: a file changes the fields that it has; errors name wrong fields."""
     assert find_training(RECONSTRUCTIONS, "small") == ReconstructionTraining()
     file = tmp_path / "mine.toml"
     file.write_text("base_channels = 8\n[crops]\nside_px = 64\n[schedule]\nsteps = 7\n")
@@ -352,8 +352,8 @@ def test_our_networks_are_methods_that_need_weights():
 
 @pytest.mark.slow
 def test_the_loss_falls(tmp_path, monkeypatch):
-    """Promise: a network that sees the same crops again and again learns them by heart, from the
-    high-pass filter's loss down."""
+    """Promise: a network that sees the same crops again and again overfits to them, starting from
+    the high-pass filter's loss."""
     schedule = replace(
         BRIEF, steps=80, learning_rate=3e-3, rising_steps=5, validate_every=8, checkpoint_minutes=60
     )

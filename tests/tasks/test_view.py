@@ -94,7 +94,7 @@ def test_light_has_a_gamma_and_ends_at_white():
 
 
 def test_depth_is_even_in_its_inverse_and_nothing_is_black():
-    """Promise: the ends of viridis are the ends of the scale."""
+    """Promise: the ends of the scale have the end colors of viridis."""
     picture = depth_colors(np.array([[4.0, 1.0, 1.6, np.inf, 99.0]]), 1.0, 4.0)[0].tolist()
     assert picture[0] == [68, 1, 84]
     assert picture[1] == [253, 231, 37]
@@ -173,7 +173,7 @@ def test_the_span_counts_events_from_start_to_before_end():
 
 
 def test_a_png_is_one_picture_at_its_time(eres, tmp_path):
-    """Promise: a window ends at --at; small sensors grow by a whole factor; captions below."""
+    """Promise: a window ends at --at; small sensors grow by an integer factor; captions below."""
     file, out = tmp_path / "few.npz", tmp_path / "few.png"
     write_events(
         file, make_events([0, 9999, 10000, 20000], [0, 1, 2, 3], [0] * 4, [1, 0, 1, 1], 8, 6)
@@ -218,7 +218,7 @@ def test_the_pace_is_that_of_the_rate_that_a_file_has(eres, tmp_path, recording,
 
 
 def test_sources_are_side_by_side_at_one_height(eres, tmp_path, recording):
-    """Promise: each keeps its shape, with a gap between them."""
+    """Promise: each keeps its aspect ratio, with a gap between them."""
     other = tmp_path / "wide.npz"
     write_events(other, random_events(4000, 300, 100, mean_us=50.0))
     out = tmp_path / "two.png"
@@ -325,7 +325,7 @@ def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
 
 
 def test_files_of_one_name_have_their_own_places_in_a_recording(eres, tmp_path):
-    """Promise: in a recording for Rerun no source hides another, whatever their names are."""
+    """Promise: in a recording for Rerun, no source hides another, whatever their names."""
     pytest.importorskip("rerun")
     files = [tmp_path / folder / "my events!.h5" for folder in "ab"]
     for file in files:
@@ -341,7 +341,7 @@ def test_files_of_one_name_have_their_own_places_in_a_recording(eres, tmp_path):
 
 
 def test_events_of_another_time_are_not_beside_a_clip(eres, tmp_path, clip):
-    """Promise: a clip that has no frame in the time of the events is refused, not shown still."""
+    """Promise: a clip without frames in the time of the events is refused, not shown as a still."""
     file, out = tmp_path / "later.h5", tmp_path / "out.png"
     write_events(file, random_events(99, 48, 36, start_us=3_000_000))
     for sources in ((file, clip), (file, "--over", clip)):
@@ -350,7 +350,7 @@ def test_events_of_another_time_are_not_beside_a_clip(eres, tmp_path, clip):
 
 
 def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, clip):
-    """Promise: the origin of a file may have any words; a speed is checked where it counts."""
+    """Promise: the origin of a file may hold anything; its speed is checked only if it is used."""
     file, out = tmp_path / "own.npz", tmp_path / "out.png"
     write_events(file, random_events(99, 48, 36, mean_us=25.0), origin={"speed": "fast"})
     assert eres("view", file, "--out", out)[0] == 0
@@ -408,7 +408,7 @@ def test_mistakes_are_one_line_and_leave_nothing(eres, tmp_path, recording, clip
 
 
 def test_a_damaged_file_leaves_no_video(eres, tmp_path, monkeypatch):
-    """Promise: what goes wrong on the way names the file of events, and leaves no output."""
+    """Promise: errors while drawing name the file of events, and leave no output."""
     file, out = tmp_path / "events.txt", tmp_path / "out.mp4"
     write_events(file, random_events(3000, 16, 12, mean_us=50.0))
     monkeypatch.setattr("tasks.view.subject.span_of", lambda *_: Span(0, 150_000, 3000))
@@ -522,8 +522,8 @@ def test_the_page_plays_events(eres, tmp_path, chromium):
 
 
 def test_the_page_shows_frames_behind_events(eres, tmp_path, clip, chromium):
-    """Promise: a pixel without events shows the frame of its time, one with events their color,
-    as opaque as in a picture; frames shrink and thin out, so that a page stays small."""
+    """Promise: a pixel without events shows the frame of its time, one with events their color, as
+    opaque as in a picture; frames are scaled down and thinned out, so that a page stays small."""
     file, out = tmp_path / "few.h5", tmp_path / "few.html"
     write_events(file, make_events([0, 150_000], [3, 5], [0, 0], [1, 0], 48, 48))
     assert eres("view", file, "--over", clip, "--out", out, "--window", 10)[0] == 0
@@ -549,8 +549,8 @@ def _index(sequence, t_s):
 
 
 def test_the_frames_of_a_page_are_bounded(clip, recording, monkeypatch):
-    """Promise: of too many frames every k-th stays, of wide sensors a small picture, together no
-    more pixels than a browser holds; each is from when it is shown."""
+    """Promise: of too many frames every k-th is kept, frames of wide sensors are scaled down, and
+    together they have no more pixels than a browser holds; each has the time of its start."""
     frames = ClipFrames(open_sequence(clip))
     source = EventSource(recording, Header(64, 48), COLORS, frames=frames)
     every = frames.times_us(0, 200_000)
@@ -590,11 +590,11 @@ def test_the_page_fits_and_needs_no_network(eres, tmp_path, recording, chromium,
 
 
 def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, monkeypatch, caplog):
-    """Promise: of too many events every k-th stays, by a message and on the page."""
+    """Promise: of too many events every k-th is kept; a message and the page say so."""
     monkeypatch.setattr("tasks.view.player.MOST_EVENTS", 1500)
     out = tmp_path / "some.html"
     assert eres("view", recording, "--out", out)[0] == 0
-    assert "keeps one of 3 events" in caplog.text
+    assert "keeps one of every 3 events" in caplog.text
     text = out.read_text()
     assert '"count": 1334' in text
     assert "one of 3 events" in text

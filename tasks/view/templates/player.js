@@ -29,7 +29,7 @@ async function pictures({ frames }) {
   return { t: frames.t_us, images: await Promise.all(images) };
 }
 
-// Number of times before one.
+// Number of ascending times before a time.
 function before(t, time) {
   let low = 0, high = t.length;
   while (low < high) {
