@@ -187,8 +187,8 @@ def detect(
         Contrast threshold of ei, log units; by default that of the simulated sensor.
     blur
         Standard deviation of the Gaussian that blurs each image first, px. With 2 px, at 1280 px,
-        the latency of ei is that of the photoreceptor; corners get less exact, so use it only for
-        the latency.
+        the latency of ei is that of the photoreceptor to 10 %; corners get less exact, so use it
+        only for the latency. A marker's cells must be several times as wide.
     refinement
         How corners are refined, as in OpenCV; by default contour. Images of less than 640 px are
         enlarged four times.
