@@ -62,14 +62,14 @@ FIRST = (
     "sensor/test_simulate.py",
     "eres_render/test_scenes.py",
     "study/test_schedule.py",
-    "eres_render/test_bake.py",
-    "eres_render/test_memory.py",
     "tasks/test_cli_light.py",
+    "tasks/test_full_disk.py",
+    "tasks/test_view.py",  # the last of all by name
+    "tasks/test_training.py",
     "study/test_run.py",
     "study/test_report.py",
     "test_guards.py",
-    "tasks/test_full_disk.py",
-    "tasks/test_view.py",  # the last of all by name
+    "eres_render/test_memory.py",
 )
 
 

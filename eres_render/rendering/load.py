@@ -15,7 +15,7 @@ import numpy as np
 
 from eres_render.errors import SceneError
 from eres_render.scene.scene import Scene
-from eres_render.storage.exr import check_readable
+from eres_render.storage.exr import check_readable, read_half
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -82,6 +82,8 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
                 _drop(node, mi.ObjectType.BSDF, state)
         for node in state.nodes:
             if node.props.plugin_name() == "bitmap":
+                if not emitters and node.props.get("filename") in textures.values():
+                    _read_texture(node.props)
                 exr = str(node.props.get("filename", "")).lower().endswith(".exr")
                 if not exr and node.props.get("format", "auto") == "auto":
                     node.props["format"] = "variant"  # light as floats, not codes of 8 bits
@@ -106,6 +108,17 @@ def _drop(node: Any, kind: Any, state: Any) -> None:
         reference = isinstance(child, mi.Properties.ResolvedReference)
         if reference and state.nodes[child.index()].type == kind:
             del node.props[key]
+
+
+def _read_texture(props: Any) -> None:
+    """Give a bitmap the texels of its file, which Mitsuba takes several times as long to read."""
+    import mitsuba as mi
+
+    texels = read_half(Path(props["filename"]))
+    del props["filename"]
+    props["bitmap"] = mi.Bitmap(texels[..., None])
+    if props.get("format", "auto") == "auto":
+        props["format"] = "fp16"  # as Mitsuba takes it from the file
 
 
 @contextmanager

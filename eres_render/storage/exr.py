@@ -133,6 +133,27 @@ def read_luminance(path: Path, *, intact: bool = False) -> NDArray[np.float32]:
         return np.asarray(file.channels()["Y"].pixels, dtype=np.float32)
 
 
+def read_half(path: Path) -> NDArray[np.float16]:
+    """Read the image of channel Y in half precision, as `write_luminance` stores it.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    (H, W) float16.
+
+    Raises
+    ------
+    RenderError
+        If the file is missing, truncated or not such an image.
+    """
+    with _open(path) as file:
+        return np.asarray(file.channels()["Y"].pixels, dtype=np.float16)
+
+
 def read_channels(path: Path) -> dict[str, NDArray[np.float32]]:
     """Read all channels of an image.
 

@@ -245,6 +245,18 @@ def test_a_broken_scene_xml_is_named(tmp_path):
         load_mi_scene(load_scene(folder))
 
 
+def test_a_texture_has_the_texels_that_mitsuba_reads(small_carpet):
+    """Promise: value for value, and as half precision, which takes half the memory."""
+    import mitsuba as mi
+
+    (file,) = small_carpet.texture_files().values()
+    (mine,) = (s for s in load_mi_scene(small_carpet).shapes() if s.id() == "carpet")
+    ours = mi.traverse(mine.bsdf())["reflectance.data"]
+    theirs = mi.traverse(mi.load_dict({"type": "bitmap", "filename": file, "raw": True}))["data"]
+    assert type(ours) is type(theirs) is mi.TensorXf16
+    np.testing.assert_array_equal(np.asarray(ours), np.asarray(theirs))
+
+
 def test_scalar_machines_are_told_that_they_cannot_bake(tmp_path, monkeypatch):
     import mitsuba as mi
 
