@@ -31,13 +31,30 @@ class Faces(NamedTuple):
     up: Float32
 
     def cosine(self, x: float, y: float, z: float) -> Float32:
-        """Return the cosine between the normals and a direction, (height, width) float32."""
+        """Return the cosine between the normals of the faces and a direction.
+
+        Parameters
+        ----------
+        x, y, z
+            Unit vector: along the columns, along the rows, up.
+
+        Returns
+        -------
+        cosine
+            (height, width) float32, negative on faces that look away.
+        """
         flat = np.float32(x) * self.slope_x, np.float32(y) * self.slope_y
         return (np.float32(z) - flat[0] - flat[1]) * self.up
 
 
 def faces_of(relief: Float32) -> Faces:
-    """Return the faces of a relief, (height, width) heights in texels."""
+    """Return the faces of a relief.
+
+    Parameters
+    ----------
+    relief
+        (height, width) heights, texels.
+    """
     slope_x, slope_y = (
         cv2.Sobel(relief, cv2.CV_32F, dx, 1 - dx, ksize=1, scale=0.5).astype(np.float32, copy=False)
         for dx in (1, 0)
