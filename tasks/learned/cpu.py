@@ -60,7 +60,7 @@ def _counted(function: Callable[..., T], arguments: tuple[Any, ...]) -> tuple[T,
 
 @cache
 def _helpers() -> tuple[str, ...]:
-    """Start PyTorch's helper threads and return their ids; use none where none can be measured."""
+    """Start PyTorch's helper threads and return their ids; without /proc, use no helpers."""
     if not _THREADS.exists():
         torch.set_num_threads(1)
         return ()

@@ -74,7 +74,7 @@ def sample_all(image, x_px, y_px, found):
 
 @jit_contract
 def _read(image, x_px, y_px, pixels, f):
-    """Write the 16 pixels around each point, row by row, and its (2, N) offsets between them."""
+    """Write the 16 pixels around each point, row by row, and its fractional position, (2, N)."""
     height, width = image.shape
     flat = image.ravel()
     first = np.empty(_TOGETHER, np.int64)

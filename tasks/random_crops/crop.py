@@ -119,7 +119,7 @@ def _log_uniform(rng: np.random.Generator, between: tuple[float, float]) -> floa
 
 
 def _frame_times(motion: Motion, windows: int, max_displacement_px: float) -> NDArray[np.float64]:
-    """Return times of frames, in windows: evenly spaced in each window, with one at both ends."""
+    """Return times of frames, in windows: evenly spaced in each window, including both ends."""
     times = [np.zeros(1)]
     for k in range(windows):
         count = math.ceil(motion.fastest_px(k) / max_displacement_px)

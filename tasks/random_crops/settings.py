@@ -28,7 +28,7 @@ class Crops:
     cutoff_hz
         Smallest and largest cutoff of the photoreceptor, Hz.
     ideal_share
-        Share of the crops that have ideal pixels in light "all".
+        Share of the crops that have ideal pixels with light "all".
     contrast_threshold
         Smallest and largest contrast threshold, log units.
     log_contrast
