@@ -597,4 +597,4 @@ def test_a_page_of_many_events_keeps_some_of_them(eres, tmp_path, recording, mon
     assert "keeps one of every 3 events" in caplog.text
     text = out.read_text()
     assert '"count": 1334' in text
-    assert "one of 3 events" in text
+    assert "one of every 3 events" in text
