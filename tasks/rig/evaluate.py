@@ -241,7 +241,7 @@ def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_W
             found.append(_Window(len(found), start_us, end_us, (x0, x1)))
     if not found:
         raise RigError(
-            f"{EVENTS_NAME}: found no window of even speed among {settings.windows} in "
+            f"{EVENTS_NAME}: found no window of constant speed among {settings.windows} in "
             f"{1e-6 * (last_us - first_us):.3g} s, expected some of {1e3 * settings.travel_m:g} mm "
             "of travel; give more windows, or less travel"
         )

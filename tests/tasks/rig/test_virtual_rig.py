@@ -346,7 +346,7 @@ def test_recordings_that_cannot_be_scored_are_refused(folder, frames_solved, tmp
     settings = RigEvaluation(windows=2, tracking=(), flow=(), video=("blank",))
     begins_us = int(events.t_us[len(events) // 4])
     for last_us, said in (
-        (begins_us + 50_000, "found no window of even speed among 2 in 0.05 s"),
+        (begins_us + 50_000, "found no window of constant speed among 2 in 0.05 s"),
         (begins_us, "found no events, expected some"),
     ):
         (out / "events.h5").unlink()
