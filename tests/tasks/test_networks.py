@@ -224,7 +224,7 @@ e2vid = "weights/a.pth"
 
 
 def test_the_weights_of_a_study_are_in_its_keys(tmp_path):
-    """Promise: a job depends on the content of its weights, not on their path; others do not."""
+    """Promise: a job's key depends on the content of its weights, but not on their path."""
     (tmp_path / "weights").mkdir()
     (tmp_path / "study.toml").write_text(STUDY)
     for name, content in (("a", b"one"), ("b", b"one"), ("c", b"two")):
