@@ -356,7 +356,7 @@ def evaluate(
     tasks
         What is scored; tracking needs a camera without distortion.
     windows
-        Number of windows on each crop, evenly spaced along the slider's way.
+        Number of windows on each crop, evenly spaced along the slider's travel.
     travel
         Travel of the slider in a window, meters.
     threshold

@@ -37,7 +37,7 @@ def detect(
     refinement: Refinement | None = None,
     on_progress: Progress = silent,
 ) -> Detections:
-    """Find the markers in images of a recording, at times evenly spaced along the slider's way.
+    """Find the markers in images of a recording, at times evenly spaced along the slider's travel.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def detect(
     images
         Number of images.
     max_speed_mps
-        Leave out faster motion, m/s.
+        Leave out times at which the slider is faster, m/s.
     contrast_threshold
         C for "ei", log units; by default that of the file of events, if it was simulated.
     blur_px

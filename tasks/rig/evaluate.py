@@ -63,7 +63,7 @@ class RigEvaluation:
     Parameters
     ----------
     windows
-        Number of windows on each crop, evenly spaced along the slider's way; those without constant
+        Number of windows on each crop, evenly spaced along the slider's travel; those without constant
         speed are left out.
     travel_m
         Travel of the slider in a window, m.
@@ -223,7 +223,7 @@ def _load(folder: Path, settings: RigEvaluation) -> _Crop:
 
 
 def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_Window]:
-    """Return windows of constant speed, evenly spaced along the slider's way."""
+    """Return windows of constant speed, evenly spaced along the slider's travel."""
     if not len(events):
         raise RigError(f"{EVENTS_NAME}: found no events, expected some")
     first_us, last_us = int(events.t_us[0]), int(events.t_us[-1])

@@ -190,7 +190,7 @@ class Recording:
                 ) from None
             if frame.t_end_us < frame.t_start_us:
                 raise RigError(
-                    f"{file}: found an exposure from {start} to {end} us, expected the end after "
+                    f"{file}: found an exposure from {start} to {end} us, expected an end not before "
                     "the start"
                 )
             found.append(frame)
