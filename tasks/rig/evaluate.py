@@ -63,8 +63,8 @@ class RigEvaluation:
     Parameters
     ----------
     windows
-        Number of windows on each crop, evenly spaced along the slider's travel; those without constant
-        speed are left out.
+        Number of windows on each crop, evenly spaced along the slider's travel; those without
+        constant speed are left out.
     travel_m
         Travel of the slider in a window, m.
     flow, video, tracking

@@ -190,8 +190,8 @@ class Recording:
                 ) from None
             if frame.t_end_us < frame.t_start_us:
                 raise RigError(
-                    f"{file}: found an exposure from {start} to {end} us, expected an end not before "
-                    "the start"
+                    f"{file}: found an exposure from {start} to {end} us, expected an end not "
+                    "before the start"
                 )
             found.append(frame)
         return tuple(sorted(found, key=lambda frame: frame.t_us))
