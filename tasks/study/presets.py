@@ -52,6 +52,7 @@ PRESETS = {
     ),
     "slider": Study(
         name="slider",
+        question="Does a camera on a slider need its full resolution?",
         scenes=PRINTS,
         render=Render(
             resolution=FIELD_PX[-1][0], height=FIELD_PX[-1][1], window_s=0.03, every_s=0.15

@@ -24,8 +24,11 @@ def cutoff_label(cutoff_hz: float) -> str:
 
 
 def cutoff_detail(cutoff_hz: float) -> str:
-    """Describe the frequency of a cutoff."""
-    return "no cutoff" if math.isinf(cutoff_hz) else f"cutoff {cutoff_hz:g} Hz"
+    """Say what `cutoff_label` does not say of a cutoff."""
+    if math.isinf(cutoff_hz):
+        return "no cutoff"
+    frequency = f"{cutoff_hz:g} Hz"
+    return "cutoff" if cutoff_label(cutoff_hz) == frequency else f"cutoff {frequency}"
 
 
 def speed_label(scene: str, speed: float, base: BaseSpeeds = PACKAGED) -> str:
