@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 from tyro.extras import SubcommandApp
 
 RunFolder = Annotated[Positional[Path], arg(metavar="RUN", help="folder of a run")]
+WeightsFiles = Annotated[tuple[str, ...], arg(metavar="[METHOD=]FILE...", help_behavior_hint="")]
 
 
 def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> SubcommandApp:

@@ -14,6 +14,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from tyro.extras import literal_type_from_choices
 
 from tasks.cli import terminal
+from tasks.cli.app import WeightsFiles
 from tasks.cli.table import Table
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
@@ -40,7 +41,7 @@ def evaluate(
     cutoff: Annotated[float | None, arg(help_behavior_hint="(default: inf)")] = None,
     threshold: Annotated[float | None, arg(help_behavior_hint="(default: 0.2, or fitted)")] = None,
     speed: Annotated[float | None, arg(help_behavior_hint="(default: 1.0)")] = None,
-    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
+    weights: WeightsFiles = (),
     format: str | None = None,
     reading: OmitArgPrefixes[Reading] = AS_STORED,
     frames: OmitArgPrefixes[FrameOptions] = NO_FRAMES,

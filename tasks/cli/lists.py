@@ -115,11 +115,14 @@ def _show(name: str) -> None:
 
 def methods() -> None:
     """List the methods of each task."""
+    from tasks.methods.networks import weights_of
     from tasks.registry import TASKS
 
     table = Table("task", "method", "where", Column("note", no_wrap=True), box=None)
     for task, spec in TASKS.items():
         for name, where in spec.methods.items():
-            note = "needs --weights" if name in spec.networks else ""
-            table.add_row(task, name, where, "diagnostic" if name in spec.diagnostics else note)
+            note = "diagnostic" if name in spec.diagnostics else ""
+            if name in spec.networks:
+                note = "needs PyTorch" if weights_of(name) else "needs PyTorch, --weights"
+            table.add_row(task, name, where, note)
     terminal.out.print(table, crop=False)

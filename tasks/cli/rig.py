@@ -18,7 +18,11 @@ _Recording = Annotated[
 ]
 _Recordings = Annotated[
     Positional[tuple[Path, ...]],
-    arg(metavar="RECORDINGS", help="folders of recordings, one for each distance"),
+    arg(
+        metavar="RECORDINGS",
+        help="folders of recordings, one for each distance",
+        help_behavior_hint="(required)",
+    ),
 ]
 
 
@@ -329,7 +333,11 @@ def crop(recordings: _Recordings, calibration: Path, out: Path, overwrite: bool 
 def evaluate(
     crops: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="CROPS", help="folders of `eres rig crop`, one for each print"),
+        arg(
+            metavar="CROPS",
+            help="folders of `eres rig crop`, one for each print",
+            help_behavior_hint="(required)",
+        ),
     ],
     out: Path,
     tasks: tuple[Literal["flow", "video", "tracking"], ...] = ("flow", "video", "tracking"),

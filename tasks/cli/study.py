@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from sensor.model import Photoreceptor
 from tasks.cli import terminal
-from tasks.cli.app import RunFolder
+from tasks.cli.app import RunFolder, WeightsFiles
 from tasks.cli.table import Table
 from tasks.errors import ResultError, StudyError
 
@@ -38,7 +38,7 @@ def study(
     trajectory: Annotated[Path | None, arg(help_behavior_hint="")] = None,
     method: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
     scheduler: Annotated[str | None, arg(help_behavior_hint="(default: this process)")] = None,
-    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
+    weights: WeightsFiles = (),
     mix: Annotated[bool, arg(help_behavior_hint="")] = False,
 ) -> None:
     """Ask which resolution serves a task best.

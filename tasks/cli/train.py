@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 
 _Runs = Annotated[
-    Positional[tuple[Path, ...]], arg(metavar="RUNS", help="folders of finished trainings")
+    Positional[tuple[Path, ...]],
+    arg(metavar="RUNS", help="folders of finished trainings", help_behavior_hint="(required)"),
 ]
 
 

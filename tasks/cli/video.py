@@ -8,6 +8,7 @@ from typing import Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
+from tasks.cli.app import WeightsFiles
 from tasks.events.reading import AS_STORED, Reading
 from tasks.recording.options import USUAL_VIDEO, VideoOptions
 
@@ -16,7 +17,7 @@ def video(
     source: Annotated[Positional[Path], arg(metavar="EVENTS", help="file of events")],
     out: Path,
     calibration: Path | None = None,
-    weights: Annotated[tuple[str, ...], arg(help_behavior_hint="")] = (),
+    weights: WeightsFiles = (),
     format: str | None = None,
     overwrite: bool = False,
     options: OmitArgPrefixes[VideoOptions] = USUAL_VIDEO,

@@ -16,7 +16,11 @@ from tasks.view.look import ALL_OF_IT, Look
 def view(
     sources: Annotated[
         Positional[tuple[Path, ...]],
-        arg(metavar="SOURCE...", help="files of events, and folders of rendered clips"),
+        arg(
+            metavar="SOURCE...",
+            help="files of events, and folders of rendered clips",
+            help_behavior_hint="(required)",
+        ),
     ],
     out: Path | None = None,
     rerun: bool = False,

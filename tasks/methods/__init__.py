@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 
 from eres_render.errors import nearest
 from tasks.errors import TaskError
-from tasks.methods.networks import digest_of, network
+from tasks.methods.networks import digest_of, network, weights_of
 from tasks.registry import TASKS, load
 
 METHODS = {task: spec.methods for task, spec in TASKS.items()}
@@ -201,7 +201,7 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
     names
         Names of the methods.
     weights
-        Files of weights by the names of the methods that need them.
+        Files of weights by the names of methods, in place of those that come with eres.
 
     Returns
     -------
@@ -214,8 +214,8 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
             found[name] = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
         elif name in METHOD_VERSIONS:
             found[name] = str(METHOD_VERSIONS[name])
-        if weights and name in weights:
-            found[name] = f"{METHOD_VERSIONS.get(name, 1)} {digest_of(weights[name])}"
+        if file := weights_of(name, weights):
+            found[name] = f"{METHOD_VERSIONS.get(name, 1)} {digest_of(file)}"
     return found
 
 

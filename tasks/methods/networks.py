@@ -12,6 +12,7 @@ from eres_render.errors import nearest
 from tasks.errors import WeightsError
 from tasks.registry import TASKS, load
 
+_OURS = Path(__file__).parents[1] / "learned" / "weights"  # weights that come with eres
 _CHUNK_BYTES = 1 << 20
 _KEPT = 4  # networks in memory
 
@@ -24,7 +25,8 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
     task, name
         Task and name of the method.
     weights
-        Files of weights by the names of methods.
+        Files of weights by the names of methods. Others have the weights that come with eres, if
+        there are any.
 
     Returns
     -------
@@ -35,18 +37,39 @@ def network(task: str, name: str, weights: Mapping[str, str] | None) -> Any:
     WeightsError
         There are no weights, PyTorch is not installed, or the file is from another network.
     """
-    if not weights or name not in weights:
+    file = weights_of(name, weights)
+    if file is None:
         raise WeightsError(
             f"{task}, method {name!r}: found no weights, expected --weights {name}=FILE, or "
             f"{name} under [weights] in the file of a study"
         )
     try:
-        return _loaded(TASKS[task].networks[name], *_version(weights[name]))
+        return _loaded(TASKS[task].networks[name], *_version(file))
     except ImportError as error:
         raise WeightsError(
             f"{task}, method {name!r}: PyTorch cannot be imported ({error}); install the extra "
             "`learned`, in a checkout with: pip install '.[learned]'"
         ) from None
+
+
+def weights_of(name: str, weights: Mapping[str, str] | None = None) -> str | None:
+    """Return the file of a network's weights.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    weights
+        Files of weights by the names of methods.
+
+    Returns
+    -------
+    The given file, or the one that comes with eres; None if there is neither.
+    """
+    if weights and name in weights:
+        return weights[name]
+    ours = _OURS / f"{name}.pt"
+    return str(ours) if ours.exists() else None
 
 
 def digest_of(file: str) -> str:
@@ -66,7 +89,8 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
     Parameters
     ----------
     given
-        The options, NAME=FILE or FILE. A bare FILE is for the one method that needs weights.
+        The options, NAME=FILE or FILE. A bare FILE is for the one method that needs weights, or
+        else for the one network.
     methods
         The methods that are to run.
 
@@ -81,7 +105,8 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
         method or several.
     """
     known = [name for spec in TASKS.values() for name in spec.networks]
-    asked = list(dict.fromkeys(name for name in methods if name in known))
+    networks = list(dict.fromkeys(name for name in methods if name in known))
+    asked = [name for name in networks if weights_of(name) is None] or networks
     found: dict[str, str] = {}
     for one in given:
         name, is_named, file = one.partition("=")

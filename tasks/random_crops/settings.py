@@ -42,9 +42,9 @@ class Crops:
         A number is out of range.
     """
 
-    side_px: int = 112
+    side_px: int = 80
     window_ms: float = 25.0
-    motion_px: tuple[float, float] = (0.5, 24.0)
+    motion_px: tuple[float, float] = (1.0, 24.0)
     cutoff_hz: tuple[float, float] = (25.0, 400.0)
     ideal_share: float = 0.25
     contrast_threshold: tuple[float, float] = (0.15, 0.25)

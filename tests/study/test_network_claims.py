@@ -63,7 +63,7 @@ def test_without_rows_of_the_network_nothing_is_measured(name: str) -> None:
     """A run without weights: the verdict is "not measured", and says what is missing."""
     found = verdict(name, paper_rows(HF) + paper_rows(EPF))
     assert found.status is Status.NOT_MEASURED
-    assert found.ours == f"no rows of {name[3:]} on carpet, which needs weights"
+    assert found.ours == f"no rows of {name[3:]} on carpet, which is a network"
 
 
 def test_a_comparison_needs_rows_of_both_methods() -> None:

@@ -3,10 +3,12 @@
 `test_learned_networks.py` tests the networks themselves.
 """
 
+import hashlib
 import math
 import sys
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,11 +23,11 @@ from sensor.representations import voxel_grid
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.methods import load_method, task_of
+from tasks.methods import code_of, load_method, task_of
 from tasks.methods.e2vid import E2vid
 from tasks.methods.eraft import estimate as estimate_eraft
 from tasks.methods.initial_flow import estimate_everywhere
-from tasks.methods.networks import named_weights
+from tasks.methods.networks import named_weights, weights_of
 from tasks.methods.true_video import FilteredTruth, LateTruth, TrueLight
 from tasks.registry import TASKS
 from tasks.study.config import preset, with_weights
@@ -181,6 +183,23 @@ def test_weights_are_named_or_for_the_only_network(tmp_path):
             named_weights(files, methods)
 
 
+def test_our_weights_come_with_eres(tmp_path):
+    """Promise: our networks need no file; a given one is used in their place, and rows of other
+    weights have other names."""
+    name = "our_reconstruction_all_light"
+    ours = Path(weights_of(name))
+    assert ours.name == f"{name}.pt"
+    assert sum(file.stat().st_size for file in ours.parent.glob("*.pt")) < 14e6
+    assert weights_of("e2vid") is None
+    other = tmp_path / "mine.pt"
+    other.write_bytes(b"mine")
+    assert weights_of(name, {name: str(other)}) == str(other)
+    assert named_weights([str(other)], [name]) == {name: str(other)}
+    assert named_weights([str(other)], [name, "e2vid"]) == {"e2vid": str(other)}
+    assert code_of([name]) == {name: f"1 {hashlib.sha256(ours.read_bytes()).hexdigest()}"}
+    assert code_of([name], {name: str(other)}) == {name: f"1 {hashlib.sha256(b'mine').hexdigest()}"}
+
+
 def test_a_network_needs_weights_and_torch(tmp_path, monkeypatch):
     """Promise: one line says which is missing, and how to get it."""
     with pytest.raises(WeightsError, match=r"found no weights, expected --weights e2vid=FILE"):
@@ -202,8 +221,9 @@ def test_methods_are_listed_without_torch(eres):
     code, out, _ = eres("methods")
     assert code == 0
     lines = {line.split()[1]: line for line in out.splitlines()}
-    assert "needs --weights" in lines["e2vid"]
-    assert "needs --weights" in lines["eraft"]
+    assert "needs PyTorch, --weights" in lines["e2vid"]
+    assert "needs PyTorch, --weights" in lines["eraft"]
+    assert lines["our_reconstruction_all_light"].endswith("needs PyTorch")
     assert "diagnostic" in lines["late_truth"]
     assert TASKS["video"].usual() == (
         *("high_pass_filter", "high_pass_filter_no_event_decay", "blank"),

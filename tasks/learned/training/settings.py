@@ -53,13 +53,13 @@ class Schedule:
         A number is not positive.
     """
 
-    steps: int = 2000
+    steps: int = 2400
     crops_per_step: int = 4
-    learning_rate: float = 1e-3
-    rising_steps: int = 50
+    learning_rate: float = 6e-4
+    rising_steps: int = 100
     weight_decay: float = 1e-4
     largest_gradient: float = 1.0
-    validate_every: int = 50
+    validate_every: int = 100
     validation_crops: int = 6
     checkpoint_minutes: float = 5.0
 
@@ -77,7 +77,7 @@ class FlowSchedule(Schedule):
     """As `Schedule`, with other defaults."""
 
     steps: int = 6000
-    learning_rate: float = 5e-4
+    learning_rate: float = 4e-4
     validate_every: int = 200
 
 
@@ -118,9 +118,9 @@ class ReconstructionTraining:
     base_channels: int = 16
     encoders: int = 3
     residual_blocks: int = 2
-    run_in_windows: int = 16
-    windows: int = 16
-    windows_at_once: int = 8
+    run_in_windows: int = 32
+    windows: int = 12
+    windows_at_once: int = 6
 
     def __post_init__(self) -> None:
         _check_numbers(self, besides=("run_in_windows", "residual_blocks"))
@@ -206,6 +206,7 @@ RECONSTRUCTIONS = {
         base_channels=8,
         run_in_windows=4,
         windows=8,
+        windows_at_once=8,
     ),
 }
 """Settings that come with eres, by name: small networks, and a short trial of smaller ones."""

@@ -154,7 +154,7 @@ class SceneClaim(Claim):
         lines = found.lines
         if not outcomes:
             where = f" on {join_words(self.scenes, 'or')}" if self.scenes else ""
-            why = ", which needs weights" if series.method in TASKS[series.task].networks else ""
+            why = ", which is a network" if series.method in TASKS[series.task].networks else ""
             lines = [f"no rows of {series.name}{where}{why}", *lines]
         return self.verdict(outcomes.values(), "\n".join(lines), paper, scope, _likeness(found))
 
