@@ -46,7 +46,7 @@ class Crops:
     window_ms: float = 25.0
     motion_px: tuple[float, float] = (1.0, 24.0)
     cutoff_hz: tuple[float, float] = (25.0, 400.0)
-    ideal_share: float = 0.25
+    ideal_share: float = 0.4
     contrast_threshold: tuple[float, float] = (0.15, 0.25)
     log_contrast: tuple[float, float] = (0.2, 0.9)
     max_displacement_px: float = 0.5

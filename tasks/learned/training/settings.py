@@ -53,13 +53,13 @@ class Schedule:
         A number is not positive.
     """
 
-    steps: int = 2400
+    steps: int = 3600
     crops_per_step: int = 4
     learning_rate: float = 6e-4
     rising_steps: int = 100
     weight_decay: float = 1e-4
     largest_gradient: float = 1.0
-    validate_every: int = 100
+    validate_every: int = 150
     validation_crops: int = 6
     checkpoint_minutes: float = 5.0
 
