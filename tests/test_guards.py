@@ -97,6 +97,7 @@ def test_events_are_the_same_to_the_bit():
     assert event_digests() == stored_bits("events")
 
 
+@pytest.mark.slow
 def test_the_report_of_the_paper_run_is_the_same(tmp_path):
     """Promise: report and tables made from docs/results/paper equal the stored ones, except for
     white space."""

@@ -36,6 +36,7 @@ def test_the_quick_start_converts_every_event(quick_start):
     assert len(load_events(folder / "events.raw")) == len(load_events(folder / "events.h5")) > 100
 
 
+@pytest.mark.slow
 def test_each_sensor_of_the_page_is_the_one_that_was_asked_for(sensors):
     folder, _ = sensors
     widths = {file.stem: load_events(file).model.width for file in folder.glob("*.h5")}
@@ -54,6 +55,7 @@ def test_each_sensor_of_the_page_is_the_one_that_was_asked_for(sensors):
     assert find_profile(folder / "fitted.toml").known["threshold_off"].interval[0] < 0.25
 
 
+@pytest.mark.slow
 def test_a_slow_bus_drops_events(sensors):
     folder, said = sensors
     assert "events fired" in said
@@ -71,6 +73,7 @@ def test_the_page_for_networks_has_windows_with_flow(tmp_path):
     assert (tmp_path / "data" / "clip_001.h5").is_file()
 
 
+@pytest.mark.slow
 def test_the_page_of_random_scenes_makes_all_that_it_shows(tmp_path):
     said = follow("dataset.md", tmp_path)
     for found in ("data/000000/events_200.h5", "images/images.json", "again/continuous"):

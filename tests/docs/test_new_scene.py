@@ -5,6 +5,8 @@ import pytest
 from docs_page import follow
 from sensor.formats import read_events
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):

@@ -116,6 +116,7 @@ def test_repeated_pixels_are_those_of_the_frame(ramps, camera):
     np.testing.assert_allclose(repeats, np.tile(frame, (4, 1)), rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_scalar_machine_moves_the_principal_point_and_refuses_lenses_and_oblong_pixels(ramps):
     code = (
         "import sys; from eres_render import *; scene = load_scene(sys.argv[1])\n"

@@ -42,6 +42,7 @@ def red_floor(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 def test_every_variant_sees_the_product_of_luminances(red_floor):
     """Expected on both halves: Y(reflectance) Y(sky) = 0.5367, and not Y(reflectance sky) = 0.4425.
 

@@ -127,6 +127,7 @@ print(len(frames))
 """
 
 
+@pytest.mark.slow
 def test_processes_that_render_one_clip_share_the_work(start, tmp_path):
     """Promise: no frame is rendered twice, even if the first process is killed; the clip is
     complete."""
@@ -151,6 +152,7 @@ def test_processes_that_render_one_clip_share_the_work(start, tmp_path):
     assert not [f.name for f in (tmp_path / "clip").rglob("*") if f.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_a_bake_that_was_stopped_leaves_no_half_of_the_lightmaps(tmp_path, monkeypatch):
     """Promise: the cache has all lightmaps of a scene or none, because others look there too."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))

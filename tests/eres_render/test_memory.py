@@ -56,6 +56,7 @@ def of_a_few_hundred_frames(tmp_path_factory):
     return tuple(memory_kib(tmp_path_factory.mktemp("clip") / "s", 0.7, 80))
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_over_a_few_hundred_frames(of_a_few_hundred_frames):
     total, early_kib, late_kib, _ = of_a_few_hundred_frames
     assert total > 200
@@ -70,6 +71,7 @@ def test_memory_does_not_grow_over_two_thousand_frames(tmp_path):
     assert late_kib < 1.05 * early_kib
 
 
+@pytest.mark.slow
 def test_what_rendering_no_longer_needs_goes_back_to_the_system(of_a_few_hundred_frames):
     """Promise: after a clip, nothing keeps the memory that loading the carpet needed, 98 MB."""
     if select_variant().startswith("scalar"):
@@ -97,7 +99,8 @@ print(peak_kib() - before_kib)
 """
 
 
-@pytest.mark.parametrize("spp", [pytest.param(4, marks=pytest.mark.slow), 16])
+@pytest.mark.slow
+@pytest.mark.parametrize("spp", [4, 16])
 def test_the_least_that_an_image_needs_is_what_it_takes(small_carpet, spp, monkeypatch):
     """Promise: peak memory, without that of a tiny image, is between one and two times the
     estimate. So eres never refuses a render that fits, and with half of the needed memory it

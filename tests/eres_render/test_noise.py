@@ -127,6 +127,7 @@ def means_of(radiance, count):
     return radiance.reshape(-1, count, radiance.shape[-1]).mean(axis=1)
 
 
+@pytest.mark.slow
 def test_repeats_are_the_same_light_by_scalar_code(renderer, shiny_room):
     code = (
         "import sys, json; import numpy as np; from eres_render import *;"
@@ -142,6 +143,7 @@ def test_repeats_are_the_same_light_by_scalar_code(renderer, shiny_room):
     np.testing.assert_allclose(scalar.std(axis=0), here.std(axis=0), rtol=0.4)
 
 
+@pytest.mark.slow
 def test_measured_noise_is_the_deviation_from_many_samples(renderer):
     """Expected: the deviation of a frame from the mean of many is the estimated noise, within 15
     %."""

@@ -143,6 +143,7 @@ def test_frames_are_those_of_a_scene_with_the_object_there(tmp_path, kind):
     np.testing.assert_allclose(moving.frame(pose, t_s=0.0), before, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_scalar_machine_moves_objects_too(tmp_path):
     parts = WHITE_FLOOR, LAMP, KINDS["mesh"].format("")
     folder = folder_of(tmp_path / "mesh", *parts)

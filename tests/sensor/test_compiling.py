@@ -56,6 +56,7 @@ def variables(tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_an_edit_of_a_kernel_recompiles_those_that_call_it(folder, variables):
     """Promise: Numba checks only the file of a function; here an edit also recompiles its callers
     in other files of the folder, and nothing is recompiled without an edit. `is_cached` tells."""
@@ -88,6 +89,7 @@ print(two(), sum(two.stats.cache_misses.values()))
 """
 
 
+@pytest.mark.slow
 def test_one_process_compiles_and_the_others_wait(folder, variables, tmp_path):
     """Promise: of processes that call a kernel at once, with an empty cache, one compiles it."""
     (folder / "callee.py").write_text(CALLEE.format(1))

@@ -58,7 +58,7 @@ def test_files_of_faery(kind, tmp_path):
     assert_same(load_events(tmp_path / "a.h5"), events)
 
 
-@pytest.mark.parametrize("kind", ["aedat4", "es"])
+@pytest.mark.parametrize("kind", [pytest.param("aedat4", marks=pytest.mark.slow), "es"])
 def test_damage_ends_no_process(kind, tmp_path):
     """Promise: damaged files are an error or valid events, also where faery's decoder crashes."""
     path = write(tmp_path, kind, random_events(200, width=300, height=200, mean_us=30))

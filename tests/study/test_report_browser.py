@@ -77,13 +77,35 @@ def page(chromium: sync_api.Browser, report: Path) -> Iterator[sync_api.Page]:
     assert complaints == []
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [PHONE, DESK, WALL])
+def assert_tables_fill_the_page(page: sync_api.Page, size: tuple[int, int]) -> None:
+    """Check that tables are as wide as the page, and on a phone cards that do not scroll sideways
+    and whose cells say their light and speed."""
+    wide = "all => all.filter((one) => one.checkVisibility()).map((one) => one.offsetWidth)"
+    boxes = page.locator(".scroll:has(table)").evaluate_all(wide)
+    tables = page.locator(".scroll > table").evaluate_all(wide)
+    assert all(table >= box for table, box in zip(tables, boxes, strict=True))
+    if size == PHONE:
+        assert tables == boxes
+        said = "getComputedStyle(document.querySelector('.matrix td'), '::before').content"
+        assert page.evaluate(said) == '"ideal, 0.9 m/s"'
+
+
+@pytest.mark.parametrize(
+    ("size", "scheme"),
+    [
+        (PHONE, "dark"),
+        (DESK, "light"),
+        (WALL, "dark"),
+        pytest.param(PHONE, "light", marks=pytest.mark.slow),
+        pytest.param(DESK, "dark", marks=pytest.mark.slow),
+        pytest.param(WALL, "light", marks=pytest.mark.slow),
+    ],
+)
 def test_it_opens_without_complaint_and_network(
     chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str
 ) -> None:
-    """Promise: no error or warning, no foreign address, nothing wider than the window, and every
-    text has the contrast of WCAG AA, with all parts unfolded."""
+    """Promise: no error or warning, no foreign address, nothing wider than the window, tables as
+    wide as the page, and every text has the contrast of WCAG AA, with all parts unfolded."""
     viewport = dict(zip(("width", "height"), size, strict=True))
     page = chromium.new_page(viewport=viewport, color_scheme=scheme, is_mobile=size == PHONE)
     complaints, addresses = watched(page), set()
@@ -94,6 +116,7 @@ def test_it_opens_without_complaint_and_network(
     assert {url for url in addresses if not url.startswith("data:")} == {report.as_uri()}
     assert page.evaluate("document.documentElement.scrollWidth") == size[0]
     assert page.evaluate(LOW_CONTRAST) == []
+    assert_tables_fill_the_page(page, size)
     page.close()
     assert complaints == []
 
@@ -188,26 +211,6 @@ def test_the_answer_for_a_bus_by_keyboard(page: sync_api.Page) -> None:
     assert cell.inner_text().split()[0] == "none"
     page.keyboard.press("Home")
     assert cell.inner_text() == usual
-
-
-def test_tables_fill_the_page_and_are_cards_on_a_phone(
-    chromium: sync_api.Browser, report: Path
-) -> None:
-    """Promise: tables are as wide as the page; on a phone no table scrolls sideways, and each cell
-    says its light and speed."""
-    wide = "all => all.filter((one) => one.checkVisibility()).map((one) => one.offsetWidth)"
-    for size in (PHONE, DESK, WALL):
-        page = chromium.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
-        page.goto(report.as_uri())
-        page.evaluate(OPEN_ALL)
-        boxes = page.locator(".scroll:has(table)").evaluate_all(wide)
-        tables = page.locator(".scroll > table").evaluate_all(wide)
-        if size == PHONE:
-            assert tables == boxes
-            said = "getComputedStyle(document.querySelector('.matrix td'), '::before').content"
-            assert page.evaluate(said) == '"ideal, 0.9 m/s"'
-        assert all(table >= box for table, box in zip(tables, boxes, strict=True))
-        page.close()
 
 
 def test_films_stop(page: sync_api.Page) -> None:

@@ -107,6 +107,7 @@ def test_no_room_for_events(events, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_no_room_for_truth(sequence, tmp_path, eres):
     """Promise: a file of events with truth that does not fit does not appear, made or copied."""
     whole, out = tmp_path / "whole" / "out.h5", tmp_path / "out.h5"

@@ -570,8 +570,15 @@ def test_the_frames_of_a_page_are_bounded(clip, recording, monkeypatch):
         assert (picture.format, picture.size) == ("WEBP", (32, 24))
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize(
+    ("width", "scheme"),
+    [
+        (390, "dark"),
+        (1280, "light"),
+        pytest.param(390, "light", marks=pytest.mark.slow),
+        pytest.param(1280, "dark", marks=pytest.mark.slow),
+    ],
+)
 def test_the_page_fits_and_needs_no_network(eres, tmp_path, recording, chromium, width, scheme):
     out = tmp_path / "page.html"
     assert eres("view", recording, recording, "--out", out)[0] == 0
