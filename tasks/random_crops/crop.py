@@ -18,7 +18,7 @@ from tasks.random_crops.view import view
 
 DARK_LEVEL = 1e-3  # of white, the sensors' default
 _HELD_OUT = 1 << 64  # larger than any seed
-_TEXELS_PER_PX = (1.0, 1.6)
+_TEXELS_PER_PX = (0.5, 2.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -88,7 +88,7 @@ def random_crop(
     cutoff_hz = {"ideal": math.inf, "all": drawn_hz}[light] if isinstance(light, str) else light
     texture = random_texture(rng, _log_uniform(rng, crops.log_contrast))
     motion_px = _log_uniform(rng, crops.motion_px)
-    motion = Motion(rng, crops.side_px, motion_px, rng.uniform(*_TEXELS_PER_PX))
+    motion = Motion(rng, crops.side_px, motion_px, _log_uniform(rng, _TEXELS_PER_PX))
     times = _frame_times(motion, windows, crops.max_displacement_px)
     log_images = np.empty((windows + 1, crops.side_px, crops.side_px), np.float32)
 

@@ -44,11 +44,11 @@ class Crops:
 
     side_px: int = 80
     window_ms: float = 25.0
-    motion_px: tuple[float, float] = (1.0, 24.0)
+    motion_px: tuple[float, float] = (1.0, 30.0)
     cutoff_hz: tuple[float, float] = (25.0, 400.0)
     ideal_share: float = 0.4
     contrast_threshold: tuple[float, float] = (0.15, 0.25)
-    log_contrast: tuple[float, float] = (0.2, 0.9)
+    log_contrast: tuple[float, float] = (0.25, 1.1)
     max_displacement_px: float = 0.5
 
     def __post_init__(self) -> None:

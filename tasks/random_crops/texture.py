@@ -6,6 +6,7 @@ since resolutions differ in the detail that a pixel averages.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,7 +19,8 @@ Float32 = NDArray[np.float32]
 jit = compiler(Path(__file__).parent)
 
 SIDE = 512  # texels, a power of two
-DARKEST, BRIGHTEST = 0.02, 1.0
+DARKEST, BRIGHTEST = 0.01, 1.0
+_GRAIN = (0.05, 3.0)  # of the contrast without it: flat areas, or nothing but grain
 _LEAST_LEAF, _LARGEST_LEAF = 2.0, 80.0  # radii in texels
 _COVER = 4.0  # mean number of leaves over a texel
 _MOTIFS = (32, 64, 128)  # sides, texels
@@ -36,7 +38,7 @@ def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
 
     Returns
     -------
-    (512, 512) linear radiance from 0.02 to 1.
+    (512, 512) linear radiance from 0.01 to 1.
     """
     kinds: list[Callable[[np.random.Generator], Float32]] = [_noise, _leaves, _patches, _motif]
     chosen = rng.permutation(len(kinds))[: rng.integers(1, 4)]
@@ -44,9 +46,10 @@ def random_texture(rng: np.random.Generator, log_contrast: float) -> Float32:
     for kind in chosen:
         total += np.float32(rng.uniform(0.3, 1.0)) * _unit(kinds[kind](rng))
     total = _unit(total)
-    grain = fractal(rng, rng.uniform(0.0, 0.6))
-    total = _unit(total + np.float32(rng.uniform(0.05, 0.5)) * grain)
-    bright = rng.uniform(-1.6, -0.9)  # mean of log intensity
+    grain = fractal(rng, rng.uniform(0.0, 1.2))
+    share = math.exp(rng.uniform(*np.log(_GRAIN)))
+    total = _unit(total + np.float32(share) * grain)
+    bright = rng.uniform(-1.8, -0.9)  # mean of log intensity
     radiance = np.exp(np.float32(bright) + np.float32(log_contrast) * total)
     return np.clip(radiance, DARKEST, BRIGHTEST, dtype=np.float32)
 
