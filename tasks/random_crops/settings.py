@@ -49,7 +49,7 @@ class Crops:
     ideal_share: float = 0.4
     contrast_threshold: tuple[float, float] = (0.15, 0.25)
     log_contrast: tuple[float, float] = (0.25, 1.1)
-    max_displacement_px: float = 0.5
+    max_displacement_px: float = 1.0
 
     def __post_init__(self) -> None:
         if not 16 <= self.side_px <= 1024:
