@@ -20,8 +20,8 @@ PRESETS = {
         name="quick",
         question="Which resolution does a carpet need?",
         scenes=("carpet",),
-        render=Render(spp=4, max_displacement_px=1.0, samples=3),
-        evaluate=Evaluate(flow=Flow(features=5), tracking=Tracking(max_events=50_000)),
+        render=Render(spp=4, max_displacement_px=1.0, samples=2),
+        evaluate=Evaluate(flow=Flow(features=5), tracking=Tracking(max_events=20_000)),
     ),
     "paper": Study(
         name="paper",
