@@ -1,6 +1,6 @@
-"""Measure time and memory of E2VID and E-RAFT on this machine, with random weights.
+"""Measure time and memory of E2VID, E-RAFT and our networks on this machine, with random weights.
 
-    python benchmarks/bench_networks.py                  both, at 128 to 1280 px
+    python benchmarks/bench_networks.py                  all, at 128 to 1280 px
     python benchmarks/bench_networks.py --widths 1280 --runs 1 --updates 1 --float32
 
 Each line is a separate process: the median of the runs after the first, and its peak memory.
@@ -17,6 +17,7 @@ import time
 import numpy as np
 
 E2VID_OPTIONS = {"num_bins": 5, "num_encoders": 3, "norm": "BN", "use_upsample_conv": False}
+NETWORKS = ("e2vid", "our_reconstruction", "eraft", "our_flow")
 WIDTHS = (128, 240, 346, 640, 1280)
 
 
@@ -30,31 +31,39 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
     from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent
     from tasks.learned.eraft import ERaft
     from tasks.learned.eraft_network import ERAFT
+    from tasks.learned.training.reconstruction import Reconstruction
+    from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 
     torch.manual_seed(0)
     if float32:
         cpu.has_bfloat16 = lambda: False
     rng = np.random.default_rng(0)
-    grids = [rng.standard_normal((bins, width, width), np.float32) for bins in (5, 15, 15)]
     if name == "e2vid":
-        e2vid, states = E2vid(E2VIDRecurrent(E2vidOptions(**E2VID_OPTIONS))), None
+        images = E2vid(E2VIDRecurrent(E2vidOptions(**E2VID_OPTIONS)))
+    elif name == "our_reconstruction":
+        images = E2vid(Reconstruction(ReconstructionTraining(), "all", 0).network)
     else:
-        eraft = ERaft(ERAFT(15), 15)
+        images = None
+        narrower = FlowTraining().narrower if name == "our_flow" else 1
+        flows = ERaft(ERAFT(15, narrower), 15)
+    bins = (images.bins,) if images else (15, 15)
+    grids = [rng.standard_normal((count, width, width), np.float32) for count in bins]
+    states = None
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     wall, spent = [], []
     for _ in range(runs + 1):
         started_s, cpu_started_s = time.perf_counter(), cpu_s()
-        if name == "e2vid":
-            _, states = e2vid.image(grids[0], states)
+        if images:
+            _, states = images.image(grids[0], states)
         else:
-            eraft.flow(*grids[1:], updates)
+            flows.flow(*grids, updates)
         wall.append(time.perf_counter() - started_s)
         spent.append(cpu_s() - cpu_started_s)
     wall, spent = wall[1:] or wall, spent[1:] or spent
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     kind = "bfloat16" if cpu.has_bfloat16() else "float32"
     return (
-        f"{name:6} {width:5} px  {kind:8}  {np.median(wall):7.2f} s  "
+        f"{name:18} {width:5} px  {kind:8}  {np.median(wall):7.2f} s  "
         f"{np.median(spent):7.2f} s of CPU  {most / 2**20:5.2f} GiB, "
         f"{(most - before) / 2**20:5.2f} of them for the run"
     )
@@ -64,10 +73,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--networks", nargs="+", default=["e2vid", "eraft"])
+    parser.add_argument("--networks", nargs="+", default=NETWORKS)
     parser.add_argument("--widths", nargs="+", type=int, default=WIDTHS)
     parser.add_argument("--runs", type=int, default=3, help="after the first")
-    parser.add_argument("--updates", type=int, default=12, help="of E-RAFT")
+    parser.add_argument("--updates", type=int, default=12, help="of E-RAFT and our flow")
     parser.add_argument("--float32", action="store_true", help="no bfloat16")
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()

@@ -47,7 +47,9 @@ def card(folders: Sequence[Path]) -> str:
         task = described["settings"]["task"]
         by_task.setdefault(task, []).append((folder, described, scores))
     for task, runs in by_task.items():
-        parts += [f"## {task.capitalize()}", _table(runs), *_origins(runs)]
+        command = f"`eres train {task} --light LIGHT --seed SEED --out FOLDER`"
+        again = f"{command} with the settings below trains a network of the table again."
+        parts += [f"## {task.capitalize()}", _table(runs), again, *_origins(runs)]
     return "\n\n".join([*parts, "## Limits", _LIMITS]) + "\n"
 
 
