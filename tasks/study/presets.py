@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from eres_render.errors import nearest
-from sensor import cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.settings import Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.results.paper_slider import PAPER_SIGMA_MM
@@ -59,7 +58,7 @@ PRESETS = {
         ),
         simulate=Simulate(
             widths=tuple(width for width, _ in FIELD_PX),
-            cutoffs_hz=(math.inf, *map(cutoff_in_light, SLIDER_LUX)),
+            illuminance_lux=(math.inf, *SLIDER_LUX),
             speeds=(1.0, 2.0, 3.0),
             same_lens=True,
         ),
