@@ -174,7 +174,7 @@ class SensorGroup:
                 refuse_bad_radiance(chunk, index)
             return segment
 
-        segments = list(workers.map(advance_band, bands))
+        segments = workers.map(advance_band, bands)
         pools = [workers.pools[k] for k, *_ in bands]
         counts = sum(np.diff(segment, axis=3)[..., 0].sum(axis=0) for segment in segments)
         for s, member in enumerate(self.members):

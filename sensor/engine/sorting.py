@@ -77,7 +77,7 @@ class UnsortedEvents:
             stop = stops[f - part.start]
             self._sort_interval(f, columns.part(slice(stop - self.counts[f], stop)), held.height)
 
-        list(workers.map(sort_one, part))
+        workers.map(sort_one, part)
         # The microsecond of a frame has events of the intervals before and after it.
         for frame_us in self.frame_us[part.start : part.stop]:
             tie = slice(*np.searchsorted(columns.t_us, (frame_us, frame_us + 1)))
