@@ -41,7 +41,17 @@ class Workers:
             self._others.shutdown()
 
     def map(self, function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Return the results of a function for all items, in their order."""
+        """Call a function on all items.
+
+        Parameters
+        ----------
+        function, items
+            The function and the items.
+
+        Returns
+        -------
+        The results, in the items' order.
+        """
         apply = map if self._others is None else self._others.map
         return list(apply(function, items))
 

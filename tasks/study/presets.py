@@ -26,6 +26,7 @@ PRESETS = {
         name="paper",
         question="Are high-resolution event cameras really needed?",
         scenes=("carpet", "rocks", "room"),
+        simulate=Simulate(photoreceptors=("two_pole", "v2e")),
         evaluate=Evaluate(
             flow=Flow(
                 methods=(
