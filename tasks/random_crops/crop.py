@@ -31,9 +31,8 @@ class Crop:
         Events of each window, [start, end).
     ends_us
         Ends of the windows, us.
-    log_images
-        (windows + 1, S, S) float32: log intensity, including the dark level, at the start of the
-        first window and at the end of each.
+    texture
+        What is seen, linear radiance.
     motion
         Motion of the texture, with time in windows.
     contrast_threshold
@@ -44,10 +43,27 @@ class Crop:
 
     events: tuple[Events, ...]
     ends_us: tuple[int, ...]
-    log_images: NDArray[np.float32]
+    texture: NDArray[np.float32]
     motion: Motion
     contrast_threshold: float
     cutoff_hz: float
+
+    def log_image(self, t: float, side_px: int) -> NDArray[np.float32]:
+        """Return what an ideal sensor sees at a time.
+
+        Parameters
+        ----------
+        t
+            The time, in windows.
+        side_px
+            Side of the image, px; it has the same middle as the crop.
+
+        Returns
+        -------
+        (side_px, side_px) log intensity, including the dark level.
+        """
+        (homography,) = self.motion.homographies(np.array([t]), side_px)
+        return np.log(view(self.texture, homography, side_px) + np.float32(DARK_LEVEL))
 
 
 def random_crop(
@@ -90,14 +106,10 @@ def random_crop(
     motion_px = _log_uniform(rng, crops.motion_px)
     motion = Motion(rng, crops.side_px, motion_px, _log_uniform(rng, _TEXELS_PER_PX))
     times = _frame_times(motion, windows, crops.max_displacement_px)
-    log_images = np.empty((windows + 1, crops.side_px, crops.side_px), np.float32)
 
     def frames() -> Iterator[NDArray[np.float32]]:
-        for t, homography in zip(times, motion.homographies(times), strict=True):
-            frame = view(texture, homography, crops.side_px)
-            if t == round(t):
-                log_images[round(t)] = np.log(frame + np.float32(DARK_LEVEL))
-            yield frame
+        for homography in motion.homographies(times):
+            yield view(texture, homography, crops.side_px)
 
     model = SensorModel(
         width=crops.side_px,
@@ -111,7 +123,7 @@ def random_crop(
     bounds_us = [round(1e6 * window_s * k) for k in range(windows + 1)]
     in_windows = tuple(events.between(*window) for window in pairwise(bounds_us))
     ends_us = tuple(bounds_us[1:])
-    return Crop(in_windows, ends_us, log_images, motion, contrast_threshold, cutoff_hz)
+    return Crop(in_windows, ends_us, texture, motion, contrast_threshold, cutoff_hz)
 
 
 def _log_uniform(rng: np.random.Generator, between: tuple[float, float]) -> float:

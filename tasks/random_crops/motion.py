@@ -99,13 +99,15 @@ class Motion:
             for _ in range(2)
         ]
 
-    def homographies(self, t: Float64) -> Float64:
+    def homographies(self, t: Float64, side_px: int | None = None) -> Float64:
         """Return the homographies at given times.
 
         Parameters
         ----------
         t
             (N,) times, windows.
+        side_px
+            Side of a square image with the same middle, px; by default the image itself.
 
         Returns
         -------
@@ -123,7 +125,7 @@ class Motion:
         ]
         around_middle = np.moveaxis(np.array(rows), -1, 0)
         to_middle = np.eye(3)
-        to_middle[:2, 2] = -self._side_px / 2
+        to_middle[:2, 2] = -(side_px or self._side_px) / 2
         found: Float64 = around_middle @ to_middle
         return found
 

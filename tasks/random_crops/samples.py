@@ -14,7 +14,7 @@ from tasks.video import picture
 
 Float32 = NDArray[np.float32]
 
-EQUALIZATION = "global"  # a crop is about one tile of the local equalization at 1280 px
+EQUALIZATION = "global"  # an area of 160 px is a tile of the local equalization at 1280 px
 
 
 class VideoSample(NamedTuple):
@@ -25,7 +25,8 @@ class VideoSample(NamedTuple):
     grids
         (windows, bins + 4, S, S) inputs of the network.
     pictures
-        (windows, S, S) true image at the end of each window, equalized as for the score, in [0, 1].
+        (windows, S, S) true image at the end of each window, as the scorer shows it: the brightness
+        of a pixel is its rank in an area around the crop, in [0, 1].
     """
 
     grids: Float32
@@ -47,7 +48,7 @@ class FlowSample(NamedTuple):
     flows: Float32
 
 
-def video_sample(crop: Crop, bins: int, run_in: int) -> VideoSample:
+def video_sample(crop: Crop, bins: int, run_in: int, ranked_px: int) -> VideoSample:
     """Return a sample of video reconstruction.
 
     Parameters
@@ -58,17 +59,22 @@ def video_sample(crop: Crop, bins: int, run_in: int) -> VideoSample:
         Bins of the voxel grids.
     run_in
         Number of windows at the start that are left out; their events still enter the sums.
+    ranked_px
+        Side of the area with the same middle in which pixels are ranked, px; the crop's or larger.
 
     Returns
     -------
     The sample.
     """
-    side_px = crop.log_images.shape[-1]
+    side_px = crop.events[0].width
     inputs = InputGrids(side_px, side_px, crop.contrast_threshold, bins)
     grids = [inputs.push(events) for events in crop.events]
-    pictures = [
-        picture(image, image.shape, EQUALIZATION) for image in crop.log_images[run_in + 1 :]
-    ]
+    first = (ranked_px - side_px) // 2
+    inside = slice(first, first + side_px)
+    pictures = []
+    for k in range(run_in + 1, len(crop.events) + 1):
+        image = crop.log_image(k, ranked_px)
+        pictures.append(picture(image, image.shape, EQUALIZATION)[inside, inside])
     return VideoSample(np.stack(grids[run_in:]), np.stack(pictures).astype(np.float32))
 
 

@@ -135,7 +135,7 @@ def test_events_add_up_to_the_truth_at_every_windows_end(crop):
         assert events.t_us[0] >= (0, *crop.ends_us)[k]
         assert events.t_us[-1] < crop.ends_us[k]
         np.add.at(total, (events.y, events.x), C * events.p)
-        change = crop.log_images[k + 1] - crop.log_images[0]
+        change = crop.log_image(k + 1, SIDE) - crop.log_image(0, SIDE)
         assert np.abs(change - total).max() < C + 1e-3
     assert np.abs(change).max() > 3 * C
 
@@ -143,7 +143,7 @@ def test_events_add_up_to_the_truth_at_every_windows_end(crop):
 def test_twins_see_the_same_crops(crop):
     """Promise: light changes the cutoff and the events, but neither truth nor threshold."""
     other = random_crop(CROPS, WINDOWS, seed=3, index=1, light=50.0)
-    np.testing.assert_array_equal(other.log_images, crop.log_images)
+    np.testing.assert_array_equal(other.log_image(2, SIDE), crop.log_image(2, SIDE))
     assert other.contrast_threshold == crop.contrast_threshold
     assert (other.cutoff_hz, crop.cutoff_hz) == (50.0, math.inf)
     assert sum(map(len, other.events)) < sum(map(len, crop.events))
@@ -163,13 +163,13 @@ def test_drawn_light_is_within_its_range():
 def test_crops_depend_on_their_seed_alone(crop):
     """Promise: the same seed gives the same crop; another seed, or a held-out crop, differs."""
     again = random_crop(CROPS, WINDOWS, seed=3, index=1, light="ideal")
-    np.testing.assert_array_equal(again.log_images, crop.log_images)
+    np.testing.assert_array_equal(again.log_image(1, SIDE), crop.log_image(1, SIDE))
     for one, other in zip(again.events, crop.events, strict=True):
         for column, expected in zip(one.columns, other.columns, strict=True):
             np.testing.assert_array_equal(column, expected)
     for seed, index, held_out in ((4, 1, False), (3, 2, False), (3, 1, True)):
         other = random_crop(CROPS, 1, seed, index, light="ideal", held_out=held_out)
-        assert not np.array_equal(other.log_images[0], crop.log_images[0])
+        assert not np.array_equal(other.log_image(0, SIDE), crop.log_image(0, SIDE))
 
 
 class Recorder:
@@ -191,7 +191,7 @@ class Recorder:
 def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
     """Promise: inputs of training equal those of evaluation bit by bit, and targets are the
     pictures with which the scorer compares the image at a window's end."""
-    sample = video_sample(crop, 5, run_in=0)
+    sample = video_sample(crop, 5, run_in=0, ranked_px=SIDE)
     network = Recorder()
     window_us = 1e3 * CROPS.window_ms
     method = OurReconstruction(
@@ -202,18 +202,31 @@ def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
         taker.push(events)
     taker.finish()
     np.testing.assert_array_equal(sample.grids, network.grids)
-    for k, image in enumerate(crop.log_images[1:]):
+    for k in range(WINDOWS):
+        image = crop.log_image(k + 1, SIDE)
         expected = picture(image, image.shape, "global")
         np.testing.assert_allclose(sample.pictures[k], expected, atol=1e-6)
-    late = video_sample(crop, 5, run_in=2)
+    late = video_sample(crop, 5, run_in=2, ranked_px=SIDE)
     np.testing.assert_array_equal(late.grids, sample.grids[2:])
     np.testing.assert_array_equal(late.pictures, sample.pictures[2:])
+
+
+def test_pixels_are_ranked_in_a_larger_area(crop):
+    """Promise: targets are the middle of a larger picture, so a crop within something bright is
+    bright."""
+    wide = video_sample(crop, 5, run_in=0, ranked_px=2 * SIDE)
+    for k, found in enumerate(wide.pictures, start=1):
+        image = crop.log_image(k, 2 * SIDE)
+        middle = slice(SIDE // 2, SIDE // 2 + SIDE)
+        np.testing.assert_allclose(image[middle, middle], crop.log_image(k, SIDE), atol=1e-5)
+        expected = picture(image, image.shape, "global")[middle, middle]
+        np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 def test_inputs_are_in_log_units(crop):
     """Promise: bins add up to C times the polarities; each other channel is the high-pass filter
     without decay in time and with its own decay per event, the last one with the filter's."""
-    grids = video_sample(crop, 5, run_in=0).grids
+    grids = video_sample(crop, 5, run_in=0, ranked_px=SIDE).grids
     size = SIDE, SIDE, crop.contrast_threshold
     filters = [HighPassFilter(*size, 0.0, decay) for decay in DECAYS[:-1]]
     filters.append(HighPassFilter(*size, cutoff_hz=0.0))

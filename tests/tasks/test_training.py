@@ -49,6 +49,7 @@ TINY = ReconstructionTraining(
     run_in_windows=2,
     windows=4,
     windows_at_once=2,
+    ranked_px=32,
 )
 TINY_FLOW = FlowTraining(
     crops=FlowCrops(motion_px=(1.0, 2.0)),

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 from tasks.random_crops.crop import Crop, random_crop
-from tasks.random_crops.settings import Light
+from tasks.random_crops.settings import Crops, Light
 
 Arrays = tuple[NDArray[np.float32], ...]
 
@@ -110,6 +110,10 @@ class Problem(ABC):
         """Return the number of windows before those from which a step learns."""
         return 0
 
+    def held_out_crops(self) -> Crops:
+        """Return what the held-out crops look like."""
+        return self._crops
+
     def held_out_run_in(self) -> int:
         """Return the number of windows before those of the held-out crops."""
         return 0
@@ -126,12 +130,12 @@ class Problem(ABC):
 
     def hold_out(self) -> None:
         """Make the held-out crops, which are the same for every seed, and score the baselines."""
-        run_in = self.held_out_run_in()
+        crops, run_in = self.held_out_crops(), self.held_out_run_in()
         for name, cutoff_hz in LIGHTS.items():
             samples, scores = [], []
             for index in range(self._schedule.validation_crops):
                 crop = random_crop(
-                    self._crops,
+                    crops,
                     run_in + self._windows,
                     _HELD_OUT_SEED,
                     index,

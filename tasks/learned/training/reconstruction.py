@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -18,7 +19,7 @@ from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.methods.our_reconstruction import DECAYS
 from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import EQUALIZATION, video_sample
-from tasks.random_crops.settings import Light
+from tasks.random_crops.settings import Crops, Light
 from tasks.video import VideoMethod, picture, psnr_db
 
 # Memory per pixel, window through which gradients flow, and channel at full resolution.
@@ -70,13 +71,17 @@ class Reconstruction(Problem):
         drawn = np.random.SeedSequence([self.seed], spawn_key=(step, 0))
         return int(np.random.default_rng(drawn).integers(self._settings.run_in_windows + 1))
 
+    def held_out_crops(self) -> Crops:
+        """As `Problem.held_out_crops`: as large as the area of the ranks, like a tile's score."""
+        return replace(self._settings.crops, side_px=self._settings.ranked_px)
+
     def held_out_run_in(self) -> int:
         """As `Problem.held_out_run_in`."""
         return self._settings.run_in_windows // 2
 
     def sample(self, crop: Crop, run_in: int) -> Arrays:
         """As `Problem.sample`."""
-        return video_sample(crop, self._settings.bins, run_in)
+        return video_sample(crop, self._settings.bins, run_in, self._settings.ranked_px)
 
     def losses(self, batch: Sequence[Tensor]) -> Iterator[Tensor]:
         """As `Problem.losses`: the network's memory continues, gradients stop at each loss."""

@@ -53,13 +53,13 @@ class Schedule:
         A number is not positive.
     """
 
-    steps: int = 3600
+    steps: int = 4800
     crops_per_step: int = 4
-    learning_rate: float = 6e-4
+    learning_rate: float = 4e-4
     rising_steps: int = 100
     weight_decay: float = 1e-4
     largest_gradient: float = 1.0
-    validate_every: int = 150
+    validate_every: int = 200
     validation_crops: int = 6
     checkpoint_minutes: float = 5.0
 
@@ -77,8 +77,6 @@ class FlowSchedule(Schedule):
     """As `Schedule`, with other defaults."""
 
     steps: int = 6000
-    learning_rate: float = 4e-4
-    validate_every: int = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +103,9 @@ class ReconstructionTraining:
     windows_at_once
         Number of windows through which gradients flow, a divisor of `windows`. The network's memory
         lasts through all windows.
+    ranked_px
+        Side of the area around a crop in which pixels are ranked, px. A pixel's rank is its target;
+        so it depends on what the crop does not show. Held-out crops are as large.
 
     Raises
     ------
@@ -121,6 +122,7 @@ class ReconstructionTraining:
     run_in_windows: int = 32
     windows: int = 12
     windows_at_once: int = 6
+    ranked_px: int = 160
 
     def __post_init__(self) -> None:
         _check_numbers(self, besides=("run_in_windows", "residual_blocks"))
@@ -134,10 +136,16 @@ class ReconstructionTraining:
                 f"windows_at_once: found {self.windows_at_once}, expected a divisor of "
                 f"{self.windows}, the number of windows"
             )
-        if self.crops.side_px % 2**self.encoders:
+        for name, side_px in (("crops.side_px", self.crops.side_px), ("ranked_px", self.ranked_px)):
+            if side_px % 2**self.encoders:
+                raise TrainingError(
+                    f"{name}: found {side_px}, expected a multiple of {2**self.encoders}, for "
+                    f"{self.encoders} encoders"
+                )
+        if self.ranked_px < self.crops.side_px:
             raise TrainingError(
-                f"crops.side_px: found {self.crops.side_px}, expected a multiple of "
-                f"{2**self.encoders}, for {self.encoders} encoders"
+                f"ranked_px: found {self.ranked_px}, expected at least crops.side_px, "
+                f"{self.crops.side_px}"
             )
 
 
@@ -202,6 +210,7 @@ RECONSTRUCTIONS = {
     "small": ReconstructionTraining(),
     "trial": ReconstructionTraining(
         crops=Crops(side_px=64),
+        ranked_px=128,
         schedule=Schedule(**_TRIAL, validate_every=10),
         base_channels=8,
         run_in_windows=4,
