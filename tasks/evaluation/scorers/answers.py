@@ -103,6 +103,7 @@ def flow_answer(task: str, name: str, answer: Any, nothing: NDArray[np.float64])
         if of_patch:
             raise _refusal(task, name, f"a FlowEstimate whose flow is {found}", "two numbers")
         raise _refusal(task, name, found, f"an array of numbers of {nothing.shape}")
+    flow = flow.astype(np.float64, copy=False)  # squares overflow far earlier in single precision
     if not np.all(np.abs(flow) < _INFINITE):
         return FlowEstimate(nothing, estimate.failure or "the flow is not finite")
     return replace(estimate, flow=flow)
