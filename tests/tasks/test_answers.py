@@ -7,12 +7,13 @@ from tasks.evaluation.scorers.answers import flow_answer
 from tasks.flow import FlowEstimate
 
 
-@pytest.mark.parametrize("precision", (np.float16, np.float32, np.float64, np.int32))
+@pytest.mark.parametrize("precision", [np.float16, np.float32, np.float64, np.int32])
 def test_flow_may_have_any_precision(precision):
     """Promise: a method answers in its own precision, and its errors are computed in double."""
     answer = np.arange(24).reshape(2, 3, 4).astype(precision)
     found = flow_answer("dense_flow", "own", answer, np.zeros((2, 3, 4)))
-    assert found.failure == "" and found.flow.dtype == np.float64
+    assert found.failure == ""
+    assert found.flow.dtype == np.float64
     assert np.array_equal(found.flow, answer)
 
 
