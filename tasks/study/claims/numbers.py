@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from tasks.metric import Metric
 from tasks.registry import TASKS
-from tasks.study.claims.statistics import SceneCell, Statistic, lead
+from tasks.study.claims.statistics import Extreme, SceneCell, Statistic, lead
 from tasks.study.claims.verdict import Status, settled
-from tasks.study.results.intervals import Estimate, estimate
+from tasks.study.results.intervals import TAILS, Estimate, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
@@ -124,7 +124,8 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
     Returns
     -------
     Estimate
-        Value and bootstrap interval over the samples.
+        Value and bootstrap interval over the samples. The draws of an extreme of several noisy
+        numbers lie beyond the extreme itself, so its interval is made of those of its parts.
 
     Raises
     ------
@@ -142,7 +143,38 @@ def estimated(statistic: Statistic, *scenes: SceneScores) -> Estimate:
         zero = "a sample has no events" if rates else "an error is 0"
         raise NotMeasured(f"not measured, {zero}")
     sign = 1.0 if rates else scenes[0].metric.sign
-    return estimate(statistic.of, *cells, sign=sign, of_rates=rates)
+    return _of_parts(statistic, cells, sign, TAILS)
+
+
+def _of_parts(
+    statistic: Statistic,
+    scenes: Sequence[Mapping[SceneCell, Cell]],
+    sign: float,
+    tails: tuple[float, float],
+) -> Estimate:
+    """Return an estimate; that of an extreme follows from those of its parts.
+
+    Each bound of an interval may be on the wrong side of the truth with the probability of its
+    tail. The smallest lower bound of some numbers is above the smallest number only if the bound
+    of that one number is; the smallest upper bound is below it if that of any is, so the parts
+    share this tail (Bonferroni). For the largest number the bounds change places.
+    """
+    if statistic.extreme is None:
+        rates = statistic.of_rates
+        return estimate(statistic.of, *scenes, sign=sign, of_rates=rates, tails=tails)
+    low, high = tails
+    if statistic.extreme is Extreme.SMALLEST:
+        pick, tails = min, (low, high / len(statistic.parts))
+    else:
+        pick, tails = max, (low / len(statistic.parts), high)
+    parts = [_of_parts(part, scenes, sign, tails) for part in statistic.parts]
+    lows = [part.low for part in parts if part.low is not None]
+    highs = [part.high for part in parts if part.high is not None]
+    return Estimate(
+        pick(part.value for part in parts),
+        pick(lows) if len(lows) == len(parts) else None,
+        pick(highs) if len(highs) == len(parts) else None,
+    )
 
 
 class Reading(NamedTuple):
@@ -197,7 +229,8 @@ class Number:
         if on.published:
             as_claimed = (found.value > bound) == above
             return Reading(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
-        doubt = ", not settled by these samples" if found.includes(bound) else ""
+        unsettled = found.low is not None and not found.settles(bound)
+        doubt = ", not settled by these samples" if unsettled else ""
         status = settled(found, above=above, bound=bound)
         return Reading(text + doubt, status, self._like_paper(found, on))
 

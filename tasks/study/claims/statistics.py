@@ -6,8 +6,9 @@ Medians have a sign that makes larger values better: errors are negative.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import pairwise, permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,13 @@ class SceneCell(NamedTuple):
 PerValue = Callable[[Values[SceneCell]], NDArray[np.float64]]
 
 
+class Extreme(Enum):
+    """Which of its parts a statistic is."""
+
+    SMALLEST = "smallest"
+    LARGEST = "largest"
+
+
 @dataclass(frozen=True, slots=True)
 class Statistic:
     """A number made of medians.
@@ -53,6 +61,9 @@ class Statistic:
         Whether no median may be 0, because of a division or a logarithm.
     of_rates
         Whether the medians are those of event rates, not of scores.
+    parts, extreme
+        If the statistic is the smallest or the largest of others: those others, and which. Its
+        interval follows from theirs.
     """
 
     cells: tuple[SceneCell, ...]
@@ -60,6 +71,8 @@ class Statistic:
     each: PerValue | None = None
     positive: bool = False
     of_rates: bool = False
+    parts: tuple[Statistic, ...] = ()
+    extreme: Extreme | None = None
 
     def __sub__(self, other: Statistic) -> Statistic:
         one, two = self.each, other.each
@@ -178,9 +191,6 @@ def lead(
 ) -> Statistic:
     """Return how much better the best of some widths is than the best of all others.
 
-    The medians select the two widths, anew in each bootstrap draw; the lead is the median of the
-    differences between them.
-
     Parameters
     ----------
     widths
@@ -195,23 +205,11 @@ def lead(
     Returns
     -------
     Statistic
-        In the metric's unit; positive if one of `widths` is the best.
+        In the metric's unit; positive if one of `widths` is better than each other width.
     """
-    first = [SceneCell(width, cutoff_hz, speed, method) for width in widths]
-    rest = [SceneCell(width, cutoff_hz, speed, method) for width in WIDTHS if width not in widths]
-
-    def of(medians: Medians[SceneCell]) -> NDArray[np.float64]:
-        best = np.argmax([medians[cell] for cell in first], axis=0)
-        other = np.argmax([medians[cell] for cell in rest], axis=0)
-        found = np.zeros(best.shape)
-        for i, one in enumerate(first):
-            for k, two in enumerate(rest):
-                here = (best == i) & (other == k)
-                if here.any():
-                    found = np.where(here, medians.difference(one, two), found)
-        return found
-
-    return Statistic((*first, *rest), of)
+    first = [median(width, cutoff_hz, speed, method) for width in widths]
+    rest = [median(width, cutoff_hz, speed, method) for width in WIDTHS if width not in widths]
+    return largest(*(smallest(*(one - other for other in rest)) for one in first))
 
 
 def growth(width: int, method: str = "", task: str = "") -> Statistic:
@@ -237,12 +235,20 @@ def growth(width: int, method: str = "", task: str = "") -> Statistic:
 
 def smallest(*statistics: Statistic) -> Statistic:
     """Return the smallest of several statistics."""
-    return _combined(lambda *values: np.min(values, axis=0), *statistics)
+    return replace(_combined(_smallest, *statistics), extreme=Extreme.SMALLEST, parts=statistics)
 
 
 def largest(*statistics: Statistic) -> Statistic:
     """Return the largest of several statistics."""
-    return _combined(lambda *values: np.max(values, axis=0), *statistics)
+    return replace(_combined(_largest, *statistics), extreme=Extreme.LARGEST, parts=statistics)
+
+
+def _smallest(*values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.min(values, axis=0)
+
+
+def _largest(*values: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.max(values, axis=0)
 
 
 def smallest_fall(*statistics: Statistic) -> Statistic:
@@ -251,8 +257,8 @@ def smallest_fall(*statistics: Statistic) -> Statistic:
 
 
 def spread(*statistics: Statistic) -> Statistic:
-    """Return the largest of several statistics minus the smallest."""
-    return largest(*statistics) - smallest(*statistics)
+    """Return the largest difference between two of several statistics."""
+    return largest(*(one - other for one, other in permutations(statistics, 2)))
 
 
 def log2(statistic: Statistic) -> Statistic:

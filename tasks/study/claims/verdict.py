@@ -88,7 +88,8 @@ def settled(estimate: Estimate, *, above: bool, bound: float) -> Status:
     Returns
     -------
     Status
-        UNDECIDED if the interval includes the bound, or if the samples are too few for an interval.
+        UNDECIDED if the interval includes the bound or is on the other side of it than the number,
+        or if the samples are too few for an interval.
     """
     if not estimate.settles(bound):
         return Status.UNDECIDED

@@ -21,6 +21,8 @@ MIN_SAMPLES_FOR_INTERVAL = 6
 """With 6 or more samples, the smallest and the largest enclose the median with 95 % probability;
 with fewer, no interval between samples does."""
 
+TAILS = (0.025, 0.025)
+"""Shares of the bootstrap draws below and above a 95 % interval."""
 
 Key = TypeVar("Key")
 
@@ -37,12 +39,14 @@ class Estimate:
     high: float | None
 
     def includes(self, bound: float) -> bool:
-        """Whether the interval, if there is one, reaches to both sides of a bound."""
+        """Whether a number is within the interval, if there is one."""
         return self.low is not None and self.high is not None and self.low <= bound <= self.high
 
     def settles(self, bound: float) -> bool:
-        """Whether there is an interval, and all of it is on one side of a bound."""
-        return self.low is not None and not self.includes(bound)
+        """Whether there is an interval, and all of it is on the value's side of a bound."""
+        if self.low is None or self.high is None:
+            return False
+        return min(self.low, self.value) > bound or max(self.high, self.value) < bound
 
     def text(self, decimals: int = 2, sign: str = "+", unit: str = "") -> str:
         """Format as ``+3.18 [+2.90, +3.40] dB``.
@@ -150,6 +154,7 @@ def estimate(
     *scenes: Mapping[Key, Cell],
     sign: float = 1.0,
     of_rates: bool = False,
+    tails: tuple[float, float] = TAILS,
 ) -> Estimate:
     """Evaluate a statistic of medians, with a percentile bootstrap interval over samples.
 
@@ -164,6 +169,8 @@ def estimate(
         Factor on all values.
     of_rates
         Whether to use event rates in place of scores.
+    tails
+        Shares of the draws below and above the interval.
 
     Returns
     -------
@@ -180,5 +187,5 @@ def estimate(
     fewest = min(cell.samples for cells in scenes for cell in cells.values())
     if fewest < MIN_SAMPLES_FOR_INTERVAL:
         return Estimate(value, None, None)
-    low, high = np.percentile(mean(drawn=True), [2.5, 97.5])
+    low, high = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
     return Estimate(value, float(low), float(high))
