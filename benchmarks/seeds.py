@@ -18,10 +18,13 @@ import numpy as np
 from tasks.row import Row, read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.training import TRAINING_CLAIMS
+from tasks.study.results.words import cutoff_label
 
 
 def rows_of(run: Path, seed: int) -> list[Row]:
-    return [replace(row, item=seed) for row in read_rows(run / "rows.parquet")]
+    rows = read_rows(run / "rows.parquet")
+    features = 1 + max(row.item for row in rows)
+    return [replace(row, item=features * seed + row.item) for row in rows]
 
 
 def table(rows: Sequence[Row], scene: str, speed: float) -> str:
@@ -35,13 +38,13 @@ def table(rows: Sequence[Row], scene: str, speed: float) -> str:
             lit = [row for row in of_scene if (row.method, row.cutoff_hz) == (method, light)]
             cells = ([row.value for row in lit if row.width == width] for width in widths)
             scores = (f"{np.median(cell):.2f}" for cell in cells)
-            lines.append(f"| {' | '.join((f'`{method}`', f'{light:g} Hz', *scores))} |")
+            lines.append(f"| {' | '.join((f'`{method}`', cutoff_label(light), *scores))} |")
     return "\n".join(lines)
 
 
 def verdicts(rows: Sequence[Row]) -> str:
     found = judge_all(rows, {}, TRAINING_CLAIMS)
-    return "\n".join(f"{one.status}: {one.ours}" for one in found if one.status != "not measured")
+    return "\n".join(f"{one.title}: {one.status}: {one.ours}" for one in found)
 
 
 def main(*runs: str) -> None:

@@ -174,7 +174,7 @@ def _show_claims(run: Path) -> None:
 
     from eres_render.storage.settings_reader import read_json
     from tasks.row import read_rows
-    from tasks.study.claims.judge import claims_of, judge_all
+    from tasks.study.claims.judge import changed_verdicts, judge_readings
     from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
     from tasks.study.results.scores import by_photoreceptor
@@ -186,12 +186,13 @@ def _show_claims(run: Path) -> None:
         Status.UNDECIDED: "[yellow]undecided[/yellow]",
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
-    rows = read_rows(run / "rows.parquet")
-    found, *others = by_photoreceptor(rows).values()
-    scaling = read_scaling(run / "scaling")
+    readings = by_photoreceptor(read_rows(run / "rows.parquet"))
     config = read_json(dict[str, Any], run / "study.json", ResultError)
-    claims = claims_of(config, {row.scene for row in rows})
-    verdicts = judge_all(found[0], scaling, claims)
+    judged = judge_readings(config, readings, read_scaling(run / "scaling"))
+    verdicts, found = next(iter(judged.values())), next(iter(readings.values()))
+    if not verdicts:
+        terminal.out.print("none of the paper's claims is about these sensors, lights and methods")
+        return
     for verdict in verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
         terminal.out.print(
@@ -208,11 +209,8 @@ def _show_claims(run: Path) -> None:
     )
     if note := threshold_note(found):
         terminal.out.print(note, highlight=False)
-    for scores, *_ in others:
-        name = photoreceptor_label(scores.photoreceptor)
-        changed = [
-            f"{there.number} {marks[there.status]}"
-            for here, there in zip(verdicts, judge_all(scores, scaling, claims), strict=True)
-            if here.status != there.status
-        ]
-        terminal.out.print(f"With {name}: {', '.join(changed) or 'the same verdicts'}")
+    for name in [*judged][1:]:
+        changed = changed_verdicts({"": verdicts, name: judged[name]})
+        named = ", ".join(f"{there.number} {marks[there.status]}" for _, there in changed)
+        label = photoreceptor_label(name)
+        terminal.out.print(f"With {label}: {named or 'the same verdicts where there is one'}")

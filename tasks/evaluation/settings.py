@@ -235,6 +235,10 @@ class Tracking(TaskSettings):
     seed: int = field(default=0, metadata=MAY_BE_ZERO)
     tracking_window_s: float | None = None
 
+    def __post_init__(self) -> None:
+        if len({f"{sigma:g}" for sigma in self.sigmas_mm}) < len(self.sigmas_mm):
+            raise TaskError(f"tracking.sigmas_mm: found {self.sigmas_mm}, expected each once")
+
     def plan(self) -> Mapping[Stretches, Self]:
         return {Stretches(window_s=self.tracking_window_s or 0.0): self}
 
@@ -283,12 +287,23 @@ class Video(NetworkSettings):
     e2vid_window_s: float | None = None
     e2vid_events_per_px: float | None = None
 
+    def __post_init__(self) -> None:
+        if self.every_s > 0 and self.images < 1:
+            raise TaskError(
+                f"video: found no image to score with duration_s = {self.duration_s:g}, "
+                f"run_in_s = {self.run_in_s:g} and every_s = {self.every_s:g}, expected some"
+            )
+
     def plan(self) -> Mapping[Stretches, Self]:
         return {Stretches((self.run_in_s, self.duration_s), scenes=self.scenes): self}
 
+    @property
+    def images(self) -> int:
+        """Number of images that are scored, evenly spread and the last at the end."""
+        return round((self.duration_s - self.run_in_s) / self.every_s)
+
     def score_s(self, width: int) -> float:
-        images = round((self.duration_s - self.run_in_s) / self.every_s)
-        scored = images * (1 + len(self.other_equalizations or ()))
+        scored = self.images * (1 + len(self.other_equalizations or ()))
         seconds = 0.4 * _share(width) * len(self.methods) * scored
         if "e2vid" in self.methods:
             seconds += (

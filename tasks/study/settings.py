@@ -85,7 +85,8 @@ class Simulate:
     warmup_time_constants
         Warm-up before a window, in time constants of the slowest filter at the highest speed.
     photoreceptors
-        Each is "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`.
+        Each is "two_pole", "one_pole" or "v2e", see `sensor.SensorModel`. "two_pole" becomes the
+        first, which the report shows in full.
     sensors
         Named sensors, in addition to the widths; see `tasks.study.sensors`.
     illuminance_lux
@@ -120,6 +121,8 @@ class Simulate:
     same_lens: bool | None = None
 
     def __post_init__(self) -> None:
+        readings = sorted(self.photoreceptors, key=lambda name: name != "two_pole")
+        object.__setattr__(self, "photoreceptors", tuple(readings))
         if min(self.illuminance_lux or (0.0,)) <= 0:  # not given, or for `Study` to refuse
             return
         cutoffs_hz = tuple(light.cutoff_hz for light in self.lights)
@@ -274,6 +277,7 @@ class Study:
             )
         self._check_sensors()
         self._check_buses()
+        self._check_tasks()
 
     def _check_sensors(self) -> None:
         """Refuse a named sensor finer than the frames, or as wide as another sensor."""
@@ -309,6 +313,30 @@ class Study:
                 raise StudyError(
                     f"simulate.{name}: found {found_mev_s:g} Mev/s, which carries no event in a "
                     f"window of {1e3 * window_s:g} ms, expected at least {least_mev_s:g}"
+                )
+
+    def _check_tasks(self) -> None:
+        """Refuse settings that give a row twice, and oracles next to another photoreceptor."""
+        for task, settings in self.evaluate.items():
+            for stretches, planned in settings.plan().items():
+                if planned.methods:
+                    _check_list(f"evaluate.{task}, methods", planned.methods)
+                twice = set(stretches.speeds) & set(self.simulate.speeds)
+                if planned.methods and twice:
+                    raise StudyError(
+                        f"evaluate.{task}: found methods for a speed of {max(twice):g}, which "
+                        "simulate.speeds has for all methods, expected another speed"
+                    )
+            self._check_diagnostics(task, settings.methods)
+
+    def _check_diagnostics(self, task: str, methods: tuple[str, ...]) -> None:
+        asked = [name for name in methods if name in TASKS[task].diagnostics]
+        models = [model for *_, model in self.simulate.models(self.render)] if asked else []
+        for model in models:
+            if model.photoreceptor != "two_pole" and math.isfinite(model.cutoff_hz):
+                raise StudyError(
+                    f"evaluate.{task}.methods: found {asked[0]!r}, which is about two poles, and "
+                    f"the photoreceptor {model.photoreceptor!r}, expected only 'two_pole'"
                 )
 
 

@@ -118,6 +118,29 @@ def test_old_words_are_read(tmp_path):
             r"render.resolution: found 61 px, expected at least 62",
         ),
         ('scenes = ["carpet"]\n[render]\nsamples = 0', r"render.samples: found 0, expected"),
+        (
+            'scenes = ["carpet"]\n[evaluate.tracking]\nsigmas_mm = [10, 10.0000001]',
+            r"mine.toml: .*tracking.sigmas_mm: found \(10.0, 10.0000001\), expected each once",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 10.0',
+            r"mine.toml: .*video: found no image to score with duration_s = 2, run_in_s = 0.5",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.flow]\nmethods = ["initial_flow", "initial_flow"]',
+            r"mine.toml: evaluate.flow, methods: found \('initial_flow', 'initial_flow'\)",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.flow]\nfast_speed = 2.0\n'
+            'fast_methods = ["initial_flow"]',
+            r"mine.toml: evaluate.flow: found methods for a speed of 2, which simulate.speeds has",
+        ),
+        (
+            'scenes = ["carpet"]\n[simulate]\nphotoreceptors = ["two_pole", "v2e"]\n'
+            '[evaluate.video]\nmethods = ["late_truth"]',
+            r"mine.toml: evaluate.video.methods: found 'late_truth', which is about two poles, and "
+            r"the photoreceptor 'v2e', expected only 'two_pole'",
+        ),
     ],
 )
 def test_a_bad_study_is_refused_by_file_and_field(tmp_path, text, message):

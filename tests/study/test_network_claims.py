@@ -10,10 +10,12 @@ import pytest
 from study_rows import EI, EPF, EPPT, FAST, HF, Change, paper_rows
 from tasks.row import Row
 from tasks.study.claims.claim import SceneClaim
-from tasks.study.claims.judge import CLAIMS, judge_all
+from tasks.study.claims.judge import CLAIMS, claims_of, judge_all, judge_readings
+from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.config import preset
 from tasks.study.results.metrics import Series
+from tasks.study.results.scores import Scores
 
 E2VID = Series("video", "e2vid", "psnr_db")
 ERAFT = Series("dense_flow", "eraft", "rnepe_px")
@@ -115,6 +117,17 @@ def test_what_is_beside_a_claim_is_printed_and_does_not_decide() -> None:
 OURS = {"23 Trained at night, a network rec": HF, "23 Trained at night, a network est": ERAFT}
 
 
+def twin_rows(series: Series, network: str, at_night: float, all_light: float) -> list[Row]:
+    """The ideal-light twin has the paper's medians; the other differs, at 1280 px at night more."""
+    ideal = paper_rows(series, method=network.format("ideal_light"))
+    rows = paper_rows(
+        series,
+        lambda w, c, s, v: v + all_light + (at_night if (w, c) == (1280, 50.0) else 0.0),
+        method=network.format("all_light"),
+    )
+    return ideal + rows
+
+
 @pytest.mark.parametrize("name", OURS)
 def test_training_at_night_overcomes_the_trend_if_the_finest_is_best_and_beats_the_twin(
     name: str,
@@ -125,16 +138,7 @@ def test_training_at_night_overcomes_the_trend_if_the_finest_is_best_and_beats_t
     network = "our_reconstruction_{}" if series is HF else "our_flow_{}"
 
     def twins(at_night: float, all_light: float) -> list[Row]:
-        """The ideal-light twin has the paper's medians of its kind; the other differs."""
-        ideal = paper_rows(series, method=network.format("ideal_light"))
-        rows = paper_rows(
-            series,
-            lambda w, c, s, v: (
-                v + better * (all_light + (at_night if (w, c) == (1280, 50.0) else 0.0))
-            ),
-            method=network.format("all_light"),
-        )
-        return ideal + rows
+        return twin_rows(series, network, at_night * better, all_light * better)
 
     found = verdict(name, twins(at_night=9.0, all_light=0.5))
     assert found.status is Status.HOLDS
@@ -145,6 +149,22 @@ def test_training_at_night_overcomes_the_trend_if_the_finest_is_best_and_beats_t
         assert verdict(name, twins(at_night=0.0, all_light=0.5)).status is Status.DOES_NOT_HOLD
     assert verdict(name, twins(at_night=9.0, all_light=-20)).status is Status.DOES_NOT_HOLD
     assert verdict(name, paper_rows(HF)).status is Status.NOT_MEASURED
+
+
+def test_other_sensors_are_judged_on_the_claims_about_training_alone() -> None:
+    """Promise: the paper's claims are not judged with a light, a camera or a shape that it does not
+    have; claim 23 is, with any further light."""
+    rows = twin_rows(HF, "our_reconstruction_{}", at_night=9.0, all_light=0.5)
+    slower = [replace(row, cutoff_hz=20.0) for row in rows if row.cutoff_hz == 50.0]
+    assert claims_of({}, Scores(rows)) is CLAIMS
+    wide = {"render": {"height": 720, "resolution": 1280}}
+    assert claims_of(wide, Scores(rows)) is TRAINING_CLAIMS
+    camera = [replace(row, sensor="davis346") if row.width == 346 else row for row in rows]
+    assert claims_of({}, Scores(camera)) is TRAINING_CLAIMS
+    (found,) = judge_readings({}, {"two_pole": [Scores(rows + slower)]}, {}).values()
+    assert [one.status for one in found] == [Status.HOLDS, Status.NOT_MEASURED]
+    alone = [row for row in slower if row.method == "our_reconstruction_all_light"]
+    assert judge_readings({}, {"two_pole": [Scores(alone)]}, {}) == {"two_pole": []}
 
 
 ABLATED = (4, 9, 10, 12, 14, 16, 19, 20)

@@ -35,6 +35,7 @@ from tasks.study.results.scaling import read_scaling
 from tasks.study.run import frame_cache, local, run_study
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import jobs_of
+from tasks.study.run.run_study import _scenes
 
 
 def tiny_study(scene_folder):
@@ -155,6 +156,44 @@ def test_a_run_without_its_scaling_statistics_makes_them(finished, scene_folder)
     file.unlink()
     assert run_study(tiny_study(scene_folder), out) == rows
     assert file.read_text() == numbers
+
+
+def test_highlights_of_another_study_are_made_again(finished, scene_folder, tmp_path, monkeypatch):
+    """Promise: films and times between events are of the study whose rows the folder has."""
+    out, _ = finished
+    run = tmp_path / "run"
+    shutil.copytree(out, run)
+    (file,) = (run / "scaling").glob("*.json")
+    file.write_text(json.dumps({**json.loads(file.read_text()), "job": "of another study"}))
+    asked = []
+    compute = local.compute_job
+
+    def counted(job, *rest, **options):
+        asked.append(job.key)
+        return compute(job, *rest, **options)
+
+    monkeypatch.setattr(local, "compute_job", counted)
+    study = tiny_study(scene_folder)
+    run_study(study, run)
+    first = jobs_of(study, load_scene(scene_folder))[0].key
+    assert asked == [first]
+    assert json.loads(file.read_text())["job"] == first
+
+
+def test_a_task_for_a_scene_that_does_not_exist(scene_folder, tmp_path):
+    """Promise: a mistyped scene is refused; one that is not in this run is only not evaluated."""
+    study = tiny_study(scene_folder)
+    flow = study.evaluate["flow"]
+    there = replace(flow, fast_methods=("initial_flow",), fast_scenes=("rocks",))
+    assert _scenes(with_flow(study, there))
+    mistyped = with_flow(study, replace(there, fast_scenes=("carpett",)))
+    with pytest.raises(StudyError, match="found no scene 'carpett'; did you mean 'carpet'"):
+        run_study(mistyped, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def with_flow(study, settings):
+    return replace(study, evaluate=Evaluate(**{**study.evaluate, "flow": settings}))
 
 
 def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):

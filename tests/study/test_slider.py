@@ -260,3 +260,12 @@ def test_a_coarser_render_keeps_its_shape():
     """Promise: `--resolution` keeps the frames' shape, and sensors theirs to a pixel."""
     render = replace(preset("slider").render, resolution=595, height=335)
     assert [render.height_at(width) for width in (595, 442)] == [335, 249]
+
+
+def test_both_readings_of_prints_are_judged_on_claim_22_alone(tmp_path, eres):
+    """Promise: a slider study with two photoreceptors has a report and verdicts of both."""
+    rows = slider_rows(samples=1)
+    run = make_run(tmp_path, rows + [replace(row, photoreceptor="v2e") for row in rows])
+    assert 'id="photoreceptor"' in page_of(run)
+    code, out, _ = eres("claims", run)
+    assert (code, out.count("With the pole of v2e: ")) == (0, 1)

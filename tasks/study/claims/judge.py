@@ -5,7 +5,8 @@ No bound of a claim is fitted to our results.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from tasks.row import Row
@@ -18,7 +19,8 @@ from tasks.study.claims.scaling import SCALING_CLAIMS
 from tasks.study.claims.slider import ON_RECORDINGS, ON_THE_SLIDER
 from tasks.study.claims.tracking import TRACKING_CLAIMS
 from tasks.study.claims.training import TRAINING_CLAIMS
-from tasks.study.claims.verdict import Verdict
+from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.results.paper import has_sensors
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import PRINTS
@@ -35,24 +37,79 @@ CLAIMS: tuple[Claim, ...] = (
 )
 
 
-def claims_of(config: Mapping[str, Any], scenes: Iterable[str]) -> tuple[Claim, ...]:
+def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     """Return the claims that a run is about.
 
     Parameters
     ----------
     config
         The content of its study.json.
-    scenes
-        The scenes of its rows.
+    scores
+        Its scores.
 
     Returns
     -------
     tuple of Claim
-        All claims, or only claim 22 if the camera was on a slider, real or virtual.
+        All claims if the sensors and lights are the paper's; else those about training, which is
+        our own question. Only claim 22 if the camera was on a slider, real or virtual.
     """
     if "recorded" in config:
         return (ON_RECORDINGS,)
-    return (ON_THE_SLIDER,) if set(scenes) <= set(PRINTS) else CLAIMS
+    every = scores.series()
+    if {scene for one in every for scene in scores.scenes(one)} <= set(PRINTS):
+        return (ON_THE_SLIDER,)
+    render = config.get("render", {})
+    square = render.get("height") in (None, render.get("resolution"))
+    papers = all(has_sensors(scores.widths(one), scores.cutoffs_hz(one)) for one in every)
+    return CLAIMS if papers and square and not scores.sensor_names else TRAINING_CLAIMS
+
+
+def judge_readings(
+    config: Mapping[str, Any],
+    readings: Mapping[str, Sequence[Scores]],
+    scaling: Mapping[str, Scaling],
+) -> dict[str, list[Verdict]]:
+    """Judge the claims that a run is about with each photoreceptor.
+
+    Parameters
+    ----------
+    config
+        The content of its study.json.
+    readings
+        Scores of each contrast threshold by photoreceptor; the claims are judged at the first.
+    scaling
+        The run's scaling statistics by scene. Times between events are those of the first
+        photoreceptor, so with others, claims about them are not measured.
+
+    Returns
+    -------
+    dict
+        The verdicts by photoreceptor; none if no claim is measured with the first.
+    """
+    (first, (shown, *_)), *others = readings.items()
+    claims = claims_of(config, shown)
+    verdicts = judge_all(shown, scaling, claims)
+    if claims is TRAINING_CLAIMS and {one.status for one in verdicts} == {Status.NOT_MEASURED}:
+        claims, verdicts = (), []
+    without = {name: replace(one, intervals=()) for name, one in scaling.items()}
+    rest = {name: judge_all(found[0], without, claims) for name, found in others}
+    return {first: verdicts, **rest}
+
+
+def changed_verdicts(
+    verdicts: Mapping[str, Sequence[Verdict]],
+) -> list[tuple[Verdict, ...]]:
+    """Return the verdicts on each claim that are not the same with all photoreceptors.
+
+    A claim that is not measured with one of them is left out.
+    """
+    of_claims = list(zip(*verdicts.values(), strict=True))
+    statuses = [{one.status for one in of_claim} for of_claim in of_claims]
+    return [
+        of_claim
+        for of_claim, found in zip(of_claims, statuses, strict=True)
+        if len(found) > 1 and Status.NOT_MEASURED not in found
+    ]
 
 
 def judge_all(

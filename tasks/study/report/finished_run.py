@@ -13,11 +13,10 @@ from eres_render.storage.settings_reader import read_json, read_typed
 from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.row import read_rows
-from tasks.study.claims.judge import CLAIMS, claims_of, judge_all
+from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.metrics import Series
-from tasks.study.results.paper import has_sensors
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import Scaling, read_scaling
@@ -120,13 +119,14 @@ class FinishedRun:
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
-        """Return the verdicts on the paper's claims; empty if the sensors are not the paper's.
+        """Return the verdicts on the claims that the run is about; empty if there are none."""
+        return self.verdicts_by_photoreceptor[self.scores.photoreceptor]
 
-        Recordings are judged with any sensor.
-        """
-        of, claims = self.scores, claims_of(self.config, self.scenes)
-        papers = all(has_sensors(of.widths(one), of.cutoffs_hz(one)) for one in self.series)
-        return judge_all(of, self.scaling, claims) if papers or claims is not CLAIMS else []
+    @cached_property
+    def verdicts_by_photoreceptor(self) -> dict[str, list[Verdict]]:
+        """Return the verdicts with each photoreceptor, that of the page first."""
+        readings = {self.scores.photoreceptor: self.found, **self.others}
+        return judge_readings(self.config, readings, self.scaling)
 
     def picture(self, name: str, reason: str) -> str:
         """Read a PNG or WebP file of the run as a data URL.

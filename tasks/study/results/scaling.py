@@ -53,6 +53,8 @@ class Scaling:
         Bin edges of the histograms, us.
     intervals
         One histogram per setting.
+    job
+        Key of the study's job that measured them.
     """
 
     scene: str
@@ -62,6 +64,7 @@ class Scaling:
     edges: Slopes
     edges_us: tuple[int, ...]
     intervals: tuple[Intervals, ...]
+    job: str = ""
 
     def mode_us(self, width: int, cutoff_hz: float, speed: float) -> float | None:
         """Return the most common interval under one setting.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sensor import Events
@@ -66,6 +68,7 @@ class Highlights:
         frames = [sequence.frame(int(i)) / white for i in shown]
         previews = preview_files(self._job, frames, self._films)
         scaling, slope = measure_scaling(reference.sequence, reference.dark_level, self._histograms)
+        scaling = replace(scaling, job=self._job.key)
         return {
             **{f"previews/{name}": data for name, data in previews.items()},
             **{f"scaling/{name}": data for name, data in scaling_files(scaling, slope).items()},

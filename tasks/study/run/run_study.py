@@ -9,7 +9,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from eres_render import Scene, load_scene
+from eres_render import Scene, list_scenes, load_scene
+from eres_render.errors import nearest
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import write_bytes
 from eres_render.storage.settings_reader import read_json
@@ -18,6 +19,7 @@ from tasks.evaluation.settings import check_methods
 from tasks.provenance import check_renderer, command, together
 from tasks.row import Row, read_rows, write_rows
 from tasks.study.config import Study, to_json
+from tasks.study.results.scaling import Scaling
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import Job, QueuedJob, jobs_of, trials
 from tasks.study.run.scheduler import Scheduler, open_scheduler
@@ -85,7 +87,7 @@ def run_study(
         to_do = []
         for key, job in work.items():
             is_first = job is highlighted[job.scene.name]
-            if key not in rows_of or (is_first and not _has_highlights(out, job.scene.name)):
+            if key not in rows_of or (is_first and not _has_highlights(out, job.scene.name, key)):
                 to_do.append(QueuedJob(job, key, is_first))
         so_far = _environment_so_far(out / "environment.json") if rows_of else {}
         if to_do:
@@ -120,7 +122,8 @@ def _scenes(study: Study) -> list[Scene]:
     Raises
     ------
     StudyError
-        Two scenes have the same name; rows and files identify scenes by name.
+        Two scenes have the same name, by which rows and files identify them, or a task is for a
+        scene that does not exist.
     """
     paths = study.trajectories or {}
     scenes = [load_scene(name, paths.get(name)) for name in study.scenes]
@@ -131,6 +134,13 @@ def _scenes(study: Study) -> list[Scene]:
                 f"scenes: found several named {scene.name!r}, such as {source}, expected different "
                 "names of folders or files"
             )
+    for task, settings in study.evaluate.items():
+        for stretches in settings.plan():
+            for name in stretches.scenes:
+                if name not in (*names, *list_scenes()):  # a preset's scene may not be in a run
+                    raise StudyError(
+                        f"evaluate.{task}: found no scene {name!r}; {nearest(name, names)}"
+                    )
     return scenes
 
 
@@ -195,14 +205,14 @@ def _environment_so_far(file: Path) -> dict[str, str]:
     return {name: value for name, value in found.items() if name != "command"}
 
 
-def _has_highlights(out: Path, scene: str) -> bool:
-    """Return whether the run has the highlights of a scene."""
+def _has_highlights(out: Path, scene: str, key: str) -> bool:
+    """Return whether the run has the highlights of a scene, made by this job."""
     try:
-        for folder in ("previews", "scaling"):
-            read_json(Any, out / folder / f"{scene}.json", ResultError)
+        read_json(Any, out / "previews" / f"{scene}.json", ResultError)
+        found = read_json(Scaling, out / "scaling" / f"{scene}.json", ResultError)
     except ResultError:
         return False
-    return True
+    return found.job == key
 
 
 def _write_preview_index(folder: Path, scene_names: list[str]) -> None:

@@ -6,12 +6,14 @@ from dataclasses import replace
 import pytest
 
 from finished_runs import page_of
+from study_rows import paper_rows
 from tasks.errors import RigError
 from tasks.rig.cells import in_cells
 from tasks.row import Row, write_rows
 from tasks.study.claims.judge import CLAIMS, claims_of, judge_all
 from tasks.study.claims.slider import ON_THE_SLIDER
 from tasks.study.claims.verdict import Status
+from tasks.study.results.scores import Scores
 from tasks.study.run.recorded import write_recorded
 
 INF = float("inf")
@@ -74,7 +76,7 @@ def recorded(middle_lead, tasks=tuple(SERIES), windows=9):
 
 
 def verdict(rows):
-    (claim,) = claims_of({"recorded": []}, ["mine"])
+    (claim,) = claims_of({"recorded": []}, Scores(rows))
     (found,) = judge_all(rows, {}, [claim])
     return found
 
@@ -83,8 +85,10 @@ def test_claim_22_on_recordings():
     """Promise: the second nearest distance is compared with the nearest, at the highest speed, on
     any print and with an unknown cutoff. A study of prints is judged on the same claim of the
     virtual slider, one of other scenes on all claims."""
-    assert claims_of({}, ["carpet", "forest"]) is CLAIMS
-    assert claims_of({}, ["forest"]) == (ON_THE_SLIDER,)
+    carpet = paper_rows(scenes=["carpet"])
+    forest = [replace(row, scene="forest") for row in carpet]
+    assert claims_of({}, Scores(carpet + forest)) is CLAIMS
+    assert claims_of({}, Scores(forest)) == (ON_THE_SLIDER,)
     found = verdict(recorded(0.3))
     assert (found.number, found.status) == (22, Status.HOLDS)
     assert "mine, 650 px or 1200 px at 0.6 m/s" in found.ours

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
-from tasks.study.claims.judge import judge_all
+from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Verdict
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text
@@ -65,9 +65,7 @@ def compare_photoreceptors(run: FinishedRun) -> Readings | None:
         for series in run.series
         if is_main(series) and (found := leads(readings, series))
     ]
-    verdicts = [run.verdicts]
-    if run.verdicts:
-        verdicts += [judge_all(one[0], run.scaling) for one in run.others.values()]
+    verdicts = changed_verdicts(run.verdicts_by_photoreceptor)
     return Readings(names, tables, _verdicts(verdicts, heads))
 
 
@@ -92,10 +90,9 @@ def _table(series: Series, found: list[Lead], heads: list[Text], base: BaseSpeed
     return Table(caption, [Text(""), *heads, *last], blocks)
 
 
-def _verdicts(found: list[list[Verdict]], heads: list[Text]) -> Table:
+def _verdicts(found: list[tuple[Verdict, ...]], heads: list[Text]) -> Table:
     rows = {
         Text(f"{of_claim[0].number}", of_claim[0].title): [Text(one.status) for one in of_claim]
-        for of_claim in zip(*found, strict=True)
-        if len({one.status for one in of_claim}) > 1
+        for of_claim in found
     }
     return Table("Claims with another verdict", [Text("claim"), *heads], {Text(""): rows})
