@@ -7,17 +7,26 @@ from rich.text import Text
 
 from tasks.cli.table import Table
 from tasks.study.results.comparison import Block, ComparisonTable, line_label
-from tasks.study.results.words import (
-    cutoff_label,
-    speed_label,
-)
+from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_label, speed_label
 
 
-def to_rich(table: ComparisonTable) -> rich.console.Group:
-    """Render for a terminal of 80 columns or more, each block under its own heading."""
+def to_rich(table: ComparisonTable, base: BaseSpeeds = PACKAGED) -> rich.console.Group:
+    """Render for a terminal of 80 columns or more, each block under its own heading.
+
+    Parameters
+    ----------
+    table
+        The table.
+    base
+        Mean speed of the camera at factor 1 by scene, m/s.
+
+    Returns
+    -------
+    The table with title and footnote.
+    """
     parts: list[rich.console.RenderableType] = [Text(table.title, "bold")]
     for block in table.blocks:
-        parts += [Text(f"\n{block.scene}, {speed_label(block.scene, block.speed)}", "italic")]
+        parts += [Text(f"\n{block.scene}, {speed_label(block.scene, block.speed, base)}", "italic")]
         parts += [_rich_block(block, table)]
     return rich.console.Group(*parts, Text(f"\n{table.footnote}", "dim"))
 

@@ -144,15 +144,19 @@ def claims(run: RunFolder) -> None:
 
 def _show_scores(run: Path) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
+    from typing import Any
+
+    from eres_render.storage.settings_reader import read_json
     from tasks.cli.comparison import to_rich
     from tasks.row import read_rows
     from tasks.study.results.comparison import main_tables
     from tasks.study.results.scores import by_photoreceptor
-    from tasks.study.results.words import join_words, photoreceptor_label
+    from tasks.study.results.words import PACKAGED, join_words, photoreceptor_label
 
     (scores, *others), *readings = by_photoreceptor(read_rows(run / "rows.parquet")).values()
+    base = read_json(dict[str, Any], run / "study.json", ResultError).get("base_m_per_s", {})
     for table in main_tables(scores):
-        terminal.out.print(to_rich(table), crop=False)
+        terminal.out.print(to_rich(table, {**PACKAGED, **base}), crop=False)
     if others:
         named = join_words([f"{other.contrast_threshold:g}" for other in others])
         terminal.out.print(

@@ -116,3 +116,12 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
         assert page.read_text() == content
     with pytest.raises(SystemExit, match=r"error: .*rows\.parquet"):
         main([str(tmp_path / "none"), str(page)])
+
+
+def test_speeds_in_m_per_s_are_not_factors() -> None:
+    """Promise: 2 m/s is not said to be twice the scene's base speed."""
+    rows = [replace(row, speed_m_s=2 * row.speed) for row in paper_rows()]
+    text = details(choices(rows))
+    assert "| ideal, 2 m/s |" in text
+    assert "50 Hz, 4 m/s" in text
+    assert "peed 1" not in text

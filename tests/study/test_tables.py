@@ -18,6 +18,7 @@ from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 
 def row(width: int, sample: int, value: float, **changes: object) -> Row:
@@ -34,10 +35,16 @@ def grid() -> list[Row]:
     return rows + [replace(r, method="no_events", value=12.0, event_rate_hz=0.0) for r in rows]
 
 
-def terminal_text(rows: list[Row]) -> str:
+def terminal_text(rows: list[Row], base: BaseSpeeds = PACKAGED) -> str:
     console = Console(width=100, file=io.StringIO(), color_system=None)
-    console.print(to_rich(comparison_table(Scores(rows), EI)))
+    console.print(to_rich(comparison_table(Scores(rows), EI), base))
     return console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_speeds_are_those_of_the_run() -> None:
+    """Promise: with another path through a scene, the terminal shows its speed."""
+    assert "carpet, 0.9 m/s" in terminal_text(grid())
+    assert "carpet, 0.3 m/s" in terminal_text(grid(), {"carpet": 0.3})
 
 
 def test_a_cell_is_the_median_over_samples() -> None:

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from tasks.registry import TASKS
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.verdict import Status, Verdict, settled
+from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Condition, Scores, base_speed
-from tasks.study.results.words import cutoff_label, join_words
+from tasks.study.results.words import cutoff_label, join_words, speed_label
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,8 +98,9 @@ def _lost_text(lost: list[Condition], every: list[Condition]) -> str:
             widths = sorted(c.width for c in gone if c.speed == speed)
             of_all = len(widths) == len({c.width for c in here})
             named = "all widths" if of_all else f"{join_words([str(w) for w in widths])} px"
-            speeds_of.setdefault(named, []).append(f"{speed:.2g}")
-        which = [f"{named} at speed {join_words(speeds)}" for named, speeds in speeds_of.items()]
+            speeds_of.setdefault(named, []).append(speed_label("", speed).removeprefix("speed "))
+        unit = "" if isinstance(here[0].speed, MetersPerSecond) else "speed "
+        which = [f"{named} at {unit}{join_words(each)}" for named, each in speeds_of.items()]
         some = "" if len(gone) == len(here) else f" ({'; '.join(which)})"
         parts.append(f"{light[0]} {cutoff_label(light[1])}{some}")
     return "; ".join(parts)

@@ -19,12 +19,13 @@ from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS
 from tasks.row import read_rows
+from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import shown_series, sigma_mm
 from tasks.study.results.scores import by_photoreceptor
-from tasks.study.results.words import MISSING, cutoff_label, join_words
+from tasks.study.results.words import MISSING, cutoff_label, join_words, speed_label
 
 _PAGE_WIDTH = 100
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
@@ -59,7 +60,13 @@ def _rule_text(found: Mapping[Series, Choices]) -> str:
     )
     if any(choice and choice.paper for choices in found.values() for choice in choices.values()):
         text += " *Paper*: the same rule on the paper's medians, not compared with doing nothing."
-    speeds = {scene: BASE_SPEED_M_PER_S.get(scene) for c in found.values() for scene in _scenes(c)}
+    factors = {
+        where[0]: None
+        for choices in found.values()
+        for where in choices
+        if not isinstance(where[2], MetersPerSecond)
+    }
+    speeds = {scene: BASE_SPEED_M_PER_S.get(scene) for scene in factors}
     stated = [f"{speed:g} m/s on {scene}" for scene, speed in speeds.items() if speed]
     return f"{text} Speed 1 is {join_words(stated)}." if stated else text
 
@@ -75,7 +82,7 @@ def _table(
         label, hertz = cutoff_label(cutoff), f"{cutoff:g} Hz"
         light = label if math.isinf(cutoff) or label == hertz else f"{label}, {hertz}"
         ours = [_joined([_width_text(choice, tied=tied) for choice in choices]) for choices in at]
-        columns.append([f"{light}, speed {speed:.2g}", *ours])
+        columns.append([f"{light}, {speed_label('', speed)}", *ours])
         if any(choice and choice.paper for choices in at for choice in choices):
             columns.append(["paper", *(_joined([*map(_paper_text, choices)]) for choices in at)])
     heads, *rows = zip(*columns, strict=True)
