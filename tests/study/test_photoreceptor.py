@@ -11,7 +11,7 @@ import pytest
 
 from eres_render import load_scene
 from finished_runs import make_run, page_of
-from sensor.statistics import PowerLaw, log_bin_edges_us
+from made_scaling import made
 from study_rows import EI, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row
@@ -20,7 +20,6 @@ from tasks.study.claims.verdict import Status
 from tasks.study.config import Simulate, Study
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
 from tasks.study.results.readings import leads
-from tasks.study.results.scaling import Intervals, Scaling, Slopes
 from tasks.study.results.scores import Scores, by_photoreceptor, by_threshold
 from tasks.study.run.jobs import Job, jobs_of
 
@@ -125,6 +124,9 @@ def test_the_page_is_about_two_poles_and_shows_the_other_reading(tmp_path, eres)
     assert (run / "tables.csv").read_text() == (alone / "tables.csv").read_text()
     assert (run / "tables_v2e.csv").read_text() != (run / "tables.csv").read_text()
     assert not (alone / "tables_v2e.csv").exists()
+    (alone / "tables_v2e.csv").write_text("of an earlier study in this folder")
+    page_of(alone)
+    assert not (alone / "tables_v2e.csv").exists()
     assert 'id="photoreceptor"' in page
     assert 'id="photoreceptor"' not in lone
     assert "the pole of v2e" in page
@@ -152,7 +154,7 @@ def test_times_between_events_are_of_one_reading() -> None:
     """Promise: claim 2 is not judged with v2e on the histograms of two poles, and a claim that is
     not measured with one reading is not among those with another verdict."""
     readings = by_photoreceptor(both_rows())
-    scaling = {"carpet": some_scaling()}
+    scaling = {"carpet": made()}
     found = judge_readings({}, readings, scaling)
     with_two, with_v2e = (
         next(one for one in verdicts if one.number == 2) for verdicts in found.values()
@@ -160,16 +162,3 @@ def test_times_between_events_are_of_one_reading() -> None:
     assert with_two.status is Status.HOLDS
     assert with_v2e.status is Status.NOT_MEASURED
     assert all(2 not in {one.number for one in of} for of in changed_verdicts(found))
-
-
-def some_scaling() -> Scaling:
-    """Return statistics whose most common interval falls with the width in every light."""
-    edges = tuple(float(edge) for edge in log_bin_edges_us())
-    slopes = Slopes((1.0, 2.0), PowerLaw(0.5, 0.4, 0.6, 1.0))
-    lights = [(math.inf, 1.0), (200.0, 1.0), (50.0, 1.0), (math.inf, 2.0)]
-    intervals = tuple(
-        Intervals(width, *light, tuple(int(k == 20 - 2 * i) for k in range(len(edges) - 1)), 0, 0)
-        for i, width in enumerate(WIDTHS)
-        for light in lights
-    )
-    return Scaling("carpet", 0, (1, 2), slopes, slopes, edges, intervals)

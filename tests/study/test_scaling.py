@@ -12,47 +12,17 @@ import numpy as np
 import pytest
 
 from drawn import section
-from sensor.statistics import PowerLaw, log_bin_edges_us
+from made_scaling import EDGES_US, made, peak
 from study_rows import paper_rows
 from tasks.errors import ResultError
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.finished_run import FinishedRun
-from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.results.scaling import Intervals, Scaling, Slopes, read_scaling
+from tasks.study.report.sections.scaling import interval_plot
+from tasks.study.results.paper import WIDTHS
+from tasks.study.results.scaling import Scaling, read_scaling
 from tasks.study.results.scores import Scores
 from tasks.study.run.scaling import scaling_files
-
-EDGES_US = log_bin_edges_us()
-
-
-def slopes(exponent: float) -> Slopes:
-    law = PowerLaw(exponent, exponent - 0.1, exponent + 0.1, 100.0)
-    return Slopes(tuple(100.0 * p**-exponent for p in (1, 3, 9)), law)
-
-
-def peak(mode_us: float) -> tuple[int, ...]:
-    """Return counts with their mode in the bin of `mode_us`."""
-    at = int(np.searchsorted(EDGES_US, mode_us, side="right")) - 1
-    return tuple(max(1, 1000 - 50 * abs(k - at)) for k in range(len(EDGES_US) - 1))
-
-
-def made(scene: str = "carpet", exponent: float = 0.9, intervals: int = 15) -> Scaling:
-    """Modes at 10 ms for 128 px, falling as 1 / width, at two speeds in three lights."""
-    return Scaling(
-        scene=scene,
-        clip=0,
-        sizes_px=(1, 3, 9),
-        everywhere=slopes(exponent),
-        edges=slopes(exponent + 0.4),
-        edges_us=tuple(EDGES_US.tolist()),
-        intervals=tuple(
-            Intervals(width, cutoff, speed, peak(1.28e6 / width / speed), 0, 7)
-            for cutoff in CUTOFFS_HZ
-            for speed in (1.0, 2.0)
-            for width in WIDTHS
-        ),
-    )
 
 
 def verdicts(scaling: Scaling | None, **kwargs) -> tuple[Verdict, Verdict]:
@@ -162,3 +132,11 @@ def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:
     (folder / "carpet.png").unlink()
     with pytest.raises(ResultError, match=r"carpet\.png: no such file"):
         section_of(tmp_path)
+
+
+def test_no_events_have_a_plot_without_peaks() -> None:
+    """Promise: with a contrast threshold that nothing exceeds, the report is still written."""
+    silent = [replace(one, counts=(0,) * len(one.counts)) for one in made().intervals]
+    shown = interval_plot(replace(made(), intervals=tuple(silent)))
+    assert len(shown.panels) == 3
+    assert not any(line.points for panel in shown.panels for line in panel.lines)

@@ -56,7 +56,7 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     shares = {(i.width, i.cutoff_hz, i.speed): _shares(i) for i in one.intervals}
     edges_ms = np.array(one.edges_us) * 1e-3
     seen = np.any([shares[w, *setting] > 5e-4 for w in widths for setting in chosen], axis=0)
-    first, last = np.flatnonzero(seen)[[0, -1]]
+    first, last = np.flatnonzero(seen if seen.any() else ~seen)[[0, -1]]  # without events, all
     middles_ms = np.sqrt(edges_ms[:-1] * edges_ms[1:])[first : last + 1]
     panels = []
     for cutoff_hz, speed in chosen:
