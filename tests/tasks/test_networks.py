@@ -18,11 +18,13 @@ from hypothesis import strategies as st
 
 from eres_render import load_scene, render_scene
 from hashed_fill import hashed_events
-from sensor import Events
+from sensor import Events, SensorModel
 from sensor.representations import voxel_grid
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError, WeightsError
+from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.sequence import evaluate_sequence
+from tasks.evaluation.settings import Video
 from tasks.methods import code_of, load_method, task_of
 from tasks.methods.e2vid import E2vid
 from tasks.methods.eraft import estimate as estimate_eraft
@@ -350,6 +352,19 @@ def test_without_a_filter_the_oracles_are_the_truth(oracle):
     for t_us in (0, 10_000, 55_000, 100_000):
         expected = np.interp(1e-6 * t_us, t_s, np.sin(60 * t_s))
         np.testing.assert_allclose(method.image(t_us), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(("kind", "cutoff_hz"), [("one_pole", 50.0), ("v2e", 200.0)])
+def test_the_oracles_are_about_two_poles(kind, cutoff_hz):
+    """Promise: no oracle bounds the score of a photoreceptor that it does not know."""
+    model = SensorModel(
+        width=3, height=2, cutoff_hz=cutoff_hz, photoreceptor=kind, cutoff_reference=1.0
+    )
+    setting = SimpleNamespace(model=model, speed=1.0, start_us=0, end_us=100_000)
+    sequence = SimpleNamespace(window_s=(0.0, 0.1))
+    reference = SimpleNamespace(sequence=sequence, dark_level=0.0)
+    with pytest.raises(TaskError, match=f"about two poles: found the photoreceptor '{kind}'"):
+        VideoScorer(reference, setting, Video(methods=("late_truth",)))
 
 
 def test_the_filtered_truth_is_that_of_small_steps():

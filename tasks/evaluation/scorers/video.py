@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from sensor import Events
+from tasks.errors import TaskError
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.evaluation.scorers.base import Score
@@ -46,8 +48,14 @@ class VideoScorer:
     def _options(self, name: str, setting: Setting) -> dict[str, Any]:
         """Return the extra arguments of a method."""
         if name in TASKS["video"].diagnostics:
+            model = setting.model
+            if model.photoreceptor != "two_pole" and math.isfinite(model.cutoff_hz):
+                raise TaskError(
+                    f"video, method {name!r}, which is about two poles: found the photoreceptor "
+                    f"{model.photoreceptor!r}, expected 'two_pole'"
+                )
             sequence, dark_level = self._reference.sequence, self._reference.dark_level
-            light = TrueLight(sequence, dark_level, setting.model.cutoff_hz, setting.speed)
+            light = TrueLight(sequence, dark_level, model.cutoff_hz, setting.speed)
             return {"light": light}
         if name in TASKS["video"].networks and name != "e2vid":
             return {"window_us": 1e6 * E2VID_WINDOW_S / setting.speed}
