@@ -1,7 +1,8 @@
-"""Read files of weights without running code from them."""
+"""Write files of weights, and read them without running code from them."""
 
 from __future__ import annotations
 
+import io
 import pickle
 import re
 from collections.abc import Iterable, Mapping
@@ -11,13 +12,34 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from eres_render.storage.atomic import write_bytes
 from tasks.errors import WeightsError
 
 _SHOWN = 4  # names that a message lists
 
 
+def write_checkpoint(file: Path, content: Mapping[str, Any]) -> None:
+    """Write a file that `read_checkpoint` reads.
+
+    Parameters
+    ----------
+    file
+        The file, which appears under its name only when it is complete.
+    content
+        Tensors and plain values by name.
+
+    Raises
+    ------
+    RenderError
+        The file cannot be written.
+    """
+    data = io.BytesIO()  # PyTorch reports a full disk as a RuntimeError without the reason
+    torch.save(content, data)
+    write_bytes(file, data.getbuffer())
+
+
 def read_checkpoint(file: Path) -> Any:
-    """Read a file that `torch.save` wrote.
+    """Read a file that `write_checkpoint` or `torch.save` wrote.
 
     Only tensors and plain values are read, since a pickle of other classes could run code.
 

@@ -9,9 +9,8 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from eres_render.storage.atomic import new_file
 from tasks.errors import WeightsError
-from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of
+from tasks.learned.checkpoint import held, load_into, read_checkpoint, tensors_of, write_checkpoint
 from tasks.learned.e2vid import E2vid, options_of
 from tasks.learned.e2vid_network import E2VIDRecurrent
 from tasks.learned.eraft import ERaft
@@ -55,14 +54,18 @@ def save(
         "ideal" or "all": the light of the crops on which it was trained.
     origin
         Where the weights come from, for readers of the file.
+
+    Raises
+    ------
+    RenderError
+        The file cannot be written.
     """
     weights = {
         name: tensor.cpu().half() if tensor.is_floating_point() else tensor.cpu()
         for name, tensor in network.state_dict().items()
     }
     content = {"arch": architecture, "light": light, "origin": dict(origin), "weights": weights}
-    with new_file(file) as unfinished:
-        torch.save(content, unfinished)
+    write_checkpoint(file, content)
 
 
 def _reconstruction(file: Path, light: str) -> OurReconstruction:

@@ -1,11 +1,27 @@
 """The stretches of a path that a study renders."""
 
-import pytest
+import math
+import re
+from dataclasses import replace
 
-from eres_render import load_scene
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from eres_render import Scene, load_scene
 from small_study import only
 from tasks.errors import StudyError
-from tasks.study.config import PRESETS, Study, Tracking, Video
+from tasks.study.config import (
+    PRESETS,
+    DenseFlow,
+    Flow,
+    Reconstruction,
+    Render,
+    Simulate,
+    Study,
+    Tracking,
+    Video,
+)
 from tasks.study.run.jobs import jobs_of
 
 
@@ -30,3 +46,78 @@ def test_the_paper_preset_has_its_jobs() -> None:
     paper = PRESETS["paper"]
     counts = [len(jobs_of(paper, load_scene(name))) for name in paper.scenes]
     assert counts == [41, 20, 20]
+
+
+@pytest.fixture(scope="module")
+def carpet() -> Scene:
+    return load_scene("carpet")
+
+
+def refusal(study: Study, scene: Scene) -> str:
+    """Return the error of a study, "" for none."""
+    try:
+        jobs_of(study, scene)
+    except StudyError as error:
+        return str(error)
+    return ""
+
+
+@given(
+    cutoff_hz=st.floats(0.2, 30.0),
+    speed=st.floats(0.5, 3.0),
+    every_s=st.floats(0.15, 2.0),
+    fast=st.booleans(),
+    dense=st.booleans(),
+)
+@example(cutoff_hz=9.0, speed=2.0, every_s=0.5, fast=False, dense=True)
+@example(cutoff_hz=7.11, speed=2.0, every_s=0.5, fast=False, dense=False)
+@example(cutoff_hz=7.3, speed=2.0, every_s=0.5, fast=False, dense=False)
+def test_the_nearest_values_work(carpet, cutoff_hz, speed, every_s, fast, dense) -> None:
+    """Promise: a study that is refused for its warm-up is accepted with each of the values that
+    the error names, as printed, and the lowest cutoff is the lowest, to 2 %."""
+    tasks = {
+        "reconstruction": Reconstruction(),
+        "flow": Flow(methods=(), fast_methods=("initial_flow",) if fast else (), fast_speed=4.0),
+        "dense_flow": DenseFlow(methods=("zero_flow",) if dense else ()),
+    }
+    sensors = Simulate(widths=(64,), cutoffs_hz=(math.inf, cutoff_hz), speeds=(speed,))
+    study = Study(
+        name="slow",
+        scenes=("carpet",),
+        render=Render(every_s=every_s),
+        simulate=sensors,
+        evaluate=only(**tasks),
+    )
+    said = refusal(study, carpet)
+    if not said:
+        return
+
+    def refused(**fields: object) -> str:
+        return refusal(replace(study, simulate=replace(sensors, **fields)), carpet)
+
+    (hz, lux), *_ = re.findall(r"at least (\S+) Hz \((\S+) lux\)", said)
+    assert refused(cutoffs_hz=(float(hz),)) == ""
+    assert "of path before each window" in refused(cutoffs_hz=(0.98 * float(hz),))
+    usual_hz = Simulate().cutoffs_hz
+    assert refused(cutoffs_hz=usual_hz, illuminance_lux=(float(lux),)) == ""
+    for longer_s in re.findall(r"every_s = (\S+)", said):
+        assert refusal(replace(study, render=Render(every_s=float(longer_s))), carpet) == ""
+
+
+def test_other_limits_are_rounded_to_the_side_that_works(carpet) -> None:
+    """Promise: the highest speed for tracking, 1.786, and the longest time between samples,
+    19.966 s, are rounded down."""
+    tracking = only(tracking=Tracking())
+    render = Render(window_s=0.025)
+    study = Study(name="fast", scenes=("carpet",), render=render, evaluate=tracking)
+    (most,) = re.findall(r"expected at most (\S+),", refusal(study, carpet))
+    assert most == "1.78"
+    assert refusal(replace(study, simulate=Simulate(speeds=(float(most),))), carpet) == ""
+    study = replace(
+        study,
+        render=Render(every_s=30.0, window_s=0.017),
+        evaluate=only(reconstruction=Reconstruction()),
+    )
+    (most,) = re.findall(r"expected at most (\S+)$", refusal(study, carpet))
+    assert most == "19.9"
+    assert refusal(replace(study, render=replace(study.render, every_s=19.9)), carpet) == ""

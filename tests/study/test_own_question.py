@@ -152,6 +152,32 @@ def test_contradictions_are_refused_by_field_with_what_would_do(tmp_path, simula
         read(tmp_path, simulate)
 
 
+def test_a_flat_sensor_alone_is_refused_before_rendering(tmp_path) -> None:
+    """Promise: the error names the sensor and the part of the frames that it sees, which is too low
+    for the scaling statistics; after a larger sensor it is accepted."""
+    flat, render = '{name = "flat", width = 320, height = 20}', "[render]\nresolution = 640"
+    said = r"'flat' of 320x20 px first, which sees 640x40 px .* at least 62 px"
+    with pytest.raises(StudyError, match=said):
+        jobs_of(read(tmp_path, f"sensors = [{flat}]", render), load_scene("carpet"))
+    after = read(tmp_path, f'sensors = ["davis346", {flat}]', render)
+    assert jobs_of(after, load_scene("carpet"))
+
+
+def test_a_named_sensor_may_be_the_slowest(tmp_path) -> None:
+    """Promise: the error about the warm-up names it, with its own cutoff and the light it needs."""
+    (tmp_path / "slow.toml").write_text(
+        'title = "mine"\n[cutoff]\nvalue = 2\nunit = "kHz"\nsource = "measured"\n'
+        '[illuminance]\nvalue = 1000\nunit = "lux"\nsource = "measured"'
+    )
+    sensors = 'sensors = [{name = "slow", width = 64, profile = "slow.toml"}]\nwidths = [32]'
+    said = r"6 time constants of 4 Hz of 'slow' at speed 2, .* at least 7\.64 Hz \(3\.82 lux\)"
+    with pytest.raises(StudyError, match=said):
+        jobs_of(read(tmp_path, f"{sensors}\nilluminance_lux = [2]", QUIET), load_scene("carpet"))
+    assert jobs_of(
+        read(tmp_path, f"{sensors}\nilluminance_lux = [3.82]", QUIET), load_scene("carpet")
+    )
+
+
 def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
     with pytest.raises(StudyError, match="'gen4-cd' of 1280x720 px, finer than render"):
         read(tmp_path, 'sensors = ["gen4-cd"]', "[render]\nresolution = 640")

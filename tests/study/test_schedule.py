@@ -19,13 +19,14 @@ from distributed import LocalCluster
 from another_process import environment
 from eres_render import load_scene
 from eres_render.storage.cache import cache_dir
-from light_scenes import small_carpet_folder
-from small_study import tiny_study
+from light_scenes import small_carpet_folder, write_poses
+from small_study import only, tiny_study
 from tasks.errors import StudyError
 from tasks.row import read_rows
 from tasks.study.config import (
     Evaluate,
     Flow,
+    Reconstruction,
     Render,
     Simulate,
     Tracking,
@@ -305,6 +306,33 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
         )
         assert refusal(study).startswith(f"scene {scene_folder}: found files of digest ")
     assert not list((tmp_path / "run").rglob("*.parquet"))
+
+
+def test_a_worker_reads_the_path_that_the_study_gives(
+    one_worker, scene_folder, tmp_path, monkeypatch
+):
+    """Promise: the path of a study, or of a scene, comes from its file, which must be the same."""
+    monkeypatch.setattr(cluster_module, "compute_job", nothing_computed)
+    positions_m = [(0.05 * k, -0.4, 1.0) for k in range(6)]
+    poses = write_poses(tmp_path, positions_m, [0.2 * k for k in range(6)])
+    own = small_carpet_folder(tmp_path / "own")
+    toml = own / "scene.toml"
+    before, after = toml.read_text().split("[path]")
+    path = '[path]\nkind = "tum"\nfile = "../poses.txt"\nmin_clearance_m = 0.2\n\n['
+    toml.write_text(before + path + after.split("\n[", 1)[1])
+    for scene in (load_scene(scene_folder, poses), load_scene(own)):
+        study = replace(
+            tiny_study(scene.source, samples=1), evaluate=only(reconstruction=Reconstruction())
+        )
+        jobs = [QueuedJob(job, job.key, False) for job in jobs_of(study, scene)]
+        with open_scheduler(one_worker.scheduler_address) as computing:
+            assert len(list(computing.compute(jobs, lambda *_: None))) == len(jobs) == 1
+    write_poses(tmp_path, positions_m[::-1], [0.2 * k for k in range(6)])
+    with (
+        open_scheduler(one_worker.scheduler_address) as computing,
+        pytest.raises(StudyError, match="found files of digest"),
+    ):
+        list(computing.compute(jobs, lambda *_: None))
 
 
 def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):

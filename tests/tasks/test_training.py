@@ -4,14 +4,18 @@ Needs PyTorch: `make .venv/.learned`.
 """
 
 import json
+import logging
+import resource
 import sys
 import tomllib
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eres_render.errors import RenderError
 from tasks.errors import TaskError, TrainingError, WeightsError
 from tasks.learned.training.settings import (
     FLOWS,
@@ -33,6 +37,7 @@ from tasks.learned.checkpoint import load_into, read_checkpoint  # noqa: E402
 from tasks.learned.eraft_network import ERAFT  # noqa: E402
 from tasks.learned.ours import FLOW, RECONSTRUCTION, save  # noqa: E402
 from tasks.learned.training import loop  # noqa: E402
+from tasks.learned.training.progress import Progress, load_checkpoint, save_checkpoint  # noqa: E402
 from tasks.learned.training.reconstruction import Reconstruction  # noqa: E402
 from tasks.learned.training.start import start  # noqa: E402
 
@@ -61,8 +66,8 @@ TINY_FLOW = FlowTraining(
 )
 
 
-def trained(folder, light="all", seed=0, settings=TINY, **options):
-    return start(settings, light, seed, folder, device="cpu", made_with={"code": "x"}, **options)
+def trained(folder, light="all", seed=0, settings=TINY, code="x", **options):
+    return start(settings, light, seed, folder, device="cpu", made_with={"code": code}, **options)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -90,15 +95,21 @@ class Stop(Exception):
     pass
 
 
-def test_an_interrupted_training_ends_with_the_same_weights(run, tmp_path):
-    """Promise: crops, order, optimizer and learning rate continue as without an interruption."""
+def stopped(folder, after, **options):
+    """Train, and stop after a number of steps."""
 
     def stop(stage, done, total):
-        if done == 3:
+        if done == after:
             raise Stop
 
     with pytest.raises(Stop):
-        trained(tmp_path, on_progress=stop)
+        trained(folder, on_progress=stop, **options)
+
+
+def test_an_interrupted_training_ends_with_the_same_weights(run, tmp_path):
+    """Promise: crops, order, optimizer and learning rate continue as without an interruption."""
+
+    stopped(tmp_path, 3)
     assert not (tmp_path / "weights.pt").exists()
     trained(tmp_path)
     expected, found = weights_of(run[0]), weights_of(tmp_path)
@@ -109,6 +120,57 @@ def test_an_interrupted_training_ends_with_the_same_weights(run, tmp_path):
     without_seconds = [[row.split(",")[:1] + row.split(",")[2:] for row in one] for one in curves]
     assert without_seconds[0] == without_seconds[1]
     assert [row[0] for row in without_seconds[0]] == ["step", "2", "4"]
+
+
+def made_with(folder):
+    return json.loads((folder / "training.json").read_text())["made_with"]
+
+
+def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
+    """Promise: a training that other code continues warns of it once, and its card names both
+    commits; starts that left nothing, and a finished training, are not mixed."""
+    with caplog.at_level(logging.WARNING):
+        stopped(tmp_path, 0, code="git zero")
+        stopped(tmp_path, 1, code="git one")
+        assert made_with(tmp_path) == {"code": "git one"}
+        stopped(tmp_path, 2, code="git one")
+        assert caplog.text == ""
+        stopped(tmp_path, 3, code="git two")
+        assert "continued with code git two, begun with git one" in caplog.text
+        caplog.clear()
+        trained(tmp_path, code="git two")
+        trained(tmp_path, code="git three")
+        assert caplog.text == ""
+    assert made_with(tmp_path) == {"code": "git one; git two"}
+    code, out, _ = eres("train", "card", tmp_path)
+    assert code == 0
+    assert "code git one; git two" in out
+
+
+@contextmanager
+def full_disk(size):
+    """Limit files to a number of bytes."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_no_room_for_a_checkpoint_or_for_weights(tmp_path):
+    """Promise: an error that names the file; the checkpoint before stays, and nothing else does."""
+    network = torch.nn.Linear(64, 64)
+    optimizer = torch.optim.AdamW(network.parameters())
+    save_checkpoint(tmp_path, Progress(step=1), network, optimizer)
+    weights = tmp_path / "weights.pt"
+    with full_disk(4000):
+        with pytest.raises(RenderError, match=r"checkpoint\.pt: cannot be written: File too large"):
+            save_checkpoint(tmp_path, Progress(step=2), network, optimizer)
+        with pytest.raises(RenderError, match=r"weights\.pt: cannot be written: File too large"):
+            save(weights, network, FLOW, "all", {})
+    assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.pt"]
+    assert load_checkpoint(tmp_path, network, optimizer).step == 1
 
 
 def test_twins_differ_in_light_alone():

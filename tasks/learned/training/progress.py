@@ -8,12 +8,9 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from eres_render.storage.atomic import new_file
 from tasks.errors import TrainingError
-from tasks.learned.checkpoint import read_checkpoint
-from tasks.learned.training.run_folder import Row
-
-FILE_NAME = "checkpoint.pt"
+from tasks.learned.checkpoint import read_checkpoint, write_checkpoint
+from tasks.learned.training.run_folder import CHECKPOINT_FILE, Row
 
 
 @dataclass(slots=True)
@@ -51,6 +48,11 @@ def save_checkpoint(
         Its progress.
     network, optimizer
         The network and the optimizer whose states are written.
+
+    Raises
+    ------
+    RenderError
+        The checkpoint cannot be written; the one before stays.
     """
     content = {
         "step": progress.step,
@@ -60,8 +62,7 @@ def save_checkpoint(
         "network": network.state_dict(),
         "optimizer": optimizer.state_dict(),
     }
-    with new_file(folder / FILE_NAME) as unfinished:
-        torch.save(content, unfinished)
+    write_checkpoint(folder / CHECKPOINT_FILE, content)
 
 
 def load_checkpoint(folder: Path, network: nn.Module, optimizer: torch.optim.Optimizer) -> Progress:
@@ -85,7 +86,7 @@ def load_checkpoint(folder: Path, network: nn.Module, optimizer: torch.optim.Opt
     TrainingError
         The checkpoint is of another training.
     """
-    file = folder / FILE_NAME
+    file = folder / CHECKPOINT_FILE
     if not file.exists():
         return Progress()
     found = read_checkpoint(file)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,9 +14,12 @@ from typing import Any
 from eres_render.storage.atomic import write_text
 from eres_render.storage.locks import locked
 from tasks.errors import TrainingError
+from tasks.provenance import together
 
 SETTINGS_FILE, CURVE_FILE, PICTURE_FILE = "training.json", "curve.csv", "curve.png"
-WEIGHTS_FILE, SCORES_FILE = "weights.pt", "scores.json"
+CHECKPOINT_FILE, WEIGHTS_FILE, SCORES_FILE = "checkpoint.pt", "weights.pt", "scores.json"
+
+_logger = logging.getLogger(__name__)
 
 Row = dict[str, float]
 
@@ -33,7 +37,8 @@ def opened(
     settings
         Everything that determines the training, as values for JSON.
     made_with
-        Code, machine and versions.
+        Code, machine and versions of this start; those of earlier ones that left a checkpoint are
+        kept next to them.
 
     Returns
     -------
@@ -49,9 +54,11 @@ def opened(
         with locked(folder / ".lock", wait=False):
             if file.exists():
                 _check_same(file, settings)
+                if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
+                    made_with = _with_earlier_starts(folder, made_with)
+                    _write(file, {**read_description(folder), "made_with": made_with})
             else:
-                content = {"settings": settings, "made_with": dict(made_with)}
-                write_text(file, json.dumps(content, indent=2) + "\n")
+                _write(file, {"settings": settings, "made_with": dict(made_with)})
             yield
     except BlockingIOError:
         raise TrainingError(f"{folder}: another process is training in this folder") from None
@@ -63,6 +70,25 @@ def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
         raise TrainingError(
             f"{file}: {name}: found {found!r}, expected {expected!r}; choose another folder"
         )
+
+
+def _write(file: Path, description: Mapping[str, Any]) -> None:
+    write_text(file, json.dumps(description, indent=2) + "\n")
+
+
+def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str, str]:
+    """Return code, machine and versions of all starts that left something; warn of other code."""
+    if not (folder / CHECKPOINT_FILE).exists():
+        return dict(made_with)
+    before = read_description(folder)["made_with"]
+    joined = together([before, made_with])
+    if joined.get("code") != before.get("code"):
+        _logger.warning(
+            "%s: continued with code %s, begun with %s: if crops, network or loss differ, train "
+            "again in another folder",
+            *(folder, made_with.get("code"), before.get("code")),
+        )
+    return joined
 
 
 def _differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from eres_render import load_scene
 from eres_render.errors import RenderError
 from eres_render.progress import Progress, silent
+from eres_render.scene.settings import TumPath
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
 from tasks.errors import StudyError, TaskError
@@ -180,6 +181,9 @@ def _as_found_here(job: Job, key: str) -> Job:
     """Return the job with this machine's scene; refuse it if the scene or a method differs."""
     check_methods(job.evaluate)
     scene = load_scene(job.scene.source)
+    path = job.scene.settings.path
+    if isinstance(path, TumPath):  # may be the study's; the digest has the file's content
+        scene = replace(scene, settings=replace(scene.settings, path=path))
     if scene.digest != job.scene.digest:  # the client computed it before it pickled the scene
         raise StudyError(
             f"scene {job.scene.source}: found files of digest {scene.digest[:12]}, expected "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from eres_render import Clip, Scene, clips, continuous_stretch
 from sensor.model import cutoff_in_light
+from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings
@@ -20,6 +21,7 @@ from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 from tasks.study.sensors import in_radiance
+from tasks.study.settings import LEAST_RESOLUTION
 from tasks.tracking import PATH_S
 
 _log = logging.getLogger(__name__)
@@ -139,15 +141,18 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     Raises
     ------
     StudyError
-        The study asks for more samples than the path has, a stretch is longer than the path, no
+        The study asks for more samples than the path has, a stretch is longer than the path, a
+        warm-up is longer than the time between samples, the first sensor sees too few pixels, no
         method suits the scene, or cameras of one lens do not face its plane.
     """
     study = replace(study, simulate=_at_factors(study.simulate, scene))
+    _check_first_sensor(study)
     if study.simulate.same_lens:
         _check_facing(scene)
     planned = _planned(study, scene)
     if not planned:
         raise StudyError(f"evaluate: found no method that suits {scene.name}, expected one or more")
+    _check_warmup([_on(one, study) for one in planned if not one.continuous_s], scene)
     return [
         job
         for stretches in sorted(planned)
@@ -166,6 +171,22 @@ def _at_factors(simulate: Simulate, scene: Scene) -> Simulate:
             "simulate.speeds, which are factors"
         )
     return simulate.at_factors(base_m_s)
+
+
+def _check_first_sensor(study: Study) -> None:
+    """Refuse a first sensor that sees too few pixels; scaling is measured on what it sees."""
+    render = study.render
+    sensor, *_ = next(study.simulate.models(render))
+    frame = render.height_at(render.resolution), render.resolution
+    rows, columns = crop_to_aspect(*frame, sensor.height, sensor.width)
+    width, height = columns.stop - columns.start, rows.stop - rows.start
+    if min(width, height) < LEAST_RESOLUTION:
+        place, name = ("sensors", f"{sensor.name!r} of ") if sensor.name else ("widths", "")
+        raise StudyError(
+            f"simulate.{place}: found {name}{sensor.width}x{sensor.height} px first, which sees "
+            f"{width}x{height} px of the frames, expected a first sensor that sees at least "
+            f"{LEAST_RESOLUTION} px on each side, which the scaling statistics need"
+        )
 
 
 def _check_facing(scene: Scene) -> None:
@@ -193,19 +214,26 @@ def _planned(study: Study, scene: Scene) -> dict[Stretches, dict[str, TaskSettin
     return found
 
 
+def _on(stretches: Stretches, study: Study) -> tuple[Render, Simulate, float]:
+    """Return render, sensors, and the seconds between their warm-up and the scored window."""
+    render, simulate = study.render, study.simulate
+    before_s = stretches.windows_before * render.window_s
+    if stretches.window_s:
+        render = replace(render, window_s=stretches.window_s)
+    if stretches.speeds:
+        simulate = replace(simulate, speeds=stretches.speeds, speeds_m_s=None)
+    return render, simulate, before_s
+
+
 def _jobs_on(
     stretches: Stretches, tasks: Mapping[str, TaskSettings], study: Study, scene: Scene
 ) -> Iterator[Job]:
     """Yield the jobs on some stretches; the warm-up is longer at a higher speed."""
-    simulate = study.simulate
-    render = replace(study.render, window_s=stretches.window_s or study.render.window_s)
-    if stretches.speeds:
-        simulate = replace(simulate, speeds=stretches.speeds, speeds_m_s=None)
+    render, simulate, before_s = _on(stretches, study)
     if stretches.continuous_s:
         run_in_s, duration_s = stretches.continuous_s
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
     else:
-        before_s = stretches.windows_before * study.render.window_s
         found = _spread_clips(render, scene, simulate, before_s)
     if "tracking" in tasks:
         _check_tracked(render, simulate)
@@ -219,15 +247,15 @@ def _check_tracked(render: Render, simulate: Simulate) -> None:
     if max(simulate.speeds) > most * (1 + 1e-9):
         raise StudyError(
             f"simulate.speeds: found {max(simulate.speeds):.3g} times the base speed, with windows "
-            f"shorter than the {1e3 * PATH_S:g} ms of pose tracking, expected at most {most:.3g}, "
-            "or no methods in evaluate.tracking"
+            f"shorter than the {1e3 * PATH_S:g} ms of pose tracking, expected at most "
+            f"{_rounded(most, math.floor)}, or no methods in evaluate.tracking"
         )
 
 
 def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: float) -> list[Clip]:
     """Return the study's samples, spread evenly over the path; all that fit by default."""
+    _check_path(render, scene)
     warmup_s = simulate.warmup_s + before_s
-    _check_fit(render, scene, simulate, warmup_s)
     fitting = clips(scene, every_s=render.every_s, window_s=render.window_s, warmup_s=warmup_s)
     count = len(fitting) if render.samples is None else render.samples
     if not 1 <= count <= len(fitting):
@@ -238,23 +266,67 @@ def _spread_clips(render: Render, scene: Scene, simulate: Simulate, before_s: fl
     return [fitting[i] for i in np.linspace(0, len(fitting), count, endpoint=False).astype(int)]
 
 
-def _check_fit(render: Render, scene: Scene, simulate: Simulate, warmup_s: float) -> None:
-    """Refuse a warm-up longer than the time between samples, and a path without room for one."""
+def _check_warmup(stretches: Sequence[tuple[Render, Simulate, float]], scene: Scene) -> None:
+    """Refuse a warm-up longer than the time between samples; name values that suit all tasks."""
+    needs_s = [simulate.warmup_s + before_s for _, simulate, before_s in stretches]
+    if not stretches or max(needs_s) <= 0.5 * stretches[0][0].every_s:
+        return
+    render, simulate, before_s = stretches[int(np.argmax(needs_s))]
     room_s = 0.5 * render.every_s
-    if warmup_s > room_s:
-        least = min(simulate.cutoffs_hz) * warmup_s / room_s
-        raise StudyError(
-            f"simulate: {scene.name} needs {warmup_s:.3g} s of path before each window, "
-            f"{simulate.warmup_time_constants:g} time constants of {min(simulate.cutoffs_hz):g} Hz "
-            f"at speed {max(simulate.speeds):.3g}, expected at most {room_s:g} s, half of "
-            f"render.every_s: at least {least:.3g} Hz ({least / cutoff_in_light(1.0):.3g} lux), or "
-            f"every_s = {2 * warmup_s:.3g}"
+    slowest_hz, lux, name = _slowest(simulate)
+    earlier = f" and {before_s:g} s of earlier windows" if before_s else ""
+    nearest = []
+    if all(before_s < room_s for *_, before_s in stretches):
+        factor = max(one.warmup_s / (room_s - before_s) for _, one, before_s in stretches)
+        least_hz = factor * slowest_hz
+        least_lux = factor * lux or least_hz / cutoff_in_light(1.0)
+        nearest.append(
+            f"at least {_rounded(least_hz, math.ceil)} Hz ({_rounded(least_lux, math.ceil)} lux)"
         )
-    most_s = 2 * (scene.duration_s - render.window_s)
-    if render.every_s > most_s:
+    every_s = _rounded(2 * max(needs_s), math.ceil)
+    if all(float(every_s) <= _most_s(one, scene) for one, *_ in stretches):
+        nearest.append(f"every_s = {every_s}")
+    raise StudyError(
+        f"simulate: {scene.name} needs {max(needs_s):.3g} s of path before each window, "
+        f"{simulate.warmup_time_constants:g} time constants of {slowest_hz:g} Hz{name} at speed "
+        f"{max(simulate.speeds):.3g}{earlier}, expected at most {room_s:g} s, half of "
+        f"render.every_s{': ' if nearest else ''}{', or '.join(nearest)}"
+    )
+
+
+def _slowest(simulate: Simulate) -> tuple[float, float, str]:
+    """Return the lowest cutoff in Hz, its light in lux or 0, and the named sensor that has it."""
+    return min(
+        [
+            *((light.cutoff_hz, light.illuminance_lux, "") for light in simulate.lights),
+            *(
+                (model.cutoff_hz, light.illuminance_lux, f" of {sensor.name!r}")
+                for sensor in simulate.sensors
+                for light, model in zip(simulate.lights, sensor.in_light, strict=True)
+            ),
+        ]
+    )
+
+
+def _rounded(value: float, to: Callable[[float], int]) -> str:
+    """Return three digits of a limit, rounded to the side that is allowed."""
+    unit = 10.0 ** (math.floor(math.log10(abs(value) or 1.0)) - 2)
+    return f"{to(round(value / unit, 9)) * unit:g}"
+
+
+def _most_s(render: Render, scene: Scene) -> float:
+    """Return the longest time between samples with which one fits the path, s."""
+    return 2 * (scene.duration_s - render.window_s)
+
+
+def _check_path(render: Render, scene: Scene) -> None:
+    """Refuse a path without room for a sample."""
+    most_s = _most_s(render, scene)
+    if render.every_s > most_s * (1 + 1e-9):
         raise StudyError(
             f"render.every_s: found {render.every_s:g} s, with which no sample fits the path of "
-            f"{scene.name}, {scene.duration_s:g} s long, expected at most {most_s:.3g}"
+            f"{scene.name}, {scene.duration_s:g} s long, expected at most "
+            f"{_rounded(most_s, math.floor)}"
         )
 
 
