@@ -46,6 +46,10 @@ class Rendered:
     frames: int = 0
     seconds: float = 0.0
 
+    def since(self, before: Rendered) -> Rendered:
+        """Return what was rendered after an earlier count."""
+        return Rendered(self.frames - before.frames, self.seconds - before.seconds)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RadianceSequence:

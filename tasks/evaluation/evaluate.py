@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from eres_render import GroundTruth, RadianceSequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
+from eres_render.sequence.sequence import Rendered
 from sensor import Events, stream_bank
 from sensor.readout import Sender
 from tasks.evaluation.frames_ahead import frames_ahead
@@ -67,17 +68,18 @@ def evaluate(
     -------
     Rows, in the order of the sensors and tasks, with timings and the reference.
     """
+    at_start = replace(sequence.rendered)
     dark_level = settings[0].model.dark_level
     assert dark_level is not None, "settings have the sequence's dark level"
     widths = [setting.model.width for setting in settings]
     reference = ReferenceFrames(sequence, truth, dark_level, widths)
     sensors = [_Sensor(reference, setting, tasks, watch) for setting in settings]
     stopwatch = Stopwatch()
-    rendered_before_s = sequence.rendered.seconds
+    before_s = sequence.rendered.seconds
     with ThreadPoolExecutor(cores()) as workers:
         with stopwatch("sensing"):
             _collect(sequence, sensors, workers, stopwatch, on_progress)
-        stopwatch.seconds["rendering"] = sequence.rendered.seconds - rendered_before_s
+        stopwatch.seconds["rendering"] = sequence.rendered.seconds - before_s
         with stopwatch("scoring"):
             scores = _score(sensors, workers, on_progress)
     rows = [
@@ -85,7 +87,9 @@ def evaluate(
         for sensor, found in zip(sensors, scores, strict=True)
         for task, score in found
     ]
-    return Evaluation(rows, _timings(sequence, sensors, scores, stopwatch.seconds), reference)
+    rendered = sequence.rendered.since(at_start)
+    timings = _timings(sequence, sensors, scores, stopwatch.seconds, rendered)
+    return Evaluation(rows, timings, reference)
 
 
 class _Sensor:
@@ -246,6 +250,7 @@ def _timings(
     sensors: Sequence[_Sensor],
     scores: Sequence[Sequence[tuple[str, Score]]],
     seconds: Mapping[str, float],
+    rendered: Rendered,
 ) -> JobTimings:
     manifest, models = sequence.manifest, [sensor.setting.model for sensor in sensors]
     stages = split_shared_time(
@@ -254,7 +259,7 @@ def _timings(
         simulating_s=seconds["sensing"] - seconds["waiting"] - seconds["collecting"],
         collecting_s=seconds["collecting"],
     )
-    stages["rendering_s"] += sequence.rendered.seconds - seconds["rendering"]  # before the sensors
+    stages["rendering_s"] += rendered.seconds - seconds["rendering"]  # before the sensors
     return JobTimings(
         scene=manifest.scene,
         sample=manifest.clip,
@@ -271,7 +276,8 @@ def _timings(
             for model, found in zip(models, scores, strict=True)
             for task, score in found
         ),
-        rendered_frames=sequence.rendered.frames,
+        rendered_frames=rendered.frames,
+        height=manifest.height,
         **stages,
     )
 

@@ -105,6 +105,7 @@ class NetworkSettings(TaskSettings):
 _E2VID_S = 10.5  # core seconds of a window at 1280 px, as measured for docs/learned.md
 _OURS_S = _E2VID_S / 4  # with half as many channels
 _ERAFT_S = 90.0  # of a pair of windows
+_OUR_FLOW_S = 16.0  # with a quarter of the channels
 
 
 def _share(width: int) -> float:
@@ -201,7 +202,9 @@ class DenseFlow(NetworkSettings):
         return {Stretches(windows_before=1): self}
 
     def score_s(self, width: int) -> float:
-        return _ERAFT_S * _share(width) * len(self.methods)
+        ours = sum(name.startswith("our_") for name in self.methods)
+        others = len({*self.methods} - {"zero_flow", "initial_flow"}) - ours
+        return (ours * _OUR_FLOW_S + others * _ERAFT_S) * _share(width)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from eres_render.sequence.sequence import Rendered
 from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 
@@ -71,6 +73,8 @@ class JobTimings:
         Work and time of each method.
     rendered_frames, rendering_s
         Number of frames that were not in the cache, and their rendering time.
+    height
+        Height of the frames, px; 0 if they are square, as in older files.
     """
 
     scene: str
@@ -89,6 +93,32 @@ class JobTimings:
     methods: tuple[MethodTimings, ...]
     rendered_frames: int = 0
     rendering_s: float = 0.0
+    height: int = 0
+
+
+def of_one_job(parts: Sequence[JobTimings], before: Rendered) -> JobTimings:
+    """Return the timings of a job whose sensors were evaluated in several parts.
+
+    Parameters
+    ----------
+    parts
+        Timings of the parts, which see the same frames.
+    before
+        What was rendered before the first part.
+
+    Returns
+    -------
+    Their sums.
+    """
+    summed = (
+        *("frames", "reading_s", "sensors", "pixel_frames", "events", "simulating_s"),
+        *("collecting_s", "scoring_s", "rendered_frames", "rendering_s"),
+    )
+    total = {name: sum(getattr(part, name) for part in parts) for name in summed}
+    total["rendered_frames"] += before.frames
+    total["rendering_s"] += before.seconds
+    methods = tuple(method for part in parts for method in part.methods)
+    return replace(parts[0], methods=methods, **total)
 
 
 def split_shared_time(
@@ -127,15 +157,23 @@ def timings_file(timings: JobTimings) -> bytes:
     return json.dumps(asdict(timings), indent=1).encode()
 
 
-def read_timings(folder: Path) -> list[JobTimings]:
-    """Read the timings of all jobs in a folder, by scene, sample and number of methods.
+def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobTimings]:
+    """Read the timings of jobs from a folder, by scene, sample and number of methods.
 
     The list is empty if the folder does not exist.
+
+    Parameters
+    ----------
+    folder
+        Folder with a file KEY.json for each job.
+    jobs
+        Keys of the jobs; the files of others, of earlier studies, are left out. None for all.
 
     Raises
     ------
     ResultError
         A file is not JSON, or a field is missing, unknown or of the wrong type.
     """
-    found = [read_json(JobTimings, file, ResultError) for file in sorted(folder.glob("*.json"))]
+    files = [f for f in sorted(folder.glob("*.json")) if jobs is None or f.stem in jobs]
+    found = [read_json(JobTimings, file, ResultError) for file in files]
     return sorted(found, key=lambda one: (one.scene, one.sample, len(one.methods)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from eres_render import load_scene
 from finished_runs import page_of
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
+from tasks.evaluation.timings import read_timings
 from tasks.row import Row, read_rows
 from tasks.study.config import Render, Study
 from tasks.study.report.finished_run import read_run
@@ -325,3 +327,12 @@ def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> 
     code, _, err = eres("study", "--preset", "paper", *options, "--out", tmp_path / "run")
     assert (code, len(asked)) == (1, 1)
     assert "trajectory: found 3 scenes, expected one" in err
+
+
+def test_sensors_of_two_shapes_are_one_job(run):
+    """Promise: its costs count once, and its frames as rendered once."""
+    jobs = json.loads((run / "study.json").read_text())["jobs"]
+    assert sorted(file.stem for file in (run / "costs").iterdir()) == sorted(jobs)
+    for one in read_timings(run / "costs", jobs):
+        assert one.frames == 2 * one.rendered_frames > 0  # read for each shape
+        assert one.sensors == 2 * (1 + 2)  # ideal, and 100 lux with both photoreceptors

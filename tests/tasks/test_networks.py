@@ -24,7 +24,7 @@ from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.sequence import evaluate_sequence
-from tasks.evaluation.settings import Video
+from tasks.evaluation.settings import DenseFlow, Video
 from tasks.methods import code_of, load_method, task_of
 from tasks.methods.e2vid import E2vid
 from tasks.methods.eraft import estimate as estimate_eraft
@@ -321,6 +321,16 @@ def test_dense_flow_on_a_clip(small_carpet, tmp_path):
 
 
 # Oracles
+
+
+def test_the_estimate_of_dense_flow_is_that_of_its_networks():
+    """Promise: baselines cost nothing, our network a fraction of E-RAFT."""
+
+    def seconds(*methods):
+        return DenseFlow(methods=methods).score_s(1280)
+
+    assert seconds("zero_flow", "initial_flow") == 0
+    assert seconds("eraft", "zero_flow") == seconds("eraft") > 4 * seconds("our_flow_all_light") > 0
 
 
 def sequence_of(log_light, t_s):

@@ -102,8 +102,8 @@ class FinishedRun:
 
     @cached_property
     def timings(self) -> list[JobTimings]:
-        """Return the times of all jobs."""
-        return read_timings(self.folder / "costs")
+        """Return the times of the study's jobs."""
+        return read_timings(self.folder / "costs", self.config.get("jobs"))
 
     @cached_property
     def previews(self) -> dict[str, list[Preview]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 from eres_render import GroundTruth, RadianceSequence, Renderer, clip_in_progress, ground_truth
@@ -16,7 +16,7 @@ from sensor.optics import crop_to_aspect
 from tasks.evaluation.central_part import central_part
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.timings import timings_file
+from tasks.evaluation.timings import JobTimings, of_one_job, timings_file
 from tasks.provenance import environment
 from tasks.row import Row
 from tasks.study.config import digest
@@ -78,6 +78,8 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
         highlights = Highlights(job, settings) if with_highlights else None
         rows: list[Row] = []
         files: dict[str, bytes] = {}
+        timings: list[JobTimings] = []
+        before = replace(sequence.rendered)
         reference = None
         for seen, of_shape in _by_shape(settings, sequence).items():
             result = evaluate(
@@ -88,9 +90,9 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
                 highlights.push if highlights else None,
             )
             rows += result.rows
-            place = f"{job.key}_{seen[0]}x{seen[1]}" if files else job.key
-            files[f"costs/{place}.json"] = timings_file(result.timings)
+            timings.append(result.timings)
             reference = reference or result.reference
+        files[f"costs/{job.key}.json"] = timings_file(of_one_job(timings, before))
         if highlights and reference:
             files |= highlights.result(reference)
     return ComputedJob(job.with_every_reading(rows), files, environment(light.renderer.variant))

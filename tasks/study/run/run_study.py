@@ -37,11 +37,11 @@ def run_study(
 ) -> list[Row]:
     """Render, simulate and score every job of a study, except for those that `out` already has.
 
-    Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study, and the mean
-    speed of each scene's camera at factor 1), `environment.json` (versions and machines, and the
-    command of the last start), `previews/` and `scaling/` (pictures and scaling statistics of each
-    scene's first clip), `costs/` (timings of each job), and `parts/` (rows of each job, with which
-    a stopped run continues).
+    Writes into `out`: `rows.parquet` (every score), `study.json` (the resolved study, the mean
+    speed of each scene's camera at factor 1, and the keys of the jobs), `environment.json`
+    (versions and machines, and the command of the last start), `previews/` and `scaling/` (pictures
+    and scaling statistics of each scene's first clip), `costs/` (timings of each job), and `parts/`
+    (rows of each job, with which a stopped run continues).
 
     Parameters
     ----------
@@ -99,7 +99,8 @@ def run_study(
         speeds = {
             one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes
         }
-        write_bytes(out / "study.json", _json({**to_json(study), "base_m_per_s": speeds}))
+        resolved = {**to_json(study), "base_m_per_s": speeds, "jobs": list(work)}
+        write_bytes(out / "study.json", _json(resolved))
         counted = _counted(on_progress, len(work) - len(to_do), len(work))
         for queued, computed in computing.compute(to_do, counted):
             if not mix:  # workers of a cluster differ

@@ -15,7 +15,8 @@ from tasks.study.results.words import MISSING
 
 def _stages(one: JobTimings) -> dict[str, tuple[float, dict[str, float]]]:
     """Return the time of each stage of a job, s, and its amounts of work by unit."""
-    samples = 1e-6 * one.rendered_frames * one.resolution**2 * one.spp
+    pixels_of_frame = one.resolution * (one.height or one.resolution)
+    samples = 1e-6 * one.rendered_frames * pixels_of_frame * one.spp
     pixels, events = 1e-6 * one.pixel_frames, 1e-6 * one.events
     estimates = sum(method.estimates for method in one.methods)
     return {
