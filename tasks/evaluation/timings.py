@@ -158,9 +158,7 @@ def timings_file(timings: JobTimings) -> bytes:
 
 
 def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobTimings]:
-    """Read the timings of jobs from a folder, by scene, sample and number of methods.
-
-    The list is empty if the folder does not exist.
+    """Read the timings of jobs from a folder.
 
     Parameters
     ----------
@@ -168,6 +166,10 @@ def read_timings(folder: Path, jobs: Collection[str] | None = None) -> list[JobT
         Folder with a file KEY.json for each job.
     jobs
         Keys of the jobs; the files of others, of earlier studies, are left out. None for all.
+
+    Returns
+    -------
+    The timings by scene, sample and number of methods; empty if the folder does not exist.
 
     Raises
     ------
