@@ -18,7 +18,6 @@ from tasks.random_crops.view import view
 
 DARK_LEVEL = 1e-3  # of white, the sensors' default
 _HELD_OUT = 1 << 64  # larger than any seed
-_TEXELS_PER_PX = (0.5, 2.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -104,7 +103,7 @@ def random_crop(
     cutoff_hz = {"ideal": math.inf, "all": drawn_hz}[light] if isinstance(light, str) else light
     texture = random_texture(rng, _log_uniform(rng, crops.log_contrast))
     motion_px = _log_uniform(rng, crops.motion_px)
-    motion = Motion(rng, crops.side_px, motion_px, _log_uniform(rng, _TEXELS_PER_PX))
+    motion = Motion(rng, crops.side_px, motion_px, _log_uniform(rng, crops.texels_per_px))
     times = _frame_times(motion, windows, crops.max_displacement_px)
 
     def frames() -> Iterator[NDArray[np.float32]]:

@@ -33,6 +33,9 @@ class Crops:
         Smallest and largest contrast threshold, log units.
     log_contrast
         Smallest and largest standard deviation of a texture's log intensity.
+    texels_per_px
+        Smallest and largest number of texels of a 512 x 512 texture along a pixel. With more than 2
+        the texture is aliased.
     max_displacement_px
         Largest motion in the image between two frames, px.
 
@@ -49,6 +52,7 @@ class Crops:
     ideal_share: float = 0.4
     contrast_threshold: tuple[float, float] = (0.15, 0.25)
     log_contrast: tuple[float, float] = (0.25, 1.1)
+    texels_per_px: tuple[float, float] = (0.25, 2.0)
     max_displacement_px: float = 1.0
 
     def __post_init__(self) -> None:
@@ -74,3 +78,4 @@ class FlowCrops(Crops):
     side_px: int = 128
     window_ms: float = 50.0
     motion_px: tuple[float, float] = (1.0, 40.0)
+    texels_per_px: tuple[float, float] = (0.5, 2.0)

@@ -160,6 +160,16 @@ def test_drawn_light_is_within_its_range():
     assert random_crop(replace(tiny, ideal_share=1.0), 1, 0, 0).cutoff_hz == math.inf
 
 
+def test_fewer_texels_on_a_pixel_are_a_smoother_image():
+    """Promise: the range of texels per pixel decides how alike neighboring pixels are."""
+    alike = []
+    for texels in (0.25, 2.0):
+        crops = replace(CROPS, texels_per_px=(texels, texels), motion_px=(0.1, 0.2))
+        image = random_crop(crops, 1, seed=3, index=1, light="ideal").log_image(0, 64)
+        alike.append(np.corrcoef(image[:, 1:].ravel(), image[:, :-1].ravel())[0, 1])
+    assert 1 - alike[0] < 0.2 * (1 - alike[1])
+
+
 def test_crops_depend_on_their_seed_alone(crop):
     """Promise: the same seed gives the same crop; another seed, or a held-out crop, differs."""
     again = random_crop(CROPS, WINDOWS, seed=3, index=1, light="ideal")

@@ -38,7 +38,7 @@ from tasks.learned.eraft_network import ERAFT  # noqa: E402
 from tasks.learned.ours import FLOW, RECONSTRUCTION, save  # noqa: E402
 from tasks.learned.training import loop  # noqa: E402
 from tasks.learned.training.progress import Progress, load_checkpoint, save_checkpoint  # noqa: E402
-from tasks.learned.training.reconstruction import Reconstruction  # noqa: E402
+from tasks.learned.training.reconstruction import Reconstruction, tiles_as_ranks  # noqa: E402
 from tasks.learned.training.start import start  # noqa: E402
 
 BRIEF = Schedule(
@@ -185,6 +185,28 @@ def test_twins_differ_in_light_alone():
     assert len({twins[0].run_in(step) for step in range(20)}) == TINY.run_in_windows + 1
     other = Reconstruction(TINY, "ideal", 6).network.state_dict()
     assert not all(torch.equal(states[0][name], other[name]) for name in other)
+
+
+def test_tiles_are_compared_whatever_their_mean_and_contrast():
+    """Promise: each tile gets the mean 1/2 and the variance 1/12 of ranks, so an image that is
+    right within each tile has no error there; a flat tile is gray."""
+    draw = torch.Generator().manual_seed(3)
+    image = torch.rand((2, 16, 16), generator=draw)
+    factors = torch.tensor([0.5, 1.0, 2.0, 4.0]).reshape(1, 2, 2)
+    gains, offsets = (one.repeat_interleave(8, 1).repeat_interleave(8, 2) for one in (factors,) * 2)
+    tiles = tiles_as_ranks(image, 2)
+    assert tiles.shape == (8, 8, 8)
+    torch.testing.assert_close(tiles.mean(dim=(1, 2)), torch.full((8,), 0.5))
+    torch.testing.assert_close(
+        tiles.var(dim=(1, 2), correction=0), torch.full((8,), 1 / 12), rtol=2e-3, atol=0
+    )
+    torch.testing.assert_close(tiles_as_ranks(gains * image + offsets, 2), tiles, rtol=0, atol=1e-3)
+    middle = image[1, 8:, :8] - image[1, 8:, :8].mean()
+    expected = 0.5 + middle / (12 * (middle.square().mean() + 1e-4)) ** 0.5
+    torch.testing.assert_close(tiles[6], expected)
+    torch.testing.assert_close(
+        tiles_as_ranks(torch.full((1, 8, 8), 0.9), 2), torch.full((4, 4, 4), 0.5)
+    )
 
 
 def test_a_training_starts_from_the_high_pass_filter():
@@ -357,6 +379,7 @@ def test_settings_are_names_or_files(tmp_path):
         ("bins = 1", "bins: found 1, expected at least 2"),
         ("windows = 0", "windows: found 0, expected a positive number"),
         ("windows_at_once = 5", "windows_at_once: found 5, expected a divisor of 12"),
+        ("tiles = 3", "tiles: found 3, expected a divisor of crops.side_px, 80"),
         ("[crops]\nside_px = 60", "side_px: found 60, expected a multiple of 8"),
         ("[crops]\ncutoff_hz = [50.0]", "cutoff_hz"),
         ("[schedule]\nsteps = -1", "schedule: steps: found -1"),

@@ -27,6 +27,7 @@ _BYTES_PER_PX_AND_CHANNEL = 200  # 125 were measured in bfloat16
 _GAIN = 2.0  # gain of the sums of events in the initial output, before the sigmoid
 _KEEP = 2.0  # initial bias of the keep gates: the memory lasts 8 windows; with 0 it would last 2
 _ERROR_FLOOR = 1e-3  # of mean squared errors, 30 dB: better images are as good
+_FLAT = 1e-4  # variance of a tile, of ranks from 0 to 1, below which it has little contrast
 _OTHERS = 0.1  # factor on the other channels' initial weights in the output layer
 
 
@@ -35,7 +36,9 @@ class Reconstruction(Problem):
 
     The loss of an image is the logarithm of its mean squared error against the histogram-equalized
     true picture: ranks are what the metric compares, and it compares them in dB. With the error
-    itself, the images that nothing can reconstruct would decide what is learned.
+    itself, the images that nothing can reconstruct would decide what is learned. Ranks are those in
+    an area as large as a tile of the score on wide sensors. On narrow ones tiles are smaller; so
+    the same is added for tiles of the image, each brought to the mean and contrast of ranks.
 
     Parameters
     ----------
@@ -91,8 +94,9 @@ class Reconstruction(Problem):
             errors = []
             for k in range(start, start + self._settings.windows_at_once):
                 image, states = self.network(grids[:, k], states)
-                square = torch.square(image[:, 0].float() - pictures[:, k])
-                errors.append(torch.log(square.mean(dim=(1, 2)) + _ERROR_FLOOR).mean())
+                pair = image[:, 0].float(), pictures[:, k]
+                in_tiles = [tiles_as_ranks(one, self._settings.tiles) for one in pair]
+                errors.append(_log_error(*pair) + _log_error(*in_tiles))
             yield torch.stack(errors).mean()
             states = [tuple(part.detach() for part in state) for state in states or ()]
 
@@ -133,6 +137,33 @@ class Reconstruction(Problem):
         pixels = settings.schedule.crops_per_step * settings.crops.side_px**2
         per_px = _BYTES_PER_PX_AND_CHANNEL * settings.base_channels
         return per_px * pixels * settings.windows_at_once
+
+
+def tiles_as_ranks(images: Tensor, tiles: int) -> Tensor:
+    """Bring each tile to the mean and the standard deviation of ranks, 1/2 and 1/sqrt(12).
+
+    Parameters
+    ----------
+    images
+        (B, S, S), S a multiple of the number of tiles.
+    tiles
+        Number of tiles along a side.
+
+    Returns
+    -------
+    (B * tiles^2, S / tiles, S / tiles), row by row. A tile without contrast is gray.
+    """
+    side = images.shape[1] // tiles
+    rows = images.unfold(1, side, side).unfold(2, side, side)
+    parts = rows.reshape(-1, side, side)
+    centered = parts - parts.mean(dim=(1, 2), keepdim=True)
+    variance = torch.square(centered).mean(dim=(1, 2), keepdim=True)
+    return 0.5 + centered / torch.sqrt(12 * (variance + _FLAT))
+
+
+def _log_error(images: Tensor, truths: Tensor) -> Tensor:
+    square = torch.square(images - truths).mean(dim=(1, 2))
+    return torch.log(square + _ERROR_FLOOR).mean()
 
 
 def _start_as_the_filter(network: E2VIDRecurrent) -> None:

@@ -106,6 +106,9 @@ class ReconstructionTraining:
     ranked_px
         Side of the area around a crop in which pixels are ranked, px. A pixel's rank is its target;
         so it depends on what the crop does not show. Held-out crops are as large.
+    tiles
+        Number of tiles along a side of a crop, in which images are compared once more, whatever
+        their mean and contrast.
 
     Raises
     ------
@@ -123,6 +126,7 @@ class ReconstructionTraining:
     windows: int = 12
     windows_at_once: int = 6
     ranked_px: int = 160
+    tiles: int = 2
 
     def __post_init__(self) -> None:
         _check_numbers(self, besides=("run_in_windows", "residual_blocks"))
@@ -142,6 +146,11 @@ class ReconstructionTraining:
                     f"{name}: found {side_px}, expected a multiple of {2**self.encoders}, for "
                     f"{self.encoders} encoders"
                 )
+        if self.crops.side_px % self.tiles:
+            raise TrainingError(
+                f"tiles: found {self.tiles}, expected a divisor of crops.side_px, "
+                f"{self.crops.side_px}"
+            )
         if self.ranked_px < self.crops.side_px:
             raise TrainingError(
                 f"ranked_px: found {self.ranked_px}, expected at least crops.side_px, "
