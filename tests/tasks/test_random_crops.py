@@ -167,7 +167,7 @@ def test_fewer_texels_on_a_pixel_are_a_smoother_image():
         crops = replace(CROPS, texels_per_px=(texels, texels), motion_px=(0.1, 0.2))
         image = random_crop(crops, 1, seed=3, index=1, light="ideal").log_image(0, 64)
         alike.append(np.corrcoef(image[:, 1:].ravel(), image[:, :-1].ravel())[0, 1])
-    assert 1 - alike[0] < 0.2 * (1 - alike[1])
+    assert 1 - alike[0] < 0.5 * (1 - alike[1])
 
 
 def test_crops_depend_on_their_seed_alone(crop):
