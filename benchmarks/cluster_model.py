@@ -8,6 +8,7 @@ clip is complete, each task simulates and scores one sensor on it.
 from __future__ import annotations
 
 import heapq
+import math
 from dataclasses import replace
 from itertools import product
 
@@ -41,8 +42,11 @@ def single_sensors(sensors: Simulate) -> list[Simulate]:
             cutoffs_hz=(cutoff,),
             contrast_thresholds=(threshold,),
             speeds=(speed,),
+            photoreceptors=(photoreceptor,),
         )
         for width, cutoff, threshold, speed in product(*axes)
+        # An ideal photoreceptor is the same in every reading.
+        for photoreceptor in (sensors.photoreceptors if cutoff < math.inf else ("two_pole",))
     ]
 
 
