@@ -94,7 +94,7 @@ def read_typed(
         A dataclass (a table with exactly its fields; those with a default may be absent), a union
         of dataclasses that differ in their field `kind`, dict[str, ...], a tuple of one type (a
         list), a Literal of words, float (finite), `FloatOrInf`, int, bool, str or Any. A union with
-        None is for an optional field.
+        None is for an optional field, which is null in JSON or absent.
     found
         The parsed value, or one that has the type already, which stays as it is.
     file, field
@@ -118,6 +118,8 @@ def read_typed(
     result: Any
     prefix = f"{field}." if field else ""
     if isinstance(kind, types.UnionType) or typing.get_origin(kind) is typing.Union:
+        if found is None and types.NoneType in typing.get_args(kind):
+            return typing.cast(T, None)
         kind = _member(kind, found, refuse)
     if dataclasses.is_dataclass(kind) and isinstance(found, dict):
         values = _fields(kind, found, file, error, prefix)

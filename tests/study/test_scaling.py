@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,9 +21,9 @@ from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.sections.scaling import interval_plot
 from tasks.study.results.paper import WIDTHS
-from tasks.study.results.scaling import Scaling, read_scaling
+from tasks.study.results.scaling import Scaling, Slopes, read_scaling
 from tasks.study.results.scores import Scores
-from tasks.study.run.scaling import scaling_files
+from tasks.study.run.scaling import measure_scaling, scaling_files
 
 
 def verdicts(scaling: Scaling | None, **kwargs) -> tuple[Verdict, Verdict]:
@@ -132,6 +133,33 @@ def test_the_section_shows_each_scene_it_has(tmp_path: Path) -> None:
     (folder / "carpet.png").unlink()
     with pytest.raises(ResultError, match=r"carpet\.png: no such file"):
         section_of(tmp_path)
+
+
+class Still:
+    """Two equal frames."""
+
+    t_s = np.array([0.0, 0.01])
+    manifest = SimpleNamespace(scene="carpet", clip=0)
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def frame(self, index: int) -> np.ndarray:
+        return np.random.default_rng(0).uniform(0.1, 1.0, (96, 96)).astype(np.float32)
+
+
+def test_where_nothing_moves_there_is_no_law(tmp_path: Path) -> None:
+    """Promise: a camera that stands still in the statistics' clip costs the run only its power law;
+    the page says so, and claim 1 is not measured."""
+    one, slope = measure_scaling(Still(), 1e-3, {})
+    assert one.everywhere == one.edges == Slopes((0.0,) * len(one.sizes_px), None)
+    still = replace(made(), everywhere=one.everywhere, edges=one.edges, sizes_px=one.sizes_px)
+    (tmp_path / "scaling").mkdir()
+    for name, content in scaling_files(still, slope).items():
+        (tmp_path / "scaling" / name).write_bytes(content)
+    assert read_scaling(tmp_path / "scaling") == {"carpet": still}
+    assert "everywhere: 0, nothing moves" in section_of(tmp_path)
+    assert verdicts(still)[0].status is Status.NOT_MEASURED
 
 
 def test_no_events_have_a_plot_without_peaks() -> None:

@@ -25,6 +25,8 @@ def _scaling(on: SceneScores) -> Scaling:
 
 def _exponent(slopes: Slopes) -> Reading:
     """Read the exponent γ of |L_t| ~ 1/p^γ, which must be positive."""
+    if slopes.law is None:
+        raise NotMeasured("not measured, nothing moves between the clip's last two frames")
     found = Estimate(slopes.law.exponent, slopes.law.low, slopes.law.high)
     return Reading(found.text(sign=""), settled(found, above=True, bound=0.0))
 

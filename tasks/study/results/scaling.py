@@ -31,10 +31,13 @@ class Intervals:
 
 @dataclass(frozen=True, slots=True)
 class Slopes:
-    """Mean |L_t| by pixel size, 1/s, and its power law for sizes up to `FIT_PX`."""
+    """Mean |L_t| by pixel size, 1/s, and its power law for sizes up to `FIT_PX`.
+
+    Where nothing moves, all means are 0 and there is no law.
+    """
 
     mean_hz: tuple[float, ...]
-    law: PowerLaw
+    law: PowerLaw | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -90,6 +90,8 @@ def measure_scaling(
 def _slopes(
     slopes: SlopesBySize, blocks: NDArray[np.float64], weights: NDArray[np.number]
 ) -> Slopes:
+    if not blocks.any():
+        return Slopes((0.0,) * len(slopes.sizes_px), None)
     fitted = slopes.sizes_px <= FIT_PX
     law = fit_power_law(slopes.sizes_px[fitted], blocks[:, fitted], weights)
     return Slopes(tuple(np.average(blocks, axis=0, weights=weights).tolist()), law)

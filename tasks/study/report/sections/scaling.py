@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from sensor.statistics import PowerLaw
 from tasks.metric import number_text
 from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, width_keys
-from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
+from tasks.study.results.scaling import FIT_PX, Intervals, Scaling
 from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_detail, cutoff_label, speed_label
 
 
 def slope_plot(one: Scaling) -> Plot:
-    """Plot |L_t| against pixel size, with its power laws."""
+    """Plot |L_t| against pixel size, with its power laws; without lines where nothing moves."""
     curves = {"at edges": ("ink", one.edges), "everywhere": ("soft", one.everywhere)}
     ends = [float(min(one.sizes_px)), FIT_PX]
     keys, lines = [], []
     for name, (color, found) in curves.items():
-        keys.append(Key(f"{name}: {_law_text(found)}", color, CIRCLE))
+        keys.append(Key(f"{name}: {_law_text(found.law)}", color, CIRCLE))
+        if found.law is None:
+            continue
         points = [
             Point(size, mean, [name, f"{size:g} px", f"{mean:.3g} /s"])
             for size, mean in zip(one.sizes_px, found.mean_hz, strict=True)
@@ -28,8 +31,9 @@ def slope_plot(one: Scaling) -> Plot:
     return plot(f"Slope, {one.scene}", *axes, keys, [panel], log_y=True)
 
 
-def _law_text(slopes: Slopes) -> str:
-    law = slopes.law
+def _law_text(law: PowerLaw | None) -> str:
+    if law is None:
+        return "0, nothing moves"
     exponent, low, high = (number_text(v, 2) for v in (law.exponent, law.low, law.high))
     return f"γ = {exponent} [{low}, {high}]"
 
