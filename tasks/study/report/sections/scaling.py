@@ -19,6 +19,7 @@ def slope_plot(one: Scaling) -> Plot:
     for name, (color, found) in curves.items():
         keys.append(Key(f"{name}: {_law_text(found.law)}", color, CIRCLE))
         if found.law is None:
+            lines.append(Line([], []))
             continue
         points = [
             Point(size, mean, [name, f"{size:g} px", f"{mean:.3g} /s"])
