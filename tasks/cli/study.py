@@ -148,12 +148,11 @@ def _show_scores(run: Path) -> None:
 
     from eres_render.storage.settings_reader import read_json
     from tasks.cli.comparison import to_rich
-    from tasks.row import read_rows
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.scores import by_photoreceptor
+    from tasks.study.results.scores import scores_of_run
     from tasks.study.results.words import PACKAGED, join_words, photoreceptor_label
 
-    (scores, *others), *readings = by_photoreceptor(read_rows(run / "rows.parquet")).values()
+    (scores, *others), *readings = scores_of_run(run).values()
     base = read_json(dict[str, Any], run / "study.json", ResultError).get("base_m_per_s", {})
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, {**PACKAGED, **base}), crop=False)
@@ -177,11 +176,10 @@ def _show_claims(run: Path) -> None:
     from typing import Any
 
     from eres_render.storage.settings_reader import read_json
-    from tasks.row import read_rows
     from tasks.study.claims.judge import changed_verdicts, judge_readings
     from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
-    from tasks.study.results.scores import by_photoreceptor
+    from tasks.study.results.scores import scores_of_run
     from tasks.study.results.words import photoreceptor_label
 
     marks = {
@@ -190,7 +188,7 @@ def _show_claims(run: Path) -> None:
         Status.UNDECIDED: "[yellow]undecided[/yellow]",
         Status.NOT_MEASURED: "[dim]not measured[/dim]",
     }
-    readings = by_photoreceptor(read_rows(run / "rows.parquet"))
+    readings = scores_of_run(run)
     config = read_json(dict[str, Any], run / "study.json", ResultError)
     judged = judge_readings(config, readings, read_scaling(run / "scaling"))
     verdicts, found = next(iter(judged.values())), next(iter(readings.values()))

@@ -95,6 +95,7 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
     """The text around the comments does not change, and repeated runs replace the text between
     them; an error names a page without a place, or with an unknown one, and does not change it."""
     write_rows(tmp_path / "rows.parquet", paper_rows(scenes=("carpet",)))
+    (tmp_path / "study.json").write_text("{}")
     page = tmp_path / "page.md"
     page.write_text(PAGE.format("overview, of a run"))
     for _ in range(2):

@@ -157,8 +157,7 @@ def test_other_sensors_are_judged_on_the_claims_about_training_alone() -> None:
     rows = twin_rows(HF, "our_reconstruction_{}", at_night=9.0, all_light=0.5)
     slower = [replace(row, cutoff_hz=20.0) for row in rows if row.cutoff_hz == 50.0]
     assert claims_of({}, Scores(rows)) is CLAIMS
-    wide = {"render": {"height": 720, "resolution": 1280}}
-    assert claims_of(wide, Scores(rows)) is TRAINING_CLAIMS
+    assert claims_of({}, Scores(rows, square=False)) is TRAINING_CLAIMS
     camera = [replace(row, sensor="davis346") if row.width == 346 else row for row in rows]
     assert claims_of({}, Scores(camera)) is TRAINING_CLAIMS
     (found,) = judge_readings({}, {"two_pole": [Scores(rows + slower)]}, {}).values()

@@ -2,14 +2,17 @@
 
 import csv
 import io
+import json
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from drawn import comparison_html
+from finished_runs import make_run
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks.cli.comparison import to_rich
 from tasks.errors import ResultError
@@ -17,7 +20,7 @@ from tasks.row import Row
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.scores import Condition, Scores, scores_of_run
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 
@@ -146,6 +149,17 @@ def test_the_paper_is_shown_only_next_to_its_own_sensors(change: dict, shown: bo
     assert ("paper" in terminal_text(rows)) is shown
     assert ('class="paper"' in comparison_html(table)) is shown
     assert table.footnote.startswith("paper: its Table 6" if shown else "bold: best of")
+
+
+@pytest.mark.parametrize("height", [1280, 720, None])
+def test_the_paper_is_shown_only_next_to_squares(height: int | None, tmp_path: Path) -> None:
+    """Promise: a run whose frames are not square has the widths of the paper, not its sensors."""
+    make_run(tmp_path, grid())
+    said = {"render": {"resolution": 1280} | ({"height": height} if height else {})}
+    (tmp_path / "study.json").write_text(json.dumps(said))
+    ((scores,),) = scores_of_run(tmp_path).values()
+    shown = [column.head for column in comparison_table(scores, EI).columns]
+    assert ("paper" in shown) is (height != 720)
 
 
 def test_every_rendering_has_the_same_numbers() -> None:

@@ -58,10 +58,8 @@ def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     every = scores.series()
     if {scene for one in every for scene in scores.scenes(one)} <= set(PRINTS):
         return (ON_THE_SLIDER,)
-    render = config.get("render", {})
-    square = render.get("height") in (None, render.get("resolution"))
     papers = all(has_sensors(scores.widths(one), scores.cutoffs_hz(one)) for one in every)
-    return CLAIMS if papers and square and not scores.sensor_names else TRAINING_CLAIMS
+    return CLAIMS if papers and scores.square and not scores.sensor_names else TRAINING_CLAIMS
 
 
 def judge_readings(

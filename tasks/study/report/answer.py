@@ -18,13 +18,12 @@ from textwrap import fill
 from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS
-from tasks.row import read_rows
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import shown_series, sigma_mm
-from tasks.study.results.scores import by_photoreceptor
+from tasks.study.results.scores import scores_of_run
 from tasks.study.results.words import MISSING, cutoff_label, join_words, speed_label
 
 _PAGE_WIDTH = 100
@@ -123,9 +122,9 @@ def choices_of(run_dir: Path) -> dict[Series, Choices]:
     Raises
     ------
     ResultError
-        As `tasks.row.read_rows` and `tasks.study.results.scores.by_photoreceptor` raise it.
+        As `tasks.study.results.scores.scores_of_run` raises it.
     """
-    (scores, *_), *_ = by_photoreceptor(read_rows(run_dir / "rows.parquet")).values()
+    (scores, *_), *_ = scores_of_run(run_dir).values()
     usual = [s for s in shown_series(scores) if not s.variant or sigma_mm(s.variant) is not None]
     return {series: choose_all(scores, series) for series in usual}
 

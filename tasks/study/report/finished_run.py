@@ -12,7 +12,6 @@ from typing import Any
 from eres_render.storage.settings_reader import read_json, read_typed
 from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
-from tasks.row import read_rows
 from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.bandwidth import usual_bus_hz
@@ -20,7 +19,7 @@ from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import Scaling, read_scaling
-from tasks.study.results.scores import Scores, by_photoreceptor
+from tasks.study.results.scores import Scores, scores_of_run
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 
@@ -164,10 +163,11 @@ def read_run(folder: Path) -> FinishedRun:
     ResultError
         A file is missing or damaged, or all rows are do-nothing rows.
     """
-    rows_file = folder / "rows.parquet"
-    (_, found), *others = by_photoreceptor(read_rows(rows_file)).items()
+    (_, found), *others = scores_of_run(folder).items()
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)
     config = read_json(dict[str, Any], folder / "study.json", ResultError)
     if not found[0].series():
-        raise ResultError(f"{rows_file}: found only do-nothing rows, expected rows of a method")
+        raise ResultError(
+            f"{folder / 'rows.parquet'}: found only do-nothing rows, expected rows of a method"
+        )
     return FinishedRun(folder, found, environment, config, dict(others))

@@ -8,14 +8,16 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import NamedTuple, TypeVar
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 from tasks.registry import TASKS
-from tasks.row import Row
+from tasks.row import Row, read_rows
 from tasks.study.results.asked import MetersPerSecond, light_of, speed_of
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.metrics import Series
@@ -97,7 +99,20 @@ class Cell:
         return resampled_medians(self.event_rates_hz, self.sample, self.scene)
 
 
-def by_photoreceptor(rows: Iterable[Row]) -> dict[str, list[Scores]]:
+def scores_of_run(folder: Path) -> dict[str, list[Scores]]:
+    """Read the scores of a run, as `by_photoreceptor` returns them.
+
+    Raises
+    ------
+    ResultError
+        As `read_rows`, `read_json` and `Scores` raise it.
+    """
+    rows = read_rows(folder / "rows.parquet")
+    render = read_json(dict[str, Any], folder / "study.json", ResultError).get("render", {})
+    return by_photoreceptor(rows, square=render.get("height") in (None, render.get("resolution")))
+
+
+def by_photoreceptor(rows: Iterable[Row], *, square: bool = True) -> dict[str, list[Scores]]:
     """Return the scores of each photoreceptor at each contrast threshold.
 
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
@@ -106,6 +121,8 @@ def by_photoreceptor(rows: Iterable[Row]) -> dict[str, list[Scores]]:
     ----------
     rows
         The rows of a run.
+    square
+        Whether sensors without a name are square.
 
     Returns
     -------
@@ -120,10 +137,10 @@ def by_photoreceptor(rows: Iterable[Row]) -> dict[str, list[Scores]]:
     """
     found = _divided(_some(rows), lambda row: row.photoreceptor)
     order = sorted(found, key=lambda name: name != "two_pole")
-    return {name: by_threshold(found[name]) for name in order}
+    return {name: by_threshold(found[name], square=square) for name in order}
 
 
-def by_threshold(rows: Iterable[Row]) -> list[Scores]:
+def by_threshold(rows: Iterable[Row], *, square: bool = True) -> list[Scores]:
     """Return the scores of each contrast threshold of one photoreceptor, in the order of the rows.
 
     Raises
@@ -132,7 +149,7 @@ def by_threshold(rows: Iterable[Row]) -> list[Scores]:
         As `Scores` raises it.
     """
     found = _divided(_some(rows), lambda row: row.contrast_threshold)
-    return [Scores(of_one) for of_one in found.values()]
+    return [Scores(of_one, square=square) for of_one in found.values()]
 
 
 def _divided(rows: list[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
@@ -170,6 +187,8 @@ class Scores:
     rows
         Result rows of one photoreceptor and contrast threshold, in any order; cameras can have
         their own. A row counts as missing if its value is not finite.
+    square
+        Whether sensors without a name are square, as the paper's are.
 
     Attributes
     ----------
@@ -188,8 +207,9 @@ class Scores:
         same width.
     """
 
-    def __init__(self, rows: Iterable[Row]) -> None:
+    def __init__(self, rows: Iterable[Row], *, square: bool = True) -> None:
         rows = _some(rows)
+        self.square = square
         first = next((row for row in rows if not row.sensor), rows[0])
         self.contrast_threshold = first.contrast_threshold
         self.photoreceptor = first.photoreceptor
@@ -365,11 +385,12 @@ class Scores:
         Returns
         -------
         float or None
-            None if the paper has no such score, as at any contrast threshold but its own.
+            None if the paper has no such score, as at any contrast threshold but its own, or with
+            sensors that are not square.
         """
         scene, width, cutoff_hz, speed = condition
-        squares = self.contrast_threshold == CONTRAST_THRESHOLD and width not in self.sensor_names
-        if not squares or isinstance(speed, MetersPerSecond):
+        papers = self.square and self.contrast_threshold == CONTRAST_THRESHOLD
+        if not papers or width in self.sensor_names or isinstance(speed, MetersPerSecond):
             return None
         return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
 
