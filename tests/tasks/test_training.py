@@ -38,6 +38,7 @@ from tasks.learned.checkpoint import load_into, read_checkpoint  # noqa: E402
 from tasks.learned.eraft_network import ERAFT  # noqa: E402
 from tasks.learned.ours import FLOW, RECONSTRUCTION, save  # noqa: E402
 from tasks.learned.training import loop  # noqa: E402
+from tasks.learned.training.flow import Flow  # noqa: E402
 from tasks.learned.training.progress import Progress, load_checkpoint, save_checkpoint  # noqa: E402
 from tasks.learned.training.reconstruction import Reconstruction, tiles_as_ranks  # noqa: E402
 from tasks.learned.training.start import start  # noqa: E402
@@ -325,8 +326,8 @@ def test_weights_of_others_are_refused(run, tmp_path):
     torch.save({"arch": FLOW, "light": "all", "weights": {"b": torch.zeros(2)}}, file)
     with pytest.raises(WeightsError, match=r"fnet.conv1.weight: found shape \(\), expected four"):
         network("dense_flow", other, {other: str(file)})
-    with pytest.raises(WeightsError, match=f"found no weights, expected --weights {other}=FILE"):
-        network("dense_flow", other, None)
+    with pytest.raises(WeightsError, match="found no weights, expected --weights eraft=FILE"):
+        network("dense_flow", "eraft", None)
     assert stored["arch"] == RECONSTRUCTION
 
 
@@ -411,16 +412,24 @@ def test_the_page_shows_every_setting_with_its_default(task, known, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("light", ["ideal", "all"])
-def test_the_weights_that_come_with_eres_have_the_scores_of_their_card(light):
-    """Promise: the scores of the training, within 0.1 dB, on the held-out crops of its settings."""
+@pytest.mark.parametrize(
+    ("problem_of", "kind", "within"),
+    [(Reconstruction, ReconstructionTraining, 0.1), (Flow, FlowTraining, 0.02)],
+)
+def test_the_weights_that_come_with_eres_have_the_scores_of_their_card(
+    problem_of, kind, within, light
+):
+    """Promise: the scores of the training, within 0.1 dB or 0.02 px, on the held-out crops of its
+    settings."""
+    task = problem_of.__name__
     card = Path(__file__).parents[2] / "docs" / "networks_card.md"
-    section = card.read_text(encoding="utf-8").split("## Reconstruction")[1]
+    section = card.read_text(encoding="utf-8").split(f"## {task}\n")[1]
     cells = section.split(f"| {light} light | 0 |")[1].split("|")[:3]
     said = json.loads(section.split("```json")[1].split("```")[0])
     said = {name: value for name, value in said.items() if name != "task"}
-    settings = read_typed(ReconstructionTraining, said, card, TrainingError)
-    problem = Reconstruction(settings, light, 0)
-    file = Path(files_of_weights(f"our_reconstruction_{light}_light"))
+    settings = read_typed(kind, said, card, TrainingError)
+    problem = problem_of(settings, light, 0)
+    file = Path(files_of_weights(f"our_{task.lower()}_{light}_light"))
     load_into(problem.network, read_checkpoint(file)["weights"], file)
     problem.hold_out()
     found = [scores[0] for scores in problem.scores(torch.device("cpu")).values()]

@@ -72,13 +72,13 @@ def _table(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> str:
 
 def _origins(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> list[str]:
     """Describe steps, device, size, code and settings of the trainings, without repetition."""
-    found: dict[str, None] = {}
+    origins: dict[str, None] = {}
+    every: dict[str, None] = {}
     for folder, described, scores in runs:
         settings = {k: v for k, v in described["settings"].items() if k not in ("light", "seed")}
         made_with = ", ".join(f"{k} {v}" for k, v in described["made_with"].items())
         megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
-        found[
-            f"{scores['steps']} steps on {scores['device']}, {megabytes:.2f} MB; {made_with}.\n\n"
-            f"```json\n{json.dumps(settings, indent=2)}\n```"
-        ] = None
-    return list(found)
+        steps = f"{scores['steps']} steps on {scores['device']}, {megabytes:.2f} MB"
+        origins[f"{steps}; {made_with}."] = None
+        every[f"```json\n{json.dumps(settings, indent=2)}\n```"] = None
+    return [*origins, *every]

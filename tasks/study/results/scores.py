@@ -141,7 +141,19 @@ def by_photoreceptor(rows: Iterable[Row], *, square: bool = True) -> dict[str, l
 
 
 def by_threshold(rows: Iterable[Row], *, square: bool = True) -> list[Scores]:
-    """Return the scores of each contrast threshold of one photoreceptor, in the order of the rows.
+    """Return the scores of each contrast threshold of one photoreceptor.
+
+    Parameters
+    ----------
+    rows
+        The rows.
+    square
+        As in `by_photoreceptor`.
+
+    Returns
+    -------
+    list of Scores
+        In the order of the rows.
 
     Raises
     ------
