@@ -102,10 +102,10 @@ class NetworkSettings(TaskSettings):
     weights: dict[str, str] | None = None
 
 
-_E2VID_S = 10.5  # core seconds of a window at 1280 px, as measured for docs/learned.md
-_OURS_S = _E2VID_S / 4  # with half as many channels
-_ERAFT_S = 90.0  # of a pair of windows
-_OUR_FLOW_S = 16.0  # with a quarter of the channels
+_E2VID_S = 6.4  # core seconds of a window at 1280 px, as measured for docs/learned.md
+_OURS_S = 2.2  # with half as many channels
+_ERAFT_S = 19.0  # of a pair of windows
+_OUR_FLOW_S = 6.1  # with a quarter of the channels
 
 
 def _share(width: int) -> float:
