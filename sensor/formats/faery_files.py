@@ -37,7 +37,7 @@ def _decoding(path: Path, kind: str, *options: str) -> Iterator[IO[bytes]]:
     """
     if importlib.util.find_spec("faery") is None:
         raise EventFormatError(
-            f"{kind} needs faery, which is not installed: pip install 'eres-events[formats]'"
+            f"{kind} needs faery, which is not installed: in a checkout, pip install '.[formats]'"
         )
     # -P: the script must not import the modules beside it.
     command = [sys.executable, "-P", faery_process.__file__, kind, str(path.absolute()), *options]

@@ -41,7 +41,7 @@ def _opened(path: Path) -> Iterator[Any]:
         rosbag1 = importlib.import_module("rosbags.rosbag1")
     except ImportError:
         raise EventFormatError(
-            "bag needs rosbags, which is not installed: pip install 'eres-events[formats]'"
+            "bag needs rosbags, which is not installed: in a checkout, pip install '.[formats]'"
         ) from None
     try:
         with rosbag1.Reader(path) as reader:

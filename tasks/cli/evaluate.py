@@ -58,7 +58,7 @@ def evaluate(
     method
         Names (`eres methods` lists them), or your own functions as
         package.module:function; by default all methods of the task that can run, except
-        diagnostics.
+        diagnostics and networks without --weights.
     resolution
         Width of the sensor, px; for a sequence.
     cutoff

@@ -27,8 +27,8 @@ def info(
     Parameters
     ----------
     format
-        dsec, evt3, evt2, npz, text, csv, aedat4, dat, es, bag or package.module:Format, instead of
-        what the extension says.
+        dsec, evt3, evt2, npz, text, csv, aedat3, aedat4, dat, es, bag or package.module:Format,
+        instead of what the extension says.
     """
     if path.is_file():
         from tasks.events.description import describe

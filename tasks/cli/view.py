@@ -43,7 +43,7 @@ def view(
         File to write: .mp4, .gif or .webp; .png, one picture; .html, a page that plays events
         without a network; .rrd, a recording for the Rerun viewer.
     rerun
-        Open the Rerun viewer instead (pip install 'eres-events[viewer]').
+        Open the Rerun viewer instead (in a checkout: pip install '.[viewer]').
     over
         Draw the events over the frames of this rendered clip.
     show

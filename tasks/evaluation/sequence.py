@@ -40,7 +40,7 @@ def evaluate_sequence(
         Name of the task.
     methods
         Names, or "package.module:function"; by default all methods of the task except diagnostics
-        and networks without weights.
+        and networks whose weights are not given.
     width
         Width of the sensor, px. It sees all of the frames, and has their shape to within a pixel.
     cutoff_hz

@@ -23,7 +23,7 @@ class Reading:
         Unit of the times of a text file: s, ms, us or ns. Needed if they are whole numbers and no
         header line names it.
     sort
-        Sort the events by time, for text, AEDAT4, DAT, ES and bags; this needs all events in
+        Sort the events by time, for text, AEDAT, DAT, ES and bags; this needs all events in
         memory.
     topic
         Topic of a ROS bag, if several have events.

@@ -146,8 +146,9 @@ def _methods(
         return tuple(given)
     if task == "dense_flow" and not set(spec.networks) & set(names):
         raise TaskError(
-            f"{recording.path}: {spec.title} needs a network, expected --weights eraft=FILE or "
-            "--method package.module:function; --task flow needs neither"
+            f"{recording.path}: {spec.title} needs a network, expected --method "
+            "our_flow_all_light, --weights eraft=FILE or --method package.module:function; "
+            "--task flow needs none"
         )
     left_out: tuple[str, ...] = LOCAL if frames is None else (_WITH_DELAY,)
     if task == "dense_flow":

@@ -84,7 +84,8 @@ def _recording(path: Path | None) -> Iterator[tuple[Any, Any]]:
         import rerun
     except ModuleNotFoundError as error:
         raise TaskError(
-            "rerun: is not installed; pip install 'eres-events[viewer]', or pip install rerun-sdk"
+            "rerun: is not installed; in a checkout: pip install '.[viewer]', or anywhere: "
+            "pip install rerun-sdk"
         ) from error
     recording = rerun.RecordingStream("eres")
     if path is None:

@@ -105,7 +105,7 @@ def test_without_faery_the_error_says_what_to_install(tmp_path, monkeypatch):
     """Promise: the error names the command."""
     path = write(tmp_path, "es", random_events(9))
     monkeypatch.setitem(sys.modules, "faery", None)
-    with pytest.raises(EventFormatError, match=r"pip install 'eres-events\[formats\]'"):
+    with pytest.raises(EventFormatError, match=r"pip install '\.\[formats\]'"):
         load_events(path)
 
 

@@ -347,7 +347,7 @@ def test_tasks_that_need_more_say_it(made, eres):
     for task, said in (
         ("tracking", "needs a plane"),
         ("video", "expected --frames"),
-        ("dense_flow", "needs a network, expected --weights eraft=FILE"),
+        ("dense_flow", "needs a network, expected --method our_flow_all_light, --weights"),
     ):
         code, _, err = eres("evaluate", made.events_file, "--task", task)
         assert (code, said in err) == (1, True)

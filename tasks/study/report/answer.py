@@ -55,7 +55,8 @@ def _rule_text(found: Mapping[Series, Choices]) -> str:
     near = join_words([metric.near for metric in metrics], "or")
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "
-        '"None": not even the best beats doing nothing by more than that.'
+        '"None": not even the best beats doing nothing by more than that. '
+        "A single entry is that of every scene in the line."
     )
     if any(choice and choice.paper for choices in found.values() for choice in choices.values()):
         text += " *Paper*: the same rule on the paper's medians, not compared with doing nothing."
