@@ -9,7 +9,15 @@ import pytest
 
 from study_rows import EI, EPF, HF, nothing_rows, paper_rows
 from tasks.row import Row, write_rows
-from tasks.study.report.answer import choices_of, details, main, overview, with_answers
+from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.report.answer import (
+    answers_of,
+    claim_counts,
+    details,
+    main,
+    overview,
+    with_answers,
+)
 from tasks.study.results.choice import Choices, answered, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores
@@ -20,14 +28,12 @@ PAGE = "Before.\n\n<!-- answer: {} -->\nold\n<!-- end of answer --> After."
 
 
 @pytest.fixture(scope="module")
-def of_the_paper() -> dict[Series, Choices]:
-    return choices_of(RUN)
+def of_the_paper() -> dict[str, str]:
+    return answers_of(RUN)
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
-def test_what_the_pages_say_is_what_the_run_says(
-    of_the_paper: dict[Series, Choices], page: str
-) -> None:
+def test_what_the_pages_say_is_what_the_run_says(of_the_paper: dict[str, str], page: str) -> None:
     """Promise: README and docs have the exact answers of docs/results/paper; if not, `make answers`
     rewrites them."""
     text = (ROOT / page).read_text()
@@ -96,6 +102,7 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
     them; an error names a page without a place, or with an unknown one, and does not change it."""
     write_rows(tmp_path / "rows.parquet", paper_rows(scenes=("carpet",)))
     (tmp_path / "study.json").write_text("{}")
+    (tmp_path / "environment.json").write_text("{}")
     page = tmp_path / "page.md"
     page.write_text(PAGE.format("overview, of a run"))
     for _ in range(2):
@@ -126,3 +133,25 @@ def test_speeds_in_m_per_s_are_not_factors() -> None:
     assert "| ideal, 2 m/s |" in text
     assert "50 Hz, 4 m/s" in text
     assert "peed 1" not in text
+
+
+def verdicts(*statuses: Status) -> list[Verdict]:
+    return [Verdict(n, "", "", status, "", "", "") for n, status in enumerate(statuses, start=1)]
+
+
+def test_claims_are_counted_and_named() -> None:
+    """The paragraph names the claims of each verdict, and those that another photoreceptor changes;
+    a claim that is not measured counts nowhere."""
+    yes, no, open_, unknown = Status
+    first = verdicts(yes, yes, no, unknown, yes)
+    assert " ".join(claim_counts({"two_pole": first}).split()) == (
+        "Of 4 claims that this run measures, 3 hold (1, 2, 5), 1 does not (3) and none is "
+        "undecided."
+    )
+    other = verdicts(yes, no, open_, unknown, unknown)
+    text = claim_counts({"two_pole": first, "v2e": other, "one_pole": first})
+    assert " ".join(text.split()).endswith(
+        "With the pole of v2e, 2 does not and 3 is undecided. With one pole, the verdicts are the "
+        "same."
+    )
+    assert claim_counts({"two_pole": verdicts(unknown)}).startswith("None of the paper's claims is")

@@ -1,4 +1,4 @@
-"""Write into Markdown pages which resolution is enough.
+"""Write into Markdown pages which resolution is enough, and how many claims hold.
 
     python -m tasks.study.report.answer RUN PAGE...
 
@@ -18,13 +18,21 @@ from textwrap import fill
 from eres_render.storage.atomic import write_bytes
 from tasks.errors import ResultError, TaskError
 from tasks.registry import TASKS
+from tasks.study.claims.judge import changed_verdicts
+from tasks.study.claims.verdict import Status, Verdict
+from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S
-from tasks.study.results.perturbation import shown_series, sigma_mm
-from tasks.study.results.scores import scores_of_run
-from tasks.study.results.words import MISSING, cutoff_label, join_words, speed_label
+from tasks.study.results.perturbation import sigma_mm
+from tasks.study.results.words import (
+    MISSING,
+    cutoff_label,
+    join_words,
+    photoreceptor_label,
+    speed_label,
+)
 
 _PAGE_WIDTH = 100
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
@@ -47,7 +55,49 @@ def details(found: Mapping[Series, Choices]) -> str:
     return f"{_wrapped(said)}\n\n{_table(found, lines, tied=True)}"
 
 
-BLOCKS = {"overview": overview, "details": details}
+def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
+    """Return how many claims hold, which, and what changes with another photoreceptor.
+
+    Parameters
+    ----------
+    judged
+        Verdicts by photoreceptor, as `tasks.study.claims.judge.judge_readings` returns them.
+
+    Returns
+    -------
+    str
+        A paragraph.
+    """
+    verdicts = next(iter(judged.values()))
+    measured = [one for one in verdicts if one.status is not Status.NOT_MEASURED]
+    if not measured:
+        return "None of the paper's claims is about this run."
+    by_status: dict[Status, list[str]] = {status: [] for status in _WORDS}
+    for one in measured:
+        by_status[one.status].append(str(one.number))
+    counts = [_counted(status, numbers) for status, numbers in by_status.items()]
+    text = f"Of {len(measured)} claims that this run measures, {join_words(counts)}."
+    for name in [*judged][1:]:
+        changed = changed_verdicts({"": verdicts, name: judged[name]})
+        named = [f"{there.number} {_WORDS[there.status][0]}" for _, there in changed]
+        said = join_words(named) if named else "the verdicts are the same"
+        text += f" With {photoreceptor_label(name)}, {said}."
+    return _wrapped(text)
+
+
+# The verb after one claim, and after several.
+_WORDS = {
+    Status.HOLDS: ("holds", "hold"),
+    Status.DOES_NOT_HOLD: ("does not", "do not"),
+    Status.UNDECIDED: ("is undecided", "are undecided"),
+}
+
+
+def _counted(status: Status, numbers: Sequence[str]) -> str:
+    one, several = _WORDS[status]
+    if not numbers:
+        return f"none {one}"
+    return f"{len(numbers)} {several if numbers[1:] else one} ({', '.join(numbers)})"
 
 
 def _rule_text(found: Mapping[Series, Choices]) -> str:
@@ -115,62 +165,72 @@ def _wrapped(text: str) -> str:
     return fill(text, _PAGE_WIDTH, break_on_hyphens=False)
 
 
-def choices_of(run_dir: Path) -> dict[Series, Choices]:
-    """Choose widths for each method on the default variant of each task.
+def answers_of(run_dir: Path) -> dict[str, str]:
+    """Return the texts that a page can have about a run, by name.
 
-    Only rows of the first photoreceptor and contrast threshold count.
+    Widths are those of each method on the default variant of each task. Only rows of the first
+    photoreceptor and contrast threshold count.
 
     Raises
     ------
     ResultError
-        As `tasks.study.results.scores.scores_of_run` raises it.
+        As `tasks.study.report.finished_run.read_run` raises it.
     """
-    (scores, *_), *_ = scores_of_run(run_dir).values()
-    usual = [s for s in shown_series(scores) if not s.variant or sigma_mm(s.variant) is not None]
-    return {series: choose_all(scores, series) for series in usual}
+    run = read_run(run_dir)
+    found = _choices_of(run)
+    return {
+        "overview": overview(found),
+        "details": details(found),
+        "claims": claim_counts(run.verdicts_by_photoreceptor),
+    }
 
 
-def with_answers(page: Path, found: Mapping[Series, Choices]) -> str:
+def _choices_of(run: FinishedRun) -> dict[Series, Choices]:
+    usual = [s for s in run.series if not s.variant or sigma_mm(s.variant) is not None]
+    return {series: choose_all(run.scores, series) for series in usual}
+
+
+def with_answers(page: Path, answers: Mapping[str, str]) -> str:
     """Replace the text between the comments of a Markdown page.
 
     Parameters
     ----------
     page
         File of the page; it is not written.
-    found
-        Choices by series.
+    answers
+        Texts by name, as `answers_of` returns them.
 
     Returns
     -------
     str
-        Text of the page with the answers of `found`.
+        Text of the page with the answers.
 
     Raises
     ------
     ResultError
-        The page has no such comments, or they name no block of `BLOCKS`.
+        The page has no such comments, or they name none of `answers`.
     """
-    expected = " or ".join(f"<!-- answer: {name} -->" for name in BLOCKS)
+    expected = join_words([f"<!-- answer: {name} -->" for name in answers], "or")
     text = page.read_text()
     if not (kinds := [block[2] for block in _BLOCK.finditer(text)]):
         raise ResultError(
             f"{page}: found no answer block, expected {expected} … <!-- end of answer -->"
         )
     for kind in kinds:
-        if kind not in BLOCKS:
+        if kind not in answers:
             raise ResultError(f"{page}: found <!-- answer: {kind} -->, expected {expected}")
-    return _BLOCK.sub(lambda block: f"{block[1]}\n{BLOCKS[block[2]](found)}\n\n{block[3]}", text)
+    return _BLOCK.sub(lambda block: f"{block[1]}\n{answers[block[2]]}\n\n{block[3]}", text)
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Write the answer of a run into Markdown pages."""
+    """Write the answers of a run into Markdown pages."""
     if len(arguments) < 2:
         sys.exit("usage: python -m tasks.study.report.answer RUN PAGE...")
     run_dir, *pages = map(Path, arguments)
     try:
-        found = choices_of(run_dir)
+        answers = answers_of(run_dir)
         for page in pages:
-            write_bytes(page, with_answers(page, found).encode())
+            write_bytes(page, with_answers(page, answers).encode())
     except TaskError as error:
         sys.exit(f"error: {error}")
 
