@@ -74,7 +74,7 @@ def main() -> None:
         stages = render_s(found[0]), simulate_s(found[0])
         minutes = (*stages, one.seconds - sum(stages), one.seconds)
         print(
-            f"{scene:10s} {kind:22s} {len(found):5d} {one.frames:7d} {one.disk_bytes / 1e9:5.2f}"
+            f"{scene:10s} {kind:22s} {len(found):5d} {one.frames:7d} {one.frame_bytes / 1e9:5.2f}"
             + "".join(f"{s / 60:{w}.1f}" for s, w in zip(minutes, (8, 10, 7, 7), strict=True))
         )
 
@@ -87,7 +87,7 @@ def main() -> None:
         for sensor in single_sensors(job.simulate):
             alone = replace(job, simulate=sensor)
             sensors_s.append(estimate_work([alone], cores=1).seconds - render_s(job))
-            read_bytes += one.disk_bytes
+            read_bytes += one.frame_bytes
     print(f"\n{total_s / 3600:.1f} core hours; longest task {max(whole_s) / 60:.0f} min")
     print(
         f"split: {len(chunks_s)} tasks render, then {len(sensors_s)} simulate and score: up to "

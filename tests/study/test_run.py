@@ -221,9 +221,9 @@ def test_more_samples_keep_the_old_ones(finished, scene_folder):
         assert jobs_of(changed, scene)[0].key != job.key
 
 
-def test_cost_is_said_before_the_start(finished, scene_folder):
-    """Promise: estimates of frames are within a factor of two; twice the work has twice the
-    cost."""
+def test_cost_is_said_before_the_start(finished, scene_folder, monkeypatch):
+    """Promise: estimates of frames are within a factor of two; twice the work has twice the cost,
+    and no more disk than the cache keeps."""
     work = jobs_of(tiny_study(scene_folder), load_scene(scene_folder))
     rendered = len(list((cache_dir() / "frames").rglob("*.exr")))
     said = estimate_work(work, cores=2)
@@ -232,7 +232,10 @@ def test_cost_is_said_before_the_start(finished, scene_folder):
     twice = estimate_work([*work, *work], cores=1)
     assert twice.seconds == pytest.approx(2 * estimate_work(work, cores=1).seconds)
     assert twice.seconds == pytest.approx(2 * estimate_work([*work, *work], cores=2).seconds)
-    assert said.text().startswith(f"{len(work)} jobs to do: about {said.frames} frames")
+    told = f"{len(work)} jobs to do: about {said.frames} frames, "
+    assert said.text().startswith(f"{told}{said.frame_bytes / 1e9:.2g} GB on disk, ")
+    monkeypatch.setattr(frame_cache, "LIMIT_BYTES", said.frame_bytes / 2)
+    assert said.text().startswith(f"{told}{said.frame_bytes / 2e9:.2g} GB on disk, ")
 
 
 def test_report_of_a_real_run(finished, scene_folder):

@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from eres_render.trajectory.frame_times import plane_image_motion
+from tasks.study.run.frame_cache import limit_bytes
 from tasks.study.run.jobs import Job
 
 _IMAGE_MOTION_PX_S = 700  # mean at base speed, fastest part of a 1280 px image, scenes with depth
@@ -31,24 +32,25 @@ class WorkEstimate:
     ----------
     jobs, frames
         Their numbers.
-    disk_bytes
-        Size of the frames; the cache may keep fewer.
+    frame_bytes
+        Size of all frames; the cache may keep fewer.
     seconds
         Wall-clock time with all cores at work.
     """
 
     jobs: int
     frames: int
-    disk_bytes: float
+    frame_bytes: float
     seconds: float
 
     def text(self) -> str:
         """Return the estimate as one line of text."""
         hours, minutes = divmod(round(self.seconds / 60), 60)
         time = f"{hours} h {minutes} min" if hours else f"{max(minutes, 1)} min"
+        kept = min(self.frame_bytes, limit_bytes())
         return (
             f"{self.jobs} job{'s' * (self.jobs != 1)} to do: about {self.frames} frames, "
-            f"{self.disk_bytes / 1e9:.2g} GB on disk, {time}"
+            f"{kept / 1e9:.2g} GB on disk, {time}"
         )
 
 
@@ -75,8 +77,8 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
             one_s = n * sensor.width * sensor.height * 1e-9 * _SIMULATE_NS_PER_PX
             one_s += sum(task.score_s(sensor.width) for task in job.evaluate.values())
             seconds += len(job.simulate.speeds) * one_s
-    disk = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
-    return WorkEstimate(len(jobs), sum(frames), disk, seconds / cores)
+    size = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
+    return WorkEstimate(len(jobs), sum(frames), size, seconds / cores)
 
 
 def _frames(job: Job) -> int:

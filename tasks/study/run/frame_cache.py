@@ -43,16 +43,9 @@ def frames_folder(key: str, needed_bytes: int) -> Iterator[Path]:
 
 
 def make_room(needed_bytes: int) -> None:
-    """Delete the least recently used clips until `needed_bytes` fit; keep those in use.
-
-    The limit is 20 GB, or a third of the disk space that an empty cache would leave, if less.
-    """
-    root = _root()
-    if not root.is_dir():
-        return
-    sizes = {folder: _bytes_in(folder) for folder in _oldest_first(root)}
-    used = sum(sizes.values())
-    limit = min(LIMIT_BYTES, _FREE_SHARE * (shutil.disk_usage(root).free + used))
+    """Delete the least recently used clips until `needed_bytes` fit; keep those in use."""
+    sizes = _clips()
+    limit, used = limit_bytes(), sum(sizes.values())
     for folder, size in sizes.items():
         if used + needed_bytes <= limit:
             return
@@ -61,8 +54,24 @@ def make_room(needed_bytes: int) -> None:
             used -= size
 
 
+def limit_bytes() -> float:
+    """Return how many bytes of frames the cache keeps.
+
+    The limit is 20 GB, or a third of the disk space that an empty cache would leave, if less.
+    """
+    there = next(folder for folder in (_root(), *_root().parents) if folder.is_dir())
+    free = shutil.disk_usage(there).free + sum(_clips().values())
+    return min(LIMIT_BYTES, _FREE_SHARE * free)
+
+
 def _root() -> Path:
     return cache_dir() / "frames"
+
+
+def _clips() -> dict[Path, int]:
+    """Return the clips and their sizes in bytes, the least recently used first."""
+    root = _root()
+    return {folder: _bytes_in(folder) for folder in _oldest_first(root)} if root.is_dir() else {}
 
 
 def _lock_file(folder: Path) -> Path:
