@@ -114,16 +114,16 @@ def flow_kinds(patches: int) -> Iterator[Kind]:
         samples = flow_samples(width, patches)
         events = sum(len(sample.t) for sample in samples)
         where = f"{patch_px(width)} px of {width}"
-        names = {name: {} for name in METHODS["flow"] if name != "initial_flow"}
-        names["contrast_maximization, gradient"] = {"objective": "gradient"}
-        for name, options in names.items():
-            method = load_method("flow", name.split(",")[0])
+        for name in METHODS["flow"]:
+            if name == "initial_flow":
+                continue
+            method = load_method("flow", name)
             yield Kind(
                 name,
                 where,
                 events,
                 patches,
-                lambda s=samples, m=method, o=options: [m(sample, **o) for sample in s],
+                lambda s=samples, m=method: [m(sample) for sample in s],
             )
 
 

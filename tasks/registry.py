@@ -197,6 +197,7 @@ TASKS = {
         settings=f"{_SETTINGS}:DenseFlow",
         sample="tasks.dense_flow:DenseFlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
+        extensions=("initial_flow",),
         networks={
             "eraft": f"{_NETWORKS}.eraft:load",
             "our_flow_ideal_light": f"{_NETWORKS}.ours:flow_ideal_light",

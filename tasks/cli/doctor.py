@@ -8,7 +8,7 @@ import shutil
 import sys
 
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 
 from eres_render.cores import cores
 from eres_render.rendering.backend import probe_variants
@@ -25,9 +25,9 @@ def diagnose(console: Console) -> int:
     verdicts = probe_variants()
     table = Table("Mitsuba variant", "works", "remark", box=None)
     for verdict in verdicts:
-        mark = "[green]yes[/green]" if verdict.works else "[red]no[/red]"
+        mark = Text("yes", "green") if verdict.works else Text("no", "red")
         remark = f"first render in {verdict.seconds:.1f} s" if verdict.works else verdict.reason
-        table.add_row(verdict.name, mark, escape(remark))
+        table.add_row(verdict.name, mark, remark)
     console.print(table, crop=False)
     best = next((v.name for v in verdicts if v.works), None)
     console.print(f"renders use: {best or 'nothing works'}\n")

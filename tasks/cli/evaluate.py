@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Column
 from tyro.conf import OmitArgPrefixes, Positional, arg
 from tyro.extras import literal_type_from_choices
@@ -144,7 +143,7 @@ def _evaluate_recording(
         )
     _print_scores(found.scores, "method", "metric")
     for note in found.notes:
-        terminal.out.print(escape(note), soft_wrap=True, highlight=False)
+        terminal.out.print(note, soft_wrap=True, highlight=False)
     terminal.out.print(f"{recording.event_rate_hz / 1e6:.3g} M events/s in the recording")
 
 

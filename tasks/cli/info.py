@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from rich.markup import escape
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from tasks.cli import terminal
@@ -80,5 +79,5 @@ def info(
 def _print_pairs(pairs: dict[str, str]) -> None:
     table = Table(box=None, show_header=False)
     for name, value in pairs.items():
-        table.add_row(name, escape(value))
+        table.add_row(name, value)
     terminal.out.print(table, crop=False)

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from types import ModuleType
 
 from rich.logging import RichHandler
-from rich.markup import escape
+from rich.text import Text
 from tyro.conf import DisallowNone, FlagCreatePairsOff
 
 from eres_render.errors import RenderError
@@ -105,5 +105,5 @@ def _version() -> str:
 
 
 def _fail(text: str) -> None:
-    terminal.err.print(f"[red]error:[/red] {escape(text)}", soft_wrap=True, highlight=False)
+    terminal.err.print(Text("error:", "red"), text, soft_wrap=True, highlight=False)
     sys.exit(1)

@@ -6,8 +6,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
-from rich.markup import escape
 from rich.table import Column
+from rich.text import Text
 from tyro.conf import Positional, arg
 
 from sensor.model import Photoreceptor
@@ -183,10 +183,10 @@ def _show_claims(run: Path) -> None:
     from tasks.study.results.words import photoreceptor_label
 
     marks = {
-        Status.HOLDS: "[green]holds[/green]",
-        Status.DOES_NOT_HOLD: "[red]does not hold[/red]",
-        Status.UNDECIDED: "[yellow]undecided[/yellow]",
-        Status.NOT_MEASURED: "[dim]not measured[/dim]",
+        Status.HOLDS: Text("holds", "green"),
+        Status.DOES_NOT_HOLD: Text("does not hold", "red"),
+        Status.UNDECIDED: Text("undecided", "yellow"),
+        Status.NOT_MEASURED: Text("not measured", "dim"),
     }
     readings = scores_of_run(run)
     config = read_json(dict[str, Any], run / "study.json", ResultError)
@@ -197,22 +197,19 @@ def _show_claims(run: Path) -> None:
         return
     for verdict in verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
-        terminal.out.print(
-            f"\n{verdict.number:2} {marks[verdict.status]}: {escape(verdict.title)}{likeness}",
-            soft_wrap=True,
-        )
+        number, title = f"\n{verdict.number:2} ", f": {verdict.title}{likeness}"
+        terminal.out.print(Text.assemble(number, marks[verdict.status], title), soft_wrap=True)
         table = Table(Column(no_wrap=True), "", box=None, show_header=False, pad_edge=False)
-        table.add_row("   ours", escape(verdict.ours))
-        table.add_row("   paper", escape(verdict.paper))
+        table.add_row("   ours", verdict.ours)
+        table.add_row("   paper", verdict.paper)
         terminal.out.print(table, crop=False)
     counts = Counter(verdict.status for verdict in verdicts)
-    terminal.out.print(
-        "\n" + ", ".join(f"{mark}: {counts[status]}" for status, mark in marks.items())
-    )
+    counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
+    terminal.out.print(Text("\n") + Text(", ").join(counted))
     if note := threshold_note(found):
         terminal.out.print(note, highlight=False)
     for name in [*judged][1:]:
         changed = changed_verdicts({"": verdicts, name: judged[name]})
-        named = ", ".join(f"{there.number} {marks[there.status]}" for _, there in changed)
-        label = photoreceptor_label(name)
-        terminal.out.print(f"With {label}: {named or 'the same verdicts where there is one'}")
+        named = [Text.assemble(f"{there.number} ", marks[there.status]) for _, there in changed]
+        said = Text(", ").join(named) if named else Text("the same verdicts where there is one")
+        terminal.out.print(Text(f"With {photoreceptor_label(name)}: ") + said)

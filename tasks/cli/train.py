@@ -71,19 +71,24 @@ def flow(training: OmitArgPrefixes[TrainingOptions]) -> None:
     _train(find_training(FLOWS, training.config), training)
 
 
-def card(runs: _Runs, out: Path | None = None) -> None:
+def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
     """Describe finished trainings: data, time, code, scores of every seed, limits.
 
     Parameters
     ----------
     out
         Markdown file to write; by default the card is printed.
+    overwrite
+        Replace OUT if it exists.
     """
     from eres_render.storage.atomic import write_text
+    from tasks.events.overwriting import check_new
     from tasks.learned.training.card import card as describe
 
     if not runs:
         raise TrainingError("card: found no folder, expected at least one finished training")
+    if out is not None:
+        check_new(out, overwrite)
     text = describe(runs)
     if out is None:
         terminal.out.print(text, markup=False, highlight=False, soft_wrap=True, end="")

@@ -69,8 +69,8 @@ def read_checkpoint(file: Path) -> Any:
                 "program that wrote it, and save only its weights and options"
             ) from None
         raise WeightsError(f"{file}: not a PyTorch checkpoint") from None
-    except (RuntimeError, EOFError, KeyError, ValueError, AttributeError) as error:
-        reason = str(error).partition("\n")[0][:200]
+    except Exception as error:  # PyTorch's unpickler raises whatever the bytes lead it to
+        reason = str(error).partition("\n")[0][:200] or type(error).__name__
         raise WeightsError(f"{file}: not a complete PyTorch checkpoint: {reason}") from None
 
 

@@ -62,7 +62,7 @@ class E2vid:
         if (-side % multiple + 1) // 2 >= side:  # reflection cannot pad by the whole image
             raise WeightsError(
                 f"{self._name}: found a sensor of {width}x{height} px, expected at least "
-                f"{multiple // 2} px on each side"
+                f"{(multiple + 4) // 3} px on each side"
             )
         channels = self._network.options.base_num_channels
         needed = _BYTES_PER_PX_AND_CHANNEL * channels * width * height

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -101,16 +102,16 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
     Raises
     ------
     WeightsError
-        A name is not that of a method with a network or is given twice, or a bare FILE fits no
-        method or several.
+        A name is not that of a method with a network, or of one that is to run, or is given twice,
+        or a bare FILE fits no method or several.
     """
     known = [name for spec in TASKS.values() for name in spec.networks]
-    networks = list(dict.fromkeys(name for name in methods if name in known))
+    networks = [name for name in dict.fromkeys(methods) if name in known]
     asked = [name for name in networks if weights_of(name) is None] or networks
     found: dict[str, str] = {}
     for one in given:
         name, is_named, file = one.partition("=")
-        if not is_named:
+        if not is_named or os.sep in name:  # a folder's name may have an equals sign
             file = one
             if len(asked) != 1:
                 expected = " or ".join(f"{name}={file}" for name in asked or known)
@@ -118,6 +119,8 @@ def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str
             name = asked[0]
         if name not in known:
             raise WeightsError(f"weights: no network {name!r}, {nearest(name, known)}")
+        if name not in networks:
+            raise WeightsError(f"weights: found some of {name}, which is not a method to run")
         if name in found:
             raise WeightsError(f"weights: found two files for {name}, expected one")
         found[name] = str(Path(file).absolute())

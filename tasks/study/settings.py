@@ -321,7 +321,8 @@ class Study:
             for stretches, planned in settings.plan().items():
                 if planned.methods:
                     _check_list(f"evaluate.{task}, methods", planned.methods)
-                twice = set(stretches.speeds) & set(self.simulate.speeds)
+                speeds = () if self.simulate.speeds_m_s else self.simulate.speeds
+                twice = set(stretches.speeds) & set(speeds)
                 if planned.methods and twice:
                     raise StudyError(
                         f"evaluate.{task}: found methods for a speed of {max(twice):g}, which "

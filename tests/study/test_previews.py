@@ -38,7 +38,7 @@ def some_events(width: int, height: int, count: int) -> Events:
     return Events(*columns, width=width, height=height)
 
 
-@pytest.mark.parametrize(("width", "height"), [(64, 64), (80, 60)])
+@pytest.mark.parametrize(("width", "height"), [(64, 64), (80, 60), (160, 20)])
 def test_each_event_is_in_the_picture_of_its_time(width: int, height: int) -> None:
     """A slow reference, event by event; a film of two parts of the events is that of all."""
     events = some_events(width, height, 4000)

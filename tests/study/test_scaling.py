@@ -162,6 +162,18 @@ def test_where_nothing_moves_there_is_no_law(tmp_path: Path) -> None:
     assert verdicts(still)[0].status is Status.NOT_MEASURED
 
 
+def test_sensors_with_other_cutoffs_in_the_same_light_share_a_plot() -> None:
+    """Promise: a sensor whose profile gives it another cutoff has a line only where it has one."""
+    one = made()
+    widest = max(interval.width for interval in one.intervals)
+    mixed = [
+        replace(i, cutoff_hz=i.cutoff_hz * (10 if i.width == widest else 1)) for i in one.intervals
+    ]
+    shown = interval_plot(replace(one, intervals=tuple(mixed)))
+    drawn = [sum(bool(line.points) for line in panel.lines) for panel in shown.panels]
+    assert min(drawn) < max(drawn)
+
+
 def test_no_events_have_a_plot_without_peaks() -> None:
     """Promise: with a contrast threshold that nothing exceeds, the report is still written."""
     silent = [replace(one, counts=(0,) * len(one.counts)) for one in made().intervals]

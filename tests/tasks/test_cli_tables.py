@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import pytest
 from rich.table import Table
-from rich.text import Text
 
 from light_scenes import small_carpet_folder
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
@@ -84,7 +83,7 @@ def run(*args, screen="80"):
         code = sys._getframe(1).f_code
         words = made.setdefault((Path(code.co_filename).name, code.co_name), set())
         for cell in (*cells, *(column.header for column in table.columns)):
-            words.update((cell if isinstance(cell, Text) else Text.from_markup(cell)).plain.split())
+            words.update(str(cell).split())
         return add_row(table, *cells, **options)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -169,6 +168,16 @@ def test_no_table_shortens_a_word(clip, finished_run, screen):
             assert words <= printed, (args, place, sorted(words - printed))
         seen.update(made)
     assert seen == tables_in_code()
+
+
+def test_names_are_printed_as_they_are(clip, tmp_path, eres):
+    """Promise: brackets and colons in a file's name are neither styles nor pictures."""
+    _, events = clip
+    (tmp_path / "[b]").mkdir()
+    for name in ("a[day].h5", "[x] :smile:.h5"):
+        code, out, err = eres("convert", events, tmp_path / "[b]" / name)
+        assert (code, err) == (0, "")
+        assert str(tmp_path / "[b]" / name) in out
 
 
 def test_tables_wrap_between_words_where_that_is_enough(clip):

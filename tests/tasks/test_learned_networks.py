@@ -415,7 +415,8 @@ def test_files_that_are_no_checkpoints_are_refused(saved):
     """Promise: errors say that a file is truncated, has other bytes, is a pickle or a folder."""
     file = saved(e2vid_checkpoint())
     data = file.read_bytes()
-    for content in (b"", b"no checkpoint", data[:1000], data[:-100], pickle.dumps([1], 2)):
+    junk = (b"", b"no checkpoint", b"scenes = 1", b"RIFF", b"J12", pickle.dumps([1], 2))
+    for content in (*junk, data[:1000], data[:-100]):
         file.write_bytes(content)
         with pytest.raises(WeightsError, match=r"PyTorch checkpoint|found a list"):
             e2vid.load(file)

@@ -171,13 +171,16 @@ def test_eraft_gets_the_grids_of_both_windows():
 
 def test_weights_are_named_or_for_the_only_network(tmp_path):
     """Promise: NAME=FILE for each, or a bare FILE if one method needs it; others are refused."""
-    found = named_weights(["e2vid=a=b.pth", "eraft=c.tar"], [])
+    found = named_weights(["e2vid=a=b.pth", "eraft=c.tar"], ["e2vid", "eraft"])
     assert found["e2vid"].endswith("/a=b.pth")
     assert found["eraft"].endswith("/c.tar")
     assert list(named_weights(["a.pth"], ["blank", "e2vid"])) == ["e2vid"]
+    found = named_weights(["runs/seed=3/a.pth"], ["e2vid"])
+    assert found["e2vid"].endswith("/runs/seed=3/a.pth")
     for files, methods, words in (
         (["a.pth"], ["blank"], "found 'a.pth', expected e2vid=a.pth or our_reconstruction"),
         (["a.pth"], ["e2vid", "eraft"], "expected e2vid=a.pth or eraft=a.pth"),
+        (["e2vid=a.pth"], ["high_pass_filter"], "some of e2vid, which is not a method to run"),
         (["e2vd=a.pth"], ["e2vid"], "no network 'e2vd', did you mean 'e2vid'"),
         (["e2vid=a", "e2vid=b"], ["e2vid"], "found two files for e2vid"),
     ):

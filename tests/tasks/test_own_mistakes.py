@@ -16,6 +16,7 @@ from tasks.flow import FlowEstimate, FlowSample
 from tasks.methods import task_of
 from tasks.reconstruction import ReconstructionSample
 from tasks.study.config import (
+    DenseFlow,
     Evaluate,
     Flow,
     Reconstruction,
@@ -293,6 +294,28 @@ def test_every_new_method_is_tried_once_where_it_can_work(scene_folder):
         (film,) = trials(study, films, [job for job in work if job not in films])
         assert film.clip.t_window_end_s == pytest.approx(study.render.window_s)
         assert film.frames_decided_by != films[0].frames_decided_by
+
+
+def test_own_methods_are_tried_on_clips_like_theirs(scene_folder):
+    """Promise: a dense-flow method's trial has the earlier window, and a tracking method's the
+    longer one, as their jobs have them."""
+    quick = preset("quick")
+    study = replace(
+        quick,
+        evaluate=Evaluate(
+            flow=quick.evaluate["flow"],
+            tracking=Tracking(methods=("mine:track",), tracking_window_s=0.072),
+            dense_flow=DenseFlow(methods=("mine:dense", "zero_flow")),
+        ),
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("tasks.study.run.jobs.code_of", lambda names: {})
+        work = jobs_of(study, load_scene("carpet"))
+        tried = {task: one.clip for one in trials(study, work, []) for task in one.evaluate}
+        scored = {task: job.clip for job in reversed(work) for task in job.evaluate}
+    assert tried == {task: scored[task] for task in ("tracking", "dense_flow")}
+    dense = tried["dense_flow"]
+    assert dense.t_window_start_s - dense.t_start_s > study.render.window_s
 
 
 class _Untyped:

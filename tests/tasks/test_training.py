@@ -371,7 +371,9 @@ def test_settings_are_names_or_files(tmp_path):
     """Promise: a file changes the fields that it has; errors name wrong fields."""
     assert find_training(RECONSTRUCTIONS, "small") == ReconstructionTraining()
     file = tmp_path / "mine.toml"
-    file.write_text("base_channels = 8\n[crops]\nside_px = 64\n[schedule]\nsteps = 7\n")
+    file.write_text(
+        "base_channels = 8\nranked_px = 128\n[crops]\nside_px = 64\n[schedule]\nsteps = 7\n"
+    )
     found = find_training(RECONSTRUCTIONS, str(file))
     assert (found.base_channels, found.crops.side_px, found.schedule.steps) == (8, 64, 7)
     file.write_text("[crops]\nideal_share = 0.5\n")
@@ -381,6 +383,7 @@ def test_settings_are_names_or_files(tmp_path):
         ("bins = 1", "bins: found 1, expected at least 2"),
         ("windows = 0", "windows: found 0, expected a positive number"),
         ("windows_at_once = 5", "windows_at_once: found 5, expected a divisor of 12"),
+        ("ranked_px = 320", "found 320, expected at least crops.side_px, 80, and at most twice"),
         ("tiles = 3", "tiles: found 3, expected a divisor of crops.side_px, 80"),
         ("[crops]\nside_px = 60", "side_px: found 60, expected a multiple of 8"),
         ("[crops]\ncutoff_hz = [50.0]", "cutoff_hz"),

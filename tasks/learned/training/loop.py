@@ -177,7 +177,7 @@ def _step(
         if not math.isfinite(found[-1]):
             raise TrainingError(
                 f"step {step}: found a loss of {found[-1]}, expected a finite one; lower "
-                "schedule.learning_rate, and delete the checkpoint"
+                "schedule.learning_rate, and train in another folder"
             )
         optimizer.zero_grad(set_to_none=True)
         loss.backward()

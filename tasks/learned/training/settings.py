@@ -151,10 +151,11 @@ class ReconstructionTraining:
                 f"tiles: found {self.tiles}, expected a divisor of crops.side_px, "
                 f"{self.crops.side_px}"
             )
-        if self.ranked_px < self.crops.side_px:
+        side_px = self.crops.side_px
+        if not side_px <= self.ranked_px <= 2 * side_px:  # tilted beyond, the plane has a horizon
             raise TrainingError(
-                f"ranked_px: found {self.ranked_px}, expected at least crops.side_px, "
-                f"{self.crops.side_px}"
+                f"ranked_px: found {self.ranked_px}, expected at least crops.side_px, {side_px}, "
+                "and at most twice as much"
             )
 
 

@@ -56,7 +56,8 @@ def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     if "recorded" in config:
         return (ON_RECORDINGS,)
     every = scores.series()
-    if {scene for one in every for scene in scores.scenes(one)} <= set(PRINTS):
+    scenes = {scene for one in every for scene in scores.scenes(one)}
+    if scenes and scenes <= set(PRINTS):
         return (ON_THE_SLIDER,)
     papers = all(has_sensors(scores.widths(one), scores.cutoffs_hz(one)) for one in every)
     return CLAIMS if papers and scores.square and not scores.sensor_names else TRAINING_CLAIMS

@@ -352,8 +352,7 @@ def trials(study: Study, to_do: Collection[Job], done: Iterable[Job]) -> list[Jo
     new = [method for method in _own_methods_of(to_do) if method not in known]
     found = []
     for job in to_do:
-        planar = job.scene.plane is not None
-        fitting = [method for method in new if planar or not TASKS[method[0]].planar_only]
+        fitting = [method for method in new if _suits(study, job, *method)]
         if fitting:
             found.append(_trial(study, job, fitting))
             new = [method for method in new if method not in fitting]
@@ -366,9 +365,19 @@ def _own_methods_of(jobs: Iterable[Job]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((name, m) for name, task in tasks for m in task.methods if ":" in m))
 
 
+def _suits(study: Study, job: Job, task: str, method: str) -> bool:
+    """Return whether a method can be tried on the clip of a job."""
+    if task in job.evaluate and method in job.evaluate[task].methods:
+        return True
+    has_own_clips = any(at.windows_before or at.window_s for at in study.evaluate[task].plan())
+    return not has_own_clips and not (TASKS[task].planar_only and job.scene.plane is None)
+
+
 def _trial(study: Study, job: Job, methods: list[tuple[str, str]]) -> Job:
     clip = job.clip
-    if clip.t_window_end_s > clip.t_window_start_s + study.render.window_s:  # continuous
+    planned = chain.from_iterable(task.plan() for task in study.evaluate.values())
+    longest_s = max(study.render.window_s, *(stretches.window_s for stretches in planned))
+    if clip.t_window_end_s > clip.t_window_start_s + longest_s + 1e-9:  # continuous
         end_s = clip.t_start_s + study.render.window_s
         clip = replace(clip, t_window_start_s=clip.t_start_s, t_window_end_s=end_s)
     window_s = clip.t_window_end_s - clip.t_window_start_s

@@ -14,7 +14,7 @@ MOST_FILM_BYTES = 192_000
 _GRAYS = (32, 16, 8, 4, 2, 1)  # levels of the frames in a film; the first that fits is used
 _CONTRAST = 0.6  # of the frames in a film: 1 is from black to `NONE`
 _SIDE_PX = 320
-_VIEW = 0.25  # of the image's side, around its center
+_VIEW = 0.25  # of the image's width, around its center; at most its height
 
 
 def central_area(height: int, width: int) -> tuple[int, int, int]:
@@ -30,7 +30,7 @@ def central_area(height: int, width: int) -> tuple[int, int, int]:
     row, column, side
         First row, first column and side, px.
     """
-    side = max(2, round(width * _VIEW))
+    side = max(2, min(round(width * _VIEW), height))
     return (height - side) // 2, (width - side) // 2, side
 
 

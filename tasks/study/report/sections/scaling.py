@@ -60,13 +60,17 @@ def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
     widths = sorted({interval.width for interval in one.intervals})
     shares = {(i.width, i.cutoff_hz, i.speed): _shares(i) for i in one.intervals}
     edges_ms = np.array(one.edges_us) * 1e-3
-    seen = np.any([shares[w, *setting] > 5e-4 for w in widths for setting in chosen], axis=0)
+    drawn = [share for (_, *setting), share in shares.items() if tuple(setting) in chosen]
+    seen = np.any([share > 5e-4 for share in drawn], axis=0)
     first, last = np.flatnonzero(seen if seen.any() else ~seen)[[0, -1]]  # without events, all
     middles_ms = np.sqrt(edges_ms[:-1] * edges_ms[1:])[first : last + 1]
     panels = []
     for cutoff_hz, speed in chosen:
         lines = []
         for width in widths:
+            if (width, cutoff_hz, speed) not in shares:  # in this light it has another cutoff
+                lines.append(Line([], []))
+                continue
             share = shares[width, cutoff_hz, speed][first : last + 1].tolist()
             points = []
             if (mode_us := one.mode_us(width, cutoff_hz, speed)) is not None:
