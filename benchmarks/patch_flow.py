@@ -33,12 +33,13 @@ def departures_px(run: Path, scene_name: str) -> dict[tuple[int, int], float]:
     scene = load_scene(scene_name)
     renderer = Renderer(scene, render["resolution"], render["spp"], render["seed"])
     truth = GroundTruth(renderer.trajectory, renderer.camera, surfaces(scene)[0], scene.plane)
-    samples = {row.sample for row in read_rows(run / "rows.parquet") if row.scene == scene_name}
+    rows = [row for row in read_rows(run / "rows.parquet") if row.scene == scene_name]
+    samples = {row.sample for row in rows if row.task == "flow"}
     width = renderer.camera.width
     offset = np.linspace(-0.5, 0.5, 13) * PATCH_PX * width / 1280
     offsets = np.stack(np.meshgrid(offset, offset), axis=-1).reshape(-1, 2)
     found = {}
-    for clip in clips(scene):
+    for clip in clips(scene, every_s=render["every_s"], window_s=render["window_s"]):
         if clip.index not in samples:
             continue
         window_s = clip.t_window_start_s, clip.t_window_end_s

@@ -90,9 +90,13 @@ def task_of(name: str) -> str:
     Raises
     ------
     TaskError
-        The first parameter is of no task, or several tasks have a method of that name.
+        No task or several have a method of that name, or the first parameter is of no task.
     """
-    if ":" not in name and (tasks := [task for task in TASKS if name in TASKS[task].methods]):
+    if ":" not in name:
+        tasks = [task for task in TASKS if name in TASKS[task].methods]
+        if not tasks:
+            known = dict.fromkeys(method for spec in TASKS.values() for method in spec.methods)
+            raise TaskError(f"no method {name!r}, {nearest(name, known)}")
         if len(tasks) > 1:
             raise TaskError(
                 f"method {name!r}: found it in {' and '.join(tasks)}, expected one task"

@@ -205,6 +205,9 @@ def test_no_perturbation_that_converges_measures_nothing() -> None:
         assert found.status is Status.NOT_MEASURED
         assert "sigma 2 mm 60\u202f%, sigma 5 mm 0\u202f%" in found.ours
     assert [one.variant for one in shown_series(Scores(rows))] == ["sigma 2 mm"]
+    found = verdict(18, [row for row in rows if row.cutoff_hz < INF])
+    assert found.status is Status.NOT_MEASURED
+    assert found.ours == "no trials of photometric tracking in ideal light at base speed"
 
 
 # ---- every method beats doing nothing ----------------------------------------------------------

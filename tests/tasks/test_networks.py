@@ -235,6 +235,8 @@ def test_methods_are_listed_without_torch(eres):
     )
     assert "e2vid" in TASKS["video"].usual(["e2vid"])
     assert task_of("e2vid") == "video"
+    with pytest.raises(TaskError, match=r"^no method 'erafd', did you mean 'eraft'"):
+        task_of("erafd")
     with pytest.raises(TaskError, match="found it in flow and dense_flow, expected one task"):
         task_of("initial_flow")
 

@@ -6,6 +6,7 @@ Needs PyTorch: `make .venv/.learned`.
 import json
 import logging
 import resource
+import shutil
 import sys
 import tomllib
 from contextlib import contextmanager
@@ -436,7 +437,7 @@ def test_the_weights_that_come_with_eres_have_the_scores_of_their_card(
     load_into(problem.network, read_checkpoint(file)["weights"], file)
     problem.hold_out()
     found = [scores[0] for scores in problem.scores(torch.device("cpu")).values()]
-    np.testing.assert_allclose(found, [float(cell) for cell in cells], atol=0.1)
+    np.testing.assert_allclose(found, [float(cell) for cell in cells], atol=within)
 
 
 def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
@@ -458,6 +459,16 @@ def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
         "## Limits",
     ):
         assert words in text
+    code, _, err = eres("train", "card", folder, "--out", tmp_path / "card.md")
+    assert code == 1
+    assert "--overwrite" in err
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    described = json.loads((other / "training.json").read_text())
+    described["settings"]["crops"]["side_px"] *= 2
+    (other / "training.json").write_text(json.dumps(described))
+    code, out, _ = eres("train", "card", folder, other)
+    assert [out.count(text) for text in ("| all light | 0 |", "| gray |", "```json")] == [2, 2, 2]
     code, _, err = eres("train", "card", tmp_path)
     assert code == 1
     assert "expected a training's folder" in err

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,18 +38,18 @@ def card(folders: Sequence[Path]) -> str:
         A folder is not that of a finished training.
     """
     parts = ["# Networks of our own"]
-    by_task: dict[str, list[tuple[Path, dict[str, Any], dict[str, Any]]]] = {}
+    alike: dict[tuple[str, str], list[tuple[Path, dict[str, Any], dict[str, Any]]]] = {}
     for folder in folders:
         described = read_description(folder)
         if not (folder / WEIGHTS_FILE).exists():
             raise TrainingError(f"{folder}: found no {WEIGHTS_FILE}, expected a finished training")
         scores = read_json(dict[str, Any], folder / SCORES_FILE, TrainingError)
-        task = described["settings"]["task"]
-        by_task.setdefault(task, []).append((folder, described, scores))
-    for task, runs in by_task.items():
+        kind = described["settings"]["task"], _settings(described)
+        alike.setdefault(kind, []).append((folder, described, scores))
+    for (task, settings), runs in alike.items():
         command = f"`eres train {task} --light LIGHT --seed SEED --out FOLDER`"
         again = f"{command} with the settings below trains a network of the table again."
-        parts += [f"## {task.capitalize()}", _table(runs), again, *_origins(runs)]
+        parts += [f"## {task.capitalize()}", _table(runs), again, *_origins(runs), settings]
     return "\n\n".join([*parts, "## Limits", _LIMITS]) + "\n"
 
 
@@ -71,14 +71,17 @@ def _table(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> str:
 
 
 def _origins(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> list[str]:
-    """Describe steps, device, size, code and settings of the trainings, without repetition."""
+    """Describe steps, device, size and code of the trainings, without repetition."""
     origins: dict[str, None] = {}
-    every: dict[str, None] = {}
     for folder, described, scores in runs:
-        settings = {k: v for k, v in described["settings"].items() if k not in ("light", "seed")}
         made_with = ", ".join(f"{k} {v}" for k, v in described["made_with"].items())
         megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
         steps = f"{scores['steps']} steps on {scores['device']}, {megabytes:.2f} MB"
         origins[f"{steps}; {made_with}."] = None
-        every[f"```json\n{json.dumps(settings, indent=2)}\n```"] = None
-    return [*origins, *every]
+    return [*origins]
+
+
+def _settings(described: Mapping[str, Any]) -> str:
+    """Return the settings that twins and seeds share, as a block of JSON."""
+    shared = {k: v for k, v in described["settings"].items() if k not in ("light", "seed")}
+    return f"```json\n{json.dumps(shared, indent=2)}\n```"

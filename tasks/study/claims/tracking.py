@@ -16,7 +16,7 @@ from tasks.study.results.perturbation import (
     sweep,
 )
 from tasks.study.results.scores import Scores
-from tasks.study.results.words import share_text
+from tasks.study.results.words import MISSING, share_text
 
 _PAPERS_START = {"variant": "sigma 200 mm"}
 
@@ -38,6 +38,8 @@ class TrackingClaim(SceneClaim):
             f"{share_text(REQUIRED_SUCCESS)} of the time in ideal light at base speed, at the "
             "median width"
         )
+        if set(rates.values()) == {MISSING}:
+            return None, f"no trials of {TRACKING.name} in ideal light at base speed"
         if series is None:
             tried = ", ".join(f"{one.variant} {rate}" for one, rate in rates.items())
             return None, f"not measured, no perturbation succeeds {often}: {tried}"
