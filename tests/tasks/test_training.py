@@ -382,6 +382,7 @@ def test_settings_are_names_or_files(tmp_path):
     for text, words in (
         ("steps = 3", "steps: unknown"),
         ("bins = 1", "bins: found 1, expected at least 2"),
+        ("base_channels = 1", "base_channels: found 1, expected at least 2"),
         ("windows = 0", "windows: found 0, expected a positive number"),
         ("windows_at_once = 5", "windows_at_once: found 5, expected a divisor of 12"),
         ("ranked_px = 320", "found 320, expected at least crops.side_px, 80, and at most twice"),

@@ -130,8 +130,9 @@ class ReconstructionTraining:
 
     def __post_init__(self) -> None:
         _check_numbers(self, besides=("run_in_windows", "residual_blocks"))
-        if self.bins < 2:
-            raise TrainingError(f"bins: found {self.bins}, expected at least 2")
+        for name in ("bins", "base_channels"):
+            if (found := getattr(self, name)) < 2:
+                raise TrainingError(f"{name}: found {found}, expected at least 2")
         for name in ("run_in_windows", "residual_blocks"):
             if getattr(self, name) < 0:
                 raise TrainingError(f"{name}: found {getattr(self, name)}, expected 0 or more")
