@@ -12,7 +12,7 @@ from tasks.row import Row, write_rows
 from tasks.study.report import write_report
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.previews import FILM_PICTURES
-from tasks.study.run.pictures import film
+from tasks.study.run.pictures import film_strip
 
 
 def make_run(folder: Path, rows: list[Row]) -> Path:
@@ -41,7 +41,7 @@ def add_previews(folder: Path, *, films: bool = False) -> None:
     index.append({**index[0], "kind": "frame", "caption": "the radiance"})
     if films:
         nothing = np.zeros((FILM_PICTURES, 8, 8))
-        drawn = film(nothing.astype(np.float32), nothing.astype(np.int16))
+        drawn = film_strip(nothing.astype(np.float32), nothing.astype(np.int16))
         (folder / "previews" / "film.webp").write_bytes(drawn)
         index.append({**index[0], "file": "film.webp", "cutoff_hz": "50"})
     (folder / "previews" / "index.json").write_text(json.dumps(index))

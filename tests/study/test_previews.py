@@ -21,9 +21,9 @@ from tasks.study.run.pictures import (
     MOST_FILM_BYTES,
     NONE,
     central_area,
-    film,
+    film_strip,
 )
-from tasks.study.run.previews import add_events, no_events, preview_files
+from tasks.study.run.previews import Film, preview_files
 
 END_US = 5_000_000
 
@@ -51,11 +51,40 @@ def test_each_event_is_in_the_picture_of_its_time(width: int, height: int) -> No
             if shown and top <= y < top + side and left <= x < left + side:
                 expected[picture, y - top, x - left] += p
     assert np.abs(expected).sum() > 100
-    sums = no_events(SensorModel(width=width, height=height))
+    film = Film.of(SensorModel(width=width, height=height), 4 * height, 4 * width)
     half = END_US - 30_000
     for part in (events.between(0, half), events.between(half, 2 * END_US)):
-        add_events(sums, part, END_US)
-    np.testing.assert_array_equal(sums, expected)
+        film.add(part, END_US)
+    np.testing.assert_array_equal(film.sums, expected)
+
+
+def test_sensors_of_all_shapes_show_the_same_part_of_the_frame() -> None:
+    """A spot at the corner of the frame's center is at the corner of each film: a portrait sensor
+    sees the frame's whole height with fewer pixels, a wide one its whole width."""
+    frame = np.zeros((64, 64), np.float32)
+    frame[24, 24] = 1.0
+    job = SimpleNamespace(
+        scene=SimpleNamespace(name="hall"),
+        simulate=SimpleNamespace(speeds=(1.0,)),
+        render=SimpleNamespace(resolution=64),
+    )
+    films = {}
+    for width, height in ((64, 64), (24, 32), (32, 16)):
+        films[width, 50.0] = film = Film.of(SensorModel(width=width, height=height), 64, 64)
+        assert film.part_px == 16
+        assert film.sums.shape[1] == (16 if width == 64 else 8)
+    files = preview_files(job, [frame] * FILM_PICTURES, films)
+    for (width, _), film in films.items():
+        strip = np.asarray(Image.open(io.BytesIO(files[f"hall_events_{width}_50.webp"])))
+        first = strip[:, : film.sums.shape[1], 0]
+        assert np.unravel_index(first.argmax(), first.shape) == (0, 0)
+        assert (first > first[-1, -1]).sum() == 1
+
+
+def test_a_narrow_sensor_shows_what_it_sees() -> None:
+    """A sensor that sees less than the center of a frame shows all its columns there."""
+    film = Film.of(SensorModel(width=8, height=64), 64, 64)
+    assert (film.sums.shape[1], film.part_px) == (8, 8)
 
 
 def test_events_are_drawn_over_the_frame() -> None:
@@ -65,7 +94,7 @@ def test_events_are_drawn_over_the_frame() -> None:
     lights[1] = 1.0
     sums = np.zeros((2, 4, 4), np.int16)
     sums[0, 0, 1], sums[1, 3, 2] = 3, -1
-    strip = np.asarray(Image.open(io.BytesIO(film(lights, sums))))
+    strip = np.asarray(Image.open(io.BytesIO(film_strip(lights, sums))))
     assert strip.shape == (4, 8, 3)
     for row in range(4):
         for column in range(8):
@@ -80,7 +109,7 @@ def test_a_film_is_bounded_and_keeps_every_event() -> None:
     random = np.random.default_rng(1)
     lights = random.random((FILM_PICTURES, 320, 320), np.float32)
     sums = random.choice(np.array([-1, 0, 1], np.int16), lights.shape)
-    data = film(lights, sums)
+    data = film_strip(lights, sums)
     assert 100_000 < len(data) <= MOST_FILM_BYTES
     strip = np.asarray(Image.open(io.BytesIO(data)))
     pictures = strip.reshape(320, FILM_PICTURES, 320, 3).swapaxes(0, 1)
@@ -99,8 +128,8 @@ def test_the_files_of_a_scene_are_listed() -> None:
     )
     frames = [np.full((64, 64), i / 10, np.float32) for i in range(FILM_PICTURES)]
     sensors = [(width, cutoff_hz) for width in (16, 64) for cutoff_hz in (np.inf, 50.0)]
-    sums = {one: no_events(SensorModel(width=one[0], height=one[0])) for one in sensors}
-    files = preview_files(job, frames, sums)
+    films = {one: Film.of(SensorModel(width=one[0], height=one[0]), 64, 64) for one in sensors}
+    files = preview_files(job, frames, films)
     entries = read_typed(tuple[Preview, ...], json.loads(files["hall.json"]), Path(), ResultError)
     assert [one.file for one in entries] + ["hall.json"] == list(files)
     assert [one.shows_film for one in entries] == [False, True, True, True, True]

@@ -20,6 +20,7 @@ from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.plot import Plot
 from tasks.study.report.sections.threshold import compare_thresholds
 from tasks.study.report.sections.tradeoff import tradeoff_plots
+from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
@@ -232,6 +233,25 @@ def test_the_tables_hold_all_thresholds(page) -> None:
     assert float(fine["median"]) == pytest.approx(24.093 + 1)
     assert {r["paper"] != "" for r in records if r["contrast_threshold"] != "0.2"} == {False}
     assert any(r["paper"] for r in records if r["contrast_threshold"] == "0.2")
+
+
+def test_a_camera_with_its_own_threshold_is_in_the_tables_once() -> None:
+    """Its lines name it and its own threshold, however many thresholds the plain sensors have."""
+    own = [
+        replace(row, sensor="dvs", contrast_threshold=0.33)
+        for row in usual_rows()
+        if row.width == 346
+    ]
+    plain = several([row for row in usual_rows() if row.width != 346], (0.2, 0.1))
+    tables = [comparison_table(scores, EI) for scores in by_threshold(plain + own)]
+    records = list(csv.DictReader(to_csv(tables).splitlines()))
+    found = [(r["sensor"], r["contrast_threshold"]) for r in records if r["width"] == "346"]
+    assert found == [("dvs", "0.33")] * 9  # lights and speeds
+    for threshold in ("0.2", "0.1"):
+        lines = [r for r in records if r["contrast_threshold"] == threshold and r["width"]]
+        assert {(r["width"], r["sensor"]) for r in lines} == {
+            (str(width), "") for width in WIDTHS if width != 346
+        }
 
 
 def test_another_threshold_has_no_numbers_of_the_paper() -> None:

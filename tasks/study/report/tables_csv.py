@@ -11,20 +11,29 @@ from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, 
 
 _CSV_COLUMNS = (
     *("scene", "task", "method", "variant", "metric"),
-    *("width", "cutoff_hz", "contrast_threshold", "speed"),
+    *("width", "sensor", "cutoff_hz", "contrast_threshold", "speed"),
     *("values", "expected_values", "median", "paper", "difference", "event_rate_mev_s", "best"),
     *("native_px", "failure_share", "beats_nothing"),
 )
 
 
 def to_csv(tables: Iterable[ComparisonTable]) -> str:
-    """Render tables as tidy CSV, one line per cell; missing values are empty."""
+    """Render tables as tidy CSV, one line per cell; missing values are empty.
+
+    A camera with a contrast threshold of its own is in the tables of all thresholds; it is written
+    with the first.
+    """
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(_CSV_COLUMNS)
+    written = set()
     for table in tables:
         for block in table.blocks:
             for line in block.lines:
+                place = table.series, block.scene, block.speed, line.nothing, line.width
+                if (*place, line.contrast_threshold) in written:
+                    continue
+                written.add((*place, line.contrast_threshold))
                 for cutoff_hz, entry in zip(table.cutoffs_hz, line.entries, strict=True):
                     writer.writerow(_csv_line(table, block, line, cutoff_hz, entry))
     return file.getvalue()
@@ -42,7 +51,7 @@ def _csv_line(
         *(block.scene, series.task),
         TASKS[series.task].baseline if line.nothing else series.method,
         *(series.variant, series.metric),
-        *(line.width or "", cutoff_hz, table.contrast_threshold, block.speed),
+        *(line.width or "", line.sensor, cutoff_hz, line.contrast_threshold, block.speed),
         *(len(cell.values), cell.expected),
         *texts[:4],
         int(entry.best),

@@ -49,6 +49,7 @@ class Line:
 
     width: int | None
     entries: tuple[Entry, ...]
+    contrast_threshold: float  # a camera may have its own
     nothing: bool = False
     sensor: str = ""  # its name; "" for a plain sensor
 
@@ -188,21 +189,17 @@ def _block(
             ]
         )
         nothings.append([Entry(cell, None) for cell in nothing])
-    lines = [
-        Line(
-            width,
-            tuple(column[i] for column in columns),
-            sensor=scores.sensor_names.get(width, ""),
-        )
-        for i, width in enumerate(widths)
-    ]
+
+    def line_of(i: int, columns: list[list[Entry]], nothing: bool) -> Line:
+        entries, threshold = tuple(c[i] for c in columns), scores.contrast_thresholds[widths[i]]
+        return Line(widths[i], entries, threshold, nothing, scores.sensor_names.get(widths[i], ""))
+
+    lines = [line_of(i, columns, nothing=False) for i in range(len(widths))]
     if all(_same([entry.cell.median for entry in column]) for column in nothings):
-        idle_lines = [Line(None, tuple(column[0] for column in nothings), nothing=True)]
+        of_all = tuple(column[0] for column in nothings)
+        idle_lines = [Line(None, of_all, scores.contrast_threshold, nothing=True)]
     else:
-        idle_lines = [
-            Line(width, tuple(column[i] for column in nothings), nothing=True)
-            for i, width in enumerate(widths)
-        ]
+        idle_lines = [line_of(i, nothings, nothing=True) for i in range(len(widths))]
     return Block(scene, speed, (*lines, *idle_lines))
 
 

@@ -210,6 +210,8 @@ class Scores:
         Their photoreceptor.
     sensor_names
         Names of the sensors that have one, by width in px.
+    contrast_thresholds
+        Contrast threshold of each sensor, by width in px; a camera may have its own.
 
     Raises
     ------
@@ -226,6 +228,7 @@ class Scores:
         self.contrast_threshold = first.contrast_threshold
         self.photoreceptor = first.photoreceptor
         names: dict[int, str] = {}
+        self.contrast_thresholds: dict[int, float] = {}
         self._rows: dict[Series, dict[Condition, _Values]] = {}
         cells: dict[tuple[str | int | float, ...], _Values] = {}
         for row in rows:
@@ -244,6 +247,7 @@ class Scores:
                     f"rows: found photoreceptors {self.photoreceptor} and {row.photoreceptor}, "
                     "expected one"
                 )
+            self.contrast_thresholds[row.width] = row.contrast_threshold
             key = (row.task, row.method, row.metric, row.variant)
             where = (row.scene, row.width, light_of(row), speed_of(row))
             values = cells.get(key + where)

@@ -11,7 +11,7 @@ from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.previews import add_events, no_events, preview_files
+from tasks.study.run.previews import Film, preview_files
 from tasks.study.run.scaling import interval_histogram, measure_scaling, scaling_files
 
 
@@ -34,7 +34,8 @@ class Highlights:
         self._job = job
         firsts = {(*_sensor_of(s), s.speed): s for s in reversed(settings)}
         self._used = set(firsts.values())
-        self._films = {_sensor_of(s): no_events(s.model) for s in settings}
+        height, width = job.render.height_at(job.render.resolution), job.render.resolution
+        self._films = {_sensor_of(s): Film.of(s.model, height, width) for s in settings}
         self._histograms = {
             (*_sensor_of(s), s.speed): interval_histogram(s.model, (s.start_us, s.end_us))
             for s in settings
@@ -57,7 +58,7 @@ class Highlights:
         if histogram := self._histograms.get((*key, setting.speed)):
             histogram.add(events)
         if setting.speed == self._job.simulate.speeds[0]:
-            add_events(self._films[key], events, setting.end_us)
+            self._films[key].add(events, setting.end_us)
 
     def result(self, reference: ReferenceFrames) -> dict[str, bytes]:
         """Return the files by path in the run's folder, after the last event."""

@@ -47,7 +47,7 @@ def png(rgb: NDArray[np.uint8]) -> bytes:
     return data.tobytes()
 
 
-def film(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
+def film_strip(lights: NDArray[np.float32], sums: NDArray[np.int16]) -> bytes:
     """Draw the events of a film over its frames.
 
     Parameters

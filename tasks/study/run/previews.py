@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -13,49 +14,71 @@ from numpy.typing import NDArray
 
 from eres_render.cores import cores
 from sensor import Events, SensorModel
+from sensor.optics import crop_to_aspect
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
-from tasks.study.run.pictures import central_area, central_crop, film, png
+from tasks.study.run.pictures import central_area, central_crop, film_strip, png
 
 _GAMMA = 2.2
 
-Sums = NDArray[np.int16]
-"""(`FILM_PICTURES`, side, side) sums of polarities in the center of a sensor."""
 
-
-def no_events(sensor: SensorModel) -> Sums:
-    """Return the sums of a film without events."""
-    *_, side = central_area(sensor.height, sensor.width)
-    return np.zeros((FILM_PICTURES, side, side), np.int16)
-
-
-def add_events(sums: Sums, events: Events, end_us: int) -> None:
-    """Add events to the sums of a film.
+@dataclass(frozen=True, slots=True)
+class Film:
+    """Events of a sensor in the center of the frames.
 
     Parameters
     ----------
-    sums
-        The sums, changed in place.
-    events
-        Events of the whole sensor; those outside of the film's time do not count.
-    end_us
-        End of the film, in the time of the events.
+    sums : (`FILM_PICTURES`, side, side) int16
+        Sums of polarities of the sensor's central pixels.
+    part_px
+        Side of the part of a frame that these pixels see, px.
     """
-    start_us = end_us - round(FILM_S * 1e6)
-    last = events.between(start_us, end_us)
-    top, left, side = central_area(events.height, events.width)
-    y, x = last.y.astype(np.int64) - top, last.x.astype(np.int64) - left
-    inside = (y >= 0) & (y < side) & (x >= 0) & (x < side)
-    picture = (last.t_us[inside] - start_us) * FILM_PICTURES // (end_us - start_us)
-    np.add.at(sums, (picture, y[inside], x[inside]), last.p[inside])
+
+    sums: NDArray[np.int16]
+    part_px: int
+
+    @classmethod
+    def of(cls, sensor: SensorModel, frame_height: int, frame_width: int) -> Film:
+        """Return a film without events.
+
+        Parameters
+        ----------
+        sensor
+            The sensor.
+        frame_height, frame_width
+            Size of the frames, px; sensors of all shapes show the same part, if they see it.
+        """
+        sees = crop_to_aspect(frame_height, frame_width, sensor.height, sensor.width)[1]
+        scale = sensor.width / (sees.stop - sees.start)
+        *_, part = central_area(frame_height, frame_width)
+        side = max(2, min(round(part * scale), sensor.height, sensor.width))
+        return cls(np.zeros((FILM_PICTURES, side, side), np.int16), round(side / scale))
+
+    def add(self, events: Events, end_us: int) -> None:
+        """Add events.
+
+        Parameters
+        ----------
+        events
+            Events of the whole sensor; those outside of the film's time do not count.
+        end_us
+            End of the film, in the time of the events.
+        """
+        start_us, side = end_us - round(FILM_S * 1e6), self.sums.shape[1]
+        last = events.between(start_us, end_us)
+        top, left = (events.height - side) // 2, (events.width - side) // 2
+        y, x = last.y.astype(np.int64) - top, last.x.astype(np.int64) - left
+        inside = (y >= 0) & (y < side) & (x >= 0) & (x < side)
+        picture = (last.t_us[inside] - start_us) * FILM_PICTURES // (end_us - start_us)
+        np.add.at(self.sums, (picture, y[inside], x[inside]), last.p[inside])
 
 
 def preview_files(
     job: Job,
     frames: Sequence[NDArray[np.float32]],
-    sums: Mapping[tuple[int, float], Sums],
+    films: Mapping[tuple[int, float], Film],
 ) -> dict[str, bytes]:
-    """Draw a job's previews; all show the same part of the scene.
+    """Draw a job's previews.
 
     Parameters
     ----------
@@ -63,8 +86,8 @@ def preview_files(
         The job.
     frames
         (H, W) radiance at the end of each picture of a film, in units of white.
-    sums
-        Sums of the films at the first speed, by width and cutoff.
+    films
+        Films at the first speed, by width and cutoff.
 
     Returns
     -------
@@ -84,20 +107,21 @@ def preview_files(
     gray = np.repeat(last.astype(np.uint8)[..., None], 3, axis=2)
     add("frame", job.render.resolution, "inf", "radiance at the window's end", "png", png(gray))
 
-    def drawn(of_one: Sums) -> bytes:
-        return film(np.stack([_seen(frame, of_one.shape[1]) for frame in frames]), of_one)
+    def drawn(film: Film) -> bytes:
+        lights = [_seen(frame, film.part_px, film.sums.shape[1]) for frame in frames]
+        return film_strip(np.stack(lights), film.sums)
 
     with ThreadPoolExecutor(cores()) as pool:
-        films = list(pool.map(drawn, sums.values()))
-    for (width, cutoff_hz), data in zip(sums, films, strict=True):
+        strips = list(pool.map(drawn, films.values()))
+    for (width, cutoff_hz), data in zip(films, strips, strict=True):
         add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", data)
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
     return files
 
 
-def _seen(frame: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+def _seen(frame: NDArray[np.float32], part_px: int, side: int) -> NDArray[np.float32]:
     """Return the center of a frame as a sensor of `side` px there sees it, tone-mapped."""
-    top, left, size = central_area(*frame.shape)
-    center = np.clip(frame[top : top + size, left : left + size], 0, 1)
+    top, left = (frame.shape[0] - part_px) // 2, (frame.shape[1] - part_px) // 2
+    center = np.clip(frame[top : top + part_px, left : left + part_px], 0, 1)
     seen = cv2.resize(center, (side, side), interpolation=cv2.INTER_AREA)
     return (seen ** (1 / _GAMMA)).astype(np.float32)
