@@ -6,7 +6,6 @@ is read and scored at the features of `tasks.flow`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,9 +43,6 @@ class DenseFlowSample:
 
 
 # Returns the flow of each pixel, (2, height, width) with x first, px per window.
-EstimateDenseFlow = Callable[[DenseFlowSample], NDArray[np.floating]]
-
-
 def flow_at(flow: NDArray[np.floating], points_px: NDArray[np.float64]) -> NDArray[np.float64]:
     """Read a flow between the centers of pixels.
 

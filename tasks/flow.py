@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -84,9 +83,6 @@ class FlowEstimate:
     flow: NDArray[np.float64]
     failure: str = ""
     delay: float = 0.0
-
-
-EstimateFlow = Callable[[FlowSample], FlowEstimate]
 
 
 def patch_px(width: int, native: bool = False) -> int:

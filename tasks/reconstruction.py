@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,9 +41,6 @@ class ReconstructionSample:
     log_keyframe: NDArray[np.float64]
     polarity_sum: NDArray[np.float64]
     contrast_threshold: float
-
-
-Reconstruct = Callable[[ReconstructionSample], NDArray[np.float64]]
 
 
 def psnr_db(

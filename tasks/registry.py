@@ -38,7 +38,9 @@ class TaskSpec:
     metric
         The metric of its scores.
     baseline
-        Name of the method that does not use the events.
+        Name of the method that does not use the events; others are compared with it.
+    other_baselines
+        Names of further methods that do not use the events.
     scorer
         Place of the class that turns a sensor's events into scores: a `Scorer`, made from the
         `ReferenceFrames`, the sensor's `Setting` and the settings.
@@ -71,6 +73,7 @@ class TaskSpec:
     sample: str | None = None
     planar_only: bool = False
     share_column: ShareColumn | None = None
+    other_baselines: tuple[str, ...] = ()
     extensions: tuple[str, ...] = ()
     networks: Mapping[str, str] = field(default_factory=dict)
     diagnostics: tuple[str, ...] = ()
@@ -197,7 +200,7 @@ TASKS = {
         settings=f"{_SETTINGS}:DenseFlow",
         sample="tasks.dense_flow:DenseFlowSample",
         share_column=ShareColumn("fail", "share of features that failed"),
-        extensions=("initial_flow",),
+        other_baselines=("initial_flow",),
         networks={
             "eraft": f"{_NETWORKS}.eraft:load",
             "our_flow_ideal_light": f"{_NETWORKS}.ours:flow_ideal_light",

@@ -118,9 +118,6 @@ class TrackingEstimate:
     diagnostics: TrackingDiagnostics | None = None
 
 
-EstimatePath = Callable[[TrackingSample], TrackingEstimate]
-
-
 def path_at(
     pose: Callable[[Float64], Float64],
     start_s: float,

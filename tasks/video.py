@@ -17,7 +17,7 @@ unrelated image of uniform histogram 7.78 dB.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Protocol
 
 import cv2
@@ -48,9 +48,6 @@ class VideoMethod(Protocol):
 
 
 # Called with a sensor's width, height and contrast threshold.
-StartVideo = Callable[[int, int, float], VideoMethod]
-
-
 class ImageTaker:
     """Takes a method's images at given times from a stream of events that comes in batches.
 

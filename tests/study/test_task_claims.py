@@ -234,6 +234,18 @@ def test_cells_that_do_not_beat_doing_nothing_are_listed() -> None:
     assert "20 of 35; not carpet night" in verdict(24, rows + nothing_rows(rows, 10.0)).ours
 
 
+def test_what_gets_the_truth_or_no_events_does_not_count_for_claim_24() -> None:
+    """A late true image and dense flow's second baseline lose here, but neither is a method."""
+    psnr, errors = paper_rows(EI), paper_rows(EPF)
+    rows = psnr + nothing_rows(psnr, 5.0)
+    rows += [replace(row, task="video", method="late_truth") for row in psnr]
+    rows += [replace(row, task="video", method="blank", value=50.0) for row in psnr]
+    rows += [replace(row, task="dense_flow", method="initial_flow") for row in errors]
+    rows += [replace(row, task="dense_flow", method="zero_flow", value=0.0) for row in errors]
+    found = verdict(24, rows)
+    assert (found.status, found.ours.count(" of ")) == (Status.HOLDS, 1)
+
+
 def test_a_lead_over_nothing_that_the_samples_do_not_settle_is_undecided() -> None:
     """The baseline lies within the spread of the samples, but the median is better."""
     rows = paper_rows(EI, lambda w, c, s, v: 20.0, scenes=["carpet"])

@@ -36,7 +36,7 @@ class BaselineClaim(Claim):
         Verdict
             It follows from one outcome for each cell.
         """
-        found = {series: _outcomes(scores, series) for series in shown_series(scores)}
+        found = {one: _outcomes(scores, one) for one in shown_series(scores) if one.is_method}
         counts = [scores.samples(one, scene) for one in found for scene in scores.scenes(one)]
         scope = scope_text(samples=min(counts, default=0))
         outcomes = [outcome for of_series in found.values() for outcome in of_series.values()]

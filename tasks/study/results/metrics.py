@@ -27,7 +27,13 @@ class Series(NamedTuple):
         return f"{method}, {self.variant}" if self.variant else method
 
     @property
+    def is_method(self) -> bool:
+        """Whether this estimates from events: not a further baseline, nor one that gets the truth."""
+        spec = TASKS[self.task]
+        return self.method not in (*spec.other_baselines, *spec.diagnostics)
+
+    @property
     def of_paper(self) -> bool:
         """Whether this is a method of the paper or of a user, not our variant of one."""
-        spec = TASKS[self.task]
-        return not self.variant and self.method not in (*spec.extensions, *spec.diagnostics)
+        ours = self.variant or self.method in TASKS[self.task].extensions
+        return not ours and self.is_method
