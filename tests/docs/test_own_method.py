@@ -78,7 +78,7 @@ def test_a_study_runs_your_own_task(page):
     assert all(row.value > 0 for row in rates)
     stored = json.loads((folder / "rates" / "study.json").read_text())
     assert stored["evaluate"]["rate"] == {"methods": ["exact", "rounded"], "first_us": 5000}
-    assert "carpet,rate,exact,,rate_mev_s,64,inf" in (folder / "rates" / "tables.csv").read_text()
+    assert "carpet,rate,exact,,rate_mev_s,64,,inf" in (folder / "rates" / "tables.csv").read_text()
     assert "event rate by exact" in (folder / "rates" / "report.html").read_text()
 
 

@@ -47,6 +47,11 @@ class Film:
             The sensor.
         frame_height, frame_width
             Size of the frames, px; sensors of all shapes show the same part, if they see it.
+
+        Returns
+        -------
+        Film
+            All sums are 0.
         """
         sees = crop_to_aspect(frame_height, frame_width, sensor.height, sensor.width)[1]
         scale = sensor.width / (sees.stop - sees.start)
