@@ -346,6 +346,10 @@ def test_a_claim_of_your_own_is_a_few_lines_of_data() -> None:
         paper_rows(EI, lambda w, c, s, v: v - 3 * (w == 240)), {}, [COARSEST_IS_WORST]
     )
     assert alone.status is Status.DOES_NOT_HOLD
+    rows = paper_rows(EI, lambda w, c, s, v: 15.0, samples=7)
+    (tied,) = judge_all(rows, {}, [COARSEST_IS_WORST])
+    assert tied.status is Status.UNDECIDED
+    assert tied.ours.splitlines()[0].endswith("+0.00 [+0.00, +0.00] dB, tied in these samples")
 
 
 def test_what_the_paper_does_not_have_is_not_reported() -> None:

@@ -229,8 +229,10 @@ class Number:
         if on.published:
             as_claimed = (found.value > bound) == above
             return Reading(text, Status.HOLDS if as_claimed else Status.DOES_NOT_HOLD)
-        unsettled = found.low is not None and not found.settles(bound)
-        doubt = ", not settled by these samples" if unsettled else ""
+        doubt = ""
+        if found.low is not None and not found.settles(bound):
+            tied = found.low == found.high == bound  # as where all searches keep their starts
+            doubt = ", tied in these samples" if tied else ", not settled by these samples"
         status = settled(found, above=above, bound=bound)
         return Reading(text + doubt, status, self._like_paper(found, on))
 
