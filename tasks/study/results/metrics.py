@@ -28,7 +28,7 @@ class Series(NamedTuple):
 
     @property
     def is_method(self) -> bool:
-        """Whether this estimates from events: no further baseline, and nothing that gets the truth."""
+        """Whether this estimates from events: not a baseline, and nothing that gets the truth."""
         spec = TASKS[self.task]
         return self.method not in (*spec.other_baselines, *spec.diagnostics)
 
