@@ -103,6 +103,6 @@ RENDERS_FAST := $(BIN)/python -c "import sys; from eres_render.rendering.backend
 	    done; \
 	  fi; \
 	  $(RENDERS_FAST) || \
-	    echo "eres: no LLVM that works with Mitsuba was found, so renders will be about 20x slower." \
+	    echo "eres: no LLVM that works with Mitsuba was found, so renders will be 25x to 60x slower." \
 	      "Install one (Debian, Ubuntu: apt-get install libllvm19), then rm .venv/.llvm"; }
 	@touch $@

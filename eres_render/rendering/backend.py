@@ -153,7 +153,7 @@ def _best_variant() -> str:
             if passed_over:
                 # A missing GPU is no reason for a warning; missing LLVM is.
                 level = logging.WARNING if name.startswith("scalar") else logging.DEBUG
-                slow = ", about 20x slower than with LLVM" if name.startswith("scalar") else ""
+                slow = ", 25x to 60x slower than with LLVM" if name.startswith("scalar") else ""
                 _log.log(level, "rendering with %s%s; %s", name, slow, _explain(passed_over[-1:]))
             return name
         passed_over.append(verdict)
