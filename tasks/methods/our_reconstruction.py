@@ -8,16 +8,22 @@ several rates: a fast one is sharp, a slow one keeps large structures, but also 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sensor import Events
+from sensor.events import Columns
 from sensor.representations import voxel_grid
 from tasks.methods.e2vid import WINDOW_US, E2vid, Network
-from tasks.methods.high_pass_filter import PER_EVENT_DECAY, HighPassFilter
+from tasks.methods.high_pass_filter import PER_EVENT_DECAY
+from tasks.numerics.compiling import jit_in_place
 
 DECAYS = (0.004, 0.015, 0.25, PER_EVENT_DECAY)
 """Decays per event of the sums; the last is that of the high-pass filter."""
+
+_AHEAD = 256  # events per group of pixels that are read ahead
 
 
 class InputGrids:
@@ -35,9 +41,9 @@ class InputGrids:
 
     def __init__(self, width: int, height: int, contrast_threshold: float, bins: int) -> None:
         self._C, self._bins = contrast_threshold, bins
-        size = width, height, contrast_threshold
-        self._sums = [HighPassFilter(*size, 0.0, decay) for decay in DECAYS]
-        self._last_us = 0
+        self._sums = np.zeros((height, width, len(DECAYS)))
+        self._left = tuple(math.exp(-decay) for decay in DECAYS)
+        self._places = np.empty(_AHEAD, np.uint64)
 
     def push(self, events: Events) -> NDArray[np.float32]:
         """Return the input of the next window.
@@ -52,14 +58,11 @@ class InputGrids:
         (bins + 4, height, width), log units: the voxel grid, and the sums at the window's end in
         the order of `DECAYS`.
         """
-        for sums in self._sums:
-            sums.push(events)
-        if len(events):
-            self._last_us = int(events.t_us[-1])
+        sums = self._sums.reshape(-1, len(DECAYS))
+        _add(sums, events.width, events.columns, self._C, self._left, self._places)
         grid = np.empty((self._bins + len(DECAYS), events.height, events.width), np.float32)
         grid[: self._bins] = self._C * voxel_grid(events, self._bins, normalize=False)
-        for k, sums in enumerate(self._sums, start=self._bins):
-            grid[k] = sums.image(self._last_us)
+        grid[self._bins :] = np.moveaxis(self._sums, -1, 0)
         return grid
 
 
@@ -101,3 +104,29 @@ class OurReconstruction(E2vid):
 
     def _grid(self, events: Events) -> NDArray[np.float32]:
         return self._inputs.push(events)
+
+
+@jit_in_place
+def _add(
+    sums: NDArray[np.float64],  # (pixels, 4), row by row
+    width: int,
+    events: Columns,
+    C: float,
+    left: tuple[float, ...],  # of each sum after an event
+    places: NDArray[np.uint64],  # (_AHEAD,) overwritten: index of each event's pixel
+) -> float:
+    # Pixels are read ahead in groups, so that their independent loads overlap.
+    t_us, x, y, p = events
+    next_row = np.uint64(width)
+    touched = 0.0
+    for start in range(0, t_us.size, places.size):
+        count = min(places.size, t_us.size - start)
+        for k in range(count):
+            places[k] = y[start + k] * next_row + x[start + k]
+        for k in range(count):
+            touched += sums[places[k], 0]
+        for k in range(count):
+            here, step = places[k], p[start + k] * C
+            for i in range(len(left)):
+                sums[here, i] = sums[here, i] * left[i] + step
+    return touched  # so that the compiler keeps the reads
