@@ -1,14 +1,16 @@
 """Measure the sensor: M pixel-frames per second with sorted output, and a NumPy logarithm.
 
-    python benchmarks/bench_sensor.py [--size 1280] [--frames 60] [--runs 3]
+    python benchmarks/bench_sensor.py [--size 1280] [--frames 60] [--runs 3] [--pause 0]
 
 A texture with a natural spectrum and edges moves by 0.97 px per frame, with frames 1 ms apart and C
 = 0.2. "dense" fires about 0.2 events per pixel and frame, "sparse" a tenth of that (frames 0.1 ms
-apart). Events come from `stream`, in parts: `simulate` also allocates memory for all of them, which
-on a virtual machine can take as long as the rest. The result is the run with the least wall-clock
-time, with its user and system time in ns per pixel and frame; the kinds take turns, so other load
-affects all of them equally. The NumPy column is the speed over that of reading the same frames once
-and computing `np.log(frame + dark)`.
+apart), "very dense" about one (12 px per frame). Events come from `stream`, in parts: `simulate`
+also allocates memory for all of them, which on a virtual machine can take as long as the rest. The
+result is the run with the least wall-clock time, with its user and system time in ns per pixel and
+frame; the kinds take turns, so other load affects all of them equally. In a pause before each run
+the system may take free memory back. To compare with another commit, let processes take turns that
+have PYTHONPATH set to a worktree of it, or to this one. The NumPy column is the speed over that of
+reading the same frames once and computing `np.log(frame + dark)`.
 
 The second table compares nine settings that share the frames with nine runs: with the frames in
 memory, and with OpenEXR files that each run reads.
@@ -65,11 +67,13 @@ def main() -> None:
     parser.add_argument("--size", type=int, default=1280, help="sensor and frame side in pixels")
     parser.add_argument("--frames", type=int, default=60, help="frames in the sequence")
     parser.add_argument("--runs", type=int, default=3, help="runs of each kind; the least counts")
+    parser.add_argument("--pause", type=float, default=0.0, help="seconds before each run")
     args = parser.parse_args()
     size = args.size
     scenes = {
         "dense": (moving_texture(size, args.frames, 0.97), np.arange(args.frames) * 1e-3),
         "sparse": (moving_texture(size, args.frames, 0.097), np.arange(args.frames) * 1e-4),
+        "very dense": (moving_texture(size, args.frames, 12.0), np.arange(args.frames) * 1e-3),
     }
 
     def model(cutoff_hz: float) -> SensorModel:
@@ -93,6 +97,7 @@ def main() -> None:
     fired = dict.fromkeys(kinds, 0)
     for _ in range(args.runs):
         for kind, work in kinds.items():
+            time.sleep(args.pause)
             start = times_s()
             fired[kind] = work()
             runs[kind].append(tuple(np.subtract(times_s(), start).tolist()))
@@ -100,13 +105,14 @@ def main() -> None:
 
     print(f"{size}x{size} px, {args.frames} frames, minimum of {args.runs}")
     print(
-        "scene   setting    threads  Mpx-frames/s  user ns  sys ns  Mev/s  ev/px/frame  of numpy's"
+        "scene      setting    threads  Mpx-frames/s  user ns  sys ns  Mev/s  ev/px/frame  of "
+        "numpy's"
     )
     for (scene, setting, threads), (seconds, user_s, system_s) in best.items():
         work = size * size * (args.frames - 1)
         numpy_rate = size * size * args.frames / best[scene, "numpy log", 1][0]
         print(
-            f"{scene:7} {setting:10} {threads:7} {work / seconds / 1e6:13.1f} "
+            f"{scene:10} {setting:10} {threads:7} {work / seconds / 1e6:13.1f} "
             f"{user_s / work * 1e9:8.2f} {system_s / work * 1e9:7.2f} "
             f"{fired[scene, setting, threads] / seconds / 1e6:6.1f} "
             f"{fired[scene, setting, threads] / work:12.3f} {work / seconds / numpy_rate:11.2f}"

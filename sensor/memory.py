@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 _KEPT_BYTES = 1 << 29  # limit on all blocks together; address space, of which a part is touched
+_LARGEST_SHARE = 0.5  # of the limit: a larger block would push out most of the others
 _LEAST_BYTES = 1 << 20  # the allocator reuses smaller arrays itself
 _CACHE_LINE = 64  # vectors across two lines are slower
 
@@ -72,18 +73,14 @@ class Memory:
             # Round up, so that the block also fits arrays of similar size.
             step = 1 << (size.bit_length() - 3)
             block = np.empty(-(-size // step) * step, np.uint8)
-            excess = block.size + sum(b.size for b in self._blocks) - self._limit
-            for k in reversed(self._oldest(free, excess)):
-                excess -= self._blocks.pop(k).size
-            if excess > 0:
+            if block.size > _LARGEST_SHARE * self._limit:
                 return block
+            # Results that the caller keeps are forgotten too, or they would fill the limit.
+            sizes = np.cumsum([0, *(kept.size for kept in self._blocks)])
+            excess = block.size + sizes[-1] - self._limit
+            del self._blocks[: np.searchsorted(sizes, excess)]
         self._blocks.append(block)
         return block
-
-    def _oldest(self, free: list[int], excess: int) -> list[int]:
-        """Return the oldest of the free blocks, enough to remove the excess if possible."""
-        sizes = np.cumsum([0, *(self._blocks[k].size for k in free)])
-        return free[: int(np.searchsorted(sizes, excess))]
 
 
 MEMORY = Memory()

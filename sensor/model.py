@@ -13,6 +13,8 @@ from sensor.numbers import real, refusal, whole
 
 MAX_SIDE_PX = 1 << 16  # event coordinates are uint16
 MAX_RATE_HZ = 1e6  # event times are whole microseconds
+LEAST_THRESHOLD = 1e-9  # a double resolves far smaller steps of log intensity
+LEAST_FILL_FACTOR = 1e-6
 _CUTOFF_HZ_PER_LUX = 3.0
 
 Photoreceptor = Literal["two_pole", "one_pole", "v2e"]
@@ -168,8 +170,8 @@ class SensorModel:
             if name == "contrast_threshold" or self.contrast_threshold_off is not None:
                 check_number(
                     name,
-                    "a positive number (log units; 0.2 is usual)",
-                    lambda C: 0 < C < math.inf,
+                    f"a number of at least {LEAST_THRESHOLD:g} (log units; 0.2 is usual)",
+                    lambda C: LEAST_THRESHOLD <= C < math.inf,
                 )
         check_number(
             "cutoff_hz", "a positive number of Hz, or inf for an ideal pixel", lambda hz: hz > 0
@@ -186,7 +188,11 @@ class SensorModel:
                 "a positive radiance, and a finite cutoff_hz to go with it, or None",
                 lambda reference: 0 < reference < math.inf and self.cutoff_hz < math.inf,
             )
-        check_number("fill_factor", "a share in (0, 1]", lambda share: 0 < share <= 1)
+        check_number(
+            "fill_factor",
+            f"a share from {LEAST_FILL_FACTOR:g} to 1",
+            lambda share: LEAST_FILL_FACTOR <= share <= 1,
+        )
         check_number("hot_pixel_fraction", "a share in [0, 1]", lambda share: 0 <= share <= 1)
         for name in ("threshold_mismatch", "shot_noise_exponent", "refractory_s"):
             check_number(name, "a number of at least 0", lambda number: 0 <= number < math.inf)

@@ -73,7 +73,7 @@ def integrate(
     Returns
     -------
     (height, width) float64 in the unit of the frame, or None if any radiance is negative or not
-    finite.
+    finite. Rows of samples that no pixel sees are not read.
 
     Examples
     --------
@@ -86,10 +86,38 @@ def integrate(
     array([[0., 2., 2., 0.]])
     """
     out = np.empty((height, width))
+    overlaps = pixel_overlaps(frame.shape, height, width, fill_factor)
+    return out if integrate_area(frame, *overlaps, out) else None
+
+
+def pixel_overlaps(
+    shape: tuple[int, ...], height: int, width: int, fill_factor: float
+) -> tuple[Overlap, Overlap]:
+    """Return the overlap of pixels with the samples of a frame, along rows and columns.
+
+    Parameters
+    ----------
+    shape
+        (H, W) of the frame.
+    height, width, fill_factor
+        As for `integrate`.
+
+    Returns
+    -------
+    rows, columns
+        The arguments of `sensor.kernels.radiance.integrate_area`.
+
+    Examples
+    --------
+    >>> from sensor.optics import pixel_overlaps
+    >>> rows, columns = pixel_overlaps((4, 6), height=2, width=2, fill_factor=1.0)
+    >>> rows.samples, columns.samples
+    (array([2, 2]), array([3, 3]))
+    """
     aperture = math.sqrt(fill_factor)
-    rows = area_weights(frame.shape[0], height, aperture)
-    columns = area_weights(frame.shape[1], width, aperture)
-    return out if integrate_area(frame, rows, columns, out) else None
+    sizes = zip(shape, (height, width), strict=True)
+    rows, columns = (area_weights(samples, pixels, aperture) for samples, pixels in sizes)
+    return rows, columns
 
 
 def crop_to_aspect(

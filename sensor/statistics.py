@@ -96,7 +96,7 @@ class IntervalHistogram:
         self._slot_of[::every_row] = np.arange(-(-height // every_row))
         self._bin_of = np.searchsorted(
             self.edges_us, np.arange(self.edges_us[-1] + 2), side="right"
-        ).astype(np.uint8)
+        ).astype(np.min_scalar_type(len(self.edges_us)))
         self._last_us = np.full((-(-height // every_row), width), _NEVER)
         self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
 

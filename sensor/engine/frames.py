@@ -167,7 +167,7 @@ class FrameReader:
                     f"frame {index + found}: found shape {frame.shape}, "
                     f"expected {self.shape} like the first"
                 )
-            if frame.dtype.itemsize > self._room.dtype.itemsize:
+            if self._room.dtype == np.float32 and _float_type(frame) is np.float64:
                 self._room = self._room.astype(np.float64)
             self._room[found] = frame
             found += 1
@@ -190,8 +190,12 @@ class FrameReader:
                 f"frame {index}: found {chunk.dtype}, expected linear radiance as float32 or "
                 f"float64{advice if chunk.dtype.kind in 'ui' else ''}"
             )
-        wide = chunk.dtype if chunk.dtype == np.float64 else np.dtype(np.float32)
-        return np.ascontiguousarray(chunk, dtype=wide)
+        return np.ascontiguousarray(chunk, dtype=_float_type(chunk))
+
+
+def _float_type(frames: NDArray[np.floating]) -> type[np.floating]:
+    """Return the type of this machine's floats that holds frames of any float type."""
+    return np.float64 if frames.dtype.itemsize > 4 else np.float32
 
 
 def refuse_bad_radiance(chunk: NDArray[np.floating], index: int) -> None:

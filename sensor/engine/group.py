@@ -28,10 +28,10 @@ from sensor.kernels.advance import (
 from sensor.kernels.comparator import outside_refractory
 from sensor.kernels.packing import FULL
 from sensor.kernels.photoreceptor import STEP, photoreceptor_step
-from sensor.kernels.radiance import BAD, Light, light_of, log_of_block
+from sensor.kernels.radiance import BAD, Light, integrate_area, light_of, log_of_block
 from sensor.memory import MEMORY
 from sensor.model import SensorModel
-from sensor.optics import integrate
+from sensor.optics import pixel_overlaps
 
 # Pixels of a block. Their state fits the L2 cache, and the distance between its rows is not a power
 # of two, so that they do not share lines of the L1 cache.
@@ -223,11 +223,11 @@ def _light(
     if chunk.shape[1:] == (model.height, model.width):
         radiance = chunk  # one sample per pixel, so the fill factor has no effect
     else:
-        size = model.height, model.width, model.fill_factor
-        means = list(apply(lambda frame: integrate(frame, *size), chunk))
-        if any(mean is None for mean in means):
+        overlaps = pixel_overlaps(chunk.shape[1:], model.height, model.width, model.fill_factor)
+        radiance = MEMORY.array((len(chunk), model.height, model.width))
+        frames = zip(chunk, radiance, strict=True)
+        if not all(list(apply(lambda pair: integrate_area(pair[0], *overlaps, pair[1]), frames))):
             refuse_bad_radiance(chunk, index)
-        radiance = np.stack(means)
     if dark == 0 and not (least := float(radiance.min())) >= _LEAST_LIGHT:
         raise SensorError(
             f"frame {index} or one soon after: found a pixel of radiance {least:g}, "

@@ -38,7 +38,7 @@ class UnsortedEvents:
     setting: int
 
     def parts(self, threads: int) -> Iterator[range]:
-        """Yield ranges of intervals with about `_PART_EVENTS` events, one for each thread or more.
+        """Yield ranges of about `_PART_EVENTS` events, with an interval for each thread or more.
 
         Small parts let the next ones reuse memory that is still in the cache.
         """

@@ -107,6 +107,7 @@ class DsecReader:
         EventFormatError
             The events are damaged.
         """
+        stop = min(stop, len(self))
         if first >= stop:
             return no_events(self.header.width or 0, self.header.height or 0, self.header.model)
         with named_errors(self.path):

@@ -320,7 +320,10 @@ def write_events(
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
     batches = rebatch((parts,) if isinstance(parts, Events) else parts)
-    first = next(batches)
+    try:
+        first = next(batches)
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
     header = Header(
         first.width,
         first.height,
@@ -340,6 +343,8 @@ def write_events(
         if error.filename not in (None, str(unfinished)):
             raise
         raise _with_path(error, path) from error
+    except EventFormatError as error:
+        raise EventFormatError(f"{path}: {error}") from error
     finally:
         unfinished.unlink(missing_ok=True)
     warn_of_loss(path, chosen, chosen.loses(header))
@@ -477,7 +482,8 @@ def read_events(
         Unit of the times of a text file: s, ms, us or ns. By default it is the one in the file's
         line of names, or else s.
     sort
-        Sort the events by time, for text, AEDAT4, DAT, ES and bags; all events are then in memory.
+        Sort the events by time, for text, CSV, AEDAT, DAT, ES and bags; all events are then in
+        memory.
     topic
         Topic of a ROS bag, if several have events.
 
@@ -514,7 +520,11 @@ def read_events(
         header = header.with_size(size)
         for name in given:
             if name not in chosen.options:
-                reason = "has one stream" if name == "topic" else "is sorted, in microseconds"
+                reason = {
+                    "topic": "has one stream",
+                    "time_unit": "states the unit of its times",
+                    "sort": "is sorted",
+                }[name]
                 raise EventFormatError(
                     f"{name}: found {given[name]}, expected none for {chosen.title}, which {reason}"
                 )

@@ -111,6 +111,7 @@ def read_header(path: Path) -> Header:
             {f"{one.topic} ({_named(one.msgtype)})" for one in reader.connections}
             - {f"{one.topic} ({_named(one.msgtype)})" for one in kept}
         )
+    sizes.discard((0, 0))  # of a message that does not know it
     width, height = sizes.pop() if len(sizes) == 1 else (None, None)
     return Header(width, height, others=tuple(others))
 

@@ -62,7 +62,7 @@ def place(start, width, position):
 
 @jit
 def pack(since_us, start_us, length_us, polarity_and_position):
-    """Pack one event into a sortable word; only here is a time rounded to whole microseconds.
+    """Pack one event into a sortable word; only here is its time rounded to whole microseconds.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def gather(pool, segment, s, f, words, used):
 def sort_by_time(words, other, interval_us, start_us, columns):
     """Sort packed events by time, keep raster order within a microsecond, and unpack them.
 
-    The method is a stable radix sort: one pass for intervals up to 4 ms.
+    The method is a stable radix sort with digits of at most 12 bits.
 
     Parameters
     ----------

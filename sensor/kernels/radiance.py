@@ -71,7 +71,7 @@ def integrate_area(frame, rows, columns, out):
     Returns
     -------
     bool
-        True if all radiance is finite and at least 0.
+        True if the radiance of all rows that some pixel sees is finite and at least 0.
     """
     good = True
     height, width = out.shape

@@ -41,9 +41,7 @@ def drawn_times(rng, kind):
 def drawn(seed):
     """Return one sensor, its frames and times, from a seed alone: (kind, radiance, t_s, Pixel)."""
     rng = np.random.default_rng(seed)
-    kind = ("any", "video", "still", "leak", "half microseconds", "since 1970", "own light")[
-        seed % 7
-    ]
+    kind = KINDS[seed % len(KINDS)]
     t_s, cutoff_hz = drawn_times(rng, kind)
     if rng.random() < 0.15 and kind != "own light":
         cutoff_hz = math.inf

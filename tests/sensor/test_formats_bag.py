@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from event_streams import assert_same, make_events, random_events
 from sensor import EventFormatError
-from sensor.events import concatenate
+from sensor.events import concatenate, no_events
 from sensor.formats import load_events, read_events, read_header
 
 EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -62,6 +62,19 @@ def test_bags_that_rosbags_writes(package, tmp_path):
     header = read_header(path)
     assert (header.width, header.height) == (346, 260)
     assert header.others == ("/said (std_msgs/String)",)
+
+
+def test_a_first_message_that_does_not_know_the_size_leaves_it_open(tmp_path):
+    """Promise: such a bag is read with `size`."""
+    empty, events = no_events(0, 0, None), random_events(40, width=12, height=9)
+    path = tmp_path / "a.bag"
+    store = typestore_of("dvs_msgs")
+    with Writer(path) as writer:
+        one = writer.add_connection("/e", "dvs_msgs/msg/EventArray", typestore=store)
+        writer.write(one, 0, message(store, "dvs_msgs", empty))
+        writer.write(one, 1, message(store, "dvs_msgs", events))
+    assert read_header(path).width is None
+    assert_same(load_events(path, size=(12, 9)), events)
 
 
 def test_a_bag_is_read_in_parts(tmp_path):

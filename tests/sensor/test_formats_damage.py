@@ -1,5 +1,6 @@
 """Damaged files: an error with the place, or valid events; no crash, hang or silent loss."""
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -90,3 +91,12 @@ def test_garbage_is_refused(name, data, keep, whole, tmp_path):
     outcome(tmp_path, name, data)
     outcome(tmp_path, name, files[name][:keep] + data)
     outcome(tmp_path, name, files[name] + data)
+
+
+def test_events_that_a_format_cannot_hold_are_refused_with_the_file(tmp_path):
+    """Promise: the error of a write names the file, and nothing is left there."""
+    x = np.zeros(1, np.uint16)
+    early = Events(np.array([-5]), x, x, np.ones(1, np.int8), 4, 4)
+    with pytest.raises(EventFormatError, match=r"early\.raw: .*-5 us"):
+        write_events(tmp_path / "early.raw", early)
+    assert not [*tmp_path.iterdir()]

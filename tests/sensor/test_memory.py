@@ -78,7 +78,7 @@ def test_memory_is_used_again_once_nobody_holds_it():
 
 
 def test_kept_memory_has_a_limit():
-    """Promise: old memory is dropped first, and arrays that are held do not push out the rest."""
+    """Promise: memory that is kept for later arrays stays within the limit."""
     room = Memory(limit=10 * LARGE)
     for count in range(1, 9):
         room.array(count * LARGE, np.uint8)
@@ -88,6 +88,22 @@ def test_kept_memory_has_a_limit():
     assert len({array.ctypes.data for array in held}) == 30
     room.release()
     assert not room._blocks
+
+
+def test_arrays_that_are_held_do_not_push_out_the_rest():
+    """Promise: however many results the caller keeps, the work that makes them reuses its memory;
+    so it does after a block that is larger than the limit."""
+    room = Memory(limit=10 * LARGE)
+    held, addresses = [], set()
+    for _ in range(30):
+        work = room.array(3 * LARGE, np.uint8)
+        addresses.add(work.ctypes.data)
+        held.append(room.array(LARGE, np.uint8))
+        del work
+    assert len(addresses) == 1
+    assert len({array.ctypes.data for array in held}) == 30
+    room.array(20 * LARGE, np.uint8)
+    assert room.array(3 * LARGE, np.uint8).ctypes.data in addresses
 
 
 def test_release_memory_gives_everything_back(small_parts):

@@ -258,7 +258,7 @@ def test_fill_factor_sees_the_middle_of_each_pixel():
         ({"contrast_threshold_off": 0.0}, "contrast_threshold_off"),
         ({"latency_s": -1e-6}, "latency_s"),
         ({"cutoff_reference": 1.0}, "cutoff_reference"),
-        ({"fill_factor": 0.0}, "fill_factor"),
+        ({"fill_factor": 1e-9}, "fill_factor"),
         ({"threshold_mismatch": -0.1}, "threshold_mismatch"),
         ({"leak_hz": math.inf}, "leak_hz"),
         ({"shot_noise_hz": 1.0, "dark_level": 0.0}, "shot_noise_hz"),

@@ -79,6 +79,14 @@ def test_bins_are_even_in_log_time_and_the_mode_allows_for_rounded_edges():
     assert mode_us([10, 20, 80], [0, 0]) is None
 
 
+def test_hundreds_of_bins_do_not_wrap():
+    """Promise: an interval is in its own bin, however many there are."""
+    x = np.zeros(2, np.uint16)
+    histogram = IntervalHistogram(1, 1, np.arange(1, 302), (0, 999))
+    histogram.add(Events(np.array([0, 280]), x, x, np.ones(2, np.int8), 1, 1))
+    assert np.flatnonzero(histogram.counts).tolist() == [279]
+
+
 def test_rates_are_counts_over_the_window():
     """Promise: each pixel's events in the half-open window over its length."""
     events = drawn_events(3, 5000, 5, 7, 20_000)
