@@ -20,7 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from eres_render.errors import BackendError, RenderError, SceneError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
-from eres_render.rendering.load import LUMINANCE, load_mi_scene
+from eres_render.rendering.load import LUMINANCE, files_of, load_mi_scene
 from eres_render.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -175,7 +175,8 @@ def _texture_sizes_m(scene: Scene) -> dict[str, Size]:
     files = scene.texture_files()
     recipes = {files[name]: recipe for name, recipe in scene.settings.textures.items()}
     config = mi.parser.ParserConfig(str(mi.variant()))
-    nodes = list(mi.parser.parse_file(config, str(scene.xml_file), **files).nodes)
+    with files_of(scene):
+        nodes = list(mi.parser.parse_file(config, str(scene.xml_file), **files).nodes)
 
     def below(node: Any) -> list[Any]:
         reference: Any = mi.Properties.ResolvedReference

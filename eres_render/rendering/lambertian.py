@@ -14,8 +14,21 @@ _UV_TOLERANCE = 1e-3  # of the surface's size
 
 
 def surfaces(mi_scene: mi.Scene) -> list[mi.Shape]:
-    """Return the shapes that reflect light: all but lamps, which are black in Mitsuba."""
-    return [shape for shape in mi_scene.shapes() if not shape.is_emitter()]
+    """Return the shapes that reflect light: all but lamps without a material of their own."""
+    return [
+        shape for shape in mi_scene.shapes() if not (shape.is_emitter() and _is_black(shape.bsdf()))
+    ]
+
+
+def _is_black(bsdf: mi.BSDF) -> bool:
+    """Return whether a material is the one that Mitsuba gives to lamps: it reflects nothing."""
+    import mitsuba as mi
+
+    if bsdf.class_name() != "SmoothDiffuse":
+        return False
+    parameters = mi.traverse(bsdf)
+    values = [parameters[key] for key in parameters.keys() if "reflectance" in key]  # noqa: SIM118
+    return not any(np.any(np.asarray(value)) for value in values)
 
 
 def reason_not_to_bake(shape: mi.Shape) -> str:
@@ -27,6 +40,8 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
 
     if shape.class_name() == "Instance":
         return "is an instance"
+    if shape.is_emitter():
+        return "emits light and reflects it, too"
     bsdf = shape.bsdf()
     flags = bsdf.flags()
     if mi.has_flag(flags, mi.BSDFFlags.Glossy) or mi.has_flag(flags, mi.BSDFFlags.Delta):

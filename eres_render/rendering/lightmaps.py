@@ -132,9 +132,12 @@ def has_lightmaps(scene: Scene) -> bool:
 def _lightmap_files(scene: Scene) -> list[Path]:
     """Return the files of the first folder with lightmaps of this state of the scene."""
     for folder in (scene.folder, _cached_lightmaps(scene)):
-        files = sorted(folder.glob(_lightmap_name("*")))
-        digests = {read_attributes(path).get(_DIGEST_ATTRIBUTE) for path in files}
-        if digests == {scene.light_digest}:
+        files = [
+            path
+            for path in sorted(folder.glob(_lightmap_name("*")))
+            if read_attributes(path).get(_DIGEST_ATTRIBUTE) == scene.light_digest
+        ]
+        if files:
             return files
     return []
 
@@ -178,12 +181,10 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
     for shape in bakeable_surfaces(mi_scene, scene):
         if shape.id() not in maps:
             raise SceneError(
-                f"{scene.folder}: no lightmap of shape {shape.id()!r} among {list(maps)}"
+                f"{scene.folder}: no lightmap of shape {shape.id()!r} among {list(maps)}; make "
+                "them again with eres bake"
             )
-        reflected = reflectance(shape.bsdf(), scene)
-        height, width = reflected.shape
-        # Cell means are at cell centers, as texels are for Mitsuba's bilinear look-up.
-        irradiance = cv2.resize(maps[shape.id()], (width, height), interpolation=cv2.INTER_LINEAR)
+        reflected, irradiance = _as_large(reflectance(shape.bsdf(), scene), maps[shape.id()])
         radiance = (irradiance * np.float32(1 / np.pi) * reflected).astype(np.float32, copy=False)
         texture = {
             "type": "bitmap",
@@ -194,3 +195,18 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
         }
         emitters[shape.id()] = mi.load_dict({"type": "area", "radiance": texture})
     return load_mi_scene(scene, emitters), set(emitters)
+
+
+def _as_large(*images: Float32) -> list[Float32]:
+    """Return images of one area at the size of the finest along each axis.
+
+    Cell means are at cell centers, as texels are for Mitsuba's bilinear look-up.
+    """
+    height, width = np.max([image.shape for image in images], axis=0).tolist()
+    resized = (
+        image
+        if image.shape == (height, width)
+        else cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR)
+        for image in images
+    )
+    return [image.astype(np.float32, copy=False) for image in resized]

@@ -64,39 +64,55 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
             check_readable(image)
     config = mi.parser.ParserConfig(str(mi.variant()))
     config.merge_meshes = False  # merging would lose the shapes' ids
-    mitsuba: Any = mi  # its type stubs lack the file resolver
-    everywhere = mitsuba.file_resolver()
-    with_folder = mitsuba.FileResolver(everywhere)
-    with_folder.prepend(str(scene.folder))
-    mitsuba.set_file_resolver(with_folder)
-    try:
-        state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
-        # Its cameras are unused, and Mitsuba would warn of their films.
-        _drop(state.nodes[0], mi.ObjectType.Sensor, state)
-        shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
-        for number, node in enumerate(shapes):
-            if not node.props.id():  # lightmaps and errors go by it
-                node.props.set_id(f"{node.props.plugin_name()}_{number}")
-            if emitters and node.props.id() in emitters:
-                node.props["glow"] = emitters[node.props.id()]
-                _drop(node, mi.ObjectType.BSDF, state)
-        for node in state.nodes:
-            if node.props.plugin_name() == "bitmap":
-                if not emitters and node.props.get("filename") in textures.values():
-                    _read_texture(node.props)
-                exr = str(node.props.get("filename", "")).lower().endswith(".exr")
-                if not exr and node.props.get("format", "auto") == "auto":
-                    node.props["format"] = "variant"  # light as floats, not codes of 8 bits
-        mi.parser.transform_all(config, state)
-        with _warnings_of(scene):
-            mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))
-    except RuntimeError as error:
-        raise SceneError(f"{scene.xml_file}: Mitsuba refuses it: {error}") from error
-    finally:
-        mitsuba.set_file_resolver(everywhere)
+    with files_of(scene):
+        try:
+            state = mi.parser.parse_file(config, str(scene.xml_file), **textures)
+            # Its cameras are unused, and Mitsuba would warn of their films.
+            _drop(state.nodes[0], mi.ObjectType.Sensor, state)
+            shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
+            for number, node in enumerate(shapes):
+                if not node.props.id():  # lightmaps and errors go by it
+                    node.props.set_id(f"{node.props.plugin_name()}_{number}")
+                if emitters and node.props.id() in emitters:
+                    node.props["glow"] = emitters[node.props.id()]
+                    _drop(node, mi.ObjectType.BSDF, state)
+            for node in state.nodes:
+                if node.props.plugin_name() == "bitmap":
+                    if not emitters and node.props.get("filename") in textures.values():
+                        _read_texture(node.props)
+                    exr = str(node.props.get("filename", "")).lower().endswith(".exr")
+                    if not exr and node.props.get("format", "auto") == "auto":
+                        node.props["format"] = "variant"  # light as floats, not codes of 8 bits
+            mi.parser.transform_all(config, state)
+            with _warnings_of(scene):
+                mi_scene = cast("mi.Scene", mi.parser.instantiate(config, state))
+        except RuntimeError as error:
+            raise SceneError(f"{scene.xml_file}: Mitsuba refuses it: {error}") from error
     if str(mi.variant()).endswith("_rgb"):
         _drop_color(mi_scene)
     return mi_scene
+
+
+@contextmanager
+def files_of(scene: Scene) -> Iterator[None]:
+    """Let Mitsuba find the files that scene.xml names relative to its folder.
+
+    Parameters
+    ----------
+    scene
+        The scene that is parsed or loaded meanwhile.
+    """
+    import mitsuba
+
+    mi: Any = mitsuba  # its type stubs lack the file resolver
+    everywhere = mi.file_resolver()
+    with_folder = mi.FileResolver(everywhere)
+    with_folder.prepend(str(scene.folder))
+    mi.set_file_resolver(with_folder)
+    try:
+        yield
+    finally:
+        mi.set_file_resolver(everywhere)
 
 
 def _drop(node: Any, kind: Any, state: Any) -> None:

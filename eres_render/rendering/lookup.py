@@ -1,9 +1,9 @@
 """Frames of a baked scene from rays through corners of pixels, not through every sample.
 
 If the four corners of a pixel show the same flat piece and no edge crosses the pixel in front of
-it, the pixel shows nothing else. Its samples are then looked up in the piece's texture, where the
-homography of the piece has them. Mitsuba says what the corners show, and traces all other pixels.
-The same holds for a block of pixels, so most corners need no ray either.
+it, the pixel shows nothing else. Its samples are then looked up in the piece's texture, at the
+positions to which the piece's homography maps them. Mitsuba says what the corners show, and traces
+all other pixels. The same holds for a block of pixels, so most corners need no ray either.
 
 Through a lens edges are curved. Then this is done for the pixels of a pinhole with the same camera
 matrix, whose image has room for the bent pixels of the lens; and a bent pixel shows one piece if
@@ -113,9 +113,12 @@ class LookUp:
         """
         pixels = camera.width * camera.height
         lens = self._through_lens(camera)
-        if lens.columns * lens.rows > _MOST_ROOM * pixels:
+        of_pinhole = lens.columns * lens.rows
+        # A lens bends the sides of pixels, which a single row or column does not show.
+        is_thin = len(lens.corners) > 0 and min(camera.width, camera.height) == 1
+        if of_pinhole > _MOST_ROOM * pixels or is_thin:
             return False
-        saved = (spp - _SAMPLES_A_PIXEL) * pixels
+        saved = spp * pixels - _SAMPLES_A_PIXEL * of_pinhole
         return saved >= _SAMPLES_A_FRAME + _SAMPLES_AN_EDGE * len(self._surfaces.edges)
 
     def frame(

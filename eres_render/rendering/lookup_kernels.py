@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from eres_render.rendering.flat_surfaces import Pieces
 
 BLACK, LIT, MIXED = 0, 1, -1
-_UNSEEN = 2
+_UNSEEN = 2  # state of a bent piece until one of its triangles is looked at
 
 _MARGIN = 0.01  # px: a ray in single precision is not where an edge in double precision is
 _BLOCK_PX = 16  # pixels of a row that share what is worked out in double precision
 _LEAST_DENOMINATOR = 0.05
 _BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
 
-# The sum over a pixel's samples becomes vectors only where its order is free.
+# LLVM vectorizes the sum over a pixel's samples only if it may reorder the additions.
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 _jit = numba.njit(**_OPTIONS, fastmath={"contract"})
 _jit_sums = numba.njit(**_OPTIONS, fastmath={"contract", "reassoc", "nsz"})

@@ -101,8 +101,8 @@ class SceneToml:
 
     title: str
     license: str = field(metadata=formerly("licence"))
-    length_unit: str
-    radiance_unit: str
+    length_unit: Literal["m"]
+    radiance_unit: Literal["W m^-2 sr^-1"]
     plane: PlaneSettings | None = None
     camera: CameraSettings
     path: FacingPlanePath | WaypointsPath | TumPath | None

@@ -99,8 +99,12 @@ class _Reader:
     files: list[Path] = field(default_factory=list)
     folders: list[Path] = field(default_factory=list)
     parameters: dict[str, str] = field(default_factory=dict)
+    open: list[Path] = field(default_factory=list)  # each included by the one before it
 
     def elements(self, file: Path) -> Iterator[Element]:
+        if file in self.open:
+            raise SceneError(f"{self.open[-1]}: includes {file}, which includes it")
+        self.open.append(file)
         try:
             root = ElementTree.parse(file).getroot()
         except OSError as error:
@@ -114,14 +118,18 @@ class _Reader:
             if element.tag == "default":
                 self.parameters.setdefault(name, value)
             elif element.tag == "path":
-                self.folders.append(self.top.parent / value)
+                beside = file.parent / value
+                self.folders.insert(0, beside if beside.is_dir() else self.top.parent / value)
             elif element.tag == "include":
-                yield from self.elements(self._find(element.get("filename", ""), file))
+                if "$" in (name := element.get("filename", "")):
+                    raise SceneError(f"{file}: includes {name!r}, a parameter without a value")
+                yield from self.elements(self._find(name, file))
             elif element.tag == "string" and name == "filename":
                 self._find(value, file)
             elif "filename" in element.attrib:
                 self._find(element.attrib["filename"], file)
             yield element
+        self.open.pop()
 
     def _filled_in(self, value: str) -> str:
         """Replace `$parameter` by its value, except for those given from outside."""
@@ -133,7 +141,7 @@ class _Reader:
     def _find(self, name: str, named_in: Path) -> Path:
         if "$" in name:
             return named_in
-        for folder in (self.top.parent, *self.folders):
+        for folder in (*self.folders, self.top.parent):
             if (found := folder / name).is_file():
                 self.files.append(found)
                 return found

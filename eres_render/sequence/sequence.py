@@ -250,7 +250,7 @@ def read_path(folder: Path, manifest: Manifest) -> tuple[Float64, Trajectory]:
             f"{poses_file}: found {len(t_s)} poses whose times are not those of the "
             f"{len(manifest.t_s)} frames in manifest.json"
         )
-    if t_s[-1] > trajectory.duration_s or not np.allclose(
+    if t_s[-1] > trajectory.duration_s + 1e-9 or not np.allclose(
         trajectory.pose(t_s), T_world_cam, rtol=0, atol=1e-9
     ):
         raise SequenceError(f"{path_file}: found a path that does not pass through {poses_file}")
@@ -293,8 +293,11 @@ class SequenceWriter:
         self.folder = folder
         self._compression: Compression = compression
         self.manifest = dataclasses.replace(manifest, complete=False)
+        self._is_complete = False  # on disk
         if (folder / "manifest.json").exists():
-            self._check_same(read_manifest(folder))
+            found = read_manifest(folder)
+            self._check_same(found)
+            self._is_complete = found.complete
         try:
             (folder / "frames").mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -305,7 +308,8 @@ class SequenceWriter:
         write_text(folder / "path.txt", path)
         self.checksums = read_sums(folder)
         write_sums(folder, self.checksums)  # without lines that a kill left unfinished
-        write_manifest(folder, self.manifest)
+        if not self._is_complete:
+            write_manifest(folder, self.manifest)
 
     def _check_same(self, found: Manifest) -> None:
         """Refuse a manifest of other frames; the place of the scene does not matter."""
@@ -340,6 +344,9 @@ class SequenceWriter:
             (H, W) linear radiance.
         """
         file, name = self.file(i), _frame_name(i)
+        if self._is_complete:  # others may read it until a frame turns out to be missing
+            write_manifest(self.folder, self.manifest)
+            self._is_complete = False
         write_channels(file, {"Y": radiance}, compression=self._compression)
         self.checksums[name] = sha256(file)
         append_sum(self.folder, name, self.checksums[name])

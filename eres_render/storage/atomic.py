@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 from eres_render.errors import RenderError
 
@@ -19,7 +20,8 @@ def new_file(path: Path) -> Iterator[Path]:
     RenderError
         If the file cannot be written. Nothing is left behind, also after any other error.
     """
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+    # Threads share a process id, and so may processes of machines that share a folder.
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

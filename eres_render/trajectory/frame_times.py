@@ -265,9 +265,10 @@ def adaptive_times(
     for mark_s in map(float, marks_s[1:]):
         while (t := times[-1]) < mark_s:
             # Short strides from below find motion that turns back.
-            low, high = 0.0, min(0.5 * step_s, _LONGEST_STRIDE_S, mark_s - t)
-            while motion(t, t + high) < max_displacement_px and t + high < mark_s:
-                low, high = high, min(1.25 * high, high + _LONGEST_STRIDE_S, mark_s - t)
+            rest_s = mark_s - t  # t + rest_s may be less than mark_s
+            low, high = 0.0, min(0.5 * step_s, _LONGEST_STRIDE_S, rest_s)
+            while motion(t, t + high) < max_displacement_px and high < rest_s:
+                low, high = high, min(1.25 * high, high + _LONGEST_STRIDE_S, rest_s)
             if motion(t, t + high) > max_displacement_px:
                 high = brentq(
                     lambda dt, t=t: motion(t, t + dt) - max_displacement_px, low, high, xtol=1e-9

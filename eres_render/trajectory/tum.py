@@ -111,7 +111,7 @@ def read_tum_from_start(path: Path) -> tuple[int, Float64, Float64]:
 def _read(path: Path) -> tuple[list[Decimal], Float64]:
     """Read a TUM file into exact times and (N, 4, 4) poses."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except OSError as error:
         raise TrajectoryError(f"{path}: cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

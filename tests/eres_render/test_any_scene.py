@@ -84,6 +84,11 @@ def test_the_field_of_view_is_the_one_that_mitsuba_makes_of_it(tmp_path, inner, 
             r"names 'a/skin\.png', but .*/a/skin\.png is missing",
         ),
         ([CAMERA, '<include filename="rest.xml"/>'], r"names 'rest\.xml', but .* is missing"),
+        (
+            [CAMERA, '<include filename="$rest"/>'],
+            r"includes '\$rest', a parameter without a value",
+        ),
+        ([CAMERA, '<include filename="mine.xml"/>'], r"includes .*mine\.xml, which includes it"),
         ([CAMERA, "<shape"], r"mine\.xml: not an XML file"),
     ],
 )
@@ -144,3 +149,17 @@ path = { kind = "tum", file = "poses.txt", min_clearance_m = 1.0 }
     (sequence,) = render_scene(load_scene(folder), tmp_path, resolution=16, **options)
     np.testing.assert_allclose(sequence.T_world_cam[0, :3, 3], spiral[0], atol=1e-12)
     assert sequence.frame(0)[0, 0] == 1  # the sky
+
+
+def test_folders_of_a_path_element_come_before_the_scene_and_start_at_its_file(tmp_path):
+    """Promise: as in Mitsuba, so that the digest is of the files that it reads."""
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "near").mkdir()
+    for folder in (tmp_path, tmp_path / "b", tmp_path / "b" / "near"):
+        (folder / "skin.exr").write_bytes(b"")
+    (tmp_path / "b" / "rest.xml").write_text('<scene version="3.0.0"><path value="near"/></scene>')
+    skin = '<texture type="bitmap"><string name="filename" value="skin.exr"/></texture>'
+    xml = write_scene(tmp_path, CAMERA, '<path value="b"/>', skin)
+    assert read_scene_xml(xml).files == (tmp_path / "b" / "skin.exr",)
+    xml = write_scene(tmp_path, CAMERA, '<include filename="b/rest.xml"/>', skin)
+    assert read_scene_xml(xml).files[-1] == tmp_path / "b" / "near" / "skin.exr"

@@ -11,7 +11,7 @@ from eres_render.rendering import backend
 from eres_render.rendering import lightmaps as bake
 from eres_render.rendering.irradiance import irradiance_maps
 from eres_render.rendering.load import load_mi_scene
-from eres_render.storage.exr import read_attributes, read_luminance
+from eres_render.storage.exr import read_attributes, read_luminance, write_luminance
 from light_scenes import drop_textures, edit_scene, small_carpet_folder
 
 
@@ -170,6 +170,58 @@ def test_baked_and_path_traced_views_agree():
     error = np.log(baked) - np.log(traced)
     assert -10 * np.log10(np.mean(error**2)) >= 40
     assert abs(error.mean()) < 1e-3
+
+
+@pytest.mark.parametrize("texels", [0, 4])
+def test_light_varies_over_a_uniform_surface_and_under_a_coarse_image(tmp_path, texels):
+    """Physics: the texture of radiance has the detail of the light, where the reflectance is one
+    number, or an image coarser than the lightmap."""
+    folder = small_carpet_folder(tmp_path / "plain")
+    drop_textures(folder)
+    text = (folder / "scene.xml").read_text()
+    start, end = text.index("<texture"), text.index("</texture>") + len("</texture>")
+    reflectance = '<rgb name="reflectance" value="0.5"/>'
+    if texels:
+        write_luminance(folder / "gray.exr", np.full((texels, texels), 0.5))
+        reflectance = (
+            '<texture type="bitmap" name="reflectance"><string name="filename" value="gray.exr"/>'
+            '<boolean name="raw" value="true"/></texture>'
+        )
+    (folder / "scene.xml").write_text(text[:start] + reflectance + text[end:])
+    scene = load_scene(folder)
+    pose = scene.trajectory().pose(1.0)
+    baked, traced = (
+        Renderer(scene, 16, 1024, integrator=name).frame(pose) for name in ("baked", "path")
+    )
+    assert traced.max() > 1.2 * traced.min()
+    np.testing.assert_allclose(baked, traced, rtol=0.03)
+
+
+def test_a_lamp_with_a_material_is_path_traced(tmp_path):
+    """Promise: a glowing screen also reflects the light of other lamps; only lamps without a
+    material are black."""
+    folder = small_carpet_folder(tmp_path / "screen")
+    text = (folder / "scene.xml").read_text()
+    glow = '<emitter type="area"><rgb name="radiance" value="0.01"/></emitter>'
+    at = text.index("</shape>", text.index('id="carpet"'))
+    (folder / "scene.xml").write_text(text[:at] + glow + text[at:])
+    scene = load_scene(folder)
+    renderer = Renderer(scene, 8, 16)
+    assert renderer.integrator == "path"
+    assert renderer.frame(scene.trajectory().pose(1.0)).min() > 0.1
+    with pytest.raises(SceneError, match="'carpet' emits light and reflects it, too"):
+        irradiance_maps(scene, 1.0, 4)
+
+
+def test_other_lightmaps_in_the_folder_are_ignored(tmp_path, monkeypatch):
+    """Promise: those of a shape that is gone do not make the scene's own ones useless."""
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    folder = small_carpet_folder(tmp_path / "mine")
+    (file,) = bake.bake_scene(load_scene(folder))
+    write_luminance(folder / "lightmap_gone.exr", np.ones((4, 4)), {"eresLightDigest": "old"})
+    assert set(bake.lightmaps(load_scene(folder))) == {"carpet"}
+    file.unlink()
+    assert not bake.has_lightmaps(load_scene(folder))
 
 
 def test_the_packaged_lightmap_belongs_to_the_scene_and_can_be_made_again():

@@ -81,3 +81,9 @@ def test_paced_times_without_motion_or_sense():
     np.testing.assert_array_equal(paced_times(lambda a, b: 0.0, MARKS_S, 0.5), MARKS_S)
     with pytest.raises(RenderError, match="max_displacement_px: found 0"):
         paced_times(lambda a, b: 0.0, MARKS_S, 0)
+
+
+def test_a_camera_at_rest_reaches_a_mark_that_rounding_puts_out_of_reach():
+    """Promise: the search ends where t + (mark - t) is less than the mark in floating point."""
+    assert 0.65 + (1.7 - 0.65) < 1.7
+    assert adaptive_times(lambda start, end: 0.0, (0.65, 1.7), 0.5).tolist() == [0.65, 1.7]

@@ -24,7 +24,7 @@ from eres_render import (
     render_clip,
     render_scene,
 )
-from light_scenes import DOTS_M, dots_folder, light_evenly, tilted_pose
+from light_scenes import DOTS_M, dots_folder, edit_scene, light_evenly, tilted_pose
 
 ROOT = Path(__file__).parents[2]
 CLIP = Clip(0, 0.24, 0.25, 0.29)
@@ -256,6 +256,27 @@ def test_a_finished_clip_is_not_rendered_again(renderer, uninterrupted, monkeypa
     monkeypatch.setattr(renderer, "frame", None)  # any rendering would fail
     again = render_clip(renderer, CLIP, uninterrupted.folder, 0.25)
     assert frames_equal(again, uninterrupted)
+
+
+def test_a_finished_clip_stays_readable_while_it_is_asked_for_again(renderer, uninterrupted):
+    """Promise: other processes may read it meanwhile, and a kill leaves it complete."""
+    with clip_in_progress(renderer, CLIP, uninterrupted.folder, 0.25):
+        assert frames_equal(open_sequence(uninterrupted.folder), uninterrupted)
+    assert frames_equal(open_sequence(uninterrupted.folder), uninterrupted)
+
+
+def test_a_path_whose_knots_round_to_just_before_its_end_is_rendered(tmp_path):
+    """Promise: 3 knots of 0.3 s are a path of 0.9 s, though 0.3 * 3 < 0.9 in floating point."""
+    folder = edit_scene(
+        tmp_path / "short",
+        ("duration_s = 10.0", "duration_s = 0.9"),
+        ("knot_interval_s = 1.25", "knot_interval_s = 0.3"),
+    )
+    scene = load_scene(folder)
+    assert scene.trajectory().duration_s < scene.duration_s
+    options = {"resolution": 16, "spp": 1, "continuous": True, "max_displacement_px": 1.0}
+    (sequence,) = render_scene(scene, tmp_path / "out", integrator="path", **options)
+    assert sequence.t_s[-1] == scene.duration_s
 
 
 def test_a_folder_with_other_settings_is_left_alone(small_carpet, renderer, uninterrupted):

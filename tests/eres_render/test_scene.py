@@ -108,3 +108,16 @@ def test_clips_that_do_not_fit_are_refused():
         RenderError, match=r"found 0\.05 and 0\.3 s, expected each to fit into half"
     ):
         clips(scene, warmup_s=0.3)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('length_unit = "m"', 'length_unit = "mm"'),
+        ('radiance_unit = "W m^-2 sr^-1"', 'radiance_unit = "cd m^-2"'),
+    ],
+)
+def test_other_units_than_ours_are_refused(tmp_path, old, new):
+    """Promise: numbers in other units are not taken for meters or W m^-2 sr^-1."""
+    with pytest.raises(SceneError, match="_unit"):
+        load_scene(edit_scene(tmp_path / "other", (old, new)))
