@@ -52,12 +52,12 @@ def main() -> None:
         problem.network.train()
         making_s, learning_s = measure(problem, arguments.steps)
         hours = settings.schedule.steps * (making_s + learning_s) / 3600
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
         weights = sum(one.numel() for one in problem.network.parameters())
         print(
             f"{kind.__name__.lower()}: crops {making_s:.2f} s, learning {learning_s:.2f} s, "
             f"{settings.schedule.steps} steps in {hours:.2f} core hours, {weights} weights, "
-            f"peak {peak:.2f} GB"
+            f"peak of the process so far {peak:.2f} GB"
         )
 
 

@@ -16,7 +16,7 @@ from torch.nn import functional
 LEVELS = 4
 RADIUS = 4
 CHANNELS = LEVELS * (2 * RADIUS + 1) ** 2
-_ROWS = 4  # rows of old cells at a time
+_CELLS = 640  # old cells of an image at a time, at least a row
 
 
 class Correlation:
@@ -28,11 +28,11 @@ class Correlation:
     Parameters
     ----------
     old, new
-        (1, channels, h, w) features of the cells.
+        (N, channels, h, w) features of the cells.
     """
 
     def __init__(self, old: Tensor, new: Tensor) -> None:
-        self._old = old[0].permute(1, 2, 0).float() / math.sqrt(old.shape[1])
+        self._old = old.permute(0, 2, 3, 1).float() / math.sqrt(old.shape[1])
         self._new = [new.float()]
         for _ in range(1, LEVELS):
             self._new.append(functional.avg_pool2d(self._new[-1], 2))
@@ -43,50 +43,54 @@ class Correlation:
         Parameters
         ----------
         at
-            (1, 2, h, w) places, x first, in cells; integers are centers.
+            (N, 2, h, w) places, x first, in cells; integers are centers.
 
         Returns
         -------
-        (1, 324, h, w): level by level, then column by column of the offsets from -4 to 4,
+        (N, 324, h, w): level by level, then column by column of the offsets from -4 to 4,
         interpolated bilinearly, 0 outside the image.
         """
-        places = at[0].permute(1, 2, 0)
-        blocks = zip(self._old.split(_ROWS), places.split(_ROWS), strict=True)
+        rows = max(1, _CELLS // at.shape[3])
+        places = at.permute(0, 2, 3, 1)
+        blocks = zip(self._old.split(rows, dim=1), places.split(rows, dim=1), strict=True)
         with torch.autocast(at.device.type, enabled=False):
             found = [
-                torch.cat([_around(*block, new, 2**level) for level, new in enumerate(self._new)])
+                torch.cat(
+                    [_around(*block, new, 2**level) for level, new in enumerate(self._new)], dim=1
+                )
                 for block in blocks
             ]
-        return torch.cat(found, dim=1)[None]
+        return torch.cat(found, dim=2)
 
 
 def _around(old: Tensor, places: Tensor, new: Tensor, pooled: int) -> Tensor:
-    """Return (81, rows, w) correlations of a block of old cells at one resolution.
+    """Return (N, 81, rows, w) correlations of a block of old cells at one resolution.
 
     Parameters
     ----------
     old, places
-        (rows, w, channels) features and (rows, w, 2) places of the block.
+        (N, rows, w, channels) features and (N, rows, w, 2) places of the block.
     new
-        (1, channels, h', w') features, each the mean of `pooled` x `pooled` cells.
+        (N, channels, h', w') features, each the mean of `pooled` x `pooled` cells.
     pooled
         Number of pooled cells along each axis.
     """
-    rows, width, channels = old.shape
+    count, rows, width, channels = old.shape
     x, y = (places / pooled).reshape(-1, 2).T
     first, end = _rows_around(y, new.shape[2])
-    seen = new[0, :, first:end]
-    products = (old.reshape(-1, channels) @ seen.reshape(channels, -1)).view(-1, 1, *seen.shape[1:])
+    seen = new[:, :, first:end]
+    products = old.reshape(count, -1, channels) @ seen.flatten(2)
     steps = torch.arange(-RADIUS, RADIUS + 1).to(places)
     # In grid_sample, -1 and 1 are the centers of the first and the last cell.
-    columns = 2 * (x[:, None] + steps) / (seen.shape[2] - 1) - 1
-    lines = 2 * (y[:, None] - first + steps) / (seen.shape[1] - 1) - 1
+    columns = 2 * (x[:, None] + steps) / (seen.shape[3] - 1) - 1
+    lines = 2 * (y[:, None] - first + steps) / (seen.shape[2] - 1) - 1
     points = torch.stack(
         [columns[:, :, None].expand(-1, -1, len(steps)), lines[:, None].expand(-1, len(steps), -1)],
         dim=-1,
     )
-    found = functional.grid_sample(products, points, align_corners=True)
-    return found.reshape(rows, width, -1).permute(2, 0, 1)
+    maps = products.reshape(-1, 1, *seen.shape[2:])
+    found = functional.grid_sample(maps, points, align_corners=True)
+    return found.reshape(count, rows, width, -1).permute(0, 3, 1, 2)
 
 
 def _rows_around(y: Tensor, height: int) -> tuple[int, int]:

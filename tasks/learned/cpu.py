@@ -60,8 +60,8 @@ def _counted(function: Callable[..., T], arguments: tuple[Any, ...]) -> tuple[T,
 
 @cache
 def _helpers() -> tuple[str, ...]:
-    """Start PyTorch's helper threads and return their ids; without /proc, use no helpers."""
-    if not _THREADS.exists():
+    """Start PyTorch's helper threads and return their ids; where their times are unknown, none."""
+    if not Path("/proc/self/schedstat").exists():
         torch.set_num_threads(1)
         return ()
     torch.set_num_threads(cores())

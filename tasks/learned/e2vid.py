@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -208,11 +208,12 @@ def _check_options(stored: Mapping[str, Any] | None, options: E2vidOptions, file
         return
     of_weights = asdict(options)
     for field in fields(E2vidOptions):
-        said = stored.get(field.name, field.default)
+        default = None if field.default is MISSING else field.default
+        said = stored.get(field.name, default)
         if field.name == "norm" and said not in ("BN", "IN"):
             said = None  # any other word means none
         if said != of_weights[field.name]:
             raise WeightsError(
-                f"{file}: {field.name}: found {said!r}, but its weights are those of "
-                f"{of_weights[field.name]!r}"
+                f"{file}: {field.name}: found {said!r}, expected {of_weights[field.name]!r}, as "
+                "in the weights"
             )

@@ -62,8 +62,7 @@ class ERAFT(nn.Module):
         """
         height, width = old.shape[-2:]
         old, new = padded(old), padded(new)
-        features = self.fnet(old).split(1), self.fnet(new).split(1)
-        correlations = [Correlation(*pair) for pair in zip(*features, strict=True)]
+        correlation = Correlation(self.fnet(old), self.fnet(new))
         context = self.cnet(new)
         hidden = torch.tanh(context[:, : self._hidden])
         context = torch.relu(context[:, self._hidden :])
@@ -72,10 +71,7 @@ class ERAFT(nn.Module):
         full = []
         for k in range(iterations):
             flow = flow.detach()
-            places = (grid + flow).split(1)
-            looked_up = torch.cat(
-                [one.look_up(at) for one, at in zip(correlations, places, strict=True)]
-            )
+            looked_up = correlation.look_up(grid + flow)
             hidden, step = self.update_block.step(hidden, context, looked_up, flow)
             flow = flow + step
             if self.training or k == iterations - 1:

@@ -70,8 +70,14 @@ def save(
 
 def _reconstruction(file: Path, light: str) -> OurReconstruction:
     state = _weights(file, RECONSTRUCTION, light)
+    options = options_of(state, file)
+    if options.num_bins < len(DECAYS) + 2:
+        raise WeightsError(
+            f"{file}: found {options.num_bins} input channels, expected at least "
+            f"{len(DECAYS) + 2}: {len(DECAYS)} sums of events, and 2 bins"
+        )
     with torch.device("meta"):
-        network = E2VIDRecurrent(options_of(state, file))
+        network = E2VIDRecurrent(options)
     load_into(network, state, file)
     return OurReconstruction(network, "our reconstruction")
 

@@ -134,8 +134,8 @@ def paint_leaves(image: Float32, leaves: NDArray[np.float64]) -> None:
     image
         (S, S), overwritten; S is a power of two.
     leaves
-        (N, 7): x and y of the center, half length and half width, px, angle, radians, whether it is
-        a rectangle, gray.
+        (N, 7): x and y of the center, half length and half width, texels, angle, radians, whether
+        it is a rectangle, gray.
     """
     last = image.shape[0] - 1
     for k in range(leaves.shape[0]):

@@ -40,11 +40,11 @@ class MadeRecording:
         return folder
 
 
-def make_recording(folder):
+def make_recording(folder, size=SIZE):
     """Simulate 60 ms of a texture that moves 12 px, and write its events and frames."""
-    frames, t_s = texture_in_motion(5, 61, SIZE[::-1], 1e-3, travel_px=12.0)
+    frames, t_s = texture_in_motion(5, 61, size[::-1], 1e-3, travel_px=12.0)
     light = frames / frames.max()
-    width, height = SIZE
+    width, height = size
     model = SensorModel(width=width, height=height, contrast_threshold=C, dark_level=1 / 64)
     fired = simulate(light, t_s, model)
     events = Events(*fired.columns, width, height)  # of a camera without a model

@@ -16,12 +16,18 @@ import pytest
 
 from eres_render import render_scene
 from hashed_fill import assert_described, hashed_events, voxels, weight
+from recordings import make_recording
 from sensor import Events
 from sensor.representations import voxel_grid
 from small_study import only, tiny_study
 from tasks.errors import WeightsError
 from tasks.methods.e2vid import DARKEST
 from tasks.methods.e2vid import E2vid as E2vidImages
+from tasks.recording.evaluate import evaluate_recording
+from tasks.recording.frames import open_frames
+from tasks.recording.options import FlowOptions, VideoOptions
+from tasks.recording.recording import open_recording
+from tasks.recording.video import write_video
 from tasks.study.config import Video
 from tasks.study.run import run_study
 
@@ -282,16 +288,19 @@ def look_up_in_all(levels, at):
 @pytest.mark.parametrize("moved", ["little", "far", "out"])
 def test_look_ups_by_blocks_equal_those_in_the_whole_correlation(moved):
     """Promise: a look-up does not depend on which rows it computes: nearby, all over the image, and
-    outside it, with a number of rows that is not a multiple of a block's."""
+    outside it, with a number of rows that is not a multiple of a block's, and in each image of a
+    batch."""
     generator = torch.Generator().manual_seed(3)
-    old, new = torch.randn((2, 1, 6, 18, 17), generator=generator)
+    old, new = torch.randn((2, 2, 6, 42, 17), generator=generator)
     reach = {"little": 0.8, "far": 30.0, "out": 0.8}[moved]
-    at = cells(18, 17) + reach * torch.randn((1, 2, 18, 17), generator=generator)
-    at[:, 1] += {"little": 0, "far": 0, "out": 40}[moved]
+    at = cells(42, 17) + reach * torch.randn((2, 2, 42, 17), generator=generator)
+    at[:, 1] += {"little": 0, "far": 0, "out": 90}[moved]
     found = Correlation(old, new).look_up(at)
-    expected = look_up_in_all(correlation_levels(old, new), at)
-    assert bool(expected[:, :81].any()) == (moved != "out")
-    torch.testing.assert_close(found, expected, atol=2e-5, rtol=1e-5)
+    for k in range(2):
+        one = slice(k, k + 1)
+        expected = look_up_in_all(correlation_levels(old[one], new[one]), at[one])
+        assert bool(expected[:, :81].any()) == (moved != "out")
+        torch.testing.assert_close(found[one], expected, atol=2e-5, rtol=1e-5)
 
 
 def test_a_look_up_finds_the_products_of_the_cells_around():
@@ -392,7 +401,7 @@ HEAD, PRED = "unetrecurrent.head.conv2d.weight", "unetrecurrent.pred.conv2d.bias
         ),
         (
             lambda: e2vid_checkpoint(model={**E2VID["configs"]["small"], "num_encoders": 4}),
-            "num_encoders: found 4, but its weights are those of 2",
+            "num_encoders: found 4, expected 2, as in the weights",
         ),
         (
             lambda: e2vid_checkpoint(state_dict={"a": 1}),
@@ -503,7 +512,7 @@ def test_weights_identify_the_rows(saved):
     network = load_method("video", "e2vid", weights).keywords["network"]
     assert load_method("video", "e2vid", weights).keywords["network"] is network
     before = code_of(["e2vid", "blank"], weights)
-    assert before == {"e2vid": f"1 {digest_of(str(file))}"}
+    assert before == {"e2vid": f"2 {digest_of(str(file))}"}
     saved(e2vid_checkpoint("concat_gru"), "same.pth")
     assert load_method("video", "e2vid", weights).keywords["network"] is not network
     assert code_of(["e2vid"], weights) != before
@@ -529,3 +538,28 @@ def test_e2vid_in_a_command_and_in_a_study(small_carpet, saved, tmp_path, eres):
     rows = run_study(study, tmp_path / "run")
     assert {(row.task, row.method) for row in rows} == {("video", "e2vid")}
     assert "torch" in json.loads((tmp_path / "run" / "environment.json").read_text())
+
+
+def test_the_networks_of_eres_run_on_recordings(tmp_path):
+    """Promise: with the weights that come with eres, on a recording of another program: images at
+    the frames' times, dense flow from two windows, and a folder of images."""
+    made = make_recording(tmp_path, (128, 128))
+    recording, frames = (
+        open_recording(made.events_file),
+        open_frames(made.frames, encoding="linear"),
+    )
+    names = [f"our_{{}}_{light}_light" for light in ("ideal", "all")]
+    images = [name.format("reconstruction") for name in names]
+    found = evaluate_recording(recording, "video", frames=frames, methods=[*images, "blank"])
+    scored = {score.method: [] for score in found.scores}
+    for score in found.scores:
+        scored[score.method].append(score.value)
+    assert set(scored) == {*images, "blank"}
+    assert all(len(values) == 6 and np.isfinite(values).all() for values in scored.values())
+    options = FlowOptions(window_ms=25.0, windows=1, features=5, patch_px=21, search_px=8.0)
+    flows = [name.format("flow") for name in names]
+    found = evaluate_recording(recording, "dense_flow", methods=flows, flow=options)
+    assert {score.method for score in found.scores} >= {*flows}
+    assert all(np.isfinite(score.value) and not score.failure for score in found.scores)
+    count = write_video(recording, tmp_path / "images", VideoOptions(method=images[0], fps=50.0))
+    assert count == len([*(tmp_path / "images").glob("*.png")]) >= 2

@@ -117,7 +117,7 @@ def test_octaves_of_1_over_f_noise_have_equal_variance():
 
 
 def test_textures_are_seeded_and_can_be_lit():
-    """Promise: the same seed gives the same texture, others differ, and all reflect 2 to 100 %."""
+    """Promise: the same seed gives the same texture, others differ, and all reflect 1 to 100 %."""
     found = [random_texture(np.random.default_rng(seed), 0.6) for seed in (0, 0, 1, 2, 3)]
     np.testing.assert_array_equal(found[0], found[1])
     for texture in found[1:]:

@@ -482,7 +482,7 @@ def test_the_command_trains_and_describes(run, eres, tmp_path, monkeypatch):
 
 
 def test_our_networks_are_methods_that_need_weights():
-    """Promise: they run only when weights are given."""
+    """Promise: they run only when they are named, or weights are given for them."""
     ours = {name for spec in TASKS.values() for name in spec.networks if name.startswith("our_")}
     assert len(ours) == 4
     assert not ours & {name for spec in TASKS.values() for name in spec.usual()}

@@ -72,13 +72,15 @@ def _table(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> str:
 
 def _origins(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> list[str]:
     """Describe steps, device, size and code of the trainings, without repetition."""
-    origins: dict[str, None] = {}
+    origins: dict[str, list[str]] = {}
     for folder, described, scores in runs:
         made_with = ", ".join(f"{k} {v}" for k, v in described["made_with"].items())
         megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
         steps = f"{scores['steps']} steps on {scores['device']}, {megabytes:.2f} MB"
-        origins[f"{steps}; {made_with}."] = None
-    return [*origins]
+        settings = described["settings"]
+        name = f"{settings['light']} light, seed {settings['seed']}"
+        origins.setdefault(f"{steps}; {made_with}.", []).append(name)
+    return [f"{'; '.join(names)}: {origin}" for origin, names in origins.items()]
 
 
 def _settings(described: Mapping[str, Any]) -> str:

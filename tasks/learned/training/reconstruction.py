@@ -75,7 +75,7 @@ class Reconstruction(Problem):
         return int(np.random.default_rng(drawn).integers(self._settings.run_in_windows + 1))
 
     def held_out_crops(self) -> Crops:
-        """As `Problem.held_out_crops`: as large as the area of the ranks, like a tile's score."""
+        """As `Problem.held_out_crops`: as large as the area of the ranks, a tile at 1280 px."""
         return replace(self._settings.crops, side_px=self._settings.ranked_px)
 
     def held_out_run_in(self) -> int:
