@@ -42,7 +42,6 @@ class DenseFlowSample:
         return 2, self.during.height, self.during.width
 
 
-# Returns the flow of each pixel, (2, height, width) with x first, px per window.
 def flow_at(flow: NDArray[np.floating], points_px: NDArray[np.float64]) -> NDArray[np.float64]:
     """Read a flow between the centers of pixels.
 

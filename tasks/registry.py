@@ -86,7 +86,10 @@ class TaskSpec:
         return self.labels.get(method, words)
 
     def usual(self, with_weights: Collection[str] = ()) -> tuple[str, ...]:
-        """Return the methods that can run: not diagnostics, nor networks without weights."""
+        """Return the methods that run by default: no diagnostics, and networks only with weights.
+
+        Networks whose weights come with eres run only if they are named or given other weights.
+        """
         absent = {*self.diagnostics, *self.networks} - {*with_weights}
         return tuple(name for name in self.methods if name not in absent)
 

@@ -38,7 +38,10 @@ EQUALIZATIONS = {"global": (1, 4096, 0.0), "local": (8, 4096, 0.0), "clahe": (8,
 
 
 class VideoMethod(Protocol):
-    """Turns the events of one sensor into images."""
+    """Turns the events of one sensor into images.
+
+    A method is made from the sensor's width, height and contrast threshold.
+    """
 
     def push(self, events: Events) -> None:
         """Take in the next events, in order; the images do not depend on how the stream is cut."""
@@ -47,7 +50,6 @@ class VideoMethod(Protocol):
         """Return log intensity, (height, width), up to a constant, from the events before t_us."""
 
 
-# Called with a sensor's width, height and contrast threshold.
 class ImageTaker:
     """Takes a method's images at given times from a stream of events that comes in batches.
 
@@ -211,6 +213,7 @@ def equalize(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
     (H, W) in [0, 1].
     """
     height, width = image.shape
+    tiles = min(tiles, height, width)  # no tile is empty
     rank = np.zeros((tiles, tiles, levels))
     for j in range(tiles):
         top, bottom = j * height // tiles, (j + 1) * height // tiles

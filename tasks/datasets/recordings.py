@@ -141,8 +141,11 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
     if "window_start_us" in origin and "window_end_us" in origin:
         window_us = int(origin["window_start_us"]), int(origin["window_end_us"])
     else:
-        events = reader.part(0, 1), reader.part(len(reader) - 1, len(reader))
-        window_us = (int(events[0].t_us[0]), int(events[1].t_us[0]) + 1) if len(reader) else (0, 0)
+        last = len(reader) - 1
+        window_us = 0, 0
+        if last >= 0:
+            first_us, last_us = (int(reader.part(k, k + 1).t_us[0]) for k in (0, last))
+            window_us = first_us, last_us + 1
     with named_errors(path):
         truth = reader.file.get("truth", {})
         times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from eres_render import RadianceSequence, ground_truth, load_scene
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import SensorModel
 from sensor.engine.bank import DARK_FRACTION
@@ -67,6 +68,7 @@ def evaluate_sequence(
         Weights are given for something that is not a network of the task.
     """
     spec = TASKS[task]
+    check_positive("speed", speed, TaskError)
     if strangers := set(weights or ()) - set(spec.networks):
         raise WeightsError(f"weights: found {min(strangers)}, expected a network of task {task}")
     names = tuple(methods) or spec.usual(weights or ())

@@ -170,7 +170,7 @@ class Flow(TaskSettings):
 
     def score_s(self, width: int) -> float:
         patches = self.features * (1 + self.native_patch)
-        return 0.0235 * _share(width) * len(self.methods) * patches
+        return 0.014 * _share(width) * len(self.methods) * patches
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -245,8 +245,14 @@ class Tracking(TaskSettings):
     def plan(self) -> Mapping[Stretches, Self]:
         return {Stretches(window_s=self.tracking_window_s or 0.0): self}
 
+    @property
+    def delay_us(self) -> int:
+        """Largest delay that some of the methods estimate, which needs events after the path."""
+        estimated = any(name.endswith("_with_delay") for name in self.methods)
+        return self.max_delay_us if estimated else 0
+
     def score_s(self, width: int) -> float:
-        us_per_event = 7  # at any width, as all get up to max_events
+        us_per_event = 3.8  # at any width, as all get up to max_events
         return 1e-6 * us_per_event * self.max_events * len(self.methods) * len(self.sigmas_mm)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
@@ -275,7 +281,8 @@ class Video(NetworkSettings):
     other_equalizations
         Further equalizations to score the same images with, each a variant of the task.
     e2vid_window_s
-        Length of the windows of E2VID, seconds of the path; None for 0.025.
+        Length of the windows of E2VID, seconds of the path; None for windows near 0.025 s that
+        divide the time between images evenly.
     e2vid_events_per_px
         Number of events per pixel in a window of E2VID, instead of a length.
     """
@@ -307,7 +314,7 @@ class Video(NetworkSettings):
 
     def score_s(self, width: int) -> float:
         scored = self.images * (1 + len(self.other_equalizations or ()))
-        seconds = 0.4 * _share(width) * len(self.methods) * scored
+        seconds = 0.3 * _share(width) * len(self.methods) * scored
         if "e2vid" in self.methods:
             seconds += (
                 _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or E2VID_WINDOW_S)

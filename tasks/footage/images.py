@@ -53,7 +53,12 @@ def _parts(file: Path) -> list[str]:
 
 
 def times_ns(
-    folder: Path, files: list[Path], fps: float | None, time_unit: str | None
+    folder: Path,
+    files: list[Path],
+    fps: float | None,
+    time_unit: str | None,
+    *,
+    option: str = "--time-unit",
 ) -> list[int]:
     """Return the times of the images of a folder.
 
@@ -67,6 +72,8 @@ def times_ns(
         Frames per second, instead of the file.
     time_unit
         Unit of the file, if its first line does not state it.
+    option
+        Option that gives the unit, for errors.
 
     Returns
     -------
@@ -87,7 +94,7 @@ def times_ns(
             raise TaskError(f"{folder}: found both fps and {found}, expected one of them")
         _check_complete(files)
         return [round(k * 1e9 / fps) for k in range(len(files))]
-    times = _read_times(file, time_unit)
+    times = _read_times(file, time_unit, option)
     if len(times) != len(files):
         raise TaskError(f"{file}: found {len(times)} times, expected {len(files)}, one per image")
     return times
@@ -109,7 +116,7 @@ def _check_complete(files: list[Path]) -> None:
         )
 
 
-def _read_times(file: Path, time_unit: str | None) -> list[int]:
+def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
     try:
         lines = file.read_text().splitlines()
     except UnicodeDecodeError as error:
@@ -121,7 +128,7 @@ def _read_times(file: Path, time_unit: str | None) -> list[int]:
     if unit is None or unit not in TIME_UNITS:
         found = "no unit" if unit is None else f"unit {unit!r}"
         raise TaskError(
-            f"{file}: found {found}, expected --time-unit s, ms, us or ns, or a first line such as "
+            f"{file}: found {found}, expected {option} s, ms, us or ns, or a first line such as "
             "'# unit: us'; no unit is assumed, as common files differ"
         )
     times: list[int] = []

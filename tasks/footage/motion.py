@@ -47,8 +47,9 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
             on_progress("measuring motion", k, len(footage))
 
     for before, after in pairwise(images()):
-        shift = np.hypot(*np.moveaxis(optical_flow(before, after), 2, 0))
-        found.append(np.percentile(shift, _PERCENTILE) / scale)
+        flow = optical_flow(before, after) * (footage.width / width, footage.height / height)
+        shift = np.hypot(*np.moveaxis(flow, 2, 0))
+        found.append(np.percentile(shift, _PERCENTILE))
     return np.array(found)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tasks import DISTRIBUTION
 from tasks.errors import TaskError
-from tasks.generation.sequence import complete_sequence
+from tasks.generation.sequence import complete_sequence, sequence_folder
 from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder
 from tasks.study.run.cluster import connected
 
@@ -71,5 +71,7 @@ def _complete(settings: DatasetSettings, number: int, place: str, code: str) -> 
             f"worker on {socket.gethostname()}: {out}: missing, expected a folder that all workers "
             "share"
         )
+    if sequence_folder(out, number).is_dir():  # by a worker that died before it said so
+        return
     claim_folder(settings, out)
     complete_sequence(settings, number, out)

@@ -24,6 +24,9 @@ METHODS = {task: spec.methods for task, spec in TASKS.items()}
 # Raise a method's number (1 by default) when its results change: studies then recompute the jobs
 # that use the method.
 METHOD_VERSIONS = {
+    "e2vid": 2,
+    "our_reconstruction_all_light": 2,
+    "our_reconstruction_ideal_light": 2,
     "photometric_flow": 3,
     "photometric_flow_unknown_contrast": 3,
     "photometric_flow_with_delay": 3,

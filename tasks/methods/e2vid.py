@@ -23,9 +23,34 @@ from sensor.events import concatenate
 from sensor.representations import voxel_grid
 from tasks.errors import TaskError
 
-WINDOW_US = 25_000.0
+WINDOW_US = 25_000.0  # of base time
 DARKEST = 1 / 255  # of the displayed intensity, before the logarithm
 _LEAST_SHARE = 0.01  # of a window: a shorter one is not ended, and its image is the previous one
+
+
+def even_window_us(step_us: float, window_us: float = WINDOW_US) -> float:
+    """Return the length of windows of which a whole number fits between two images.
+
+    Parameters
+    ----------
+    step_us
+        Time between two images, us.
+    window_us
+        The length that it comes near to, us.
+
+    Returns
+    -------
+    The length, us.
+
+    Examples
+    --------
+    Images at 30 Hz have one window each, images at 10 Hz four:
+
+    >>> from tasks.methods.e2vid import even_window_us
+    >>> round(even_window_us(1e6 / 30)), even_window_us(1e6 / 10)
+    (33333, 25000.0)
+    """
+    return step_us / max(1, round(step_us / window_us))
 
 
 class Network(Protocol):

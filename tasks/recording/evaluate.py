@@ -168,8 +168,10 @@ def _thresholds(
         return Thresholds(given, given)
     model = recording.header.model
     if model is not None:
-        notes.append(f"threshold: {model.contrast_threshold:g}, from the file")
-        return Thresholds(model.contrast_threshold, model.contrast_threshold)
+        on, off = model.contrast_threshold, model.off_threshold
+        said = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
+        notes.append(f"{said}, from the file")
+        return Thresholds(on, off)
     if frames is None:
         return Thresholds(_ANY_THRESHOLD, _ANY_THRESHOLD)
     if task == "reconstruction":

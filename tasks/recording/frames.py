@@ -82,9 +82,26 @@ class Frames:
     def _luminance(self) -> Luminance:
         return Luminance(self.encoding)
 
+    @cached_property
+    def _shape(self) -> tuple[int, ...]:
+        return self._luminance(next(read_images([self.files[0]]))).shape
+
     def light(self, k: int) -> NDArray[np.float32]:
-        """Return the light of a frame, (H, W), in units of white."""
-        return self._luminance(next(read_images([self.files[k]])))
+        """Return the light of a frame, (H, W), in units of white.
+
+        Raises
+        ------
+        TaskError
+            The image is damaged, or has another size than the first.
+        """
+        found = self._luminance(next(read_images([self.files[k]])))
+        if found.shape != self._shape:
+            (height, width), expected = found.shape, f"{self._shape[1]}x{self._shape[0]}"
+            raise TaskError(
+                f"{self.files[k]}: found {width}x{height} px, expected {expected} px like "
+                f"{self.files[0].name}"
+            )
+        return found
 
     def log_light(self, k: int) -> NDArray[np.float64]:
         """Return the log of light plus dark level, (H, W)."""
@@ -163,7 +180,8 @@ def open_frames(
         if time_unit is None and not source.read_text(errors="replace").startswith("#"):
             raise _unknown_unit(source, None)
         files = list_images(folder)
-        t_us = [round(t / 1000) for t in times_ns(folder, files, None, time_unit)]
+        found_ns = times_ns(folder, files, None, time_unit, option="--frames-time-unit")
+        t_us = [round(t / 1000) for t in found_ns]
     if exposure_us is None:
         logger.warning(
             "%s: does not state exposures; the frames are taken as instants (--exposure-us)", source

@@ -15,14 +15,35 @@ from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
 from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.methods import load_method
+from tasks.methods.e2vid import even_window_us
 from tasks.reconstruction import ReconstructionSample, psnr_db
 from tasks.recording.frames import Frames
 from tasks.recording.pairs import events_of, inside, sums
 from tasks.recording.recording import Recording
 from tasks.recording.score import PSNR, RecordingScore
 from tasks.recording.threshold import Thresholds
+from tasks.registry import TASKS
 from tasks.video import ImageTaker, picture
 from tasks.video import psnr_db as picture_psnr_db
+
+
+def network_options(name: str, times_us: Sequence[int]) -> dict[str, float]:
+    """Return the further arguments of a method of `video`.
+
+    Parameters
+    ----------
+    name
+        Name of the method.
+    times_us
+        Times of the images, us, ascending.
+
+    Returns
+    -------
+    For a network, windows of which a whole number fits between two images.
+    """
+    if name not in TASKS["video"].networks or len(times_us) < 2:
+        return {}
+    return {"window_us": even_window_us(float(np.median(np.diff(times_us))))}
 
 
 def score_reconstruction(
@@ -115,12 +136,10 @@ def score_video(
     numbers = {int(frames.middle_us[k]): k for k in kept}
     width, height = recording.size
     arguments = width, height, contrast_threshold
-    takers = {
-        name: ImageTaker(
-            ask("video", name, load_method("video", name, weights), *arguments)[0], numbers
-        )
-        for name in methods
-    }
+    takers = {}
+    for name in methods:
+        start, options = load_method("video", name, weights), network_options(name, [*numbers])
+        takers[name] = ImageTaker(ask("video", name, start, *arguments, **options)[0], numbers)
     blank = np.zeros((height, width))
     scores = []
 

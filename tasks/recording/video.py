@@ -19,6 +19,7 @@ from tasks.errors import TaskError
 from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.methods import check_method, load_method
 from tasks.recording.calibration import Calibration
+from tasks.recording.images import network_options
 from tasks.recording.options import VideoOptions
 from tasks.recording.recording import Recording
 from tasks.registry import TASKS
@@ -162,7 +163,8 @@ def _images(
     width, height = recording.size
     name = options.method
     start: Any = load_method("video", name, weights)
-    method, _ = ask("video", name, start, width, height, contrast_threshold)
+    options_of_network = network_options(name, times_us)
+    method, _ = ask("video", name, start, width, height, contrast_threshold, **options_of_network)
     taker = ImageTaker(method, times_us)
     blank = np.zeros((height, width))
     seen = 0

@@ -35,6 +35,8 @@ class ClipFrames:
         self.sequence = sequence
         self._speed = speed
         self._times_s = sequence.t_s
+        times_us = np.ceil(sequence.t_s / speed * 1e6).astype(int)
+        self._times_us = times_us + sequence.t_offset_us  # of events that see a frame
         self._read = lru_cache(maxsize=1)(self._mapped)
 
     def _mapped(self, i: int) -> Picture:
@@ -62,15 +64,14 @@ class ClipFrames:
         Ascending times, us. The first is that of the frame shown at the start, or of the first
         frame.
         """
-        times_us = np.ceil(self._times_s / self._speed * 1e6).astype(int)
-        times_us += self.sequence.t_offset_us
+        times_us = self._times_us
         first = max(0, int(np.searchsorted(times_us, start_us, side="right")) - 1)
         shown = times_us[first : max(first + 1, int(np.searchsorted(times_us, end_us)))]
         return [int(t_us) for t_us in shown]
 
     def at(self, t_us: int) -> Picture:
         """Return the last frame up to a time, or the first one, as gray levels."""
-        i = int(np.searchsorted(self._times_s, self.path_s(t_us), side="right")) - 1
+        i = int(np.searchsorted(self._times_us, t_us, side="right")) - 1
         return self._read(min(max(i, 0), len(self._times_s) - 1))
 
     def seen_by(self, width: int, height: int, t_us: int) -> Picture:

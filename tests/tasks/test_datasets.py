@@ -15,7 +15,7 @@ import pytest
 from eres_render import SequenceError, ground_truth, load_scene, open_sequence, render_scene
 from event_streams import assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
-from sensor import SensorModel
+from sensor import Events, SensorModel
 from sensor.formats import load_events, read_header, write_events
 from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import integrate
@@ -293,3 +293,12 @@ def test_an_empty_folder_is_an_error(tmp_path):
     """Promise: a folder without events is named."""
     with pytest.raises(TaskError, match=r"found no files of events, expected \.h5"):
         EventDataset(tmp_path)
+
+
+def test_a_file_without_events_does_not_spoil_a_folder(tmp_path):
+    """Promise: it has no windows; those of the other files are there."""
+    x = np.zeros(50, np.uint16)
+    events = Events(np.arange(50) * 100, x, x, np.ones(50, np.int8), 8, 8)
+    write_events(tmp_path / "a.h5", events[:0])
+    write_events(tmp_path / "b.h5", events)
+    assert len(EventDataset(tmp_path, window_us=1000)) == 4

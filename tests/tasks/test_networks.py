@@ -6,6 +6,7 @@
 import hashlib
 import math
 import sys
+import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +23,7 @@ from sensor import Events, SensorModel
 from sensor.representations import voxel_grid
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError, WeightsError
+from tasks.evaluation.scorers.dense_flow import DenseFlowScorer
 from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.evaluation.settings import DenseFlow, Video
@@ -31,6 +33,7 @@ from tasks.methods.eraft import estimate as estimate_eraft
 from tasks.methods.initial_flow import estimate_everywhere
 from tasks.methods.networks import named_weights, weights_of
 from tasks.methods.true_video import FilteredTruth, LateTruth, TrueLight
+from tasks.recording.images import network_options
 from tasks.registry import TASKS
 from tasks.study.config import preset, with_weights
 from tasks.study.run import run_study
@@ -100,6 +103,15 @@ def test_windows_of_a_faster_sequence_have_fractions_of_a_microsecond():
     grids, _ = run(events, times, window_us=25_000 / 3)
     edges = [round(25_000 / 3 * k) for k in range(12)]  # the last before the last event
     assert_windows(grids, events, edges)
+
+
+def test_windows_of_a_recording_are_equal_whatever_the_rate_of_images():
+    """Promise: at 30 images a second each has one window, not one of 25 ms and the rest."""
+    events = stream()
+    times = [round(1e6 * k / 30) for k in range(1, 4)]
+    grids, _ = run(events, times, **network_options("e2vid", times))
+    assert_windows(grids, events, [0, *times])
+    assert network_options("blank", times) == network_options("e2vid", times[:1]) == {}
 
 
 def test_an_image_between_windows_ends_one():
@@ -201,8 +213,8 @@ def test_our_weights_come_with_eres(tmp_path):
     assert weights_of(name, {name: str(other)}) == str(other)
     assert named_weights([str(other)], [name]) == {name: str(other)}
     assert named_weights([str(other)], [name, "e2vid"]) == {"e2vid": str(other)}
-    assert code_of([name]) == {name: f"1 {hashlib.sha256(ours.read_bytes()).hexdigest()}"}
-    assert code_of([name], {name: str(other)}) == {name: f"1 {hashlib.sha256(b'mine').hexdigest()}"}
+    assert code_of([name]) == {name: f"2 {hashlib.sha256(ours.read_bytes()).hexdigest()}"}
+    assert code_of([name], {name: str(other)}) == {name: f"2 {hashlib.sha256(b'mine').hexdigest()}"}
 
 
 def test_a_network_needs_weights_and_torch(tmp_path, monkeypatch):
@@ -323,6 +335,29 @@ def test_dense_flow_on_a_clip(small_carpet, tmp_path):
     (short,) = render_scene(small_carpet, tmp_path / "short", **options)
     with pytest.raises(TaskError, match=r"one window earlier .* with a longer --warmup"):
         evaluate_sequence(short, "dense_flow", width=64)
+    # Frames that end before the path of tracking, or before events that are late, are refused too.
+    with pytest.raises(TaskError, match=r"12\.5 ms of frames .* expected 14 ms for the path"):
+        evaluate_sequence(short, "tracking", width=64, speed=4.0, methods=["initial_path"])
+    with pytest.raises(TaskError, match=r"path, and 10 ms for delays"):
+        evaluate_sequence(short, "tracking", width=64, speed=2.5)
+    with pytest.raises(TaskError, match=r"speed: found 0"):
+        evaluate_sequence(short, "tracking", width=64, speed=0.0)
+
+
+def test_dense_flow_keeps_the_events_of_two_windows_only():
+    """Promise: those of the warm-up do not stay in memory."""
+    size = 1 << 14
+    scorer = object.__new__(DenseFlowScorer)
+    scorer._setting = SimpleNamespace(start_us=10**9, end_us=10**9 + 9)
+    scorer._before_us, scorer._before, scorer._during = 10**9 - 9, [], []
+    tracemalloc.start()
+    for k in range(40):
+        x = np.zeros(size, np.uint16)
+        t_us = np.arange(size) + k * size
+        scorer.push(Events(t_us, x, x.copy(), np.ones(size, np.int8), 1, 1))
+    kept, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert kept < 5 * 13 * size  # bytes of five parts
 
 
 # Oracles

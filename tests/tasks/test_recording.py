@@ -2,19 +2,20 @@
 
 import json
 import re
+import tracemalloc
 
 import cv2
 import numpy as np
 import pytest
 
 from recordings import SIZE, STEP, C, make_recording
-from sensor import Events
+from sensor import Events, SensorModel, simulate
 from sensor.formats import write_events
 from tasks.errors import TaskError
 from tasks.flow import flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
 from tasks.recording.clock import estimate_shift
-from tasks.recording.evaluate import evaluate_recording
+from tasks.recording.evaluate import _thresholds, evaluate_recording
 from tasks.recording.flow_windows import spread
 from tasks.recording.frames import open_frames
 from tasks.recording.images import score_reconstruction
@@ -59,6 +60,43 @@ def test_windows_are_those_of_all_events(made, part):
         expected = events.between(start, end)
         np.testing.assert_array_equal(found.t_us, expected.t_us)
         np.testing.assert_array_equal(found.x, expected.x)
+
+
+def test_a_window_late_in_a_file_does_not_keep_what_comes_before():
+    """Promise: at most a window and a part are in memory."""
+    size = 1 << 14
+
+    def parts():
+        for k in range(60):
+            x = np.zeros(size, np.uint16)
+            yield Events(np.arange(size) + k * size, x, x.copy(), np.ones(size, np.int8), 1, 1)
+
+    tracemalloc.start()
+    (found,) = cut(parts(), [(60 * size - 10, 60 * size)])
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(found) == 10
+    assert peak < 10 * 13 * size  # bytes of ten parts
+
+
+def test_the_thresholds_of_a_file_are_both_used(tmp_path):
+    """Promise: event integration counts OFF events with the OFF threshold of the file's sensor."""
+    model = SensorModel(width=4, height=4, contrast_threshold=0.2, contrast_threshold_off=0.4)
+    frames = np.exp(np.sin(np.arange(20.0)))[:, None, None] * np.ones((4, 4))
+    write_events(tmp_path / "own.h5", simulate(frames, np.arange(20) * 1e-2, model))
+    notes = []
+    found = _thresholds(open_recording(tmp_path / "own.h5"), None, None, "reconstruction", notes)
+    assert (found.on, found.off) == (0.2, 0.4)
+    assert notes == ["thresholds: ON 0.2, OFF 0.4, from the file"]
+
+
+@pytest.mark.parametrize("task", ["video", "reconstruction"])
+def test_frames_of_mixed_sizes_are_refused(made, recording, tmp_path, task):
+    """Promise: the error names the image that differs, wherever it is."""
+    folder = made.write_frames(tmp_path / "mixed")
+    cv2.imwrite(str(folder / "030.png"), np.full((20, 30), 9000, np.uint16))
+    with pytest.raises(TaskError, match=r"030\.png: found 30x20 px, expected 96x72 px"):
+        evaluate_recording(recording, task, frames=open_frames(folder, encoding="linear"))
 
 
 def test_weights_are_means_over_the_exposures(made, tmp_path):

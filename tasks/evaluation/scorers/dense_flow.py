@@ -40,8 +40,11 @@ class DenseFlowScorer:
     def push(self, events: Events) -> None:
         """Keep the events of both windows."""
         start_us, end_us = self._setting.start_us, self._setting.end_us
-        self._before.append(events.between(self._before_us, start_us))
-        self._during.append(events.between(start_us, end_us))
+        windows = (self._before_us, start_us), (start_us, end_us)
+        for window, parts in zip(windows, (self._before, self._during), strict=True):
+            found = events.between(*window)
+            if len(found) or not parts:
+                parts.append(found.copy())  # a slice would keep all events in memory
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each method and feature."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from eres_render import Trajectory
 from sensor import Events
 from sensor.events import concatenate
+from tasks.errors import TaskError
 from tasks.evaluation.distance import farther
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, path_answer
@@ -33,6 +34,7 @@ class TrackingScorer:
         self._truth = path_at(self._pose, 0.0)
         duration_us = round(self._truth.duration_s * 1e6)
         self._end_us = setting.start_us + duration_us + task.max_delay_us
+        _check_frames(reference, setting, task, duration_us)
         self._max_events = round(task.max_events * (1 + task.max_delay_us / duration_us))
         seed = task.seed, reference.sequence.manifest.clip
         count = _PIXELS_PER_EVENT * task.max_events
@@ -106,3 +108,18 @@ def _random_pixels(seed: tuple[int, int], height: int, width: int, count: int) -
     kept.ravel()[np.random.default_rng(seed).permutation(kept.size)[:count]] = True
     kept.flags.writeable = False
     return kept
+
+
+def _check_frames(
+    reference: ReferenceFrames, setting: Setting, task: Tracking, duration_us: int
+) -> None:
+    """Refuse frames that end before the path, or before its last events come."""
+    shown_us = round(1e6 * float(reference.sequence.t_s[-1]) / setting.speed) - setting.start_us
+    delay_us = task.delay_us
+    if duration_us + delay_us > shown_us + 1:
+        delayed = f", and {1e-3 * delay_us:g} ms for delays" if delay_us else ""
+        raise TaskError(
+            f"tracking: found {1e-3 * shown_us:g} ms of frames from the start of the window on, at "
+            f"speed {setting.speed:g}, expected {1e-3 * duration_us:g} ms for the path{delayed}; "
+            "lower the speed"
+        )

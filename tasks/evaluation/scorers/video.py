@@ -14,8 +14,9 @@ from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import E2VID_WINDOW_S, Video
+from tasks.evaluation.settings import Video
 from tasks.methods import load_method
+from tasks.methods.e2vid import even_window_us
 from tasks.methods.true_video import TrueLight
 from tasks.registry import TASKS
 from tasks.video import ImageTaker, picture, psnr_db
@@ -32,6 +33,7 @@ class VideoScorer:
         size_and_C = model.width, model.height, model.contrast_threshold
         start_s, end_s = reference.sequence.window_s
         count = round((end_s - start_s) / task.every_s)
+        self._step_us = 1e6 * (end_s - start_s) / max(count, 1)
         if count < 1:
             raise TaskError(
                 f"video: found {end_s - start_s:g} s of frames, expected at least "
@@ -62,15 +64,17 @@ class VideoScorer:
             sequence, dark_level = self._reference.sequence, self._reference.dark_level
             light = TrueLight(sequence, dark_level, model.cutoff_hz, setting.speed)
             return {"light": light}
-        if name in TASKS["video"].networks and name != "e2vid":
-            return {"window_us": 1e6 * E2VID_WINDOW_S / setting.speed}
-        if name == "e2vid":
-            window_s = self._task.e2vid_window_s or E2VID_WINDOW_S
-            return {
-                "window_us": 1e6 * window_s / setting.speed,
-                "events_per_px": self._task.e2vid_events_per_px,
-            }
-        return {}
+        if name not in TASKS["video"].networks:
+            return {}
+        window_us = even_window_us(self._step_us)
+        if name != "e2vid":
+            return {"window_us": window_us / setting.speed}
+        if self._task.e2vid_window_s is not None:
+            window_us = 1e6 * self._task.e2vid_window_s
+        return {
+            "window_us": window_us / setting.speed,
+            "events_per_px": self._task.e2vid_events_per_px,
+        }
 
     def push(self, events: Events) -> None:
         """Pass the events on, and score the images that are due; keep no image, they are large."""
