@@ -52,10 +52,10 @@ def study(
         Folder of the run.
     preset
         Name of a study. "quick": carpet, 5 resolutions, 3 cutoffs, 3 speeds, a few samples.
-        "paper": three scenes, 20 samples of each, the methods of the paper; takes more
-        than an hour on 2 cores. "slider": three prints before a camera on a slider, from
-        three distances at three speeds, as in the paper's real data. "ablations": what the
-        paper leaves open, on 6 samples of each scene.
+        "paper": three scenes, 20 samples of each, the methods of the paper that need no network,
+        two photoreceptors; takes about two hours on 2 cores. "slider": three prints before a
+        camera on a slider, from three distances at three speeds, as in the paper's real data.
+        "ablations": what the paper leaves open, on 6 samples of each scene.
     scenes
         Names or folders of scenes, or a Mitsuba file (.xml) with --trajectory.
     samples
@@ -106,6 +106,12 @@ def study(
         sensors=tuple(s for s in chosen.simulate.sensors if max(s.width, s.height) <= finest),
         photoreceptors=photoreceptor or chosen.simulate.photoreceptors,
     )
+    if not (sensors.widths or sensors.sensors):
+        sides = [max(one.width, one.height) for one in chosen.simulate.sensors]
+        raise StudyError(
+            f"--resolution: found {finest} px, expected at least "
+            f"{min([*chosen.simulate.widths, *sides])}, as many as the study's coarsest sensor has"
+        )
     looked_at = scenes or chosen.scenes
     paths = {k: v for k, v in (chosen.trajectories or {}).items() if k in looked_at}
     if trajectory is not None:
@@ -211,5 +217,5 @@ def _show_claims(run: Path) -> None:
     for name in [*judged][1:]:
         changed = changed_verdicts({"": verdicts, name: judged[name]})
         named = [Text.assemble(f"{there.number} ", marks[there.status]) for _, there in changed]
-        said = Text(", ").join(named) if named else Text("the same verdicts where there is one")
+        said = Text(", ").join(named) if named else Text("no verdict changes")
         terminal.out.print(Text(f"With {photoreceptor_label(name)}: ") + said)

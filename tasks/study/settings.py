@@ -272,11 +272,12 @@ class Study:
                 )
         if max(self.simulate.widths, default=0) > self.render.resolution:
             raise StudyError(
-                f"simulate.widths: found {max(self.simulate.widths)} px, finer than "
-                f"render.resolution = {self.render.resolution} px"
+                f"simulate.widths: found {max(self.simulate.widths)} px, expected at most "
+                f"{self.render.resolution}, which is render.resolution"
             )
         self._check_sensors()
-        self._check_buses()
+        if self.simulate.speeds_m_s is None:  # otherwise windows depend on the scene
+            check_buses(self.simulate, self.render)
         self._check_tasks()
 
     def _check_sensors(self) -> None:
@@ -287,7 +288,8 @@ class Study:
             if max(sensor.width, sensor.height) > self.render.resolution:
                 raise StudyError(
                     f"{at} of {sensor.width}x{sensor.height} px, finer than render.resolution = "
-                    f"{self.render.resolution} px"
+                    f"{self.render.resolution} px, expected at most {self.render.resolution} px on "
+                    "each side"
                 )
             if sensor.width in of_width:
                 raise StudyError(
@@ -297,23 +299,6 @@ class Study:
             of_width[sensor.width] = repr(sensor.name)
         if self.simulate.sensors:
             _check_list("simulate.sensors", tuple(one.name for one in self.simulate.sensors))
-
-    def _check_buses(self) -> None:
-        """Refuse a bus that sends less than one event per window."""
-        fastest = max(self.simulate.speeds) if self.simulate.speeds_m_s is None else 1.0
-        window_s = self.render.window_s / fastest
-        least_mev_s = 1e-6 / window_s
-        buses = {"bus_mev_s": self.simulate.bus_mev_s} | {
-            f"sensors: {one.name!r}: bus": one.readout.max_rate_hz / 1e6
-            for one in self.simulate.sensors
-            if one.readout is not None
-        }
-        for name, found_mev_s in buses.items():
-            if found_mev_s is not None and found_mev_s < least_mev_s:
-                raise StudyError(
-                    f"simulate.{name}: found {found_mev_s:g} Mev/s, which carries no event in a "
-                    f"window of {1e3 * window_s:g} ms, expected at least {least_mev_s:g}"
-                )
 
     def _check_tasks(self) -> None:
         """Refuse settings that give a row twice, and oracles next to another photoreceptor."""
@@ -339,6 +324,36 @@ class Study:
                     f"evaluate.{task}.methods: found {asked[0]!r}, which is about two poles, and "
                     f"the photoreceptor {model.photoreceptor!r}, expected only 'two_pole'"
                 )
+
+
+def check_buses(simulate: Simulate, render: Render) -> None:
+    """Refuse a bus that carries less than one event per window.
+
+    Parameters
+    ----------
+    simulate
+        The sensors, with their speeds as factors.
+    render
+        The length of a window.
+
+    Raises
+    ------
+    StudyError
+        Names the bus, and the smallest that is enough.
+    """
+    window_s = render.window_s / max(simulate.speeds)
+    least_mev_s = 1e-6 / window_s
+    buses = {"bus_mev_s": simulate.bus_mev_s} | {
+        f"sensors: {one.name!r}: bus": one.readout.max_rate_hz / 1e6
+        for one in simulate.sensors
+        if one.readout is not None
+    }
+    for name, found_mev_s in buses.items():
+        if found_mev_s is not None and found_mev_s < least_mev_s:
+            raise StudyError(
+                f"simulate.{name}: found {found_mev_s:g} Mev/s, which carries no event in a "
+                f"window of {1e3 * window_s:g} ms, expected at least {least_mev_s:g}"
+            )
 
 
 def _check_list(place: str, values: tuple[Any, ...]) -> None:

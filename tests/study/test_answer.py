@@ -151,7 +151,7 @@ def test_claims_are_counted_and_named() -> None:
     other = verdicts(yes, no, open_, unknown, unknown)
     text = claim_counts({"two_pole": first, "v2e": other, "one_pole": first})
     assert " ".join(text.split()).endswith(
-        "With the pole of v2e, 2 does not and 3 is undecided. With one pole, the verdicts are the "
-        "same."
+        "With v2e's single pole, only these verdicts change: 2 does not and 3 is undecided. With "
+        "one pole, no verdict changes."
     )
     assert claim_counts({"two_pole": verdicts(unknown)}).startswith("None of the paper's claims is")

@@ -69,7 +69,7 @@ def test_old_words_are_read(tmp_path):
         ('scenes = ["carpet"]\n[render]\nspp = "4"', r"mine.toml: render.spp: found '4'"),
         (
             'scenes = ["carpet"]\n[simulate]\nwidths = [2560]',
-            r"mine.toml: simulate.widths: found 2560 px, finer than",
+            r"mine.toml: simulate.widths: found 2560 px, expected at most 1280",
         ),
         (
             'scenes = ["carpet"]\n[simulate]\ncontrast_thresholds = [0.2, 0.2]',

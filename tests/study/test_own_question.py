@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -115,6 +117,16 @@ def test_a_bus_is_a_rate_or_that_of_a_camera(tmp_path) -> None:
     (setting, *_) = jobs_of(read(tmp_path, "bus_mev_s = 0.5"), load_scene("carpet"))[0].settings(1)
     assert setting.readout is not None
     assert setting.readout.max_rate_hz == 5e5
+
+
+def test_a_bus_that_carries_nothing_at_the_speeds_of_a_scene_is_refused(tmp_path) -> None:
+    """Physics: windows are 50 ms of base time, so at 9 m/s, ten times the carpet's speed, 5 ms."""
+    fast, slow = (read(tmp_path, f"bus_mev_s = 1e-4\nspeeds_m_s = [{v}]", QUIET) for v in (9, 0.45))
+    with pytest.raises(
+        StudyError, match=r"no event in a window of 5 ms, expected at least 0\.0002"
+    ):
+        jobs_of(fast, load_scene("carpet"))
+    assert jobs_of(slow, load_scene("carpet"))
 
 
 @pytest.mark.parametrize(
@@ -307,6 +319,13 @@ def test_the_page_says_lux_for_every_sensor(run) -> None:
     page = page_of(run)
     assert "100 lux" in page
     assert "flat, 60 px" in page
+    assert re.search(r"share of a window's events that it lost: flat \d+", page)
+    assert 'id="bus"' not in page
+    assert '"name": "flat"' in page
+    with (run / "tables.csv").open() as file:
+        lines = [*csv.DictReader(file)]
+    assert {one["illuminance_lux"] for one in lines} == {"", "100.0"}
+    assert {(one["speed"], one["speed_m_s"]) for one in lines} == {("", "0.5")}
     (pictures,) = read_run(run).previews.values()
     assert {cutoff_label(one.cutoff_hz) for one in pictures} == {"ideal", "100 lux"}
 

@@ -174,12 +174,11 @@ def test_the_answer_is_in_the_words_of_the_study(tmp_path: Path) -> None:
 
 def test_the_bus_of_the_study_is_that_of_the_page(tmp_path: Path) -> None:
     """Promise: shares and limits are of the study's own bus where it has one."""
-    run = make_run(tmp_path, paper_rows())
-    (run / "study.json").write_text(json.dumps({"simulate": {"bus_mev_s": 50}}))
-    page = without_space(page_of(run))
+    page = html_of(tmp_path, [replace(row, bus_mev_s=50.0) for row in paper_rows()])
     assert answers_of(page)["carpet", "Reconstruction", "night, 0.9 m/s"].rest.endswith("83 %")
     assert {plot["limit"]["x"] for plot in plots_of(page)} == {50.0}
-    assert ">50 Mev/s, no limit<" in page
+    assert "share of a bus of 50 Mev/s." in page
+    assert 'id="bus"' not in page
 
 
 def test_a_width_that_the_samples_do_not_settle_is_tied(tmp_path: Path) -> None:
@@ -232,6 +231,18 @@ def test_claims_are_one_line_where_none_can_be_judged(tmp_path: Path) -> None:
     listed = own.count("<small>claim ")
     assert 0 < listed == own.count('<div class="status ') < 21
     assert 'class="status not-measured"' not in own
+
+
+@pytest.mark.parametrize("field", ["width", "cutoff_hz"])
+def test_one_sensor_or_light_of_ones_own_leaves_the_paper_out(tmp_path: Path, field: str) -> None:
+    """Promise: points and tables have no number of the paper if the study asks another question."""
+    theirs, ours = {"width": (WIDTHS[0], 320), "cutoff_hz": (CUTOFFS_HZ[1], 100.0)}[field]
+    page = html_of(
+        tmp_path,
+        [replace(r, **{field: ours}) if getattr(r, field) == theirs else r for r in paper_rows()],
+    )
+    assert "paper:" not in page
+    assert "Δ" not in page
 
 
 def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ import time
 from collections import Counter
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
+from uuid import UUID
 
 import numpy as np
 import pytest
@@ -15,9 +17,11 @@ import pytest
 from eres_render import load_scene
 from eres_render.errors import RenderError
 from eres_render.sequence.sequence import SequenceWriter
+from eres_render.storage import atomic
 from eres_render.storage.cache import cache_dir
 from tasks import provenance as environment
 from tasks.errors import StudyError
+from tasks.evaluation.timings import read_timings
 from tasks.row import read_rows
 from tasks.study.config import (
     PRESETS,
@@ -36,6 +40,8 @@ from tasks.study.run import frame_cache, local, run_study
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import jobs_of
 from tasks.study.run.run_study import _scenes
+
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def tiny_study(scene_folder):
@@ -204,6 +210,18 @@ def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
     assert run_study(tiny_study(scene_folder), out) == rows
 
 
+def test_the_cost_of_the_paper_preset_is_foretold_within_a_fifth():
+    """Promise: on the machine of the stored run, whose jobs took most of its 1 h 53 min."""
+    study = preset("paper")
+    work = [job for name in study.scenes for job in jobs_of(study, load_scene(name))]
+    jobs = read_timings(DOCS / "results" / "paper" / "costs")
+    assert {one.cores for one in jobs} == {2}
+    stages = "reading_s", "simulating_s", "collecting_s", "scoring_s", "rendering_s"
+    took_s = sum(getattr(one, stage) for one in jobs for stage in stages)
+    assert len(jobs) == len(work)
+    assert estimate_work(work, cores=2).seconds == pytest.approx(took_s, rel=0.2)
+
+
 def test_more_samples_keep_the_old_ones(finished, scene_folder):
     """Promise: a clip's name depends on its settings alone, so other sample numbers reuse clips."""
     study = tiny_study(scene_folder)
@@ -255,7 +273,7 @@ def test_report_of_a_real_run(finished, scene_folder):
 def test_study_refuses_what_cannot_be(scene_folder, tmp_path):
     """Promise: the error for an impossible grid names the field, before any rendering."""
     study = tiny_study(scene_folder)
-    with pytest.raises(StudyError, match=r"simulate.widths: found 128 px, finer than"):
+    with pytest.raises(StudyError, match=r"simulate.widths: found 128 px, expected at most"):
         replace(study, simulate=replace(study.simulate, widths=(64, 128)))
     with pytest.raises(StudyError, match=r"simulate.speeds"):
         replace(study, simulate=replace(study.simulate, speeds=(0.0,)))
@@ -374,7 +392,7 @@ FULL = "No space left on device"
 
 
 @pytest.mark.parametrize("name", ["study.json", "parts/{key}.parquet", "rows.parquet"])
-def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, name):
+def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, monkeypatch, name):
     """Promise: on a full disk, the error names the file, which keeps its old content."""
     out, rows = finished
     shutil.copytree(out, tmp_path / "run")
@@ -384,7 +402,8 @@ def test_full_disk_ends_the_run_by_name(finished, scene_folder, tmp_path, name):
     if "parts" in name:
         file.unlink()
     before = file.read_bytes() if file.exists() else None
-    file.with_name(f".{file.name}.{os.getpid()}.unfinished").symlink_to("/dev/full")
+    monkeypatch.setattr(atomic, "uuid4", lambda: UUID(int=0))
+    file.with_name(f".{file.name}.{os.getpid()}.00000000.unfinished").symlink_to("/dev/full")
     with pytest.raises(RenderError, match=f"^{file}: cannot be written: {FULL}"):
         run_study(study, tmp_path / "run")
     assert (file.read_bytes() if file.exists() else None) == before
@@ -397,7 +416,8 @@ def test_full_disk_while_rendering(scene_folder, tmp_path, monkeypatch):
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
     study = replace(tiny_study(scene_folder), evaluate=Evaluate())
     study = replace(study, render=replace(study.render, samples=1, max_displacement_px=4.0))
-    partial = f".000002.exr.{os.getpid()}.unfinished"
+    monkeypatch.setattr(atomic, "uuid4", lambda: UUID(int=0))
+    partial = f".000002.exr.{os.getpid()}.00000000.unfinished"
     read = SequenceWriter.read
 
     def read_without_room(writer, i):

@@ -20,7 +20,6 @@ from tasks.study.claims.slider import ON_RECORDINGS, ON_THE_SLIDER
 from tasks.study.claims.tracking import TRACKING_CLAIMS
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
-from tasks.study.results.paper import has_sensors
 from tasks.study.results.scaling import Scaling
 from tasks.study.results.scores import Scores
 from tasks.study.results.slider import PRINTS
@@ -59,8 +58,7 @@ def claims_of(config: Mapping[str, Any], scores: Scores) -> tuple[Claim, ...]:
     scenes = {scene for one in every for scene in scores.scenes(one)}
     if scenes and scenes <= set(PRINTS):
         return (ON_THE_SLIDER,)
-    papers = all(has_sensors(scores.widths(one), scores.cutoffs_hz(one)) for one in every)
-    return CLAIMS if papers and scores.square and not scores.sensor_names else TRAINING_CLAIMS
+    return CLAIMS if scores.asks_as_paper else TRAINING_CLAIMS
 
 
 def judge_readings(

@@ -80,7 +80,9 @@ def claim_counts(judged: Mapping[str, Sequence[Verdict]]) -> str:
     for name in [*judged][1:]:
         changed = changed_verdicts({"": verdicts, name: judged[name]})
         named = [f"{there.number} {_WORDS[there.status][0]}" for _, there in changed]
-        said = join_words(named) if named else "the verdicts are the same"
+        said = "no verdict changes"
+        if named:
+            said = f"only these verdicts change: {join_words(named)}"
         text += f" With {photoreceptor_label(name)}, {said}."
     return _wrapped(text)
 
@@ -105,8 +107,8 @@ def _rule_text(found: Mapping[Series, Choices]) -> str:
     near = join_words([metric.near for metric in metrics], "or")
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "
-        '"None": not even the best beats doing nothing by more than that. '
-        "A single entry is that of every scene in the line."
+        '"None": even the best width does not beat doing nothing by more than that. '
+        "One entry in a line of several scenes is that of each of them."
     )
     if any(choice and choice.paper for choices in found.values() for choice in choices.values()):
         text += " *Paper*: the same rule on the paper's medians, not compared with doing nothing."

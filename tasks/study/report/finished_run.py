@@ -78,10 +78,9 @@ class FinishedRun:
 
     @cached_property
     def bus_hz(self) -> float:
-        """Return the capacity of the study's bus, or of the fastest of real cameras, events/s."""
-        own = self.config.get("simulate", {}).get("bus_mev_s")
+        """Return the capacity of the fastest bus, events/s: of the study, or of real cameras."""
         finest = max(max(self.scores.widths(one)) for one in self.series)
-        return 1e6 * own if own else usual_bus_hz(finest)
+        return max(self.scores.buses_hz.values(), default=usual_bus_hz(finest))
 
     @property
     def firsts(self) -> list[Series]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
+from types import MappingProxyType
 
 from tasks.metric import number_text
 
@@ -222,15 +223,19 @@ def _hides(of_panels: Sequence[Sequence[float]], deciding: float, log: bool) -> 
     return False
 
 
-def width_keys(widths: Iterable[int], *, labeled: bool = False) -> list[Key]:
+def width_keys(
+    widths: Iterable[int], names: Mapping[int, str] = MappingProxyType({}), *, labeled: bool = False
+) -> list[Key]:
     """Give each sensor width a color and a mark.
 
     Parameters
     ----------
     widths
         Sensor widths, px, from coarse to fine.
+    names
+        Names of the sensors that have one, by width.
     labeled
-        Whether the plot shows the width at the first point.
+        Whether the plot shows the name or the width at the first point.
 
     Returns
     -------
@@ -240,7 +245,11 @@ def width_keys(widths: Iterable[int], *, labeled: bool = False) -> list[Key]:
     colors = [name for name in COLORS if name.startswith("series")]
     looks = zip(cycle(colors), cycle(MARKS))
     return [
-        Key(f"{width} px", color, mark, str(width) if labeled else "")
+        Key(
+            names.get(width, f"{width} px"),
+            *(color, mark),
+            names.get(width, str(width)) if labeled else "",
+        )
         for width, (color, mark) in zip(widths, looks, strict=False)
     ]
 

@@ -7,11 +7,13 @@ import io
 from collections.abc import Iterable
 
 from tasks.registry import TASKS
+from tasks.study.results.asked import CutoffInLux, MetersPerSecond
 from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, native_px
 
 _CSV_COLUMNS = (
     *("scene", "task", "method", "variant", "metric"),
-    *("width", "sensor", "cutoff_hz", "contrast_threshold", "speed"),
+    *("width", "sensor", "cutoff_hz", "illuminance_lux", "contrast_threshold"),
+    *("speed", "speed_m_s"),
     *("values", "expected_values", "median", "paper", "difference", "event_rate_mev_s", "best"),
     *("native_px", "failure_share", "beats_nothing"),
 )
@@ -19,6 +21,9 @@ _CSV_COLUMNS = (
 
 def to_csv(tables: Iterable[ComparisonTable]) -> str:
     """Render tables as tidy CSV, one line per cell; missing values are empty.
+
+    `speed` is a factor on the base speed. It is empty where the study gives m/s, and
+    `illuminance_lux` where it does not give lux.
 
     A camera with a contrast threshold of its own is in the tables of all thresholds; it is written
     with the first.
@@ -51,7 +56,10 @@ def _csv_line(
         *(block.scene, series.task),
         TASKS[series.task].baseline if line.nothing else series.method,
         *(series.variant, series.metric),
-        *(line.width or "", line.sensor, cutoff_hz, line.contrast_threshold, block.speed),
+        *(line.width or "", line.sensor, cutoff_hz),
+        cutoff_hz.illuminance_lux if isinstance(cutoff_hz, CutoffInLux) else "",
+        line.contrast_threshold,
+        *(("", block.speed) if isinstance(block.speed, MetersPerSecond) else (block.speed, "")),
         *(len(cell.values), cell.expected),
         *texts[:4],
         int(entry.best),

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from tasks.registry import TASKS
 from tasks.study.results.choice import pick
 from tasks.study.results.metrics import Series
-from tasks.study.results.paper import CONTRAST_THRESHOLD, has_sensors, source
+from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
 from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
 from tasks.study.results.words import (
@@ -75,10 +75,14 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTable:
-    """Our medians and the paper's. Rows: scene x speed x width; columns: cutoffs."""
+    """Our medians and the paper's. Rows: scene x speed x width; columns: cutoffs.
+
+    `asks_as_paper` is that of `Scores`.
+    """
 
     series: Series
     contrast_threshold: float
+    asks_as_paper: bool
     cutoffs_hz: tuple[float, ...]
     blocks: tuple[Block, ...]
 
@@ -92,9 +96,6 @@ class ComparisonTable:
     def source(self) -> str | None:
         """Return the name of the paper's table; None if it lacks these sensors and scenes."""
         lines = [line for block in self.blocks for line in block.lines]
-        widths = {line.width for line in lines if line.width}
-        if not has_sensors(widths, self.cutoffs_hz):
-            return None
         found = any(entry.paper is not None for line in lines for entry in line.entries)
         return source(self.series.task, self.series.method) if found else None
 
@@ -103,7 +104,7 @@ class ComparisonTable:
         """Return the explanation of columns and marks."""
         label = self.source
         paper = f"paper: its {label}; Δ: ours minus the paper's; " if label else ""
-        if self.contrast_threshold != CONTRAST_THRESHOLD:
+        if self.asks_as_paper and self.contrast_threshold != CONTRAST_THRESHOLD:
             paper = f"not in the paper at a contrast threshold of {self.contrast_threshold:g}; "
         share, metric = TASKS[self.series.task].share_column, TASKS[self.series.task].metric
         last = f"{share.head}: {share.meaning}" if share else "M/s: million events per second"
@@ -164,7 +165,8 @@ def comparison_table(
         for speed in shown
         if speed in scores.speeds(series, scene)
     )
-    return ComparisonTable(series, scores.contrast_threshold, cutoffs_hz, blocks)
+    threshold, asks_as_paper = scores.contrast_threshold, scores.asks_as_paper
+    return ComparisonTable(series, threshold, asks_as_paper, cutoffs_hz, blocks)
 
 
 def _block(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tasks.registry import TASKS
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Scores
+from tasks.study.results.scores import Scores, base_speed
 
 TRACKING = Series("tracking", "photometric_tracking", "position_error_mm")
 REQUIRED_SUCCESS = 0.8
@@ -71,7 +71,7 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
     """
     failed: dict[int, list[NDArray[np.bool_]]] = {}
     for where in scores.conditions(series):
-        if math.isinf(where.cutoff_hz) and where.speed == 1.0:
+        if math.isinf(where.cutoff_hz) and where.speed == base_speed(scores, series):
             failed.setdefault(where.width, []).append(scores.cell(series, where).failed)
     shares = [1 - np.concatenate(cells).mean() for cells in failed.values()]
     return float(np.median(shares)) if shares else None

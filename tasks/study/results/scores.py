@@ -21,7 +21,12 @@ from tasks.row import Row, read_rows
 from tasks.study.results.asked import MetersPerSecond, light_of, speed_of
 from tasks.study.results.bootstrap import resampled_medians
 from tasks.study.results.metrics import Series
-from tasks.study.results.paper import CONTRAST_THRESHOLD, every_published, published
+from tasks.study.results.paper import (
+    CONTRAST_THRESHOLD,
+    every_published,
+    has_sensors,
+    published,
+)
 
 Value = TypeVar("Value", bound=Hashable)
 
@@ -212,6 +217,12 @@ class Scores:
         Names of the sensors that have one, by width in px.
     contrast_thresholds
         Contrast threshold of each sensor, by width in px; a camera may have its own.
+    asks_as_paper
+        Whether all sensors and lights are the paper's. Only then are its numbers shown.
+    buses_hz
+        Capacities of the buses that the events went through, events/s, by width in px.
+    dropped
+        Largest share of the events of a window that such a bus lost, by width in px.
 
     Raises
     ------
@@ -230,6 +241,8 @@ class Scores:
         names: dict[int, str] = {}
         self.contrast_thresholds: dict[int, float] = {}
         self._rows: dict[Series, dict[Condition, _Values]] = {}
+        self.buses_hz: dict[int, float] = {}
+        self.dropped: dict[int, float] = {}
         cells: dict[tuple[str | int | float, ...], _Values] = {}
         for row in rows:
             if names.setdefault(row.width, row.sensor) != row.sensor:
@@ -248,6 +261,9 @@ class Scores:
                     "expected one"
                 )
             self.contrast_thresholds[row.width] = row.contrast_threshold
+            if row.bus_mev_s < math.inf:
+                self.buses_hz[row.width] = 1e6 * row.bus_mev_s
+                self.dropped[row.width] = max(row.dropped, self.dropped.get(row.width, 0.0))
             key = (row.task, row.method, row.metric, row.variant)
             where = (row.scene, row.width, light_of(row), speed_of(row))
             values = cells.get(key + where)
@@ -262,6 +278,8 @@ class Scores:
                 )
             values[row.sample, row.item] = row
         self.sensor_names = {width: name for width, name in sorted(names.items()) if name}
+        lights = {where.cutoff_hz for found in self._rows.values() for where in found}
+        self.asks_as_paper = square and not self.sensor_names and has_sensors(names, lights)
         self._expected: dict[tuple[Series, str], list[tuple[int, int]]] = {}
         for series, conditions in self._rows.items():
             for scene in {condition.scene for condition in conditions}:
@@ -348,24 +366,6 @@ class Scores:
         """
         return len({sample for sample, _ in self._expected.get((series, scene), ())})
 
-    def items(self, series: Series, scene: str) -> int:
-        """Return how many values a sample of a complete cell has.
-
-        Parameters
-        ----------
-        series
-            The series.
-        scene
-            Name of a scene.
-
-        Returns
-        -------
-        int
-            The largest number over the samples; 0 if the series has no rows on the scene.
-        """
-        counts = Counter(sample for sample, _ in self._expected.get((series, scene), ()))
-        return max(counts.values(), default=0)
-
     def baseline(self, series: Series, condition: Condition) -> Cell:
         """Return the score of doing nothing under a condition, over the samples of `series`.
 
@@ -401,12 +401,12 @@ class Scores:
         Returns
         -------
         float or None
-            None if the paper has no such score, as at any contrast threshold but its own, or with
-            sensors that are not square.
+            None if the paper has no such score, as at any contrast threshold but its own, or if
+            some sensor or light is not the paper's.
         """
         scene, width, cutoff_hz, speed = condition
-        papers = self.square and self.contrast_threshold == CONTRAST_THRESHOLD
-        if not papers or width in self.sensor_names or isinstance(speed, MetersPerSecond):
+        papers = self.asks_as_paper and self.contrast_threshold == CONTRAST_THRESHOLD
+        if not papers or isinstance(speed, MetersPerSecond):
             return None
         return published(scene, *series[:2], width, cutoff_hz, speed, series.metric)
 

@@ -20,7 +20,8 @@ _IMAGE_MOTION_PX_S = 700  # mean at base speed, fastest part of a 1280 px image,
 _PARTS = 8  # of a stretch of a planar scene, over which the image motion is summed
 _DISK_BYTES_PER_PX = 2.01  # of a half-float EXR, uncompressed
 _RENDER_SAMPLES_PER_S = 360e6  # both cores together, with writing the frames
-_SIMULATE_NS_PER_PX = 7  # one core, per pixel, frame, sensor and speed; with collecting
+# One core, per pixel, frame, sensor and speed; with collecting. With v2e pixels differ in poles.
+_SIMULATE_NS_PER_PX = {"two_pole": 7, "one_pole": 7, "v2e": 23}
 _CORES_MEASURED_ON = 2
 
 
@@ -73,8 +74,9 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     seconds = 0.0
     for job, n, px in zip(jobs, frames, pixels, strict=True):
         seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        for sensor, _, _ in job.simulate.models(job.render):
-            one_s = n * sensor.width * sensor.height * 1e-9 * _SIMULATE_NS_PER_PX
+        for sensor, _, model in job.simulate.models(job.render):
+            ns_per_px = _SIMULATE_NS_PER_PX[model.photoreceptor]
+            one_s = n * sensor.width * sensor.height * 1e-9 * ns_per_px
             one_s += sum(task.score_s(sensor.width) for task in job.evaluate.values())
             seconds += len(job.simulate.speeds) * one_s
     size = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))

@@ -15,13 +15,13 @@ from sensor.model import cutoff_in_light
 from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
-from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings
+from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
 from tasks.methods import code_of
 from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
 from tasks.study.sensors import in_radiance
-from tasks.study.settings import LEAST_RESOLUTION
+from tasks.study.settings import LEAST_RESOLUTION, check_buses
 from tasks.tracking import PATH_S
 
 _log = logging.getLogger(__name__)
@@ -146,6 +146,7 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
         method suits the scene, or cameras of one lens do not face its plane.
     """
     study = replace(study, simulate=_at_factors(study.simulate, scene))
+    check_buses(study.simulate, study.render)
     _check_first_sensor(study)
     if study.simulate.same_lens:
         _check_facing(scene)
@@ -235,19 +236,20 @@ def _jobs_on(
         found = [replace(continuous_stretch(scene, duration_s), t_window_start_s=run_in_s)]
     else:
         found = _spread_clips(render, scene, simulate, before_s)
-    if "tracking" in tasks:
-        _check_tracked(render, simulate)
+    if isinstance(tracking := tasks.get("tracking"), Tracking):
+        _check_tracked(render, simulate, 1e-6 * tracking.delay_us)
     for clip in found:
         yield Job(scene, clip, study.render, simulate, tasks)
 
 
-def _check_tracked(render: Render, simulate: Simulate) -> None:
-    """Refuse speeds at which the window ends before the path that is tracked."""
-    most = render.window_s / PATH_S
+def _check_tracked(render: Render, simulate: Simulate, delay_s: float) -> None:
+    """Refuse speeds at which the window ends before the path that is tracked, and its delay."""
+    needed_s = PATH_S + delay_s
+    most = render.window_s / needed_s
     if max(simulate.speeds) > most * (1 + 1e-9):
         raise StudyError(
             f"simulate.speeds: found {max(simulate.speeds):.3g} times the base speed, with windows "
-            f"shorter than the {1e3 * PATH_S:g} ms of pose tracking, expected at most "
+            f"shorter than the {1e3 * needed_s:g} ms of pose tracking, expected at most "
             f"{_rounded(most, math.floor)}, or no methods in evaluate.tracking"
         )
 

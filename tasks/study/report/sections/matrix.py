@@ -24,7 +24,8 @@ from tasks.study.results.words import (
 
 
 class Shown(NamedTuple):
-    """The width that is enough; its event rate and share of the bus; its rank, 0 to 100 %."""
+    """The sensor that is enough, by its name or width; its event rate and share of the bus; its
+    rank, 0 to 100 %."""
 
     width: str
     facts: str
@@ -114,16 +115,15 @@ def _answer(
         share = rates_hz[width] / bus_hz
         of_bus = "<1" if share < 0.01 else round(100 * share)
         fineness = round(100 * widths.index(width) / max(len(widths) - 1, 1))
-        return Shown(
-            *(str(width), f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%")
-        )
+        name = run.scores.sensor_names.get(width, str(width))
+        return Shown(*(name, f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%"))
 
     usual = shown(choice.enough, run.bus_hz)
     if not choice.worthwhile:
         on_any_bus = usual._replace(facts="on any bus")
         return Answer(where, [usual, *[on_any_bus] * len(choice.on_buses)], "struck")
     on_buses = [
-        Shown("none", "fits this bus") if width is None else shown(width, bus_hz)
+        Shown("none", "is enough on this bus") if width is None else shown(width, bus_hz)
         for bus_hz, width in choice.on_buses.items()
     ]
     over = rates_hz[choice.enough] > run.bus_hz

@@ -41,7 +41,7 @@ def tradeoff_plots(
     dict
         Plots by scene.
     """
-    keys = width_keys(scores.widths(series), labeled=True)
+    keys = width_keys(scores.widths(series), scores.sensor_names, labeled=True)
     found = {}
     for scene in scores.scenes(series):
         panels = [_panel(scores, series, scene, hz, base) for hz in scores.cutoffs_hz(series)]
@@ -126,7 +126,7 @@ def score_point(
     metric = TASKS[series.task].metric
     interval = estimate(lambda medians: medians[where], {where: cell})
     lines = [
-        f"{where.width} px",
+        scores.sensor_names.get(where.width, f"{where.width} px"),
         f"{cutoff_label(where.cutoff_hz)}, {speed_label(where.scene, where.speed, base)}",
         f"{metric.label} {interval.text(metric.decimals, '', metric.unit)}",
         f"{rate_label(cell.event_rate_hz)} Mev/s",

@@ -203,8 +203,10 @@ function answer() {
     if (tied) tied.hidden = Boolean(bus.value);
   }
 }
-bus.addEventListener("change", () => (answer(), plots.forEach((plot) => plot.draw())));
-answer(); // a browser may restore an earlier choice
+if (bus) { // without one, events went through the buses of the study
+  bus.addEventListener("change", () => (answer(), plots.forEach((plot) => plot.draw())));
+  answer(); // a browser may restore an earlier choice
+}
 
 const pick = document.getElementById("pick");
 const choose = () =>
