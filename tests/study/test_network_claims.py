@@ -162,6 +162,9 @@ def test_other_sensors_are_judged_on_the_claims_about_training_alone() -> None:
     assert claims_of({}, Scores(camera)) is TRAINING_CLAIMS
     (found,) = judge_readings({}, {"two_pole": [Scores(rows + slower)]}, {}).values()
     assert [one.status for one in found] == [Status.HOLDS, Status.NOT_MEASURED]
+    assert "; 20 Hz: lead of 1280 px +" in found[0].ours
+    assert ", over the twin +9.50" in found[0].ours.partition("20 Hz")[2]
+    assert "100 Hz" not in found[0].ours
     alone = [row for row in slower if row.method == "our_reconstruction_all_light"]
     assert judge_readings({}, {"two_pole": [Scores(alone)]}, {}) == {"two_pole": []}
 
