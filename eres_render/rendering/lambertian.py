@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import mitsuba as mi
@@ -59,11 +60,33 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
         return "has a texture with a to_uv transform"
     if str(mi.variant()).startswith("scalar"):
         return ""
+    images = (np.asarray(parameters[key]) for key in keys if key.endswith("reflectance.data"))
+    if not all(_is_bilinear(bsdf, image) for image in images):
+        return "has an image that is not interpolated bilinearly"
     if isinstance(shape, mi.Mesh) and not shape.has_vertex_texcoords():
         return "has no UV coordinates"
     if not _has_own_uv(shape):
         return "has points that share a UV coordinate, or lie outside the UV square"
     return ""
+
+
+def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
+    """Return whether a material's image is interpolated, where that shows most."""
+    import drjit as dr
+    import mitsuba as mi
+
+    steps = np.abs(np.diff(image[:, :, 0].astype(np.float32), axis=1))
+    if not steps.size or not steps.any():
+        return True
+    row, column = np.unravel_index(int(np.argmax(steps)), steps.shape)
+    rows, columns = image.shape[:2]
+    si = dr.zeros(mi.SurfaceInteraction3f)
+    u, v = float(column + 0.75) / columns, float(row + 0.5) / rows  # a quarter of the step
+    si.uv = mi.Point2f(u, v)
+    si.wi = mi.Vector3f(0, 0, 1)
+    found = float(np.asarray(bsdf.eval_diffuse_reflectance(si)).ravel()[0])
+    before, after = (float(image[row, column + k, 0]) for k in (0, 1))
+    return abs(found - (0.75 * before + 0.25 * after)) < 0.05 * abs(after - before)
 
 
 def _has_own_uv(shape: mi.Shape) -> bool:

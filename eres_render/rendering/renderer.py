@@ -44,6 +44,7 @@ _log = logging.getLogger(__name__)
 
 _CHORDS = 2000  # that measure the length of the camera's path as an object sees it
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
+_LEAST_WHITE = 0.06  # a thousandth of it, the dark level, is the least normal number of half-floats
 
 # Mitsuba's camera looks along z with x to the left and y up; ours has x right and y down.
 _CAM_FROM_MITSUBA = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -280,6 +281,13 @@ class Renderer:
                 f"{self.scene.xml_file}: found no light (white, the 99.9th percentile of radiance "
                 f"along the path, is {white:g}), expected an <emitter> that lights the camera's "
                 "view"
+            )
+        if white < _LEAST_WHITE:
+            _log.warning(
+                "%s: white, the 99.9th percentile of radiance along the path, is %.3g; frames are "
+                "half-floats, which round shadows visibly below a white of %g and make false "
+                "events: scale all emitters up",
+                *(self.scene.xml_file, white, _LEAST_WHITE),
             )
         return white
 

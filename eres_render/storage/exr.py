@@ -46,7 +46,11 @@ def to_half(image: NDArray[np.floating], path: Path) -> NDArray[np.float16]:
         If a value is not finite, or becomes infinite.
     """
     if not (image.min() > -_LEAST_TOO_LARGE and image.max() < _LEAST_TOO_LARGE):
-        raise RenderError(f"{path}: found a value that is not finite in half precision")
+        bad = np.argwhere(~(np.abs(image) < _LEAST_TOO_LARGE))[0]
+        raise RenderError(
+            f"{path}: pixel x={bad[1]} y={bad[0]}: found {image[tuple(bad)]:g}, expected a finite "
+            f"value below {_LEAST_TOO_LARGE:g}, the limit of half-floats"
+        )
     return np.ascontiguousarray(image, dtype=np.float16)
 
 

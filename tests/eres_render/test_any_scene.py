@@ -163,3 +163,15 @@ def test_folders_of_a_path_element_come_before_the_scene_and_start_at_its_file(t
     assert read_scene_xml(xml).files == (tmp_path / "b" / "skin.exr",)
     xml = write_scene(tmp_path, CAMERA, '<include filename="b/rest.xml"/>', skin)
     assert read_scene_xml(xml).files[-1] == tmp_path / "b" / "near" / "skin.exr"
+
+
+def test_light_that_half_floats_round_visibly_is_said(tmp_path, caplog):
+    """Promise: a dim scene renders, with a warning that says how dim it is."""
+    lamp = '<emitter type="constant"><rgb name="radiance" value="0.001"/></emitter>'
+    floor = (
+        '<shape type="rectangle"><transform name="to_world"><scale value="9"/></transform></shape>'
+    )
+    xml = write_scene(tmp_path, CAMERA, lamp, floor)
+    poses = write_poses(tmp_path, [(0, -1, 3), (0, -0.9, 3), (0, -0.8, 3), (0, -0.7, 3)], range(4))
+    assert Renderer(load_scene(xml, poses), 8, 4, integrator="path").white_level < 0.002
+    assert "scale all emitters up" in caplog.text
