@@ -4,9 +4,9 @@
 
 The events come from a 1/f texture with edges that moves by 0.97 px per millisecond in front of a
 640x640 sensor with C = 0.2: a few hundred thousand per frame, sorted by time, row and column. The
-formats take turns, so other load affects all of them equally; the fastest run counts. "faery" is
-the independent codec that the tests compare with. The files are in the system's temporary
-folder, and each read follows its write, so disks matter little.
+formats take turns, so other load affects all of them equally; the fastest run counts, with its user
+and system time in ns per event. "faery" is the independent codec that the tests compare with. The
+files are in the system's temporary folder, and each read follows its write, so disks matter little.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import argparse
 import math
 import os
 import tempfile
-import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 from bench_sensor import moving_texture
+from process_times import Times, times_now
 
 from sensor import Events, SensorModel, simulate
 from sensor.formats import FORMATS, read_events, write_events
@@ -106,23 +106,28 @@ def main() -> None:
         for path, write, read in kinds.values():  # compile first, and count
             write()
             assert read() == count, path
-        writing, reading = (dict.fromkeys(kinds, math.inf) for _ in range(2))
+        writing, reading = ({kind: list[Times]() for kind in kinds} for _ in range(2))
         for _ in range(args.runs):
             for kind, (_, write, read) in kinds.items():
-                start = time.perf_counter()
+                start = times_now()
                 write()
-                middle = time.perf_counter()
+                middle = times_now()
                 read()
-                writing[kind] = min(writing[kind], middle - start)
-                reading[kind] = min(reading[kind], time.perf_counter() - middle)
+                writing[kind].append(middle - start)
+                reading[kind].append(times_now() - middle)
         print(f"{count / 1e6:g} M events of 640x640 px, minimum of {args.runs}")
-        print("format         write Mev/s  read Mev/s  bytes/event  peak MiB write  read")
+        print(
+            "format         write Mev/s  user ns  sys ns  read Mev/s  user ns  sys ns  bytes/event"
+            "  peak MiB write  read"
+        )
         for kind, (path, write, read) in kinds.items():
             memory = "".join(f"{peak_mib(work):11.0f}" for work in (write, read))
-            print(
-                f"{kind:14} {count / writing[kind] / 1e6:11.1f} {count / reading[kind] / 1e6:11.1f}"
-                f" {os.path.getsize(path) / count:12.2f} {memory}"
+            speeds = "".join(
+                f"{count / wall_s / 1e6:12.1f} {user_s / count * 1e9:8.1f}"
+                f" {system_s / count * 1e9:7.1f}"
+                for wall_s, user_s, system_s in (min(writing[kind]), min(reading[kind]))
             )
+            print(f"{kind:14}{speeds} {os.path.getsize(path) / count:12.2f} {memory}")
 
 
 if __name__ == "__main__":

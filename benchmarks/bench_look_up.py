@@ -4,28 +4,29 @@ Run: python benchmarks/bench_look_up.py [--width PX] [--spp N] [--k1 K] [--threa
 
 Renders the same poses along the path in turn with the integrators `baked-full` and `baked`, and
 prints a Markdown table: the least CPU and wall time of a frame over the rounds, averaged over the
-poses; the share of pixels that were looked up; and the difference of log radiance: rms, largest,
-and the number of pixels per million where it exceeds 1e-3. Then come the events of an ideal sensor
-(C = 0.2) on 21 frames of each, with 0.5 px of motion from frame to frame. With `--k1` all frames
-are seen through a lens with that first radial term and the same corners of the view.
+poses; how much of that CPU time is system time; the share of pixels that were looked up; and the
+difference of log radiance: rms, largest, and the number of pixels per million where it exceeds
+1e-3. Then come the events of an ideal sensor (C = 0.2) on 21 frames of each, with 0.5 px of motion
+from frame to frame. With `--k1` all frames are seen through a lens with that first radial term and
+the same corners of the view.
 """
 
 from __future__ import annotations
 
 import argparse
-import resource
-import time
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from process_times import Times, times_now
 
 from eres_render import Camera, Distortion, Renderer, Scene, list_scenes, load_scene
 from sensor import Events, SensorModel, simulate
 
 _POSES, _ROUNDS, _FRAMES, _STEP_PX = 5, 5, 21, 0.5
 _HEADS = (
-    *("scene", "baked-full CPU, ms", "baked CPU, ms", "ratio", "wall ratio", "looked up"),
+    *("scene", "baked-full CPU, ms", "of it system", "baked CPU, ms", "of it system"),
+    *("ratio", "wall ratio", "looked up"),
     *("log rms", "max", "> 1e-3, ppm", "events", "difference"),
 )
 
@@ -53,14 +54,16 @@ def row(scene: Scene, width: int, spp: int, k1: float) -> list[str]:
     camera = through_lens(scene.camera(width), k1)
     full = Renderer(scene, spp=spp, integrator="baked-full", camera=camera)
     looked_up = Renderer(scene, spp=spp, integrator="baked", camera=camera)
-    cost = np.zeros((_POSES, 4))
+    cost = np.zeros((_POSES, 2, 3))
     errors, shares = [], []
     times_s = np.linspace(0.05, 0.95, _POSES) * scene.duration_s
     for k, pose in enumerate(full.trajectory.pose(times_s)):
         looked_up.frame(pose)  # compile
         full.frame(pose)
-        rounds = [(*timed(full, pose), *timed(looked_up, pose)) for _ in range(_ROUNDS)]
-        cost[k] = np.min(rounds, axis=0)
+        rounds = [(timed(full, pose), timed(looked_up, pose)) for _ in range(_ROUNDS)]
+        for which, times in enumerate(zip(*rounds, strict=True)):
+            least = min(times, key=lambda one: one.cpu_s)
+            cost[k, which] = least.cpu_s, least.system_s, min(times).wall_s
         a, b = (one.frame(pose).astype(np.float64) for one in (looked_up, full))
         lit = (a > 0) & (b > 0)
         errors.append(np.where(lit, np.log(np.where(lit, a, 1) / np.where(lit, b, 1)), a != b))
@@ -68,10 +71,10 @@ def row(scene: Scene, width: int, spp: int, k1: float) -> list[str]:
         shares.append(1 - looked_up._look_up.traced / width**2)
     error = np.stack(errors)
     counts = [len(events(one)) for one in (full, looked_up)]
-    full_cpu, full_wall, cpu, wall = 1e3 * cost.mean(0)
+    (full_cpu, full_system, full_wall), (cpu, system, wall) = 1e3 * cost.mean(0)
     return [
-        *(scene.name, f"{full_cpu:.0f}", f"{cpu:.0f}", f"{full_cpu / cpu:.2f}"),
-        *(f"{full_wall / wall:.2f}", f"{100 * np.mean(shares):.1f} %"),
+        *(scene.name, f"{full_cpu:.0f}", f"{full_system:.0f}", f"{cpu:.0f}", f"{system:.0f}"),
+        *(f"{full_cpu / cpu:.2f}", f"{full_wall / wall:.2f}", f"{100 * np.mean(shares):.1f} %"),
         *(f"{np.sqrt(np.mean(error**2)):.1e}", f"{np.abs(error).max():.1e}"),
         f"{1e6 * np.mean(np.abs(error) > 1e-3):.2f}",
         *(f"{counts[0]:,}", f"{counts[1] / counts[0] - 1:+.1e}"),
@@ -86,17 +89,11 @@ def through_lens(camera: Camera, k1: float) -> Camera:
     return Camera(camera.width, camera.height, fx=camera.fx / drawn_in, distortion=lens)
 
 
-def timed(renderer: Renderer, pose: NDArray[np.float64]) -> tuple[float, float]:
-    """Return CPU and wall time of a frame, s."""
-    cpu, start = cpu_s(), time.perf_counter()
+def timed(renderer: Renderer, pose: NDArray[np.float64]) -> Times:
+    """Return the times of a frame."""
+    start = times_now()
     renderer.frame(pose)
-    return cpu_s() - cpu, time.perf_counter() - start
-
-
-def cpu_s() -> float:
-    """Return user and system time of this process, s."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    return used.ru_utime + used.ru_stime
+    return times_now() - start
 
 
 def events(renderer: Renderer) -> Events:

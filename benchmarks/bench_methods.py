@@ -6,20 +6,21 @@ A texture with a natural spectrum and edges moves along a diagonal. An ideal sen
 sees it for 50 ms. It moves by 13.75 px at 640 px and by 27.5 px at 1280 px, which is 550 px/s at
 1280 px. EI and HF get the events of a whole sensor, and EI also enlarges its sum to 1280 px. Flow
 methods get patches at random places, and initial flows with the study's errors. The result is the
-minimum of the runs; the methods take turns, so other load affects all of them equally.
+fastest of the runs, with its user and system time; the methods take turns, so other load affects
+all of them equally.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from bench_sensor import moving_texture
+from process_times import Times, times_now
 
 from sensor import Events, SensorModel, simulate
 from tasks.flow import FlowSample, flow_sample, initial_sigma_px, patch_px
@@ -138,18 +139,25 @@ def main() -> None:
     kinds = [*reconstruction_kinds(), *flow_kinds(args.patches)]
     for kind in kinds:  # compile first
         kind.call()
-    best = [math.inf] * len(kinds)
+    runs: list[list[Times]] = [[] for _ in kinds]
     for _ in range(args.runs):
-        for k, kind in enumerate(kinds):
-            start = time.perf_counter()
+        for kind, measured in zip(kinds, runs, strict=True):
+            start = times_now()
             kind.call()
-            best[k] = min(best[k], time.perf_counter() - start)
-    print(f"{'method':36s} {'on':>14s} {'k events':>9s} {'Mev/s':>8s} {'fits/s':>8s}")
-    for kind, seconds in zip(kinds, best, strict=True):
+            measured.append(times_now() - start)
+    print(
+        f"{'method':36s} {'on':>14s} {'k events':>9s} {'Mev/s':>8s} {'fits/s':>8s}"
+        f" {'user s':>8s} {'system s':>8s}"
+    )
+    for kind, measured in zip(kinds, runs, strict=True):
+        seconds, user_s, system_s = min(measured)
         fits = f"{kind.fits / seconds:8.1f}" if kind.fits else f"{'-':>8s}"
         thousands = kind.events / max(kind.fits, 1) / 1e3
         rate = kind.events / seconds / 1e6
-        print(f"{kind.name:36s} {kind.where:>14s} {thousands:9.1f} {rate:8.2f} {fits}")
+        print(
+            f"{kind.name:36s} {kind.where:>14s} {thousands:9.1f} {rate:8.2f} {fits}"
+            f" {user_s:8.3f} {system_s:8.3f}"
+        )
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
     python benchmarks/bench_networks.py                  all, at 128 to 1280 px
     python benchmarks/bench_networks.py --widths 1280 --runs 1 --updates 1 --float32
 
-Each line is a separate process: the median of the runs after the first, and its peak memory.
+Each line is a separate process: the medians of wall-clock, CPU and system time over the runs after
+the first, and its peak memory.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import argparse
 import resource
 import subprocess
 import sys
-import time
 
 import numpy as np
+from process_times import times_now
 
 E2VID_OPTIONS = {"num_bins": 5, "num_encoders": 3, "norm": "BN", "use_upsample_conv": False}
 NETWORKS = ("e2vid", "our_reconstruction", "eraft", "our_flow")
@@ -25,7 +26,6 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
     """Run a network on noise; return a line of the table."""
     import torch
 
-    from tasks.cpu_time import cpu_s
     from tasks.learned import cpu
     from tasks.learned.e2vid import E2vid
     from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent
@@ -50,21 +50,21 @@ def measure(name: str, width: int, runs: int, updates: int, float32: bool) -> st
     grids = [rng.standard_normal((count, width, width), np.float32) for count in bins]
     states = None
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    wall, spent = [], []
+    spent = []
     for _ in range(runs + 1):
-        started_s, cpu_started_s = time.perf_counter(), cpu_s()
+        start = times_now()
         if images:
             _, states = images.image(grids[0], states)
         else:
             flows.flow(*grids, updates)
-        wall.append(time.perf_counter() - started_s)
-        spent.append(cpu_s() - cpu_started_s)
-    wall, spent = wall[1:] or wall, spent[1:] or spent
+        spent.append(times_now() - start)
+    spent = spent[1:] or spent
+    wall_s, cpu_s, system_s = np.median([(x.wall_s, x.cpu_s, x.system_s) for x in spent], axis=0)
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     kind = "bfloat16" if cpu.has_bfloat16() else "float32"
     return (
-        f"{name:18} {width:5} px  {kind:8}  {np.median(wall):7.2f} s  "
-        f"{np.median(spent):7.2f} s of CPU  {most / 2**20:5.2f} GiB, "
+        f"{name:18} {width:5} px  {kind:8}  {wall_s:7.2f} s  "
+        f"{cpu_s:7.2f} s of CPU, {system_s:.2f} of them system  {most / 2**20:5.2f} GiB, "
         f"{(most - before) / 2**20:5.2f} of them for the run"
     )
 

@@ -13,19 +13,19 @@ have PYTHONPATH set to a worktree of it, or to this one. The NumPy column is the
 reading the same frames once and computing `np.log(frame + dark)`.
 
 The second table compares nine settings that share the frames with nine runs: with the frames in
-memory, and with OpenEXR files that each run reads.
+memory, and with OpenEXR files that each run reads. Times are those of the fastest run together.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import resource
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from process_times import Times, times_now
 
 from eres_render.storage.exr import read_luminance, write_luminance
 from sensor import SensorModel, simulate, stream, stream_bank
@@ -52,12 +52,6 @@ def moving_texture(size: int, frames: int, shift_px: float, seed: int = 0) -> np
         along = (1 - part) * window[:, :-1] + part * window[:, 1:]
         views[k] = (1 - part) * along[:-1] + part * along[1:]
     return views
-
-
-def times_s() -> tuple[float, float, float]:
-    """Return wall-clock, user and system time of this process, s."""
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return time.perf_counter(), usage.ru_utime, usage.ru_stime
 
 
 def main() -> None:
@@ -93,14 +87,14 @@ def main() -> None:
         )
     for cutoff_hz in (math.inf, 200.0):  # compile first
         simulate(frames[:2], t_s[:2], model(cutoff_hz))
-    runs: dict[tuple[str, str, int], list[tuple[float, ...]]] = {kind: [] for kind in kinds}
+    runs: dict[tuple[str, str, int], list[Times]] = {kind: [] for kind in kinds}
     fired = dict.fromkeys(kinds, 0)
     for _ in range(args.runs):
         for kind, work in kinds.items():
             time.sleep(args.pause)
-            start = times_s()
+            start = times_now()
             fired[kind] = work()
-            runs[kind].append(tuple(np.subtract(times_s(), start).tolist()))
+            runs[kind].append(times_now() - start)
     best = {kind: min(measured) for kind, measured in runs.items()}
 
     print(f"{size}x{size} px, {args.frames} frames, minimum of {args.runs}")
@@ -125,7 +119,7 @@ def compare_bank(frames: np.ndarray, t_s: np.ndarray, runs: int) -> None:
     frames, t_s = frames[:17], t_s[:17]
     speeds = [1.0, 4 / 3, 2.0] * 3
     print("\nbank of 9 settings, 1 thread: one by one / together, median of the runs' ratios")
-    print("         frames in memory             frames as OpenEXR on disk")
+    print("          frames in memory" + " " * 40 + "frames as OpenEXR on disk")
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / f"{k}.exr" for k in range(len(frames))]
         for file, frame in zip(files, frames, strict=True):
@@ -140,18 +134,22 @@ def compare_bank(frames: np.ndarray, t_s: np.ndarray, runs: int) -> None:
             ]
             cells = []
             for frames_again in (lambda: frames, lambda: map(read_luminance, files)):
-                ratios, together_s = [], []
+                ratios, together = [], []
                 for _ in range(runs):
-                    start = time.perf_counter()
+                    start = times_now()
                     for model, speed in zip(models, speeds, strict=True):
                         for _ in stream(frames_again(), t_s / speed, model, threads=1):
                             pass
-                    middle = time.perf_counter()
+                    middle = times_now()
                     for _ in stream_bank(frames_again(), t_s, models, speeds=speeds, threads=1):
                         pass
-                    together_s.append(time.perf_counter() - middle)
-                    ratios.append((middle - start) / together_s[-1])
-                cells.append(f"{np.median(ratios):5.2f}x  together {min(together_s):6.3f} s")
+                    together.append(times_now() - middle)
+                    ratios.append((middle - start).wall_s / together[-1].wall_s)
+                wall_s, user_s, system_s = min(together)
+                cells.append(
+                    f"{np.median(ratios):5.2f}x  together {wall_s:6.3f} s: "
+                    f"{user_s:6.3f} user + {system_s:5.3f} system"
+                )
             print(f"{width:5} px  {cells[0]}   {cells[1]}")
 
 

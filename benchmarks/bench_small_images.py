@@ -63,7 +63,7 @@ def cost_ratio(full: Renderer, looked_up: Renderer, poses: np.ndarray) -> float:
     with mock.patch.object(LookUp, "pays", return_value=True):
         for pose in poses:
             _ = full.frame(pose), looked_up.frame(pose)  # compile
-            both = [[timed(one, pose)[0] for one in (full, looked_up)] for _ in range(_ROUNDS)]
+            both = [[timed(one, pose).cpu_s for one in (full, looked_up)] for _ in range(_ROUNDS)]
             cost += np.min(both, axis=0)
     return float(cost[0] / cost[1])
 

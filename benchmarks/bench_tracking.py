@@ -5,20 +5,21 @@
 A texture moves along a diagonal by 7.7 px at 1280 px in 14 ms, that is at 550 px/s. An ideal sensor
 with C = 0.2 sees it from 1.83 m. The initial control poses are 2 and 10 mm off. A pass is the work
 of one step of the Levenberg-Marquardt search: the spline's table, and the cost, gradient and
-Hessian of all events. The result is the minimum of the runs. The frames are interpolated, so their
-blur changes with time: the errors compare event counts, but do not show the accuracy of the method.
+Hessian of all events. The result is the fastest run, with its user and system time. The frames are
+interpolated, so their blur changes with time: the errors compare event counts, but do not show the
+accuracy of the method.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from bench_sensor import moving_texture
+from process_times import Times, times_now
 
 from eres_render import Camera, Plane
 from sensor import SensorModel, simulate
@@ -31,14 +32,14 @@ FRAMES, DURATION_S, DISTANCE_M, C = 17, 0.014, 1.83, 0.2
 MAX_EVENTS = (20_000, 50_000, 100_000, 300_000, 1_000_000)
 
 
-def seconds(call: Callable[[], object], runs: int) -> float:
-    """Return the least time of several runs."""
-    best = math.inf
+def fastest(call: Callable[[], object], runs: int) -> Times:
+    """Return the times of the fastest of several runs."""
+    measured = []
     for _ in range(runs):
-        start = time.perf_counter()
+        start = times_now()
         call()
-        best = min(best, time.perf_counter() - start)
-    return best
+        measured.append(times_now() - start)
+    return min(measured)
 
 
 def main() -> None:
@@ -66,7 +67,10 @@ def main() -> None:
         return T
 
     truth = path_at(pose, 0.0)
-    print("max events    used  us/event and pass  sigma mm  passes  s a fit  error mm")
+    print(
+        "max events    used  us/event and pass  user  system  sigma mm  passes  s a fit   user"
+        "  system  error mm"
+    )
     for max_events in MAX_EVENTS:
         for sigma_m in (0.002, 0.01):
             sample = tracking_sample(
@@ -84,18 +88,20 @@ def main() -> None:
             problem, _ = problem_of(sample, 14_000)
             (view,) = eppt.pyramid(log_image, camera.K, 0.0)
             answer = eppt.estimate(sample)  # also compiles
-            one = seconds(
+            one = fastest(
                 lambda p=problem, v=view, s=sample: accumulate(p, v, s.initial),
                 args.runs,
             )
             # A copy each time: the method keeps the coarse search of its latest sample.
-            fit = seconds(lambda s=sample: eppt.estimate(replace(s)), args.runs)
+            fit = fastest(lambda s=sample: eppt.estimate(replace(s)), args.runs)
             error_mm = position_error_mm(answer.path, pose, 0.0, DURATION_S)
             found = answer.failure or f"{error_mm:.3f}"
             used = len(sample.t_us)
+            wall_us, user_us, system_us = (1e6 * t_s / used for t_s in one)
             print(
-                f"{max_events:10} {used:7} {1e6 * one / used:18.2f} {1e3 * sigma_m:9.0f} "
-                f"{answer.diagnostics.passes:7} {fit:8.2f}  {found}"
+                f"{max_events:10} {used:7} {wall_us:18.2f} {user_us:5.2f} {system_us:7.2f} "
+                f"{1e3 * sigma_m:9.0f} {answer.diagnostics.passes:7} {fit.wall_s:8.2f} "
+                f"{fit.user_s:6.2f} {fit.system_s:7.2f}  {found}"
             )
             if used == len(events):
                 return

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import argparse
 import resource
-import time
 
+import numpy as np
 import torch
+from process_times import Times, times_now
 
 from tasks.learned.cpu import has_bfloat16
 from tasks.learned.training.flow import Flow
@@ -18,14 +19,14 @@ from tasks.learned.training.reconstruction import Reconstruction
 from tasks.learned.training.settings import FLOWS, RECONSTRUCTIONS
 
 
-def measure(problem: Problem, steps: int) -> tuple[float, float]:
-    """Return the mean CPU time of making a batch and of learning from it, in seconds."""
+def measure(problem: Problem, steps: int) -> tuple[Times, Times]:
+    """Return the mean times of making a batch and of learning from it."""
     optimizer = torch.optim.AdamW(problem.network.parameters())
-    making_s, learning_s = [], []
+    making, learning = [], []
     for step in range(steps + 1):  # the first one compiles
-        started_s = time.process_time()
+        start = times_now()
         batch = problem.batch(step)
-        made_s = time.process_time()
+        made = times_now()
         losses = problem.losses(batch)
         while True:
             with torch.autocast("cpu", torch.bfloat16, enabled=has_bfloat16()):
@@ -35,9 +36,9 @@ def measure(problem: Problem, steps: int) -> tuple[float, float]:
             optimizer.zero_grad(set_to_none=True)
             loss.backward()
             optimizer.step()
-        making_s.append(made_s - started_s)
-        learning_s.append(time.process_time() - made_s)
-    return sum(making_s[1:]) / steps, sum(learning_s[1:]) / steps
+        making.append(made - start)
+        learning.append(times_now() - made)
+    return Times(*np.mean(making[1:], axis=0)), Times(*np.mean(learning[1:], axis=0))
 
 
 def main() -> None:
@@ -50,12 +51,13 @@ def main() -> None:
         settings = known[arguments.config]
         problem = kind(settings, "all", 0)
         problem.network.train()
-        making_s, learning_s = measure(problem, arguments.steps)
-        hours = settings.schedule.steps * (making_s + learning_s) / 3600
+        making, learning = measure(problem, arguments.steps)
+        hours = settings.schedule.steps * (making.cpu_s + learning.cpu_s) / 3600
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
         weights = sum(one.numel() for one in problem.network.parameters())
         print(
-            f"{kind.__name__.lower()}: crops {making_s:.2f} s, learning {learning_s:.2f} s, "
+            f"{kind.__name__.lower()}: crops {making.cpu_s:.2f} s, {making.system_s:.2f} of them "
+            f"system, learning {learning.cpu_s:.2f} s, {learning.system_s:.2f} of them system, "
             f"{settings.schedule.steps} steps in {hours:.2f} core hours, {weights} weights, "
             f"peak of the process so far {peak:.2f} GB"
         )

@@ -3,7 +3,8 @@
 Both clusters run all the time and take turns. Every run has its own seed of the renderer, so it
 renders its own frames. Each worker has one core and one Numba thread; Dr.Jit always has two. Wall
 times on a busy machine say little. CPU times show the cost of distribution itself: those of the
-workers per job, and those of client and scheduler, which are this process.
+workers per job, and those of client and scheduler, which are this process. "system" is how much of
+them is system time.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from distributed import LocalCluster
+from process_times import Times, times_now
 
 from eres_render import load_scene
 from tasks.study.config import Study, preset
@@ -44,13 +46,14 @@ def keep_to_cores(cluster: LocalCluster) -> None:
             os.sched_setaffinity(int(thread.name), {core})
 
 
-def cpu_s(cluster: LocalCluster) -> float:
-    """Return the CPU seconds of all workers so far."""
-    ticks = 0
+def times_of_workers(cluster: LocalCluster) -> Times:
+    """Return the time, and the CPU time of all workers so far; they run, so no `getrusage`."""
+    user, system = 0, 0
     for nanny in cluster.workers.values():
         stat = Path(f"/proc/{nanny.pid}/stat").read_text().rsplit(")", 1)[1].split()
-        ticks += int(stat[11]) + int(stat[12])
-    return ticks / os.sysconf("SC_CLK_TCK")
+        user, system = user + int(stat[11]), system + int(stat[12])
+    hz = os.sysconf("SC_CLK_TCK")
+    return Times(time.perf_counter(), user / hz, system / hz)
 
 
 def main() -> None:
@@ -73,33 +76,38 @@ def main() -> None:
             keep_to_cores(cluster)
         seeds = iter(range(1_000_000))
 
-        def run(cluster: LocalCluster, samples: int) -> tuple[float, float, float]:
-            """Return the wall time and the CPU times of the workers and of this process."""
+        def run(cluster: LocalCluster, samples: int) -> tuple[Times, Times]:
+            """Return the times of the workers and of this process."""
             seed = next(seeds)
-            began = time.perf_counter(), cpu_s(cluster), time.process_time()
+            workers, this = times_of_workers(cluster), times_now()
             study = study_of(seed, args.resolution, samples)
             run_study(study, Path(temporary) / str(seed), cluster.scheduler_address)
-            ended = time.perf_counter(), cpu_s(cluster), time.process_time()
-            return tuple(end - begin for begin, end in zip(began, ended, strict=True))
+            return times_of_workers(cluster) - workers, times_now() - this
 
         for cluster in clusters:  # imports, compilation, the scene
             run(cluster, 4)
-        found: dict[int, list[tuple[float, float, float]]] = {n: [] for n in counts}
+        found: dict[int, list[tuple[Times, Times]]] = {n: [] for n in counts}
         for _ in range(args.runs):
             for n, cluster in zip(counts, clusters, strict=True):
                 found[n].append(run(cluster, args.samples))
         for cluster in clusters:
             cluster.close()
 
-        first = min(wall for wall, _, _ in found[1])
-        print("workers  wall s (each run)             jobs/h  ratio   CPU s/job: workers  the rest")
+        first = min(this.wall_s for _, this in found[1])
+        print(
+            "workers  wall s (each run)             jobs/h  ratio   CPU s/job: workers  system"
+            "  the rest  system"
+        )
         for n, runs in found.items():
-            wall = min(one[0] for one in runs)
-            each = " ".join(f"{one[0]:7.1f}" for one in runs)
-            worker, rest = (min(one[k] for one in runs) / args.samples for k in (1, 2))
+            wall = min(this.wall_s for _, this in runs)
+            each = " ".join(f"{this.wall_s:7.1f}" for _, this in runs)
+            worker, rest = (
+                min(times, key=lambda one: one.cpu_s) for times in zip(*runs, strict=True)
+            )
             print(
                 f"{n:7d}  {each:28s} {3600 * args.samples / wall:8.0f}  {first / wall:5.2f}"
-                f"  {worker:19.2f}  {rest:8.2f}"
+                f"  {worker.cpu_s / args.samples:19.2f}  {worker.system_s / args.samples:6.2f}"
+                f"  {rest.cpu_s / args.samples:8.2f}  {rest.system_s / args.samples:6.2f}"
             )
 
         study = study_of(0, args.resolution, args.samples)

@@ -16,10 +16,10 @@ grid of pixels, as zero flow along an axis otherwise looks sharper than it is.
 from __future__ import annotations
 
 import argparse
-import time
 from pathlib import Path
 
 import numpy as np
+from process_times import times_now
 
 from sensor.events import concatenate
 from tasks.events.reading import Reading
@@ -79,16 +79,16 @@ def measure_images(recording: Recording, frames: Frames) -> float:
 
 def measure_flow(recording: Recording, frames: Frames, C: float, options: FlowOptions) -> None:
     """Print the distance of flow from the tracks, px per frame."""
-    started_s = time.process_time()
+    start = times_now()
     scores = score_flow(recording, frames, (*FLOW, "initial_flow"), C, options)
-    seconds = time.process_time() - started_s
+    spent = times_now() - start
     for name in (*FLOW, "initial_flow"):
         values = np.array([score.value for score in scores if score.method == name])
         print(
             f"{name:34}{np.median(values):6.2f} px, mean {values.mean():.2f} px, "
             f"{len(values)} features of {options.patch_px} px"
         )
-    print(f"{seconds:.1f} s of CPU")
+    print(f"{spent.cpu_s:.1f} s of CPU, {spent.system_s:.1f} s of it system")
 
 
 def measure_slider(recording: Recording, frames: Frames, options: FlowOptions, lens: Path) -> None:
