@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 _KEPT_BYTES = 1 << 29  # limit on all blocks together; address space, of which a part is touched
-_LARGEST_SHARE = 0.5  # of the limit: a larger block would push out most of the others
+_LARGEST_SHARE = 0.6  # of the limit: a larger block would push out most of the others
 _LEAST_BYTES = 1 << 20  # the allocator reuses smaller arrays itself
 _CACHE_LINE = 64  # vectors across two lines are slower
 
