@@ -365,7 +365,7 @@ def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
     Returns
     -------
     shapes
-        All shapes that are not lamps.
+        All shapes that reflect light.
 
     Raises
     ------

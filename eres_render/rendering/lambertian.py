@@ -75,17 +75,20 @@ def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
     import drjit as dr
     import mitsuba as mi
 
-    steps = np.abs(np.diff(image[:, :, 0].astype(np.float32), axis=1))
-    if not steps.size or not steps.any():
+    gray = image[:, :, 0].astype(np.float32)
+    across, down = (np.abs(np.diff(gray, axis=axis)) for axis in (1, 0))
+    right = int(across.max(initial=0.0) >= down.max(initial=0.0))
+    steps = across if right else down
+    if not steps.any():
         return True
-    row, column = np.unravel_index(int(np.argmax(steps)), steps.shape)
-    rows, columns = image.shape[:2]
+    row, column = map(int, np.unravel_index(int(np.argmax(steps)), steps.shape))
+    rows, columns = gray.shape
     si = dr.zeros(mi.SurfaceInteraction3f)
-    u, v = float(column + 0.75) / columns, float(row + 0.5) / rows  # a quarter of the step
-    si.uv = mi.Point2f(u, v)
+    u, v = column + 0.5 + 0.25 * right, row + 0.75 - 0.25 * right  # at a quarter of the step
+    si.uv = mi.Point2f(u / columns, v / rows)
     si.wi = mi.Vector3f(0, 0, 1)
     found = float(np.asarray(bsdf.eval_diffuse_reflectance(si)).ravel()[0])
-    before, after = (float(image[row, column + k, 0]) for k in (0, 1))
+    before, after = float(gray[row, column]), float(gray[row + 1 - right, column + right])
     return abs(found - (0.75 * before + 0.25 * after)) < 0.05 * abs(after - before)
 
 

@@ -102,9 +102,9 @@ class _Reader:
     open: list[Path] = field(default_factory=list)  # each included by the one before it
 
     def elements(self, file: Path) -> Iterator[Element]:
-        if file in self.open:
+        if file.resolve() in self.open:
             raise SceneError(f"{self.open[-1]}: includes {file}, which includes it")
-        self.open.append(file)
+        self.open.append(file.resolve())
         try:
             root = ElementTree.parse(file).getroot()
         except OSError as error:

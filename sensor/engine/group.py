@@ -226,7 +226,7 @@ def _light(
         overlaps = pixel_overlaps(chunk.shape[1:], model.height, model.width, model.fill_factor)
         radiance = MEMORY.array((len(chunk), model.height, model.width))
         frames = zip(chunk, radiance, strict=True)
-        if not all(list(apply(lambda pair: integrate_area(pair[0], *overlaps, pair[1]), frames))):
+        if not all(apply(lambda pair: integrate_area(pair[0], *overlaps, pair[1]), frames)):
             refuse_bad_radiance(chunk, index)
     if dark == 0 and not (least := float(radiance.min())) >= _LEAST_LIGHT:
         raise SensorError(

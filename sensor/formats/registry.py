@@ -319,11 +319,9 @@ def write_events(
         raise FileNotFoundError(errno.ENOENT, "no such folder", str(path.parent))
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
-    batches = rebatch((parts,) if isinstance(parts, Events) else parts)
-    try:
-        first = next(batches)
-    except EventFormatError as error:
-        raise EventFormatError(f"{path}: {error}") from error
+    of_input: list[EventFormatError] = []
+    batches = rebatch(_noting((parts,) if isinstance(parts, Events) else parts, of_input))
+    first = next(batches)
     header = Header(
         first.width,
         first.height,
@@ -344,11 +342,22 @@ def write_events(
             raise
         raise _with_path(error, path) from error
     except EventFormatError as error:
+        if error in of_input:
+            raise
         raise EventFormatError(f"{path}: {error}") from error
     finally:
         unfinished.unlink(missing_ok=True)
     warn_of_loss(path, chosen, chosen.loses(header))
     return count
+
+
+def _noting(parts: Iterable[Events], errors: list[EventFormatError]) -> Iterator[Events]:
+    """Yield the parts; keep the error that ends them, which names a file of its own."""
+    try:
+        yield from parts
+    except EventFormatError as error:
+        errors.append(error)
+        raise
 
 
 def _with_path(error: OSError, path: Path) -> OSError:

@@ -28,19 +28,17 @@ DARKEST = 1 / 255  # of the displayed intensity, before the logarithm
 _LEAST_SHARE = 0.01  # of a window: a shorter one is not ended, and its image is the previous one
 
 
-def even_window_us(step_us: float, window_us: float = WINDOW_US) -> float:
+def even_window_us(step_us: float) -> float:
     """Return the length of windows of which a whole number fits between two images.
 
     Parameters
     ----------
     step_us
         Time between two images, us.
-    window_us
-        The length that it comes near to, us.
 
     Returns
     -------
-    The length, us.
+    The length nearest to the usual one, us.
 
     Examples
     --------
@@ -50,7 +48,7 @@ def even_window_us(step_us: float, window_us: float = WINDOW_US) -> float:
     >>> round(even_window_us(1e6 / 30)), even_window_us(1e6 / 10)
     (33333, 25000.0)
     """
-    return step_us / max(1, round(step_us / window_us))
+    return step_us / max(1, round(step_us / WINDOW_US))
 
 
 class Network(Protocol):

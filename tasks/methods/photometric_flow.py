@@ -94,7 +94,7 @@ def _estimate(
     found, converged = search(events, sample.log_image, start, lower, upper)
     if not converged:
         return FlowEstimate(sample.initial, "no convergence")
-    reach = BOUND_SIGMAS * sample.initial_sigma_px or np.inf  # a sigma of 0 says nothing
+    reach = BOUND_SIGMAS * sample.initial_sigma_px
     if np.abs(found[:2] - sample.initial).max() > reach:
         return FlowEstimate(sample.initial, "search ended beyond its bound")
     return FlowEstimate(found[:2], delay=float(found[3]))

@@ -39,7 +39,7 @@ def network_options(name: str, times_us: Sequence[int]) -> dict[str, float]:
 
     Returns
     -------
-    For a network, windows of which a whole number fits between two images.
+    For a network, windows of which a whole number fits into the median time between images.
     """
     if name not in TASKS["video"].networks or len(times_us) < 2:
         return {}

@@ -115,8 +115,7 @@ def cut(parts: Iterable[Events], windows_us: Sequence[tuple[int, int]]) -> Itera
         while not (len(found[-1]) and found[-1].t_us[-1] >= end_us):
             if (part := next(stream, None)) is None:
                 break
-            # An empty slice would keep the part in memory.
-            found = found if len(found[-1]) else []
+            found = [one for one in found if len(one)]  # an empty slice keeps its part in memory
             found.append(part[int(np.searchsorted(part.t_us, start_us)) :])
         held = concatenate([part for part in found if len(part)] or found[:1])
         yield held[: int(np.searchsorted(held.t_us, end_us))]

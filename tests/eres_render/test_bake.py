@@ -269,17 +269,21 @@ def test_lightmaps_of_another_state_of_the_scene_are_baked_again(tmp_path, monke
             '<texture type="checkerboard" name="reflectance"/></bsdf></shape>',
             "neither uniform nor an image",
         ),
-        (
-            '<shape type="disk" id="it"><bsdf type="diffuse">'
-            '<texture type="bitmap" name="reflectance"><string name="filename" value="tiles.png"/>'
-            '<string name="filter_type" value="nearest"/></texture></bsdf></shape>',
-            "has an image that is not interpolated bilinearly",
+        *(
+            (
+                '<shape type="disk" id="it"><bsdf type="diffuse"><texture type="bitmap" '
+                f'name="reflectance"><string name="filename" value="{name}.png"/>'
+                '<string name="filter_type" value="nearest"/></texture></bsdf></shape>',
+                "has an image that is not interpolated bilinearly",
+            )
+            for name in ("columns", "rows")
         ),
     ],
 )
 def test_what_cannot_be_baked_is_named(tmp_path, shape, reason):
     folder = small_carpet_folder(tmp_path / "mixed")
-    cv2.imwrite(str(folder / "tiles.png"), np.array([[0, 255], [255, 0]], np.uint8))
+    cv2.imwrite(str(folder / "columns.png"), np.array([[0, 255], [0, 255]], np.uint8))
+    cv2.imwrite(str(folder / "rows.png"), np.array([[0, 0], [255, 255]], np.uint8))
     xml = (folder / "scene.xml").read_text()
     (folder / "scene.xml").write_text(xml.replace("</scene>", f"{shape}</scene>"))
     with pytest.raises(SceneError, match=f"cannot be baked: shape 'it' .*{reason}.*; path-trace"):

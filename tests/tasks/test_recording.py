@@ -55,7 +55,8 @@ def test_windows_are_those_of_all_events(made, part):
     events = made.events[:3000]
     last = int(events.t_us[-1])
     windows = [(-9, 0), (0, 400), (300, 900), (300, 901), (last // 2, last), (last, last + 9)]
-    parts = (events[k : k + part] for k in range(0, len(events), part))
+    starts = range(0, len(events), part)
+    parts = (one for k in starts for one in (events[k : k + part], events[:0]))
     for found, (start, end) in zip(cut(parts, windows), windows, strict=True):
         expected = events.between(start, end)
         np.testing.assert_array_equal(found.t_us, expected.t_us)

@@ -33,12 +33,12 @@ class VideoScorer:
         size_and_C = model.width, model.height, model.contrast_threshold
         start_s, end_s = reference.sequence.window_s
         count = round((end_s - start_s) / task.every_s)
-        self._step_us = 1e6 * (end_s - start_s) / max(count, 1)
         if count < 1:
             raise TaskError(
                 f"video: found {end_s - start_s:g} s of frames, expected at least "
                 f"{task.every_s:g} s, for one image"
             )
+        self._step_us = 1e6 * (end_s - start_s) / count
         self._times_s = np.linspace(start_s, end_s, count + 1)[1:].tolist()
         self._samples = {round(t_s / setting.speed * 1e6): i for i, t_s in enumerate(self._times_s)}
         self._takers = {}

@@ -234,7 +234,6 @@ class Scores:
 
     def __init__(self, rows: Iterable[Row], *, square: bool = True) -> None:
         rows = _some(rows)
-        self.square = square
         first = next((row for row in rows if not row.sensor), rows[0])
         self.contrast_threshold = first.contrast_threshold
         self.photoreceptor = first.photoreceptor

@@ -6,6 +6,7 @@ from the paper preset on two cores of a virtual AMD EPYC server, with LLVM and l
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -75,7 +76,8 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     for job, n, px in zip(jobs, frames, pixels, strict=True):
         seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
         for sensor, _, model in job.simulate.models(job.render):
-            ns_per_px = _SIMULATE_NS_PER_PX[model.photoreceptor]
+            kind = model.photoreceptor if math.isfinite(model.cutoff_hz) else "two_pole"
+            ns_per_px = _SIMULATE_NS_PER_PX[kind]
             one_s = n * sensor.width * sensor.height * 1e-9 * ns_per_px
             one_s += sum(task.score_s(sensor.width) for task in job.evaluate.values())
             seconds += len(job.simulate.speeds) * one_s

@@ -142,11 +142,12 @@ def jobs_of(study: Study, scene: Scene) -> list[Job]:
     ------
     StudyError
         The study asks for more samples than the path has, a stretch is longer than the path, a
-        warm-up is longer than the time between samples, the first sensor sees too few pixels, no
-        method suits the scene, or cameras of one lens do not face its plane.
+        warm-up is longer than the time between samples, a bus carries no event in a window, the
+        first sensor sees too few pixels, no method suits the scene, or cameras of one lens do not
+        face its plane.
     """
     study = replace(study, simulate=_at_factors(study.simulate, scene))
-    check_buses(study.simulate, study.render)
+    check_buses(study.simulate, study.render)  # speeds in m/s are factors only now
     _check_first_sensor(study)
     if study.simulate.same_lens:
         _check_facing(scene)

@@ -80,7 +80,7 @@ def sweep_plot(scores: Scores, found: list[Series], name: str) -> Plot:
     ]
     title = f"Success over the perturbation, {name}"
     axes = "standard deviation of the perturbation [mm]", "successful trials [%]"
-    return plot(title, *axes, width_keys(widths), panels, include_y=(0, 100))
+    return plot(title, *axes, width_keys(widths, scores.sensor_names), panels, include_y=(0, 100))
 
 
 def _success_line(scores: Scores, found: list[Series], width: int, cutoff_hz: float) -> Line:

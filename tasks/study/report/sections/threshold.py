@@ -74,8 +74,9 @@ def _compare(
         "than doing nothing"
     )
     by_threshold = f"by contrast threshold, {scene}"
+    keys = width_keys(widths, first.sensor_names)
     return (
-        score_plot(f"Scores {by_threshold}", series, width_keys(widths), panels, bus_hz),
+        score_plot(f"Scores {by_threshold}", series, keys, panels, bus_hz),
         Table(f"Choice {by_threshold}", [Text(""), *heads], {Text(""): choices}),
         Table(caption, [Text("sensor"), *heads], blocks),
     )
