@@ -1,9 +1,12 @@
-"""docs/methods.md has the scores of the stored run of the preset `paper`."""
+"""Pages have the scores of stored runs: docs/methods.md those of the preset `paper`,
+docs/contrast_threshold.md those of its own study."""
 
 import csv
 from pathlib import Path
 
 import pytest
+
+from tasks.study.results.words import rate_label
 
 DOCS = Path(__file__).parents[2] / "docs"
 WIDTHS = ("128", "240", "346", "640", "1280")
@@ -14,12 +17,16 @@ SERIES = {
 }
 
 
+def lines_of(run):
+    with (DOCS / "results" / run / "tables.csv").open() as file:
+        return [*csv.DictReader(file)]
+
+
 @pytest.fixture(scope="module")
 def cells():
     """Return the lines of the run's table in ideal light at base speed."""
-    with (DOCS / "results" / "paper" / "tables.csv").open() as file:
-        lines = [one for one in csv.DictReader(file) if one["cutoff_hz"] == "inf"]
     keys = "method", "variant", "scene", "width"
+    lines = [one for one in lines_of("paper") if one["cutoff_hz"] == "inf"]
     return {tuple(one[k] for k in keys): one for one in lines if float(one["speed"]) == 1}
 
 
@@ -38,3 +45,27 @@ def test_the_page_has_the_best_scores_of_the_run(cells, head):
             texts = [f"{t} ({n} %)" if n else t for t, n in zip(texts, shares, strict=True)]
         start = f"| {head} | {scene} |" if scene == scenes[0] else f"| | {scene} |"
         assert f"{start} {' | '.join(texts)} |\n" in page
+
+
+@pytest.mark.parametrize("method", ["event_integration", "photometric_flow"])
+def test_the_page_has_the_scores_at_each_contrast_threshold(method):
+    """Promise: every line of both tables, with the best of each column in bold."""
+    page = (DOCS / "contrast_threshold.md").read_text()
+    keys = "scene", "contrast_threshold", "cutoff_hz", "width"
+    found = {tuple(o[k] for k in keys): o for o in lines_of("threshold") if o["method"] == method}
+    columns = [(scene, C) for scene in ("carpet", "room") for C in ("0.1", "0.2", "0.4")]
+    best = max if method == "event_integration" else min
+    for name, cutoff_hz in (("ideal", "inf"), ("day", "200.0"), ("night", "50.0")):
+        for width in WIDTHS:
+            texts = []
+            for column in columns:
+                medians = {w: float(found[*column, cutoff_hz, w]["median"]) for w in WIDTHS}
+                text = f"{medians[width]:.2f}"
+                if medians[width] == best(medians.values()):
+                    text = f"**{text}**"
+                one = found[*column, cutoff_hz, width]
+                more = rate_label(1e6 * float(one["event_rate_mev_s"]))
+                if method == "photometric_flow":
+                    more = f"{round(100 * float(one['failure_share']))} %"
+                texts.append(f"{text} ({more})")
+            assert f"| {name}, {width} px | {' | '.join(texts)} |\n" in page
