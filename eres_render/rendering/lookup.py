@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,9 +30,7 @@ Float32 = NDArray[np.float32]
 NEAR_M = 1e-3
 """Where the view begins, along the camera's axis; nothing nearer is seen."""
 
-_BLOCK_PX = 4
 _MOST_ROOM = 4  # pixels of the pinhole for one of the lens
-_UNKNOWN = -2  # in place of a piece
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
 # Costs of looking up, in traced samples: see benchmarks/bench_small_images.py.
 _SAMPLES_A_FRAME = 100_000
@@ -53,6 +51,16 @@ class _ThroughLens(NamedTuple):
     rows: int
     corners: Float64  # (H + 1, W + 1, 2) of the camera's pixels, px of the camera; none: not bent
     margin: float  # how far their sides reach beyond their corners, px
+
+
+class _View(NamedTuple):
+    """How the pieces look from a pose."""
+
+    eye: Float64  # (3,) m
+    to_image: Float64  # (3, 3) from directions to (column z, row z, z) of the pinhole
+    per_z: Float64  # (G, 3), times (column, row, 1) of the pinhole it is 1 / z
+    homographies: Float64  # (G, 3, 3), as `view_pieces` finds them
+    state: NDArray[np.int8]  # (G,) BLACK, LIT or MIXED
 
 
 def _through_lens(camera: Camera) -> _ThroughLens:
@@ -155,70 +163,95 @@ class LookUp:
         radiance
             (H, W) float32, W m^-2 sr^-1.
         """
-        surfaces, lens = self._surfaces, self._through_lens(camera)
-        eye = np.ascontiguousarray(T_world_cam[:3, 3])
-        R = T_world_cam[:3, :3]
-        from_image = np.ascontiguousarray(R @ np.linalg.inv(camera.K))
-        to_image = np.ascontiguousarray(camera.K @ R.T)
-        homographies = np.zeros((len(surfaces.pieces.normal) + 1, 3, 3))
-        state = np.full(len(homographies), kernels.BLACK, np.int8)
-        kernels.view_pieces(eye, from_image, surfaces.pieces, homographies, state)
-        kernels.view_bent(eye, surfaces.bent, state)
-        per_z = np.ascontiguousarray(homographies[:, 2])
-        if len(lens.corners):  # count pixels from the pinhole's first one
-            to_camera = np.array([[1.0, 0.0, -lens.left], [0.0, 1.0, -lens.top], [0.0, 0.0, 1.0]])
-            per_z, to_image = per_z @ to_camera, np.linalg.inv(to_camera) @ to_image
-
-        def mark(piece_at: NDArray[np.int32], block: int) -> NDArray[np.uint8]:
-            """Mark blocks of pixels in which something may be in front of their piece."""
-            marked = np.zeros((piece_at.shape[0] - 1, piece_at.shape[1] - 1), np.uint8)
-            in_blocks = np.array([block, block, 1.0])
-            to_blocks = to_image / in_blocks[:, None]
-            self._mark_boxes(to_blocks, eye, marked)
-            kernels.mark_edges(
-                surfaces.edges, eye, to_blocks, NEAR_M, piece_at, per_z * in_blocks, marked
-            )
-            return marked
-
-        def pinhole_rays(column: Any, row: Any) -> Any:
-            return rays(column - lens.left, row - lens.top)
-
-        size = lens.rows + 1, lens.columns + 1
-        blocks = -(-lens.rows // _BLOCK_PX) + 1, -(-lens.columns // _BLOCK_PX) + 1
-        every = np.arange(blocks[0] * blocks[1], dtype=np.uint32)
-        coarse = self._pieces_at(pinhole_rays, every, blocks[1], _BLOCK_PX).reshape(blocks)
-        piece_at = np.full(size, _UNKNOWN, np.int32)
-        kernels.spread(coarse, mark(coarse, _BLOCK_PX), _BLOCK_PX, piece_at)
-        unknown = np.flatnonzero(piece_at == _UNKNOWN).astype(np.uint32)
-        if len(unknown):
-            piece_at.ravel()[unknown] = self._pieces_at(pinhole_rays, unknown, size[1], 1)
-        marked = mark(piece_at, 1)
-        if len(lens.corners):
-            shown = np.empty(marked.shape, np.int32)
-            kernels.shown_alone(piece_at, marked, shown)
-            piece_at = np.empty((camera.height + 1, camera.width + 1), np.int32)
-            marked = np.zeros((camera.height, camera.width), np.uint8)
-            kernels.through_lens(
-                shown, lens.left, lens.top, lens.corners, lens.margin, piece_at, marked
-            )
-
-        image = np.empty(marked.shape, np.float32)
-        seen = kernels.Seen(piece_at, homographies, state, surfaces.pieces)
-        stretch = camera.fx / camera.fy
-        samples = kernels.Samples(x, y, stretch, camera.cy, lens.corners, lens.margin)
-        textures = kernels.Textures(self._addresses, self._sizes)
-        rows = np.linspace(0, camera.height, threads * _BANDS_A_THREAD + 1).astype(int)
-
-        def look_up(band: int) -> None:
-            kernels.look_up(rows[band], rows[band + 1], seen, textures, samples, marked, image)
-
+        lens = self._through_lens(camera)
+        view = self._view(camera, lens, T_world_cam)
         with ThreadPoolExecutor(threads) as workers:
+            piece_at, marked = self._corners(view, lens, rays, workers, threads)
+            if len(lens.corners):
+                shown = np.empty(marked.shape, np.int32)
+                kernels.shown_alone(piece_at, marked, shown)
+                piece_at = np.empty((camera.height + 1, camera.width + 1), np.int32)
+                marked = np.zeros((camera.height, camera.width), np.uint8)
+                kernels.through_lens(
+                    shown, lens.left, lens.top, lens.corners, lens.margin, piece_at, marked
+                )
+
+            image = np.empty(marked.shape, np.float32)
+            seen = kernels.Seen(piece_at, view.homographies, view.state, self._surfaces.pieces)
+            stretch = camera.fx / camera.fy
+            samples = kernels.Samples(x, y, stretch, camera.cy, lens.corners, lens.margin)
+            textures = kernels.Textures(self._addresses, self._sizes)
+            rows = np.linspace(0, camera.height, threads * _BANDS_A_THREAD + 1).astype(int)
+
+            def look_up(band: int) -> None:
+                kernels.look_up(rows[band], rows[band + 1], seen, textures, samples, marked, image)
+
             list(workers.map(look_up, range(len(rows) - 1)))
-        missing = np.flatnonzero(marked)
+        missing = np.flatnonzero(marked.view(bool))
         self.traced = len(missing)
         if len(missing):
             image.ravel()[missing] = trace(missing)
         return image
+
+    def _view(self, camera: Camera, lens: _ThroughLens, T_world_cam: Float64) -> _View:
+        """Return how the pieces look from a pose."""
+        surfaces = self._surfaces
+        eye = np.ascontiguousarray(T_world_cam[:3, 3])
+        R = T_world_cam[:3, :3]
+        from_image = np.ascontiguousarray(R @ np.linalg.inv(camera.K))
+        homographies = np.zeros((len(surfaces.pieces.normal) + 1, 3, 3))
+        state = np.full(len(homographies), kernels.BLACK, np.int8)
+        kernels.view_pieces(eye, from_image, surfaces.pieces, homographies, state)
+        kernels.view_bent(eye, surfaces.bent, state)
+        # Count the pinhole's pixels from its first one.
+        to_camera = np.array([[1.0, 0.0, -lens.left], [0.0, 1.0, -lens.top], [0.0, 0.0, 1.0]])
+        per_z, to_image = homographies[:, 2] @ to_camera, np.linalg.inv(to_camera) @ camera.K @ R.T
+        return _View(eye, to_image, per_z, homographies, state)
+
+    def _corners(
+        self,
+        view: _View,
+        lens: _ThroughLens,
+        rays: Callable[[Any, Any], Any],
+        workers: Executor,
+        threads: int,
+    ) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+        """Return the pieces under the corners of the pinhole's pixels, and which pixels are marked.
+
+        Something may be in front of the pieces in marked pixels.
+        """
+
+        def mark(piece_at: NDArray[np.int32], block: int, marked: NDArray[np.uint8]) -> None:
+            """Mark blocks of pixels in which something may be in front of their piece."""
+            in_blocks = np.array([block, block, 1.0])
+            to_blocks, per_z = view.to_image / in_blocks[:, None], view.per_z * in_blocks
+            self._mark_boxes(to_blocks, view.eye, marked)
+
+            def mark_edges(edges: Float64) -> None:
+                kernels.mark_edges(edges, view.eye, to_blocks, NEAR_M, piece_at, per_z, marked)
+
+            list(workers.map(mark_edges, np.array_split(self._surfaces.edges, threads)))
+
+        def pinhole_rays(column: Any, row: Any) -> Any:
+            return rays(column - lens.left, row - lens.top)
+
+        block = kernels.CORNER_BLOCK_PX
+        blocks = -(-lens.rows // block), -(-lens.columns // block)
+        every = np.arange((blocks[0] + 1) * (blocks[1] + 1), dtype=np.uint32)
+        coarse = self._pieces_at(pinhole_rays, every, blocks[1] + 1, block)
+        coarse = coarse.reshape(blocks[0] + 1, blocks[1] + 1)
+        marked = np.zeros(blocks, np.uint8)
+        mark(coarse, block, marked)
+
+        piece_at = np.empty((lens.rows + 1, lens.columns + 1), np.int32)
+        settled = np.zeros((lens.rows, lens.columns), np.uint8)
+        unknown = np.empty(piece_at.size, np.uint32)
+        unknown = unknown[: kernels.spread(coarse, marked, piece_at, settled, unknown)]
+        if len(unknown):
+            piece_at.ravel()[unknown] = self._pieces_at(pinhole_rays, unknown, lens.columns + 1, 1)
+        marked = settled.copy()  # nothing is in front of the pixels of these blocks
+        mark(piece_at, 1, marked)
+        return piece_at, marked ^ settled
 
     def _through_lens(self, camera: Camera) -> _ThroughLens:
         """Return `_through_lens(camera)`; that of the last camera is kept."""

@@ -15,11 +15,16 @@ from numpy.typing import NDArray
 
 from eres_render.rendering.flat_surfaces import Pieces
 
+CORNER_BLOCK_PX = 4  # side of blocks of pixels whose corners are tried first
+UNKNOWN = -2  # in place of a piece
 BLACK, LIT, MIXED = 0, 1, -1
 _UNSEEN = 2  # state of a bent piece until one of its triangles is looked at
 
 _MARGIN = 0.01  # px: a ray in single precision is not where an edge in double precision is
-_BLOCK_PX = 16  # pixels of a row that share what is worked out in double precision
+_BLOCK_PX = 64  # most pixels of a row that share what is worked out in double precision
+_LEAST_BLOCK_PX = 16
+_DEPTH_CHANGE = 0.125  # most change of 1 / z along a larger block, as a share of it
+_SAMPLES = 16  # at a time: one vector of LLVM's, or two, and no loop that it would have to finish
 _LEAST_DENOMINATOR = 0.05
 _BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
 
@@ -32,11 +37,11 @@ _jit_sums = numba.njit(**_OPTIONS, fastmath={"contract", "reassoc", "nsz"})
 def _load(bits):
     def codegen(context, builder, signature, args):
         address = builder.inttoptr(args[0], ir.IntType(16).as_pointer())
-        address = builder.gep(address, [builder.zext(args[1], ir.IntType(64))])
+        address = builder.gep(address, [builder.sext(args[1], ir.IntType(64))])
         address = builder.bitcast(address, ir.IntType(bits).as_pointer())
         return builder.zext(builder.load(address, align=2), ir.IntType(32))
 
-    return types.uint32(types.uint64, types.uint32), codegen
+    return types.uint32(types.uint64, types.int32), codegen
 
 
 @intrinsic
@@ -171,7 +176,7 @@ def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
     per_z
         (G, 3), times (column, row, 1) it is 1 / z on each piece.
     marked
-        (H, W) uint8, set to 1 at these pixels.
+        (H, W) uint8, set to 1 at these pixels; pixels that are already marked cost little.
     """
     height, width = marked.shape
     end = np.empty((2, 3))
@@ -193,6 +198,8 @@ def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
         dq = 1.0 / end[1, 2] - q0
         low, high = min(y0, y0 + dy) - _MARGIN, max(y0, y0 + dy) + _MARGIN
         if not (high >= 0.0 and low <= height):
+            continue
+        if not (max(x0, x0 + dx) >= -_MARGIN and min(x0, x0 + dx) <= width + _MARGIN):
             continue
         first, last = max(int(np.floor(max(low, 0.0))), 0), min(int(min(high, height)), height - 1)
         for row in range(first, last + 1):
@@ -246,27 +253,66 @@ def _shows(piece, row, column, piece_at, marked):
 
 
 @_jit
-def spread(coarse, marked, block, piece_at):
+def spread(coarse, marked, piece_at, settled, unknown):
     """Copy the pieces under the corners of blocks of pixels to the corners of their pixels.
 
     Parameters
     ----------
     coarse
-        (h + 1, w + 1) piece at the corners of the blocks.
+        (h + 1, w + 1) piece at the corners of the blocks, which are squares of `CORNER_BLOCK_PX`.
     marked
         (h, w) uint8, whether an edge may cross a block in front of its piece.
-    block
-        Side of a block, px.
     piece_at
         (H + 1, W + 1) piece at the corners of the pixels, filled in where a block shows one piece
         and nothing else.
+    settled
+        (H, W) uint8, whether a pixel is in such a block.
+    unknown
+        ((H + 1) * (W + 1),), filled in with the other corners, `row * (W + 1) + column`, block by
+        block: rays through neighbors cost less in turn.
+
+    Returns
+    -------
+    int
+        Number of other corners.
     """
-    for i in range(marked.shape[0]):
-        for j in range(marked.shape[1]):
-            g = coarse[i, j]
-            if _shows(g, i, j, coarse, marked):
-                rows, columns = block * i, block * j
-                piece_at[rows : rows + block + 1, columns : columns + block + 1] = g
+    height, width = piece_at.shape
+    blocks = marked.shape[1]
+    # Of the row of blocks above, and of this one: the piece, and whether the block is settled.
+    room = blocks * CORNER_BLOCK_PX + 1
+    above, here = np.full(room, UNKNOWN, np.int32), np.empty(room, np.int32)
+    is_settled = np.empty(room, np.uint8)
+    n = 0
+    for top in range(0, height, CORNER_BLOCK_PX):
+        here[:] = UNKNOWN
+        is_settled[:] = 0
+        i = top // CORNER_BLOCK_PX
+        if i < marked.shape[0]:
+            for j in range(blocks):
+                g = coarse[i, j]
+                if _shows(g, i, j, coarse, marked):
+                    left = j * CORNER_BLOCK_PX
+                    for column in range(CORNER_BLOCK_PX):
+                        here[left + column] = g
+                        is_settled[left + column] = 1
+                    here[left + CORNER_BLOCK_PX] = g
+        for column in range(width):
+            g = here[column]
+            piece_at[top, column] = g if g != UNKNOWN else above[column]
+        for row in range(top + 1, min(top + CORNER_BLOCK_PX, height)):
+            piece_at[row] = here[:width]
+        for row in range(top, min(top + CORNER_BLOCK_PX, height - 1)):
+            settled[row] = is_settled[: width - 1]
+        for left in range(0, width, CORNER_BLOCK_PX):
+            if is_settled[left]:
+                continue
+            for row in range(top, min(top + CORNER_BLOCK_PX, height)):
+                for column in range(left, min(left + CORNER_BLOCK_PX, width)):
+                    if piece_at[row, column] == UNKNOWN:
+                        unknown[n] = row * width + column
+                        n += 1
+        above, here = here, above
+    return n
 
 
 @_jit
@@ -394,8 +440,9 @@ def look_up(first, last, seen, textures, samples, marked, image):
                 image[row, column:end] = pieces.radiance[g]
             else:
                 t = pieces.texture[g]
-                for begin in range(column, end, _BLOCK_PX):
-                    stop = min(begin + _BLOCK_PX, end)
+                step = _block_px(seen.homographies[g, 2], row, column, end)
+                for begin in range(column, end, step):
+                    stop = min(begin + step, end)
                     # The middle of the block, and its half width and height.
                     block = (0.5 * (begin + stop), row + 0.5, 0.5 * (stop - begin), 0.5)
                     if len(samples.corners):
@@ -407,6 +454,17 @@ def look_up(first, last, seen, textures, samples, marked, image):
                     _fill(row, begin, stop, block, seen.homographies[g], textures.address[t],
                           textures.size[t], samples, marked, image)  # fmt: skip
             column = end
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _block_px(per_z, row, first, last):
+    """Return how many of the pixels [first, last) may share a block."""
+    at = per_z[1] * row + per_z[2]
+    nearly = _DEPTH_CHANGE * min(at + per_z[0] * first, at + per_z[0] * last)
+    size = _BLOCK_PX
+    while size > _LEAST_BLOCK_PX and abs(per_z[0]) * size > nearly:
+        size //= 2
+    return size
 
 
 @_jit_sums
@@ -458,16 +516,17 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
         for column in range(first, last):
             start = np.uint64(row * width + column) * spp
             total = np.float32(0.0)
-            for k in range(spp):
+            done = np.uint64(0)
+            while done + np.uint64(_SAMPLES) <= spp:
+                for k in range(_SAMPLES):
+                    s = start + done + np.uint64(k)
+                    dx, dy = x[s] * to_columns - fcx, y[s] * to_rows - fcy
+                    total += _inside(dx, dy, steps, corner, n_columns)
+                done += np.uint64(_SAMPLES)
+            for k in range(done, spp):
                 s = start + np.uint64(k)
-                tu, tv = _texel(x[s] * to_columns - fcx, y[s] * to_rows - fcy, steps)
-                iu, iv = np.uint32(tu), np.uint32(tv)
-                fu, fv = tu - np.float32(iu), tv - np.float32(iv)
-                at = iv * np.uint32(n_columns) + iu
-                top, bottom = _pair_at(corner, at), _pair_at(corner, at + np.uint32(n_columns))
-                t0, t1 = _left(top), _right(top)
-                b0, b1 = _left(bottom), _right(bottom)
-                total += _between(t0, t1, b0, b1, fu, fv)
+                dx, dy = x[s] * to_columns - fcx, y[s] * to_rows - fcy
+                total += _inside(dx, dy, steps, corner, n_columns)
             image[row, column] = total * scale
         return
     iu_base, iv_base = np.int32(u_base), np.int32(v_base)
@@ -487,6 +546,21 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
             b0, b1 = _left(_half_at(address, r1 + c0)), _left(_half_at(address, r1 + c1))
             total += _between(t0, t1, b0, b1, fu, fv)
         image[row, column] = total * scale
+
+
+@numba.njit(**_OPTIONS, inline="always")
+def _inside(dx, dy, steps, corner, n_columns):
+    """Return the light (dx, dy) px from the center of a block whose texels all exist, times 2^-112.
+
+    The address of the base's texel is `corner`.
+    """
+    tu, tv = _texel(dx, dy, steps)
+    iu, iv = np.int32(tu), np.int32(tv)
+    at = np.int32(iv * n_columns + iu)
+    top, bottom = _pair_at(corner, at), _pair_at(corner, np.int32(at + n_columns))
+    t0, t1 = _left(top), _right(top)
+    b0, b1 = _left(bottom), _right(bottom)
+    return _between(t0, t1, b0, b1, tu - np.float32(iu), tv - np.float32(iv))
 
 
 _HALF_TO_FLOAT = 2.0**112  # the difference between the exponents' biases
