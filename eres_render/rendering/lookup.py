@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.camera import Camera
-from eres_render.rendering import lookup_kernels as kernels
+from eres_render.rendering import visibility_kernels as visible
 from eres_render.rendering.flat_surfaces import TRACED, flat_surfaces
+from eres_render.rendering.lookup_kernels import Samples, Seen, Textures, look_up
 
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -169,24 +170,24 @@ class LookUp:
             piece_at, marked = self._corners(view, lens, rays, workers, threads)
             if len(lens.corners):
                 shown = np.empty(marked.shape, np.int32)
-                kernels.shown_alone(piece_at, marked, shown)
+                visible.shown_alone(piece_at, marked, shown)
                 piece_at = np.empty((camera.height + 1, camera.width + 1), np.int32)
                 marked = np.zeros((camera.height, camera.width), np.uint8)
-                kernels.through_lens(
+                visible.through_lens(
                     shown, lens.left, lens.top, lens.corners, lens.margin, piece_at, marked
                 )
 
             image = np.empty(marked.shape, np.float32)
-            seen = kernels.Seen(piece_at, view.homographies, view.state, self._surfaces.pieces)
+            seen = Seen(piece_at, view.homographies, view.state, self._surfaces.pieces)
             stretch = camera.fx / camera.fy
-            samples = kernels.Samples(x, y, stretch, camera.cy, lens.corners, lens.margin)
-            textures = kernels.Textures(self._addresses, self._sizes)
+            samples = Samples(x, y, stretch, camera.cy, lens.corners, lens.margin)
+            textures = Textures(self._addresses, self._sizes)
             rows = np.linspace(0, camera.height, threads * _BANDS_A_THREAD + 1).astype(int)
 
-            def look_up(band: int) -> None:
-                kernels.look_up(rows[band], rows[band + 1], seen, textures, samples, marked, image)
+            def look_up_band(band: int) -> None:
+                look_up(rows[band], rows[band + 1], seen, textures, samples, marked, image)
 
-            list(workers.map(look_up, range(len(rows) - 1)))
+            list(workers.map(look_up_band, range(len(rows) - 1)))
         missing = np.flatnonzero(marked.view(bool))
         self.traced = len(missing)
         if len(missing):
@@ -200,9 +201,9 @@ class LookUp:
         R = T_world_cam[:3, :3]
         from_image = np.ascontiguousarray(R @ np.linalg.inv(camera.K))
         homographies = np.zeros((len(surfaces.pieces.normal) + 1, 3, 3))
-        state = np.full(len(homographies), kernels.BLACK, np.int8)
-        kernels.view_pieces(eye, from_image, surfaces.pieces, homographies, state)
-        kernels.view_bent(eye, surfaces.bent, state)
+        state = np.full(len(homographies), visible.BLACK, np.int8)
+        visible.view_pieces(eye, from_image, surfaces.pieces, homographies, state)
+        visible.view_bent(eye, surfaces.bent, state)
         # Count the pinhole's pixels from its first one.
         to_camera = np.array([[1.0, 0.0, -lens.left], [0.0, 1.0, -lens.top], [0.0, 0.0, 1.0]])
         per_z, to_image = homographies[:, 2] @ to_camera, np.linalg.inv(to_camera) @ camera.K @ R.T
@@ -228,14 +229,14 @@ class LookUp:
             self._mark_boxes(to_blocks, view.eye, marked)
 
             def mark_edges(edges: Float64) -> None:
-                kernels.mark_edges(edges, view.eye, to_blocks, NEAR_M, piece_at, per_z, marked)
+                visible.mark_edges(edges, view.eye, to_blocks, NEAR_M, piece_at, per_z, marked)
 
             list(workers.map(mark_edges, np.array_split(self._surfaces.edges, threads)))
 
         def pinhole_rays(column: Any, row: Any) -> Any:
             return rays(column - lens.left, row - lens.top)
 
-        block = kernels.CORNER_BLOCK_PX
+        block = visible.CORNER_BLOCK_PX
         blocks = -(-lens.rows // block), -(-lens.columns // block)
         every = np.arange((blocks[0] + 1) * (blocks[1] + 1), dtype=np.uint32)
         coarse = self._pieces_at(pinhole_rays, every, blocks[1] + 1, block)
@@ -246,7 +247,7 @@ class LookUp:
         piece_at = np.empty((lens.rows + 1, lens.columns + 1), np.int32)
         settled = np.zeros((lens.rows, lens.columns), np.uint8)
         unknown = np.empty(piece_at.size, np.uint32)
-        unknown = unknown[: kernels.spread(coarse, marked, piece_at, settled, unknown)]
+        unknown = unknown[: visible.spread(coarse, marked, piece_at, settled, unknown)]
         if len(unknown):
             piece_at.ravel()[unknown] = self._pieces_at(pinhole_rays, unknown, lens.columns + 1, 1)
         marked = settled.copy()  # nothing is in front of the pixels of these blocks
@@ -279,7 +280,7 @@ class LookUp:
         triangle = np.asarray(found.prim_index)
         piece_at = np.empty(len(corners), np.int32)
         first, piece_of = self._surfaces.first_triangle, self._surfaces.piece_of_triangle
-        kernels.pieces_at(shape, triangle, first, piece_of, self._nothing, piece_at)
+        visible.pieces_at(shape, triangle, first, piece_of, self._nothing, piece_at)
         return piece_at
 
     def _mark_boxes(self, to_image: Float64, eye: Float64, marked: NDArray[np.uint8]) -> None:

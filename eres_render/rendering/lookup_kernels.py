@@ -1,8 +1,4 @@
-"""Kernels of `eres_render.rendering.lookup`: which pixels can be looked up, and their radiance.
-
-Pixels (column, row) cover [column, column + 1) x [row, row + 1). x = (column, row, 1) in the image
-is the direction `M x` in the world, with z = 1 along the camera's axis.
-"""
+"""Kernels of `eres_render.rendering.lookup`: the radiance of pixels that can be looked up."""
 
 from typing import Any, NamedTuple
 
@@ -14,19 +10,13 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from eres_render.rendering.flat_surfaces import Pieces
+from eres_render.rendering.visibility_kernels import BLACK, MIXED, box_of, shows
 
-CORNER_BLOCK_PX = 4  # side of blocks of pixels whose corners are tried first
-UNKNOWN = -2  # in place of a piece
-BLACK, LIT, MIXED = 0, 1, -1
-_UNSEEN = 2  # state of a bent piece until one of its triangles is looked at
-
-_MARGIN = 0.01  # px: a ray in single precision is not where an edge in double precision is
 _BLOCK_PX = 64  # most pixels of a row that share what is worked out in double precision
 _LEAST_BLOCK_PX = 16
 _DEPTH_CHANGE = 0.125  # most change of 1 / z along a larger block, as a share of it
-_SAMPLES = 16  # at a time: one vector of LLVM's, or two, and no loop that it would have to finish
 _LEAST_DENOMINATOR = 0.05
-_BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
+_SAMPLES = 16  # at a time: one vector of LLVM's, or two, and no loop that it would have to finish
 
 # LLVM vectorizes the sum over a pixel's samples only if it may reorder the additions.
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
@@ -62,321 +52,6 @@ def _float_of(typingctx, bits):
         return builder.bitcast(args[0], ir.FloatType())
 
     return types.float32(types.uint32), codegen
-
-
-@_jit
-def view_pieces(eye, M, pieces, homographies, state):
-    """Find the homography of each piece from the image to (texel, texel, 1), and whether it is lit.
-
-    Its third row times (column, row, 1) is 1 / z, negative where the plane lies behind the eye.
-
-    Parameters
-    ----------
-    eye
-        (3,) position of the camera, m.
-    M
-        (3, 3) from (column, row, 1) to directions in the world.
-    pieces
-        G pieces.
-    homographies, state
-        (G, 3, 3) and (G,), filled in.
-    """
-    for g in range(len(pieces.normal)):
-        n, p = pieces.normal[g], pieces.point[g]
-        height = 0.0
-        for i in range(3):
-            height += n[i] * (p[i] - eye[i])
-        for j in range(3):
-            w = 0.0
-            for i in range(3):
-                w += n[i] * M[i, j]
-            homographies[g, 2, j] = w / height
-        for k in range(2):
-            at_eye = pieces.texel[g, k]
-            for i in range(3):
-                at_eye += pieces.texel_of[g, k, i] * (eye[i] - p[i])
-            for j in range(3):
-                along = 0.0
-                for i in range(3):
-                    along += pieces.texel_of[g, k, i] * M[i, j]
-                homographies[g, k, j] = at_eye * homographies[g, 2, j] + along
-        state[g] = LIT if height < 0.0 else BLACK
-
-
-@_jit
-def view_bent(eye, bent, state):
-    """Find whether each piece with shading normals that differ from its own is lit.
-
-    Normal and direction to the eye are both weighted means over the vertices, so the sign of their
-    product is certain if it is the same for all nine pairs.
-
-    Parameters
-    ----------
-    eye
-        (3,) position of the camera, m.
-    bent
-        The triangles of such pieces.
-    state
-        (G,), filled in for their pieces.
-    """
-    for t in range(len(bent.piece)):
-        state[bent.piece[t]] = _UNSEEN
-    for t in range(len(bent.piece)):
-        towards = away = 0
-        for v in range(3):
-            for k in range(3):
-                product = 0.0
-                for i in range(3):
-                    product += bent.normals[t, k, i] * (eye[i] - bent.vertices[t, v, i])
-                towards += product > 0.0
-                away += product < 0.0
-        one = LIT if towards == 9 else (BLACK if away == 9 else MIXED)
-        g = bent.piece[t]
-        state[g] = one if state[g] == _UNSEEN or state[g] == one else MIXED
-
-
-@_jit
-def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece_at):
-    """Find the piece that each of N rays meets.
-
-    Parameters
-    ----------
-    shape, triangle
-        (N,) number of the shape in Mitsuba's registry, 0 for none, and of its triangle.
-    first_triangle, piece_of_triangle
-        As in `FlatSurfaces`.
-    nothing
-        The piece of rays that meet nothing.
-    piece_at
-        (N,), filled in; -1 for what cannot be looked up.
-    """
-    for i in range(len(shape)):
-        if shape[i] == 0:
-            piece_at[i] = nothing
-        elif shape[i] < len(first_triangle) and first_triangle[shape[i]] >= 0:
-            piece_at[i] = piece_of_triangle[first_triangle[shape[i]] + triangle[i]]
-        else:
-            piece_at[i] = -1
-
-
-@_jit
-def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
-    """Mark every pixel that an edge may cross in front of the piece under the pixel's corners.
-
-    Parameters
-    ----------
-    edges
-        (E, 2, 3) ends, m.
-    eye, P
-        (3,) position of the camera, m, and (3, 3) from directions to (column z, row z, z).
-    near
-        Least z that is seen, m.
-    piece_at
-        (H + 1, W + 1) piece at the corners of the pixels.
-    per_z
-        (G, 3), times (column, row, 1) it is 1 / z on each piece.
-    marked
-        (H, W) uint8, set to 1 at these pixels; pixels that are already marked cost little.
-    """
-    height, width = marked.shape
-    end = np.empty((2, 3))
-    for e in range(len(edges)):
-        for k in range(2):
-            for i in range(3):
-                end[k, i] = 0.0
-                for j in range(3):
-                    end[k, i] += P[i, j] * (edges[e, k, j] - eye[j])
-        if max(end[0, 2], end[1, 2]) <= near:
-            continue
-        for k in range(2):
-            if end[k, 2] < near:  # cut where the camera's view begins
-                s = (near - end[k, 2]) / (end[1 - k, 2] - end[k, 2])
-                for i in range(3):
-                    end[k, i] += s * (end[1 - k, i] - end[k, i])
-        x0, y0, q0 = end[0, 0] / end[0, 2], end[0, 1] / end[0, 2], 1.0 / end[0, 2]
-        dx, dy = end[1, 0] / end[1, 2] - x0, end[1, 1] / end[1, 2] - y0
-        dq = 1.0 / end[1, 2] - q0
-        low, high = min(y0, y0 + dy) - _MARGIN, max(y0, y0 + dy) + _MARGIN
-        if not (high >= 0.0 and low <= height):
-            continue
-        if not (max(x0, x0 + dx) >= -_MARGIN and min(x0, x0 + dx) <= width + _MARGIN):
-            continue
-        first, last = max(int(np.floor(max(low, 0.0))), 0), min(int(min(high, height)), height - 1)
-        for row in range(first, last + 1):
-            # The share of the edge in this row, then in each of its pixels.
-            a, b = _within(y0, dy, row - _MARGIN, row + 1.0 + _MARGIN, 0.0, 1.0)
-            if a > b:
-                continue
-            left, right = min(x0 + a * dx, x0 + b * dx), max(x0 + a * dx, x0 + b * dx)
-            if not (right >= -_MARGIN and left <= width + _MARGIN):
-                continue
-            c0 = max(int(np.floor(max(left - _MARGIN, 0.0))), 0)
-            c1 = min(int(min(right + _MARGIN, width)), width - 1)
-            for column in range(c0, c1 + 1):
-                if marked[row, column]:
-                    continue
-                g = piece_at[row, column]
-                if g < 0:
-                    continue
-                s, t = _within(x0, dx, column - _MARGIN, column + 1.0 + _MARGIN, a, b)
-                if s > t:
-                    continue
-                w = per_z[g]
-                x, y = x0 + s * dx, y0 + s * dy
-                in_front = q0 + s * dq >= (1.0 - _BEHIND) * (w[0] * x + w[1] * y + w[2])
-                x, y = x0 + t * dx, y0 + t * dy
-                in_front |= q0 + t * dq >= (1.0 - _BEHIND) * (w[0] * x + w[1] * y + w[2])
-                if in_front:
-                    marked[row, column] = 1
-
-
-@numba.njit(**_OPTIONS, inline="always")
-def _within(start, step, low, high, a, b):
-    """Narrow [a, b] to the s for which start + s * step is in [low, high]."""
-    if step == 0.0:
-        return (a, b) if low <= start <= high else (1.0, 0.0)
-    p, q = (low - start) / step, (high - start) / step
-    return max(a, min(p, q)), min(b, max(p, q))
-
-
-@numba.njit(**_OPTIONS, inline="always")
-def _shows(piece, row, column, piece_at, marked):
-    """Return whether a pixel shows one piece and nothing else."""
-    return (
-        piece >= 0
-        and not marked[row, column]
-        and piece_at[row, column] == piece
-        and piece_at[row, column + 1] == piece
-        and piece_at[row + 1, column] == piece
-        and piece_at[row + 1, column + 1] == piece
-    )
-
-
-@_jit
-def spread(coarse, marked, piece_at, settled, unknown):
-    """Copy the pieces under the corners of blocks of pixels to the corners of their pixels.
-
-    Parameters
-    ----------
-    coarse
-        (h + 1, w + 1) piece at the corners of the blocks, which are squares of `CORNER_BLOCK_PX`.
-    marked
-        (h, w) uint8, whether an edge may cross a block in front of its piece.
-    piece_at
-        (H + 1, W + 1) piece at the corners of the pixels, filled in where a block shows one piece
-        and nothing else.
-    settled
-        (H, W) uint8, whether a pixel is in such a block.
-    unknown
-        ((H + 1) * (W + 1),), filled in with the other corners, `row * (W + 1) + column`, block by
-        block: rays through neighbors cost less in turn.
-
-    Returns
-    -------
-    int
-        Number of other corners.
-    """
-    height, width = piece_at.shape
-    blocks = marked.shape[1]
-    # Of the row of blocks above, and of this one: the piece, and whether the block is settled.
-    room = blocks * CORNER_BLOCK_PX + 1
-    above, here = np.full(room, UNKNOWN, np.int32), np.empty(room, np.int32)
-    is_settled = np.empty(room, np.uint8)
-    n = 0
-    for top in range(0, height, CORNER_BLOCK_PX):
-        here[:] = UNKNOWN
-        is_settled[:] = 0
-        i = top // CORNER_BLOCK_PX
-        if i < marked.shape[0]:
-            for j in range(blocks):
-                g = coarse[i, j]
-                if _shows(g, i, j, coarse, marked):
-                    left = j * CORNER_BLOCK_PX
-                    for column in range(CORNER_BLOCK_PX):
-                        here[left + column] = g
-                        is_settled[left + column] = 1
-                    here[left + CORNER_BLOCK_PX] = g
-        for column in range(width):
-            g = here[column]
-            piece_at[top, column] = g if g != UNKNOWN else above[column]
-        for row in range(top + 1, min(top + CORNER_BLOCK_PX, height)):
-            piece_at[row] = here[:width]
-        for row in range(top, min(top + CORNER_BLOCK_PX, height - 1)):
-            settled[row] = is_settled[: width - 1]
-        for left in range(0, width, CORNER_BLOCK_PX):
-            if is_settled[left]:
-                continue
-            for row in range(top, min(top + CORNER_BLOCK_PX, height)):
-                for column in range(left, min(left + CORNER_BLOCK_PX, width)):
-                    if piece_at[row, column] == UNKNOWN:
-                        unknown[n] = row * width + column
-                        n += 1
-        above, here = here, above
-    return n
-
-
-@_jit
-def through_lens(shown, left, top, corners, margin, piece_at, marked):
-    """Find what pixels show through a lens from what a pinhole shows.
-
-    Parameters
-    ----------
-    shown
-        (h, w) piece that a pixel of the pinhole shows and nothing else, -1: none.
-    left, top
-        Pixels of the pinhole left of and above the origin of the corners.
-    corners
-        (H + 1, W + 1, 2) where the pinhole shows the corners of the lens's pixels, px.
-    margin
-        How far the bent sides of pixels reach beyond their corners, px.
-    piece_at
-        (H + 1, W + 1), filled in at the corners of the lens's pixels.
-    marked
-        (H, W) uint8, set to 1 at pixels that may show more than the piece at their corners.
-    """
-    for row in range(piece_at.shape[0]):
-        for column in range(piece_at.shape[1]):
-            x, y = corners[row, column]
-            piece_at[row, column] = shown[int(y + top), int(x + left)]
-    for row in range(marked.shape[0]):
-        for column in range(marked.shape[1]):
-            g = piece_at[row, column]
-            x_0, x_1, y_0, y_1 = _box(corners, row, column, column + 1, margin)
-            for i in range(int(y_0 + top), int(y_1 + top) + 1):
-                for j in range(int(x_0 + left), int(x_1 + left) + 1):
-                    if g < 0 or shown[i, j] != g:
-                        marked[row, column] = 1
-
-
-@numba.njit(**_OPTIONS, inline="always")
-def _box(corners, row, first, last, margin):
-    """Return left, right, top and bottom of pixels [first, last) of a row, bent by a lens."""
-    left = right = corners[row, first, 0]
-    top = bottom = corners[row, first, 1]
-    for i in range(row, row + 2):
-        for j in range(first, last + 1):
-            left, right = min(left, corners[i, j, 0]), max(right, corners[i, j, 0])
-            top, bottom = min(top, corners[i, j, 1]), max(bottom, corners[i, j, 1])
-    return left - margin, right + margin, top - margin, bottom + margin
-
-
-@_jit
-def shown_alone(piece_at, marked, shown):
-    """Find the piece that each of (H, W) pixels shows and nothing else; -1: none.
-
-    Parameters
-    ----------
-    piece_at
-        (H + 1, W + 1) piece at the corners of the pixels.
-    marked
-        (H, W) uint8, whether something may be in front of it.
-    shown
-        (H, W), filled in.
-    """
-    for row in range(marked.shape[0]):
-        for column in range(marked.shape[1]):
-            g = piece_at[row, column]
-            shown[row, column] = g if _shows(g, row, column, piece_at, marked) else -1
 
 
 class Seen(NamedTuple):
@@ -427,12 +102,12 @@ def look_up(first, last, seen, textures, samples, marked, image):
         column = 0
         while column < width:
             g = seen.piece_at[row, column]
-            if not _shows(g, row, column, seen.piece_at, marked) or seen.state[g] == MIXED:
+            if not shows(g, row, column, seen.piece_at, marked) or seen.state[g] == MIXED:
                 marked[row, column] = 1
                 column += 1
                 continue
             end = column + 1
-            while end < width and _shows(g, row, end, seen.piece_at, marked):
+            while end < width and shows(g, row, end, seen.piece_at, marked):
                 end += 1
             if seen.state[g] == BLACK:
                 image[row, column:end] = 0.0
@@ -446,7 +121,7 @@ def look_up(first, last, seen, textures, samples, marked, image):
                     # The middle of the block, and its half width and height.
                     block = (0.5 * (begin + stop), row + 0.5, 0.5 * (stop - begin), 0.5)
                     if len(samples.corners):
-                        left, right, top, bottom = _box(
+                        left, right, top, bottom = box_of(
                             samples.corners, row, begin, stop, samples.margin
                         )
                         block = (0.5 * (left + right), 0.5 * (top + bottom),
