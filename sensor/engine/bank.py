@@ -37,13 +37,15 @@ from sensor.model import SensorModel
 DARK_FRACTION = 1e-3  # default dark level, share of the white level
 _SAMPLE_PX = 1 << 14  # of a frame, for a first estimate of the white level
 _SAMPLE_SHARE = 0.995
-_CHUNK_FRAMES = 12
+_CHUNK_FRAMES = 24  # at most: the state of all pixels is read and written once a chunk
+_FIRST_FRAMES = 4  # at most, of the first chunk, which shows how many events there are
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
 # _MOST_GROWTH times the number so far and _FEW_EVENTS.
-_RESERVE = 1.1
+_RESERVE = 1.3
 _MOST_GROWTH = 4
 _FEW_EVENTS = 1 << 25
-_CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk; limits memory for events
+_CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk
+_CHUNK_EVENTS = 1 << 24  # about as many: memory that the next chunks use again
 
 
 class Bank:
@@ -101,14 +103,20 @@ class Bank:
         rooms = rooms or [lambda size, _: room_for_events(size)] * len(self.models)
         groups = self._groups()
         work = max(group.state.memory.size for group in groups)
-        chunk_frames = max(1, min(_CHUNK_FRAMES, _CHUNK_WORK // work))
-        done = 1
+        most = max(1, min(_CHUNK_FRAMES, _CHUNK_WORK // work))
+        frames, done = min(most, _FIRST_FRAMES), 1
         with Workers(self.threads) as workers:
-            for chunk in self.reader.chunks(chunk_frames):
+            while done < len(self.t_s):
+                chunk = self.reader.chunk(done, frames)
                 t_s = self.t_s[done - 1 : done + len(chunk)]
+                fired = 1
                 for group in groups:
-                    yield from group.advance(chunk, done, t_s, rooms, workers)
+                    for i, events in group.advance(chunk, done, t_s, rooms, workers):
+                        fired += len(events)
+                        yield i, events
                 done += len(chunk)
+                frames = max(1, min(most, _CHUNK_EVENTS * len(chunk) // fired))
+            self.reader.check_end()
         for group in groups:
             yield from group.finish()
 

@@ -95,7 +95,7 @@ def whole_microseconds(
 
 
 class FrameReader:
-    """Reads frames in order: `first`, then `chunks`, of one size and a float type.
+    """Reads frames in order: `first`, then `chunk` by chunk, of one size and a float type.
 
     Parameters
     ----------
@@ -133,25 +133,25 @@ class FrameReader:
         self._room: NDArray[np.floating] = np.empty((0, *self.shape), self.first.dtype)
         refuse_bad_radiance(self.first[None], 0)
 
-    def chunks(self, size: int) -> Iterator[NDArray[np.floating]]:
-        """Yield the frames after the first as arrays (F, H, W), F at most `size`.
+    def chunk(self, done: int, most: int) -> NDArray[np.floating]:
+        """Return the frames after the first `done` as an array (F, H, W), F at most `most`.
 
         The kernels check that radiance is finite and not negative.
 
         Raises
         ------
         SensorError
-            A frame has a wrong size or dtype, or there are fewer or more frames than times.
+            A frame has a wrong size or dtype, or there are fewer frames than times.
         """
-        done = 1
-        while done < self._count:
-            wanted = min(size, self._count - done)
-            if self._array is not None:
-                chunk = self._array[done : done + wanted]
-            else:
-                chunk = self._read(done, wanted)
-            yield self._checked(chunk, done)
-            done += wanted
+        wanted = min(most, self._count - done)
+        if self._array is not None:
+            chunk = self._array[done : done + wanted]
+        else:
+            chunk = self._read(done, wanted)
+        return self._checked(chunk, done)
+
+    def check_end(self) -> None:
+        """Raise `SensorError` if there are more frames than times."""
         if next(self._rest, None) is not None:
             raise SensorError(f"frames: found more than {self._count}, the length of t_s")
 

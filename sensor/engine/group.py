@@ -33,9 +33,9 @@ from sensor.memory import MEMORY
 from sensor.model import SensorModel
 from sensor.optics import pixel_overlaps
 
-# Pixels of a block. Their state fits the L2 cache, and the distance between its rows is not a power
-# of two, so that they do not share lines of the L1 cache.
-_BLOCK_PX = 4040
+# Pixels of a block: smaller ones cost more calls, larger ones leave the caches. The distance
+# between rows of its state is not a power of two, so that they do not share lines of the L1 cache.
+_BLOCK_PX = 8136
 _LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
 
 
