@@ -8,7 +8,10 @@ from typing import Literal, NamedTuple, Self
 
 from eres_render.storage.settings_reader import formerly
 from tasks.errors import TaskError
+from tasks.learned.size import check_kept
 from tasks.methods import check_method
+from tasks.methods.e2vid import WINDOW_US
+from tasks.methods.networks import network
 from tasks.registry import TASKS, load
 
 MAY_BE_ZERO = {"may be zero": True}
@@ -16,7 +19,7 @@ MAY_BE_ZERO = {"may be zero": True}
 
 Equalization = Literal["none", "global", "local", "clahe"]
 
-E2VID_WINDOW_S = 0.025
+_WINDOW_S = 1e-6 * WINDOW_US
 """Default length of the windows of E2VID, seconds of the path."""
 
 
@@ -317,10 +320,10 @@ class Video(NetworkSettings):
         seconds = 0.3 * _share(width) * len(self.methods) * scored
         if "e2vid" in self.methods:
             seconds += (
-                _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or E2VID_WINDOW_S)
+                _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or _WINDOW_S)
             )
         ours = sum(name.startswith("our_") for name in self.methods)
-        return seconds + ours * _OURS_S * _share(width) * self.duration_s / E2VID_WINDOW_S
+        return seconds + ours * _OURS_S * _share(width) * self.duration_s / _WINDOW_S
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -367,15 +370,22 @@ def check_methods(
     evaluate
         Settings of each task.
     sizes
-        Widths and heights of the sensors, px.
+        Width and height of every sensor, px, once for each light and speed.
 
     Raises
     ------
     TaskError
         A method does not exist, is for another task, or its network cannot run.
+    WeightsError
+        What networks keep for all sensors does not fit into memory.
     """
     sizes = list(sizes)
+    kept: dict[str, int] = {}
     for task, settings in evaluate.items():
         for planned in settings.plan().values():
             for name in planned.methods:
                 check_method(task, name, planned.weights, sizes)
+                if name in TASKS[task].networks:
+                    one = network(task, name, planned.weights)
+                    kept[name] = sum(one.kept_bytes(*size) for size in sizes)
+    check_kept(kept, len(sizes))

@@ -23,6 +23,7 @@ ARCHITECTURE = "E2VIDRecurrent"
 _ROOT = "unetrecurrent."
 # Peak memory per pixel and per channel at full resolution, measured at 640 and 1280 px.
 _BYTES_PER_PX_AND_CHANNEL = 80
+_KEPT_BYTES_PER_PX = 40  # the last image, and four sums of events of our network
 
 
 class E2vid:
@@ -67,6 +68,17 @@ class E2vid:
         channels = self._network.options.base_num_channels
         needed = _BYTES_PER_PX_AND_CHANNEL * channels * width * height
         check_memory(self._name, width, height, needed)
+
+    def kept_bytes(self, width: int, height: int) -> int:
+        """Return what a sensor keeps from one window to the next, bytes: its states and images.
+
+        The events of a window come on top.
+        """
+        options = self._network.options
+        parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell
+        coarser = sum(2.0**-i for i in range(1, options.num_encoders + 1))  # 2^i channels, 4^-i px
+        per_px = 4 * parts * options.base_num_channels * coarser + _KEPT_BYTES_PER_PX
+        return round(per_px * width * height)
 
     def image(
         self, grid: NDArray[np.float32], states: Sequence[State] | None = None

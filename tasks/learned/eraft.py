@@ -59,6 +59,10 @@ class ERaft:
             )
         check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
 
+    def kept_bytes(self, width: int, height: int) -> int:
+        """Return what a sensor keeps from one window to the next, bytes: nothing but events."""
+        return 0
+
     def flow(
         self,
         old: NDArray[np.float32],

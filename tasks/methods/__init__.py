@@ -144,7 +144,7 @@ def check_method(
     """
     function = load_method(task, name, weights)
     if name in TASKS[task].networks:
-        for size in sizes:
+        for size in {*sizes}:
             network(task, name, weights).check_size(*size)
     told = _told_tasks(function) if ":" in name else []
     if told and task not in told:

@@ -21,6 +21,7 @@ from sensor import Events
 from sensor.representations import voxel_grid
 from small_study import only, tiny_study
 from tasks.errors import WeightsError
+from tasks.evaluation.settings import check_methods
 from tasks.methods.e2vid import DARKEST
 from tasks.methods.e2vid import E2vid as E2vidImages
 from tasks.recording.evaluate import evaluate_recording
@@ -473,6 +474,29 @@ def test_sizes_are_checked_before_anything_runs(saved, random_eraft, monkeypatch
     for network, name in ((flow, "eraft"), (small, "e2vid")):
         with pytest.raises(WeightsError, match=f"{name}: at .* needs .* GB .* machine has 4.0 GB"):
             network.check_size(12_800, 12_800)
+
+
+@pytest.mark.parametrize("config", sorted(E2VID["configs"]))
+def test_what_a_sensor_keeps_is_known_before(saved, config):
+    """Promise: the memory that a sensor keeps between windows is that of its states and images."""
+    network = e2vid.load(saved(e2vid_checkpoint(config)))
+    _, states = network.image(np.zeros((network.bins, 64, 96), np.float32))
+    tensors = [part for state in states for part in state]
+    kept = sum(tensor.numel() * tensor.element_size() for tensor in tensors)
+    assert network.kept_bytes(96, 64) == kept + 40 * 96 * 64
+
+
+def test_a_study_that_keeps_too_much_is_refused(monkeypatch):
+    """Promise: memory for all sensors is compared with the machine's before anything is rendered,
+    and the error names the networks."""
+    names = "our_reconstruction_all_light", "our_reconstruction_ideal_light"
+    evaluate = {"video": Video(methods=(*names, "blank"))}
+    monkeypatch.setattr("tasks.learned.size.memory_bytes", lambda: 4_000_000_000)
+    check_methods(evaluate, [(1280, 1280)] * 5)
+    with pytest.raises(
+        WeightsError, match=f"{names[0]} and {names[1]}: for 20 sensors .* 4.0 GB; choose"
+    ):
+        check_methods(evaluate, [(1280, 1280)] * 20)
 
 
 def test_the_cpu_time_of_helpers_counts():

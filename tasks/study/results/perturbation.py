@@ -70,8 +70,10 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
         Share between 0 and 1; None without trials.
     """
     failed: dict[int, list[NDArray[np.bool_]]] = {}
-    for where in scores.conditions(series):
-        if math.isinf(where.cutoff_hz) and where.speed == base_speed(scores, series):
+    conditions = scores.conditions(series)
+    base = base_speed(scores, series) if conditions else None
+    for where in conditions:
+        if math.isinf(where.cutoff_hz) and where.speed == base:
             failed.setdefault(where.width, []).append(scores.cell(series, where).failed)
     shares = [1 - np.concatenate(cells).mean() for cells in failed.values()]
     return float(np.median(shares)) if shares else None

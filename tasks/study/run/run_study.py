@@ -75,7 +75,10 @@ def run_study(
         As the stages raise them. Files under their final names are complete even then.
     """
     with open_scheduler(scheduler) as computing:
-        check_methods(study.evaluate, study.simulate.sizes(study.render))
+        models = [model for *_, model in study.simulate.models(study.render)]
+        check_methods(
+            study.evaluate, [(m.width, m.height) for m in models] * len(study.simulate.speeds)
+        )
         scenes = _scenes(study)
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
         highlighted = {
