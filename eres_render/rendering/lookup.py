@@ -168,21 +168,28 @@ class LookUp:
         view = self._view(camera, lens, T_world_cam)
         with ThreadPoolExecutor(threads) as workers:
             piece_at, marked = self._corners(view, lens, rays, workers, threads)
+            rows = np.linspace(0, camera.height, threads * _BANDS_A_THREAD + 1).astype(int)
             if len(lens.corners):
                 shown = np.empty(marked.shape, np.int32)
                 visible.shown_alone(piece_at, marked, shown)
                 piece_at = np.empty((camera.height + 1, camera.width + 1), np.int32)
                 marked = np.zeros((camera.height, camera.width), np.uint8)
-                visible.through_lens(
-                    shown, lens.left, lens.top, lens.corners, lens.margin, piece_at, marked
-                )
+                edges = rows.copy()
+                edges[-1] += 1  # corners are a row more
+
+                def bend_band(band: int) -> None:
+                    visible.through_lens(
+                        *(edges[band], edges[band + 1], shown, lens.left, lens.top),
+                        *(lens.corners, lens.margin, piece_at, marked),
+                    )
+
+                list(workers.map(bend_band, range(len(rows) - 1)))
 
             image = np.empty(marked.shape, np.float32)
             seen = Seen(piece_at, view.homographies, view.state, self._surfaces.pieces)
             stretch = camera.fx / camera.fy
             samples = Samples(x, y, stretch, camera.cy, lens.corners, lens.margin)
             textures = Textures(self._addresses, self._sizes)
-            rows = np.linspace(0, camera.height, threads * _BANDS_A_THREAD + 1).astype(int)
 
             def look_up_band(band: int) -> None:
                 look_up(rows[band], rows[band + 1], seen, textures, samples, marked, image)

@@ -10,7 +10,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from eres_render.rendering.flat_surfaces import Pieces
-from eres_render.rendering.visibility_kernels import BLACK, MIXED, box_of, shows
+from eres_render.rendering.visibility_kernels import BLACK, MIXED, box_of, show_row
 
 _BLOCK_PX = 64  # most pixels of a row that share what is worked out in double precision
 _LEAST_BLOCK_PX = 16
@@ -98,16 +98,18 @@ def look_up(first, last, seen, textures, samples, marked, image):
     """
     width = image.shape[1]
     pieces = seen.pieces
+    shown = np.empty(width, np.int32)
     for row in range(first, last):
+        show_row(row, seen.piece_at, marked, shown)
         column = 0
         while column < width:
-            g = seen.piece_at[row, column]
-            if not shows(g, row, column, seen.piece_at, marked) or seen.state[g] == MIXED:
+            g = shown[column]
+            if g < 0 or seen.state[g] == MIXED:
                 marked[row, column] = 1
                 column += 1
                 continue
             end = column + 1
-            while end < width and shows(g, row, end, seen.piece_at, marked):
+            while end < width and shown[end] == g:
                 end += 1
             if seen.state[g] == BLACK:
                 image[row, column:end] = 0.0

@@ -196,17 +196,26 @@ def _within(start, step, low, high, a, b):
     return max(a, min(p, q)), min(b, max(p, q))
 
 
-@numba.njit(**_OPTIONS, inline="always")
-def shows(piece, row, column, piece_at, marked):
-    """Return whether a pixel shows one piece and nothing else."""
-    return (
-        piece >= 0
-        and not marked[row, column]
-        and piece_at[row, column] == piece
-        and piece_at[row, column + 1] == piece
-        and piece_at[row + 1, column] == piece
-        and piece_at[row + 1, column + 1] == piece
-    )
+@_jit
+def show_row(row, piece_at, marked, shown):
+    """Find the piece that each pixel of a row shows and nothing else; -1: none.
+
+    Parameters
+    ----------
+    row
+        The row.
+    piece_at
+        (H + 1, W + 1) piece at the corners of the pixels.
+    marked
+        (H, W) uint8, whether something may be in front of it.
+    shown
+        (W,), filled in.
+    """
+    above, below, is_marked = piece_at[row], piece_at[row + 1], marked[row]
+    for column in range(marked.shape[1]):
+        g = above[column]
+        others = (above[column + 1] ^ g) | (below[column] ^ g) | (below[column + 1] ^ g)
+        shown[column] = g if (g >= 0) & (others == 0) & (is_marked[column] == 0) else -1
 
 
 @_jit
@@ -238,16 +247,17 @@ def spread(coarse, marked, piece_at, settled, unknown):
     # Of the row of blocks above, and of this one: the piece, and whether the block is settled.
     room = blocks * CORNER_BLOCK_PX + 1
     above, here = np.full(room, UNKNOWN, np.int32), np.empty(room, np.int32)
-    is_settled = np.empty(room, np.uint8)
+    is_settled, shown = np.empty(room, np.uint8), np.empty(blocks, np.int32)
     n = 0
     for top in range(0, height, CORNER_BLOCK_PX):
         here[:] = UNKNOWN
         is_settled[:] = 0
         i = top // CORNER_BLOCK_PX
         if i < marked.shape[0]:
+            show_row(i, coarse, marked, shown)
             for j in range(blocks):
-                g = coarse[i, j]
-                if shows(g, i, j, coarse, marked):
+                g = shown[j]
+                if g >= 0:
                     left = j * CORNER_BLOCK_PX
                     for column in range(CORNER_BLOCK_PX):
                         here[left + column] = g
@@ -273,11 +283,13 @@ def spread(coarse, marked, piece_at, settled, unknown):
 
 
 @_jit
-def through_lens(shown, left, top, corners, margin, piece_at, marked):
+def through_lens(first, last, shown, left, top, corners, margin, piece_at, marked):
     """Find what pixels show through a lens from what a pinhole shows.
 
     Parameters
     ----------
+    first, last
+        The rows of corners; of pixels all but the last.
     shown
         (h, w) piece that a pixel of the pinhole shows and nothing else, -1: none.
     left, top
@@ -291,11 +303,11 @@ def through_lens(shown, left, top, corners, margin, piece_at, marked):
     marked
         (H, W) uint8, set to 1 at pixels that may show more than the piece at their corners.
     """
-    for row in range(piece_at.shape[0]):
+    for row in range(first, last):
         for column in range(piece_at.shape[1]):
             x, y = corners[row, column]
             piece_at[row, column] = shown[int(y + top), int(x + left)]
-    for row in range(marked.shape[0]):
+    for row in range(first, min(last, marked.shape[0])):
         for column in range(marked.shape[1]):
             g = piece_at[row, column]
             x_0, x_1, y_0, y_1 = box_of(corners, row, column, column + 1, margin)
@@ -331,6 +343,4 @@ def shown_alone(piece_at, marked, shown):
         (H, W), filled in.
     """
     for row in range(marked.shape[0]):
-        for column in range(marked.shape[1]):
-            g = piece_at[row, column]
-            shown[row, column] = g if shows(g, row, column, piece_at, marked) else -1
+        show_row(row, piece_at, marked, shown[row])
