@@ -70,9 +70,16 @@ class E2vid:
         check_memory(self._name, width, height, needed)
 
     def kept_bytes(self, width: int, height: int) -> int:
-        """Return what a sensor keeps from one window to the next, bytes: its states and images.
+        """Return what a sensor keeps between windows; the events of a window come on top.
 
-        The events of a window come on top.
+        Parameters
+        ----------
+        width, height
+            Size of the sensor, px.
+
+        Returns
+        -------
+        Bytes of its states and images.
         """
         options = self._network.options
         parts = 2 if options.recurrent_block_type == "convlstm" else 1  # hidden, and cell

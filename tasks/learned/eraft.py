@@ -60,7 +60,17 @@ class ERaft:
         check_memory(self._name, width, height, _BYTES_PER_PX * width * height)
 
     def kept_bytes(self, width: int, height: int) -> int:
-        """Return what a sensor keeps from one window to the next, bytes: nothing but events."""
+        """Return what a sensor keeps between windows besides events.
+
+        Parameters
+        ----------
+        width, height
+            Size of the sensor, px.
+
+        Returns
+        -------
+        Bytes: none.
+        """
         return 0
 
     def flow(
