@@ -319,7 +319,15 @@ def through_lens(first, last, shown, left, top, corners, margin, piece_at, marke
 
 @numba.njit(**_OPTIONS, inline="always")
 def box_of(corners, row, first, last, margin):
-    """Return left, right, top and bottom of pixels [first, last) of a row, bent by a lens."""
+    """Return left, right, top and bottom of some pixels of a row, bent by a lens.
+
+    Parameters
+    ----------
+    corners, margin
+        As for `through_lens`.
+    row, first, last
+        The row, and its pixels [first, last).
+    """
     left = right = corners[row, first, 0]
     top = bottom = corners[row, first, 1]
     for i in range(row, row + 2):

@@ -134,9 +134,18 @@ class FrameReader:
         refuse_bad_radiance(self.first[None], 0)
 
     def chunk(self, done: int, most: int) -> NDArray[np.floating]:
-        """Return the frames after the first `done` as an array (F, H, W), F at most `most`.
+        """Return the next frames; the kernels check that radiance is finite and not negative.
 
-        The kernels check that radiance is finite and not negative.
+        Parameters
+        ----------
+        done
+            Number of frames before them.
+        most
+            How many frames at most.
+
+        Returns
+        -------
+        (F, H, W) linear radiance.
 
         Raises
         ------
