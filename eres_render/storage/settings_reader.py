@@ -8,7 +8,7 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -32,6 +32,29 @@ _NAMES: dict[Any, str] = {
 def formerly(*names: str) -> dict[str, tuple[str, ...]]:
     """Return metadata for a dataclass field that can also be read under its old names."""
     return {_OLD_NAMES: names}
+
+
+def differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield where two tables of plain values differ.
+
+    Parameters
+    ----------
+    found, expected
+        The tables; values may be tables too.
+    name
+        Of the tables.
+
+    Yields
+    ------
+    (str, Any, Any)
+        Name of a field, such as "render.spp", and its two values; None if one has no such field.
+    """
+    if isinstance(found, dict) and isinstance(expected, dict):
+        for key in {**expected, **found}:
+            inner = f"{name}.{key}" if name else key
+            yield from differences(found.get(key), expected.get(key), inner)
+    elif found != expected:
+        yield name, found, expected
 
 
 def read_toml(kind: type[T], file: Path, error: type[ValueError]) -> T:

@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 
 from sensor.model import Photoreceptor
 from tasks.cli import terminal
-from tasks.cli.app import RunFolder, WeightsFiles
+from tasks.cli.app import OtherRuns, RunFolder, WeightsFiles
 from tasks.cli.table import Table
 from tasks.errors import ResultError, StudyError
 
@@ -143,9 +143,20 @@ def report(run: RunFolder) -> None:
     terminal.out.print(str(write_report(run)), soft_wrap=True)
 
 
-def claims(run: RunFolder) -> None:
-    """Judge the paper's claims on a run's scores."""
-    _show_claims(run)
+def claims(run: RunFolder, others: OtherRuns = ()) -> None:
+    """Judge the paper's claims on a run's scores.
+
+    Several runs of one study, each with the weights of another training of the same networks
+    (--weights), are judged together: intervals are then over samples and trainings.
+
+    Parameters
+    ----------
+    run
+        Folder of a run.
+    others
+        Further runs of the study, with other weights.
+    """
+    _show_claims(run, *others)
 
 
 def _show_scores(run: Path) -> None:
@@ -178,7 +189,7 @@ def _show_scores(run: Path) -> None:
         )
 
 
-def _show_claims(run: Path) -> None:
+def _show_claims(*runs: Path) -> None:
     from typing import Any
 
     from eres_render.storage.settings_reader import read_json
@@ -194,9 +205,9 @@ def _show_claims(run: Path) -> None:
         Status.UNDECIDED: Text("undecided", "yellow"),
         Status.NOT_MEASURED: Text("not measured", "dim"),
     }
-    readings = scores_of_run(run)
-    config = read_json(dict[str, Any], run / "study.json", ResultError)
-    judged = judge_readings(config, readings, read_scaling(run / "scaling"))
+    readings = scores_of_run(*runs)
+    config = read_json(dict[str, Any], runs[0] / "study.json", ResultError)
+    judged = judge_readings(config, readings, read_scaling(runs[0] / "scaling"))
     verdicts, found = next(iter(judged.values())), next(iter(readings.values()))
     if not verdicts:
         terminal.out.print("none of the paper's claims is about these sensors, lights and methods")

@@ -1,21 +1,24 @@
 """Promise: claims about networks follow the rows, and are not measured without weights; and what
 is printed beside a claim does not decide it."""
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from study_rows import EI, EPF, EPPT, FAST, HF, Change, paper_rows
-from tasks.row import Row
+from tasks.errors import ResultError
+from tasks.row import Row, write_rows
 from tasks.study.claims.claim import SceneClaim
 from tasks.study.claims.judge import CLAIMS, claims_of, judge_all, judge_readings
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.config import preset
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Scores
+from tasks.study.results.scores import Scores, scores_of_run
 
 E2VID = Series("video", "e2vid", "psnr_db")
 ERAFT = Series("dense_flow", "eraft", "rnepe_px")
@@ -189,3 +192,32 @@ def test_the_ablations_are_what_the_claims_print_beside_their_own() -> None:
         for change in claim.beside:
             ours = "with_delay" in change.get("method", "")  # in preset `paper`
             assert ours or {*change.values()} <= methods | variants
+
+
+def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
+    """Promise: intervals over trainings are as wide as these differ, however alike the images are;
+    runs that differ in more than weights are refused, with the first field that differs."""
+
+    def run(name: str, gain: float, **study: object) -> Path:
+        folder = tmp_path / name
+        folder.mkdir()
+        rows = twin_rows(HF, "our_reconstruction_{}", at_night=9.0, all_light=gain)
+        write_rows(folder / "rows.parquet", rows)
+        weights = {"our_reconstruction_all_light": f"{name}.pt"}
+        config = {"jobs": [name], "evaluate": {"video": {"weights": weights}}, **study}
+        (folder / "study.json").write_text(json.dumps(config))
+        return folder
+
+    def over_twin(*folders: Path) -> str:
+        (verdicts,) = judge_readings({}, scores_of_run(*folders), {}).values()
+        found = next(one for one in verdicts if one.number == 23)
+        assert found.status is Status.HOLDS
+        return found.ours.partition("over the twin ")[2]
+
+    one, other = run("one", 0.5), run("other", 1.5)
+    assert over_twin(one).startswith("+9.50 [+9.50, +9.50] dB at night, +0.50 [+0.50, +0.50] dB")
+    both = over_twin(one, other)
+    assert both.startswith("+10.00 [+9.50, +10.50] dB at night, +1.00 [+0.50, +1.50] dB")
+    finer = run("finer", 0.5, render={"spp": 16})
+    with pytest.raises(ResultError, match=r"finer.*: render: found .*, expected None as in .*one"):
+        scores_of_run(one, finer)

@@ -272,7 +272,7 @@ def test_the_bootstrap_draws_samples_with_all_their_items() -> None:
     rng = np.random.default_rng(3)
     sample = np.repeat(np.arange(7), [1, 4, 2, 3, 5, 2, 2])
     values = rng.normal(size=sample.size) + 3 * rng.normal(size=7)[sample]
-    medians = resampled_medians(values, sample, "carpet")
+    medians = resampled_medians(values, sample, np.zeros_like(sample), "carpet")
     assert medians.shape == (DRAWS,)
 
     from zlib import crc32
@@ -281,6 +281,21 @@ def test_the_bootstrap_draws_samples_with_all_their_items() -> None:
     for k in range(0, DRAWS, 97):
         pooled = np.concatenate([values[sample == i] for i in drawn[k]])
         assert medians[k] == pytest.approx(np.median(pooled))
+
+
+def test_the_bootstrap_draws_trainings_with_all_their_values() -> None:
+    """The same draws as an explicit concatenation of whole samples of whole trainings."""
+    from zlib import crc32
+
+    rng = np.random.default_rng(4)
+    sample, training = (index.ravel() for index in np.indices((6, 3)))
+    values = rng.normal(size=sample.size) + 2 * rng.normal(size=3)[training]
+    medians = resampled_medians(values, sample, training, "rocks")
+    samples = np.random.default_rng([crc32(b"rocks"), 6]).integers(6, size=(DRAWS, 6))
+    trainings = np.random.default_rng([crc32(b"rocks, trainings"), 3]).integers(3, size=(DRAWS, 3))
+    for k in range(0, DRAWS, 97):
+        pooled = [values[(sample == i) & (training == j)] for i in samples[k] for j in trainings[k]]
+        assert medians[k] == pytest.approx(np.median(np.concatenate(pooled)))
 
 
 def test_items_of_one_sample_do_not_pass_for_independent() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 from eres_render.storage.atomic import write_text
 from eres_render.storage.locks import locked
+from eres_render.storage.settings_reader import differences
 from tasks.errors import TrainingError
 from tasks.provenance import together
 
@@ -66,7 +67,7 @@ def opened(
 
 def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
     stored = read_description(file.parent)["settings"]
-    for name, found, expected in _differences(stored, json.loads(json.dumps(settings))):
+    for name, found, expected in differences(stored, json.loads(json.dumps(settings))):
         raise TrainingError(
             f"{file}: {name}: found {found!r}, expected {expected!r}; choose another folder"
         )
@@ -89,15 +90,6 @@ def _with_earlier_starts(folder: Path, made_with: Mapping[str, str]) -> dict[str
             *(folder, made_with.get("code"), before.get("code")),
         )
     return joined
-
-
-def _differences(found: Any, expected: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    if isinstance(found, dict) and isinstance(expected, dict):
-        for key in {**expected, **found}:
-            inner = f"{name}.{key}" if name else key
-            yield from _differences(found.get(key), expected.get(key), inner)
-    elif found != expected:
-        yield name, found, expected
 
 
 def read_description(folder: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Bootstrap medians over samples; every interval of the study uses them."""
+"""Bootstrap medians over samples, and over trainings; every interval of the study uses them."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ DRAWS = 2000
 def resampled_medians(
     values: NDArray[np.float64],  # (N,)
     sample: NDArray[np.int64],  # (N,) index of each value's sample, 0 to S - 1
+    training: NDArray[np.int64],  # (N,) index of each value's training, 0 to T - 1
     seed: str,
 ) -> NDArray[np.float64]:
-    """Return medians over samples drawn with replacement.
+    """Return medians over samples and trainings, both drawn with replacement.
 
     A sample is drawn with all its values, because the values of one sample (features, trials) share
-    frames and events. The draws depend only on `seed` and on the number of samples, so cells with
-    the same samples have paired draws.
+    frames and events, and so is a training, because its values share weights. The draws depend only
+    on `seed` and on the numbers of samples and trainings, so cells with the same samples have
+    paired draws.
 
     Parameters
     ----------
@@ -29,6 +31,8 @@ def resampled_medians(
         (N,) float64, finite scores.
     sample
         (N,) int64, index of each value's sample, 0 to S - 1.
+    training
+        (N,) int64, index of each value's training, 0 to T - 1; every sample has values of all.
     seed
         Text that seeds the draws.
 
@@ -38,15 +42,20 @@ def resampled_medians(
         One median per draw.
     """
     order = np.argsort(values, kind="stable")
-    return _weighted_medians(values[order], sample[order], _counts(seed, int(sample.max()) + 1))
+    trainings = int(training.max()) + 1
+    return _weighted_medians(
+        *(values[order], sample[order], training[order]),
+        _counts(seed, int(sample.max()) + 1),
+        _counts(f"{seed}, trainings", trainings),
+    )
 
 
 @lru_cache(maxsize=64)
-def _counts(seed: str, samples: int) -> NDArray[np.int64]:
-    """Return how often each draw contains each sample, (DRAWS, samples)."""
-    rng = np.random.default_rng([zlib.crc32(seed.encode()), samples])
-    drawn = rng.integers(samples, size=(DRAWS, samples))
-    counts = np.zeros((DRAWS, samples), np.int64)
+def _counts(seed: str, things: int) -> NDArray[np.int64]:
+    """Return how often each draw contains each of some things, (DRAWS, things)."""
+    rng = np.random.default_rng([zlib.crc32(seed.encode()), things])
+    drawn = rng.integers(things, size=(DRAWS, things))
+    counts = np.zeros((DRAWS, things), np.int64)
     np.add.at(counts, (np.arange(DRAWS)[:, None], drawn), 1)
     return counts
 
@@ -55,20 +64,22 @@ def _counts(seed: str, samples: int) -> NDArray[np.int64]:
 def _weighted_medians(
     values: NDArray[np.float64],  # (N,) ascending
     sample: NDArray[np.int64],  # (N,)
+    training: NDArray[np.int64],  # (N,)
     counts: NDArray[np.int64],  # (D, S) multiplicity of each sample in each draw
+    of_trainings: NDArray[np.int64],  # (D, T) and of each training
 ) -> NDArray[np.float64]:
     medians = np.empty(counts.shape[0])
     for draw in range(counts.shape[0]):
         total = 0
         for i in range(values.size):
-            total += counts[draw, sample[i]]
-        below, i = counts[draw, sample[0]], 0
+            total += counts[draw, sample[i]] * of_trainings[draw, training[i]]
+        below, i = counts[draw, sample[0]] * of_trainings[draw, training[0]], 0
         while below <= (total - 1) // 2:
             i += 1
-            below += counts[draw, sample[i]]
+            below += counts[draw, sample[i]] * of_trainings[draw, training[i]]
         lower = values[i]
         while below <= total // 2:
             i += 1
-            below += counts[draw, sample[i]]
+            below += counts[draw, sample[i]] * of_trainings[draw, training[i]]
         medians[draw] = 0.5 * (lower + values[i])
     return medians

@@ -1,7 +1,7 @@
-"""Compute intervals of statistics of medians by a percentile bootstrap over samples.
+"""Compute intervals of statistics of medians by a percentile bootstrap over samples and trainings.
 
 Everything is paired: differences of two cells are taken at each sample and item, before the median,
-and all cells of a scene are resampled with the same sample indices.
+and all cells of a scene are resampled with the same indices of samples and of trainings.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Medians(Generic[Key]):
         if not self.drawn:
             return np.asarray(np.median(values))
         cell = self.cells[keys[0]]
-        return resampled_medians(values, cell.sample, cell.scene)
+        return resampled_medians(values, cell.sample, cell.training, cell.scene)
 
     def difference(self, one: Key, other: Key) -> NDArray[np.float64]:
         """Return the median of the differences between the values of two cells.

@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.storage.settings_reader import read_json
+from eres_render.storage.settings_reader import differences, read_json
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row, read_rows
@@ -57,6 +57,8 @@ class Cell:
         or of its end; it counts too.
     sample : (N,) int64
         Sample of each value, counted from 0.
+    training : (N,) int64
+        Run of each value, counted from 0, where several runs differ in the weights of networks.
     expected : int
         Number of values in a complete cell of the series on this scene.
     """
@@ -66,6 +68,7 @@ class Cell:
     event_rates_hz: NDArray[np.float64]
     failed: NDArray[np.bool_]
     sample: NDArray[np.int64]
+    training: NDArray[np.int64]
     expected: int
 
     @property
@@ -96,28 +99,62 @@ class Cell:
     @cached_property
     def resampled(self) -> NDArray[np.float64]:
         """Median scores of bootstrap draws of samples, (draws,) float64."""
-        return resampled_medians(self.values, self.sample, self.scene)
+        return resampled_medians(self.values, self.sample, self.training, self.scene)
 
     @cached_property
     def resampled_rates_hz(self) -> NDArray[np.float64]:
         """Median event rates of bootstrap draws of samples, (draws,) float64."""
-        return resampled_medians(self.event_rates_hz, self.sample, self.scene)
+        return resampled_medians(self.event_rates_hz, self.sample, self.training, self.scene)
 
 
-def scores_of_run(folder: Path) -> dict[str, list[Scores]]:
+def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     """Read the scores of a run, as `by_photoreceptor` returns them.
+
+    Parameters
+    ----------
+    folders
+        The run's folder; or those of several runs of one study with other weights of its networks,
+        whose values are then those of one run.
 
     Raises
     ------
     ResultError
-        As `read_rows`, `read_json` and `Scores` raise it.
+        Two runs differ in more than weights, or as `read_rows`, `read_json` and `Scores` raise it.
     """
-    rows = read_rows(folder / "rows.parquet")
-    render = read_json(dict[str, Any], folder / "study.json", ResultError).get("render", {})
-    return by_photoreceptor(rows, square=render.get("height") in (None, render.get("resolution")))
+    found = [read_rows(folder / "rows.parquet") for folder in folders]
+    configs = [read_json(dict[str, Any], one / "study.json", ResultError) for one in folders]
+    for folder, config in zip(folders[1:], configs[1:], strict=True):
+        pair = _without_weights(config), _without_weights(configs[0])
+        for name, here, there in differences(*pair):
+            raise ResultError(
+                f"{folder / 'study.json'}: {name}: found {here!r}, expected {there!r} as in "
+                f"{folders[0]}: runs that are joined may differ only in the weights of networks"
+            )
+    rows = found[0]
+    if len(folders) > 1:
+        rows = [
+            replace(row, item=row.item * len(folders) + training)
+            for training, of_one in enumerate(found)
+            for row in of_one
+        ]
+    render = configs[0].get("render", {})
+    square = render.get("height") in (None, render.get("resolution"))
+    return by_photoreceptor(rows, square=square, trainings=len(folders))
 
 
-def by_photoreceptor(rows: Iterable[Row], *, square: bool = True) -> dict[str, list[Scores]]:
+def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
+    """Return what decides a run's rows, except for weights."""
+    evaluate = {
+        task: {name: value for name, value in settings.items() if name != "weights"}
+        for task, settings in config.get("evaluate", {}).items()
+    }
+    left_out = "name", "question", "jobs", "evaluate"
+    return {name: config[name] for name in config if name not in left_out} | {"evaluate": evaluate}
+
+
+def by_photoreceptor(
+    rows: Iterable[Row], *, square: bool = True, trainings: int = 1
+) -> dict[str, list[Scores]]:
     """Return the scores of each photoreceptor at each contrast threshold.
 
     A camera with a photoreceptor or a threshold of its own is in the scores of all.
@@ -128,6 +165,8 @@ def by_photoreceptor(rows: Iterable[Row], *, square: bool = True) -> dict[str, l
         The rows of a run.
     square
         Whether sensors without a name are square.
+    trainings
+        As in `Scores`.
 
     Returns
     -------
@@ -142,17 +181,17 @@ def by_photoreceptor(rows: Iterable[Row], *, square: bool = True) -> dict[str, l
     """
     found = _divided(_some(rows), lambda row: row.photoreceptor)
     order = sorted(found, key=lambda name: name != "two_pole")
-    return {name: by_threshold(found[name], square=square) for name in order}
+    return {name: by_threshold(found[name], square=square, trainings=trainings) for name in order}
 
 
-def by_threshold(rows: Iterable[Row], *, square: bool = True) -> list[Scores]:
+def by_threshold(rows: Iterable[Row], *, square: bool = True, trainings: int = 1) -> list[Scores]:
     """Return the scores of each contrast threshold of one photoreceptor.
 
     Parameters
     ----------
     rows
         The rows.
-    square
+    square, trainings
         As in `by_photoreceptor`.
 
     Returns
@@ -166,7 +205,7 @@ def by_threshold(rows: Iterable[Row], *, square: bool = True) -> list[Scores]:
         As `Scores` raises it.
     """
     found = _divided(_some(rows), lambda row: row.contrast_threshold)
-    return [Scores(of_one, square=square) for of_one in found.values()]
+    return [Scores(of_one, square=square, trainings=trainings) for of_one in found.values()]
 
 
 def _divided(rows: list[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
@@ -206,6 +245,8 @@ class Scores:
         their own. A row counts as missing if its value is not finite.
     square
         Whether sensors without a name are square, as the paper's are.
+    trainings
+        Number of runs that differ in the weights of networks; items count through them.
 
     Attributes
     ----------
@@ -232,8 +273,9 @@ class Scores:
         same width.
     """
 
-    def __init__(self, rows: Iterable[Row], *, square: bool = True) -> None:
+    def __init__(self, rows: Iterable[Row], *, square: bool = True, trainings: int = 1) -> None:
         rows = _some(rows)
+        self._trainings = trainings
         first = next((row for row in rows if not row.sensor), rows[0])
         self.contrast_threshold = first.contrast_threshold
         self.photoreceptor = first.photoreceptor
@@ -440,6 +482,7 @@ class Scores:
             event_rates_hz=np.array([rows[key].event_rate_hz for key in kept], dtype=np.float64),
             failed=np.array([rows[key].failure != "" for key in kept], dtype=np.bool_),
             sample=np.array([index[sample] for sample, _ in kept], dtype=np.int64),
+            training=np.array([item % self._trainings for _, item in kept], dtype=np.int64),
             expected=len(expected),
         )
 
