@@ -213,7 +213,9 @@ class LookUp:
         visible.view_bent(eye, surfaces.bent, state)
         # Count the pinhole's pixels from its first one.
         to_camera = np.array([[1.0, 0.0, -lens.left], [0.0, 1.0, -lens.top], [0.0, 0.0, 1.0]])
-        per_z, to_image = homographies[:, 2] @ to_camera, np.linalg.inv(to_camera) @ camera.K @ R.T
+        with np.errstate(invalid="ignore"):  # a piece seen edge-on is at no depth
+            per_z = homographies[:, 2] @ to_camera
+        to_image = np.linalg.inv(to_camera) @ camera.K @ R.T
         return _View(eye, to_image, per_z, homographies, state)
 
     def _corners(

@@ -16,7 +16,7 @@ _BLOCK_PX = 64  # most pixels of a row that share what is worked out in double p
 _LEAST_BLOCK_PX = 16
 _DEPTH_CHANGE = 0.125  # most change of 1 / z along a larger block, as a share of it
 _LEAST_DENOMINATOR = 0.05
-_SAMPLES = 16  # at a time: one vector of LLVM's, or two, and no loop that it would have to finish
+_SAMPLES = 16  # at a time: a multiple of LLVM's vectors, so that no loop for a rest is needed
 
 # LLVM vectorizes the sum over a pixel's samples only if it may reorder the additions.
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}

@@ -235,7 +235,7 @@ def spread(coarse, marked, piece_at, settled, unknown):
         (H, W) uint8, whether a pixel is in such a block.
     unknown
         ((H + 1) * (W + 1),), filled in with the other corners, `row * (W + 1) + column`, block by
-        block: rays through neighbors cost less in turn.
+        block: rays through neighboring corners are cheaper one after another.
 
     Returns
     -------

@@ -109,12 +109,10 @@ class Bank:
             while done < len(self.t_s):
                 chunk = self.reader.chunk(done, frames)
                 t_s = self.t_s[done - 1 : done + len(chunk)]
-                fired = 1
                 for group in groups:
-                    for i, events in group.advance(chunk, done, t_s, rooms, workers):
-                        fired += len(events)
-                        yield i, events
+                    yield from group.advance(chunk, done, t_s, rooms, workers)
                 done += len(chunk)
+                fired = max(1, *(group.fired for group in groups))
                 frames = max(1, min(most, _CHUNK_EVENTS * len(chunk) // fired))
             self.reader.check_end()
         for group in groups:

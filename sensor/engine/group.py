@@ -50,6 +50,7 @@ class SensorGroup:
     state: State
     held: list[Events]  # in the microsecond of the last frame, which the next chunk shares
     ready_us: list[NDArray[np.int64] | None]  # (height, width) end of the refractory periods
+    fired: int = 0  # events of all members in the last chunk, before any is removed
 
     @classmethod
     def start(
@@ -177,6 +178,7 @@ class SensorGroup:
         segments = workers.map(advance_band, bands)
         pools = [workers.pools[k] for k, *_ in bands]
         counts = sum(np.diff(segment, axis=3)[..., 0].sum(axis=0) for segment in segments)
+        self.fired = int(np.sum(counts))
         for s, member in enumerate(self.members):
             unsorted = UnsortedEvents(pools, segments, counts[s], frame_us[s], s)
             for part in unsorted.parts(workers.threads):

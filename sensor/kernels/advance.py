@@ -1,7 +1,7 @@
 """Advance a band of pixels through a chunk of frame intervals; calls the other kernels in order.
 
 The outer loop is over blocks of pixels. Each block goes through all frame intervals and settings of
-the chunk before the next one, so that its state stays in the second-level cache.
+the chunk before the next one, so that its state stays in the caches.
 """
 
 from __future__ import annotations

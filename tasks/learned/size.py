@@ -1,8 +1,6 @@
-"""Refuse sensors for which networks need more memory than this machine has."""
+"""Refuse images for which a network needs more memory than this machine has."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 from sensor.engine.arguments import memory_bytes
 from tasks.errors import WeightsError
@@ -29,27 +27,4 @@ def check_memory(name: str, width: int, height: int, needed: int) -> None:
         raise WeightsError(
             f"{name}: at {width}x{height} px it needs {needed / 1e9:.1f} GB of memory, and this "
             f"machine has {there / 1e9:.1f} GB; choose a smaller sensor"
-        )
-
-
-def check_kept(kept: Mapping[str, int], sensors: int) -> None:
-    """Check that what networks keep for all sensors at a time fits into memory.
-
-    Parameters
-    ----------
-    kept
-        What each network keeps for all sensors together, bytes, by its name.
-    sensors
-        Number of sensors, each counted once for each light and speed.
-
-    Raises
-    ------
-    WeightsError
-        It does not fit; the message gives the networks and both sizes.
-    """
-    if (needed := sum(kept.values())) > (there := memory_bytes()):
-        raise WeightsError(
-            f"{' and '.join(kept)}: for {sensors} sensors (one for each light and speed) networks "
-            f"keep {needed / 1e9:.1f} GB in memory, and this machine has {there / 1e9:.1f} GB; "
-            "choose fewer or smaller sensors, or run one network at a time"
         )

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eres_render.errors import nearest
+from sensor.engine.arguments import memory_bytes
 from tasks.errors import WeightsError
 from tasks.registry import TASKS, load
 
@@ -148,3 +149,26 @@ def _version(file: str) -> tuple[Path, int, int]:
     except OSError as error:
         raise WeightsError(f"{file}: cannot be read: {error.strerror}") from None
     return Path(file), found.st_mtime_ns, found.st_size
+
+
+def check_kept(kept: Mapping[str, int], sensors: int) -> None:
+    """Check that what networks keep for all sensors at a time fits into memory.
+
+    Parameters
+    ----------
+    kept
+        What each network keeps for all sensors together, bytes, by its name.
+    sensors
+        Number of sensors, each counted once for each light and speed.
+
+    Raises
+    ------
+    WeightsError
+        It does not fit; the message gives the networks and both sizes.
+    """
+    if (needed := sum(kept.values())) > (there := memory_bytes()):
+        raise WeightsError(
+            f"{' and '.join(kept)}: for {sensors} sensors (one for each light and speed) networks "
+            f"keep {needed / 1e9:.1f} GB in memory, and this machine has {there / 1e9:.1f} GB; "
+            "choose fewer or smaller sensors, or run one network at a time"
+        )

@@ -101,6 +101,7 @@ def compare_things(scene, monkeypatch, camera, width_px, length_px, parallel):
     shapes = {"wall": wall(mi, rng), "things": things}
     looked_up, traced = renderers(monkeypatch, scene, camera, shapes)
     monkeypatch.setattr("eres_render.rendering.lookup._SAMPLES_AN_EDGE", 0)
+    monkeypatch.setattr("eres_render.rendering.lookup._SAMPLES_A_FRAME", 0)
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     difference = log_difference(looked_up, traced, pose)
     assert np.max(np.abs(difference)) < 1e-2

@@ -221,3 +221,21 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
     finer = run("finer", 0.5, render={"spp": 16})
     with pytest.raises(ResultError, match=r"finer.*: render: found .*, expected None as in .*one"):
         scores_of_run(one, finer)
+    with pytest.raises(
+        ResultError, match=r"one.*: found the jobs of .*one, expected those of other"
+    ):
+        scores_of_run(one, one)
+
+
+@pytest.mark.parametrize("lacking", [0, 1])
+def test_what_one_of_several_runs_lacks_is_not_measured(tmp_path: Path, lacking: int) -> None:
+    """Promise: a run without the rows of a network does not pass for one training less."""
+    folders = [tmp_path / "a", tmp_path / "b"]
+    rows = twin_rows(HF, "our_reconstruction_{}", at_night=9.0, all_light=0.5)
+    for k, folder in enumerate(folders):
+        folder.mkdir()
+        found = [row for row in rows if k != lacking or "ideal" in row.method]
+        write_rows(folder / "rows.parquet", found)
+        (folder / "study.json").write_text(json.dumps({"jobs": [k], "evaluate": {"windows": 10}}))
+    (verdicts,) = judge_readings({}, scores_of_run(*folders), {}).values()
+    assert [one.status for one in verdicts if one.number == 23] == [Status.NOT_MEASURED] * 2

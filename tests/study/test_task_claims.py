@@ -292,7 +292,7 @@ def test_the_bootstrap_draws_trainings_with_all_their_values() -> None:
     values = rng.normal(size=sample.size) + 2 * rng.normal(size=3)[training]
     medians = resampled_medians(values, sample, training, "rocks")
     samples = np.random.default_rng([crc32(b"rocks"), 6]).integers(6, size=(DRAWS, 6))
-    trainings = np.random.default_rng([crc32(b"rocks, trainings"), 3]).integers(3, size=(DRAWS, 3))
+    trainings = np.random.default_rng([crc32(b"trainings"), 3]).integers(3, size=(DRAWS, 3))
     for k in range(0, DRAWS, 97):
         pooled = [values[(sample == i) & (training == j)] for i in samples[k] for j in trainings[k]]
         assert medians[k] == pytest.approx(np.median(np.concatenate(pooled)))

@@ -29,7 +29,7 @@ from tasks.recording.frames import open_frames
 from tasks.recording.options import FlowOptions, VideoOptions
 from tasks.recording.recording import open_recording
 from tasks.recording.video import write_video
-from tasks.study.config import Video
+from tasks.study.config import DenseFlow, Video
 from tasks.study.run import run_study
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: make .venv/.learned")
@@ -491,7 +491,8 @@ def test_a_study_that_keeps_too_much_is_refused(monkeypatch):
     and the error names the networks."""
     names = "our_reconstruction_all_light", "our_reconstruction_ideal_light"
     evaluate = {"video": Video(methods=(*names, "blank"))}
-    monkeypatch.setattr("tasks.learned.size.memory_bytes", lambda: 4_000_000_000)
+    evaluate["dense_flow"] = DenseFlow(methods=("our_flow_all_light",))  # keeps nothing
+    monkeypatch.setattr("tasks.methods.networks.memory_bytes", lambda: 4_000_000_000)
     check_methods(evaluate, [(1280, 1280)] * 5)
     with pytest.raises(
         WeightsError, match=f"{names[0]} and {names[1]}: for 20 sensors .* 4.0 GB; choose"

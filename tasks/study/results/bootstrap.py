@@ -23,7 +23,7 @@ def resampled_medians(
     A sample is drawn with all its values, because the values of one sample (features, trials) share
     frames and events, and so is a training, because its values share weights. The draws depend only
     on `seed` and on the numbers of samples and trainings, so cells with the same samples have
-    paired draws.
+    paired draws; those of trainings are the same for all scenes.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def resampled_medians(
     return _weighted_medians(
         *(values[order], sample[order], training[order]),
         _counts(seed, int(sample.max()) + 1),
-        _counts(f"{seed}, trainings", trainings),
+        _counts("trainings", trainings),
     )
 
 

@@ -156,7 +156,7 @@ def estimate(
     of_rates: bool = False,
     tails: tuple[float, float] = TAILS,
 ) -> Estimate:
-    """Evaluate a statistic of medians, with a percentile bootstrap interval over samples.
+    """Evaluate a statistic of medians, with its bootstrap interval over samples and trainings.
 
     Parameters
     ----------

@@ -98,12 +98,12 @@ class Cell:
 
     @cached_property
     def resampled(self) -> NDArray[np.float64]:
-        """Median scores of bootstrap draws of samples, (draws,) float64."""
+        """Median scores of bootstrap draws of samples and trainings, (draws,) float64."""
         return resampled_medians(self.values, self.sample, self.training, self.scene)
 
     @cached_property
     def resampled_rates_hz(self) -> NDArray[np.float64]:
-        """Median event rates of bootstrap draws of samples, (draws,) float64."""
+        """Median event rates of bootstrap draws of samples and trainings, (draws,) float64."""
         return resampled_medians(self.event_rates_hz, self.sample, self.training, self.scene)
 
 
@@ -124,6 +124,11 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     found = [read_rows(folder / "rows.parquet") for folder in folders]
     configs = [read_json(dict[str, Any], one / "study.json", ResultError) for one in folders]
     for folder, config in zip(folders[1:], configs[1:], strict=True):
+        if config.get("jobs") == configs[0].get("jobs"):
+            raise ResultError(
+                f"{folder / 'study.json'}: found the jobs of {folders[0]}, expected those of other "
+                "weights"
+            )
         pair = _without_weights(config), _without_weights(configs[0])
         for name, here, there in differences(*pair):
             raise ResultError(
@@ -145,8 +150,10 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
 def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
     """Return what decides a run's rows, except for weights."""
     evaluate = {
-        task: {name: value for name, value in settings.items() if name != "weights"}
-        for task, settings in config.get("evaluate", {}).items()
+        name: {k: v for k, v in value.items() if k != "weights"}
+        if isinstance(value, dict)
+        else value
+        for name, value in config.get("evaluate", {}).items()
     }
     left_out = "name", "question", "jobs", "evaluate"
     return {name: config[name] for name in config if name not in left_out} | {"evaluate": evaluate}
@@ -246,7 +253,7 @@ class Scores:
     square
         Whether sensors without a name are square, as the paper's are.
     trainings
-        Number of runs that differ in the weights of networks; items count through them.
+        Number of runs T that differ in the weights of networks: item T i + k is item i of run k.
 
     Attributes
     ----------
@@ -325,7 +332,11 @@ class Scores:
         for series, conditions in self._rows.items():
             for scene in {condition.scene for condition in conditions}:
                 found = {
-                    key for c, values in conditions.items() if c.scene == scene for key in values
+                    (sample, item // trainings * trainings + training)
+                    for c, values in conditions.items()
+                    if c.scene == scene
+                    for sample, item in values
+                    for training in range(trainings)
                 }
                 self._expected[series, scene] = sorted(found)
         self._cells: dict[tuple[Series, Condition], Cell] = {}

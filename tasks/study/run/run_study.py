@@ -76,9 +76,8 @@ def run_study(
     """
     with open_scheduler(scheduler) as computing:
         models = [model for *_, model in study.simulate.models(study.render)]
-        check_methods(
-            study.evaluate, [(m.width, m.height) for m in models] * len(study.simulate.speeds)
-        )
+        speeds_asked = study.simulate.speeds_m_s or study.simulate.speeds
+        check_methods(study.evaluate, [(m.width, m.height) for m in models] * len(speeds_asked))
         scenes = _scenes(study)
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
         highlighted = {
