@@ -1,4 +1,4 @@
-"""docs/learned.md has the scores of the stored run of our networks on scenes."""
+"""docs/learned.md has the scores of the stored runs of our networks on scenes."""
 
 from pathlib import Path
 
@@ -12,19 +12,30 @@ from tasks.study.results.scores import Condition, Scores
 from tasks.study.results.words import cutoff_label
 
 DOCS = Path(__file__).parents[2] / "docs"
-METHODS = "our_reconstruction_all_light", "our_reconstruction_ideal_light", "high_pass_filter"
+RUNS = {
+    "twins": [
+        Series("video", method, "psnr_db")
+        for method in (
+            *("our_reconstruction_all_light", "our_reconstruction_ideal_light"),
+            "high_pass_filter",
+        )
+    ],
+    "flow_twins": [
+        Series("dense_flow", method, "rnepe_px")
+        for method in ("our_flow_all_light", "our_flow_ideal_light")
+    ],
+}
 WIDTHS = 240, 640, 1280
 
 
-@pytest.fixture(scope="module")
-def scores() -> Scores:
-    return Scores(read_rows(DOCS / "results" / "twins" / "rows.parquet"))
+def scores_of(run: str) -> Scores:
+    return Scores(read_rows(DOCS / "results" / run / "rows.parquet"))
 
 
-def test_the_page_has_the_medians_of_the_run(scores: Scores) -> None:
+@pytest.mark.parametrize("run", RUNS)
+def test_the_page_has_the_medians_of_the_run(run: str) -> None:
     """Promise: every line of the table at base speed."""
-    page = (DOCS / "learned.md").read_text()
-    series = [Series("video", method, "psnr_db") for method in METHODS]
+    page, scores, series = (DOCS / "learned.md").read_text(), scores_of(run), RUNS[run]
     for scene in scores.scenes(series[0]):
         for hz in scores.cutoffs_hz(series[0]):
             cells = [
@@ -37,7 +48,8 @@ def test_the_page_has_the_medians_of_the_run(scores: Scores) -> None:
             assert f"| {scene} | {cutoff_label(hz)} | {' | '.join(cells)} |\n" in page
 
 
-def test_the_page_has_the_numbers_of_claim_23(scores: Scores) -> None:
+@pytest.mark.parametrize(("run", "claim"), [("twins", 0), ("flow_twins", 1)])
+def test_the_page_has_the_numbers_of_claim_23(run: str, claim: int) -> None:
     """Promise: what `eres claims` prints about the run."""
-    verdict = judge_all(scores, {}, TRAINING_CLAIMS[:1])[0]
+    verdict = judge_all(scores_of(run), {}, TRAINING_CLAIMS[claim : claim + 1])[0]
     assert verdict.ours in (DOCS / "learned.md").read_text()
