@@ -174,12 +174,12 @@ class LookUp:
                 visible.shown_alone(piece_at, marked, shown)
                 piece_at = np.empty((camera.height + 1, camera.width + 1), np.int32)
                 marked = np.zeros((camera.height, camera.width), np.uint8)
-                edges = rows.copy()
-                edges[-1] += 1  # corners are a row more
+                corner_rows = rows.copy()
+                corner_rows[-1] += 1
 
                 def bend_band(band: int) -> None:
                     visible.through_lens(
-                        *(edges[band], edges[band + 1], shown, lens.left, lens.top),
+                        *(corner_rows[band], corner_rows[band + 1], shown, lens.left, lens.top),
                         *(lens.corners, lens.margin, piece_at, marked),
                     )
 

@@ -1,6 +1,6 @@
 """Kernels of `eres_render.rendering.lookup`: the radiance of pixels that can be looked up."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -10,7 +10,14 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from eres_render.rendering.flat_surfaces import Pieces
-from eres_render.rendering.visibility_kernels import BLACK, MIXED, box_of, show_row
+from eres_render.rendering.visibility_kernels import (
+    BLACK,
+    MIXED,
+    OPTIONS,
+    box_of,
+    jit,
+    show_row,
+)
 
 _BLOCK_PX = 64  # most pixels of a row that share what is worked out in double precision
 _LEAST_BLOCK_PX = 16
@@ -19,9 +26,7 @@ _LEAST_DENOMINATOR = 0.05
 _SAMPLES = 16  # at a time: a multiple of LLVM's vectors, so that no loop for a rest is needed
 
 # LLVM vectorizes the sum over a pixel's samples only if it may reorder the additions.
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-_jit = numba.njit(**_OPTIONS, fastmath={"contract"})
-_jit_sums = numba.njit(**_OPTIONS, fastmath={"contract", "reassoc", "nsz"})
+_jit_sums = numba.njit(**OPTIONS, fastmath={"contract", "reassoc", "nsz"})
 
 
 def _load(bits):
@@ -81,7 +86,7 @@ class Samples(NamedTuple):
     margin: float  # px, as in `through_lens`
 
 
-@_jit
+@jit
 def look_up(first, last, seen, textures, samples, marked, image):
     """Fill in the pixels of rows [first, last) that can be looked up; mark those that cannot.
 
@@ -133,7 +138,7 @@ def look_up(first, last, seen, textures, samples, marked, image):
             column = end
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def _block_px(per_z, row, first, last):
     """Return how many of the pixels [first, last) may share a block."""
     at = per_z[1] * row + per_z[2]
@@ -225,7 +230,7 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
         image[row, column] = total * scale
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def _inside(dx, dy, steps, corner, n_columns):
     """Return the light (dx, dy) px from the center of a block whose texels all exist, times 2^-112.
 
@@ -243,7 +248,7 @@ def _inside(dx, dy, steps, corner, n_columns):
 _HALF_TO_FLOAT = 2.0**112  # the difference between the exponents' biases
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def _texel(dx, dy, steps):
     """Return the texel (dx, dy) px from the center of a block, relative to the base."""
     (u, ux, uy), (v, vx, vy), (one, wx, wy) = steps
@@ -251,20 +256,20 @@ def _texel(dx, dy, steps):
     return u + (ux * dx + uy * dy) * per_z, v + (vx * dx + vy * dy) * per_z
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def _between(t0, t1, b0, b1, fu, fv):
     """Interpolate bilinearly between four texels, fu to the right and fv downward."""
     t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
     return t + fv * (b - t)
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def _left(pair):
     """Return the lower of two half-floats, times 2^-112; none is negative."""
     return _float_of((pair & np.uint32(0xFFFF)) << np.uint32(13))
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def _right(pair):
     """Return the upper of two half-floats, times 2^-112."""
     return _float_of((pair >> np.uint32(16)) << np.uint32(13))

@@ -17,11 +17,11 @@ _UNSEEN = 2  # state of a bent piece until one of its triangles is looked at
 MARGIN = 0.01  # px: a ray in single precision is not where an edge in double precision is
 _BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
 
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-_jit = numba.njit(**_OPTIONS, fastmath={"contract"})
+OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+jit = numba.njit(**OPTIONS, fastmath={"contract"})
 
 
-@_jit
+@jit
 def view_pieces(eye, M, pieces, homographies, state):
     """Find the homography of each piece from the image to (texel, texel, 1), and whether it is lit.
 
@@ -60,7 +60,7 @@ def view_pieces(eye, M, pieces, homographies, state):
         state[g] = LIT if height < 0.0 else BLACK
 
 
-@_jit
+@jit
 def view_bent(eye, bent, state):
     """Find whether each piece with shading normals that differ from its own is lit.
 
@@ -92,7 +92,7 @@ def view_bent(eye, bent, state):
         state[g] = one if state[g] == _UNSEEN or state[g] == one else MIXED
 
 
-@_jit
+@jit
 def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece_at):
     """Find the piece that each of N rays meets.
 
@@ -116,7 +116,7 @@ def pieces_at(shape, triangle, first_triangle, piece_of_triangle, nothing, piece
             piece_at[i] = -1
 
 
-@_jit
+@jit
 def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
     """Mark every pixel that an edge may cross in front of the piece under the pixel's corners.
 
@@ -187,7 +187,7 @@ def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
                     marked[row, column] = 1
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def _within(start, step, low, high, a, b):
     """Narrow [a, b] to the s for which start + s * step is in [low, high]."""
     if step == 0.0:
@@ -196,7 +196,7 @@ def _within(start, step, low, high, a, b):
     return max(a, min(p, q)), min(b, max(p, q))
 
 
-@_jit
+@jit
 def show_row(row, piece_at, marked, shown):
     """Find the piece that each pixel of a row shows and nothing else; -1: none.
 
@@ -218,7 +218,7 @@ def show_row(row, piece_at, marked, shown):
         shown[column] = g if (g >= 0) & (others == 0) & (is_marked[column] == 0) else -1
 
 
-@_jit
+@jit
 def spread(coarse, marked, piece_at, settled, unknown):
     """Copy the pieces under the corners of blocks of pixels to the corners of their pixels.
 
@@ -282,7 +282,7 @@ def spread(coarse, marked, piece_at, settled, unknown):
     return n
 
 
-@_jit
+@jit
 def through_lens(first, last, shown, left, top, corners, margin, piece_at, marked):
     """Find what pixels show through a lens from what a pinhole shows.
 
@@ -317,7 +317,7 @@ def through_lens(first, last, shown, left, top, corners, margin, piece_at, marke
                         marked[row, column] = 1
 
 
-@numba.njit(**_OPTIONS, inline="always")
+@numba.njit(**OPTIONS, inline="always")
 def box_of(corners, row, first, last, margin):
     """Return left, right, top and bottom of some pixels of a row, bent by a lens.
 
@@ -337,7 +337,7 @@ def box_of(corners, row, first, last, margin):
     return left - margin, right + margin, top - margin, bottom + margin
 
 
-@_jit
+@jit
 def shown_alone(piece_at, marked, shown):
     """Find the piece that each of (H, W) pixels shows and nothing else; -1: none.
 

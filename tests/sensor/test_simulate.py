@@ -93,9 +93,8 @@ def test_sorted_by_time_row_column(interval_s):
     Events(events.t_us, events.x, events.y, events.p, 48, 48)  # passes its own checks
 
 
-def test_stream_is_simulate_in_parts(scene, monkeypatch):
+def test_stream_is_simulate_in_parts(scene):
     """Promise: the parts form the whole, in order, for any source of frames."""
-    monkeypatch.setattr(bank, "_CHUNK_FRAMES", 8)
     frames, t_s = scene
     parts = list(stream((f for f in frames), t_s, model()))
     assert len(parts) > 2
