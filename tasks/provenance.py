@@ -98,6 +98,13 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
+def differing_software(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return the values of the software that differs between environments, by name."""
+    software = "code", VARIANT, *_PACKAGES, *_PACKAGES_OF_NETWORKS
+    values = {name: dict.fromkeys(one.get(name, "?") for one in environments) for name in software}
+    return {name: ", ".join(found) for name, found in values.items() if len(found) > 1}
+
+
 def together(environments: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Join the environments of several processes: where values differ, all are listed.
 

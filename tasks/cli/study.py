@@ -193,6 +193,7 @@ def _show_claims(*runs: Path) -> None:
     from typing import Any
 
     from eres_render.storage.settings_reader import read_json
+    from tasks.provenance import differing_software
     from tasks.study.claims.judge import changed_verdicts, judge_readings
     from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
@@ -223,6 +224,12 @@ def _show_claims(*runs: Path) -> None:
     counts = Counter(verdict.status for verdict in verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.out.print(Text("\n") + Text(", ").join(counted))
+    joined = runs if len(runs) > 1 else ()
+    files = [one / "environment.json" for one in joined]
+    environments = [read_json(dict[str, str], file, ResultError) for file in files]
+    if differing := differing_software(environments):
+        listed = "; ".join(f"{name} {values}" for name, values in differing.items())
+        terminal.out.print(f"The runs differ in more than weights: {listed}", highlight=False)
     if note := threshold_note(found):
         terminal.out.print(note, highlight=False)
     for name in [*judged][1:]:

@@ -3,7 +3,7 @@ is printed beside a claim does not decide it."""
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -225,6 +225,27 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
         ResultError, match=r"one.*: found the jobs of .*one, expected those of other"
     ):
         scores_of_run(one, one)
+
+
+def test_other_software_of_joined_runs_is_said(
+    tmp_path: Path, eres: Callable[..., tuple[int, str, str]]
+) -> None:
+    """Promise: `eres claims` names the software that differs between runs, and says nothing of
+    machines."""
+    folders = [tmp_path / "a", tmp_path / "b", tmp_path / "c"]
+    commits = "git 1a", "git 2b", "git 1a"
+    rows = twin_rows(HF, "our_reconstruction_{}", at_night=9.0, all_light=0.5)
+    for k, (folder, commit) in enumerate(zip(folders, commits, strict=True)):
+        folder.mkdir()
+        write_rows(folder / "rows.parquet", rows)
+        (folder / "study.json").write_text(json.dumps({"jobs": [k]}))
+        found = {"code": commit, "mitsuba": "3.9.1", "processor": str(k)}
+        (folder / "environment.json").write_text(json.dumps(found))
+    code, out, _ = eres("claims", *folders)
+    assert code == 0
+    assert "The runs differ in more than weights: code git 1a, git 2b\n" in out
+    for alone in (folders[:1], folders[::2]):
+        assert "differ" not in eres("claims", *alone)[1]
 
 
 @pytest.mark.parametrize("lacking", [0, 1])
