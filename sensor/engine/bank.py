@@ -27,6 +27,7 @@ from sensor.engine.frames import (
     whole_microseconds,
 )
 from sensor.engine.group import SensorGroup
+from sensor.engine.pieces import Pieces
 from sensor.engine.sorting import Room, room_for_events
 from sensor.engine.workers import Workers
 from sensor.errors import SensorError
@@ -38,14 +39,13 @@ DARK_FRACTION = 1e-3  # default dark level, share of the white level
 _SAMPLE_PX = 1 << 14  # of a frame, for a first estimate of the white level
 _SAMPLE_SHARE = 0.995
 _CHUNK_FRAMES = 24  # at most: the state of all pixels is read and written once a chunk
-_FIRST_FRAMES = 4  # at most, of the first chunk, which shows how many events there are
+_FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come soon
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
 # _MOST_GROWTH times the number so far and _FEW_EVENTS.
 _RESERVE = 1.3
 _MOST_GROWTH = 4
 _FEW_EVENTS = 1 << 25
 _CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk
-_CHUNK_EVENTS = 1 << 24  # about as many: memory that the next chunks use again
 
 
 class Bank:
@@ -104,16 +104,18 @@ class Bank:
         groups = self._groups()
         work = max(group.state.memory.size for group in groups)
         most = max(1, min(_CHUNK_FRAMES, _CHUNK_WORK // work))
-        frames, done = min(most, _FIRST_FRAMES), 1
+        pieces = Pieces(self.reader.first, [group.models for group in groups])
+        done = 1
         with Workers(self.threads) as workers:
             while done < len(self.t_s):
-                chunk = self.reader.chunk(done, frames)
-                t_s = self.t_s[done - 1 : done + len(chunk)]
-                for group in groups:
-                    yield from group.advance(chunk, done, t_s, rooms, workers)
-                done += len(chunk)
-                fired = max(1, *(group.fired for group in groups))
-                frames = max(1, min(most, _CHUNK_EVENTS * len(chunk) // fired))
+                chunk = self.reader.chunk(done, min(most, _FIRST_FRAMES) if done == 1 else most)
+                while len(chunk):
+                    piece = chunk[: pieces.frames(chunk)]
+                    t_s = self.t_s[done - 1 : done + len(piece)]
+                    for group in groups:
+                        yield from group.advance(piece, done, t_s, rooms, workers)
+                    pieces.learn(len(piece), max(group.fired for group in groups))
+                    chunk, done = chunk[len(piece) :], done + len(piece)
             self.reader.check_end()
         for group in groups:
             yield from group.finish()
