@@ -52,7 +52,15 @@ class Pieces:
         return found
 
     def learn(self, frames: int, events: int) -> None:
-        """Take note of the events of the frames that `frames` returned."""
+        """Take note of what fired.
+
+        Parameters
+        ----------
+        frames
+            What `frames` returned.
+        events
+            The largest number of events of a group in these frames.
+        """
         self._rate = events / frames
         self._share = min(1.0, events / self._foretold) if self._foretold else 1.0
 
