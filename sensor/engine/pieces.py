@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,13 @@ class Pieces:
     """
 
     def __init__(
-        self, first: NDArray[np.floating], groups: Iterable[Sequence[SensorModel]]
+        self, first: NDArray[np.floating], groups: Sequence[Sequence[SensorModel]]
     ) -> None:
-        every = [list(models) for models in groups]
         self._per_change = max(
             sum(m.width * m.height / min(m.contrast_threshold, m.off_threshold) for m in models)
-            for models in every
+            for models in groups
         )
-        self._dark = min(m.dark_level or 0.0 for models in every for m in models)
+        self._dark = min(m.dark_level or 0.0 for models in groups for m in models)
         self._step = max(1, round((first.size / _SAMPLE_PX) ** 0.5))
         self._logs = self._sampled(first[None])[0]
         self._rate, self._foretold, self._share = 0.0, 0.0, 1.0
