@@ -99,6 +99,10 @@ class Events:
                 raise EventError(
                     f"Events.{name}: found {len(array)} entries, expected {len(self.t_us)}"
                 )
+        for name in ("width", "height"):
+            side = getattr(self, name)
+            if not isinstance(side, int | np.integer) or side < 0:
+                raise EventError(f"Events.{name}: found {side!r}, expected a number of pixels")
         if len(self.t_us) == 0:
             return
         backwards = np.flatnonzero(self.t_us[1:] < self.t_us[:-1])
@@ -189,7 +193,15 @@ class Events:
         return self[first:last]
 
     def where(self, keep: NDArray[np.bool_]) -> Events:
-        """Return a copy of the events that an (N,) mask selects."""
+        """Return a copy of the events that an (N,) mask selects.
+
+        Raises
+        ------
+        EventError
+            The mask is not one of bools, such as indices.
+        """
+        if (found := np.asarray(keep).dtype) != np.bool_:
+            raise EventError(f"Events.where: found {found}, expected a mask of bools")
         # An unpredictable mask costs numpy a branch per event and column, indices cost none.
         chosen = np.flatnonzero(np.broadcast_to(keep, len(self)))
         return Events.trusted(*self.columns.part(chosen), like=self)
@@ -233,6 +245,10 @@ class Events:
                 f"Events.from_structured: found t of {array['t'].dtype}, expected integers, us"
             )
         for name in ("x", "y"):
+            if array[name].dtype.kind not in "iu":
+                raise EventError(
+                    f"Events.from_structured: found {name} of {array[name].dtype}, expected pixels"
+                )
             if len(array) and not 0 <= array[name].min() <= array[name].max() < 2**16:
                 found = f"{array[name].min()} to {array[name].max()}"
                 raise EventError(f"Events.from_structured: found {name} = {found}, expected pixels")

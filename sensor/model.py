@@ -13,6 +13,7 @@ from sensor.numbers import real, refusal, whole
 
 MAX_SIDE_PX = 1 << 16  # event coordinates are uint16
 MAX_RATE_HZ = 1e6  # event times are whole microseconds
+MAX_TIME_S = 9.2e12  # 2^63 us, nearly
 LEAST_THRESHOLD = 1e-9  # a double resolves far smaller steps of log intensity
 LEAST_FILL_FACTOR = 1e-6
 _CUTOFF_HZ_PER_LUX = 3.0
@@ -80,7 +81,7 @@ class SensorModel:
         v is the light on a scale with white at 255. Between two frames it is constant, that of the
         mean of their log intensities.
     cutoff_reference
-        Radiance at which the cutoff is `cutoff_hz`; the cutoff is proportional to I + I_dark, since
+        The I + I_dark at which the cutoff is `cutoff_hz`; the cutoff is proportional to it, since
         bandwidth is proportional to photocurrent (Lichtsteiner et al. 2008). None: the cutoff does
         not depend on the light. With "v2e" it is the radiance of white, and None is the 99.9th
         percentile of the first frame.
@@ -194,7 +195,12 @@ class SensorModel:
             lambda share: LEAST_FILL_FACTOR <= share <= 1,
         )
         check_number("hot_pixel_fraction", "a share in [0, 1]", lambda share: 0 <= share <= 1)
-        for name in ("threshold_mismatch", "shot_noise_exponent", "refractory_s"):
+        check_number(
+            "refractory_s",
+            f"seconds from 0 to {MAX_TIME_S:g}",
+            lambda period: 0 <= period <= MAX_TIME_S,
+        )
+        for name in ("threshold_mismatch", "shot_noise_exponent"):
             check_number(name, "a number of at least 0", lambda number: 0 <= number < math.inf)
         check_number("latency_s", "seconds from 0 to 1000", lambda delay: 0 <= delay <= 1000)
         for name in ("leak_hz", "shot_noise_hz", "hot_pixel_hz"):

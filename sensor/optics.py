@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor.kernels.radiance import Overlap, integrate_area
+from sensor.numbers import refusal
 
 
 def area_weights(n_in: int, n_out: int, aperture: float = 1.0) -> Overlap:
@@ -75,6 +76,11 @@ def integrate(
     (height, width) float64 in the unit of the frame, or None if any radiance is negative or not
     finite. Rows of samples that no pixel sees are not read.
 
+    Raises
+    ------
+    SensorError
+        The fill factor is not a share.
+
     Examples
     --------
     Four pixels over six columns; the mean stays 1:
@@ -85,6 +91,8 @@ def integrate(
     >>> integrate(frame, height=1, width=4)
     array([[0., 2., 2., 0.]])
     """
+    if not 0 < fill_factor <= 1:
+        raise refusal("fill_factor", fill_factor, "a share in (0, 1]")
     out = np.empty((height, width))
     overlaps = pixel_overlaps(frame.shape, height, width, fill_factor)
     return out if integrate_area(frame, *overlaps, out) else None

@@ -298,6 +298,11 @@ class _Queue:
         """Send and return all waiting events."""
         sent = self._room(0)
         fifo.advance(fifo.END_OF_TIME_US, self._bus, self._fifo, tally, sent, 0)
+        if late := int(self._fifo.state[fifo.WAITING]):
+            raise EventError(
+                f"readout: {late} events would leave after {fifo.END_OF_TIME_US} us; expected "
+                "earlier events, or a bus with a larger max_rate_hz or smaller row_overhead_s"
+            )
         return Events.trusted(*sent, like=like)
 
     def _room(self, more: int) -> Columns:

@@ -11,19 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from sensor.compiling import compiler
+from sensor.errors import EventError
 from sensor.events import Columns, Events
 
 _NEVER = -(1 << 62)
 _DRAWS = 2000
 
 
-@numba.njit(cache=True, nogil=True)
+@compiler(Path(__file__).parent)
 def _count_intervals(
     events: Columns,
     start_us: int,
@@ -91,6 +93,7 @@ class IntervalHistogram:
         every_row: int = 1,
     ) -> None:
         self.edges_us = np.asarray(edges_us, dtype=np.int64)
+        self._width, self._height = width, height
         self._window_us = window_us
         self._slot_of = np.full(height, -1)
         self._slot_of[::every_row] = np.arange(-(-height // every_row))
@@ -101,7 +104,18 @@ class IntervalHistogram:
         self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
 
     def add(self, events: Events) -> None:
-        """Count the next part of the stream."""
+        """Count the next part of the stream.
+
+        Raises
+        ------
+        EventError
+            The events are of a sensor of another size.
+        """
+        if (events.width, events.height) != (self._width, self._height):
+            raise EventError(
+                f"IntervalHistogram.add: found events of {events.width}x{events.height} px, "
+                f"expected {self._width}x{self._height} px"
+            )
         _count_intervals(
             events.columns,
             *self._window_us,
@@ -141,7 +155,7 @@ def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np
     Raises
     ------
     EventError
-        A time is not an integer.
+        A time is not an integer, or the window is empty.
 
     Examples
     --------
@@ -156,6 +170,11 @@ def event_rates_hz(events: Events, t_start_us: int, t_end_us: int) -> NDArray[np
     array([[10000.,     0.,     0.]])
     """
     window = events.between(t_start_us, t_end_us)
+    if t_end_us <= t_start_us:
+        raise EventError(
+            f"event_rates_hz: found a window from {t_start_us} to {t_end_us} us, expected an end "
+            "after the start"
+        )
     pixel = window.y.astype(np.int64) * events.width + window.x
     counts = np.bincount(pixel, minlength=events.height * events.width)
     return counts.reshape(events.height, events.width) / ((t_end_us - t_start_us) * 1e-6)
@@ -169,7 +188,7 @@ def log_bin_edges_us(
     Parameters
     ----------
     shortest_us, longest_us
-        First and last edge.
+        First edge, and about the last: the whole number of bins whose last edge is nearest.
     per_decade
         Number of bins per decade.
 

@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sensor.errors import SensorError
 from sensor.memory import MEMORY
+from sensor.model import MAX_TIME_S
+from sensor.numbers import refusal
 
 Frames = NDArray[np.floating] | Iterable[NDArray[np.floating]]
-MAX_TIME_S = 9.2e12  # 2^63 us, nearly
 
 _log = logging.getLogger(__name__)
 
@@ -28,9 +29,16 @@ def checked_times(t_s: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     SensorError
-        The times are not finite or not strictly increasing; the text names the first wrong one.
+        The times are not numbers, not finite or not strictly increasing; the text names the first
+        wrong one.
     """
-    times = np.asarray(t_s, dtype=np.float64)
+    try:
+        found = np.asarray(t_s)
+        if found.dtype.kind not in "iuf":
+            raise TypeError
+        times = found.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise refusal("t_s", t_s, "a row of times in seconds") from error
     if times.ndim != 1 or times.size == 0:
         raise SensorError(f"t_s: found shape {times.shape}, expected (T,) with T of at least 1")
     bad = np.flatnonzero(~np.isfinite(times))

@@ -196,7 +196,7 @@ class SensorGroup:
         """Remove the events within the refractory periods of the s-th member; add its latency."""
         model, ready_us = self.models[s], self.ready_us[s]
         if ready_us is not None:
-            refractory_us = min(round(model.refractory_s * 1e6), np.iinfo(np.int64).max)
+            refractory_us = round(model.refractory_s * 1e6)
             events = events.where(outside_refractory(events.columns, refractory_us, ready_us))
         if model.latency_s > 0:
             t_us, x, y, p = events.columns

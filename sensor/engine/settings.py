@@ -14,7 +14,7 @@ from sensor.model import SensorModel
 class Draw:
     """Kinds of random numbers; each has its own stream."""
 
-    START, C_ON, C_OFF, HOT = range(4)
+    START, C_ON, C_OFF, HOT, NOISE = range(5)
 
 
 def generator(seed: int, draw: int) -> np.random.Generator:
@@ -42,7 +42,7 @@ def settings_of(models: list[SensorModel], seed: int) -> Settings:
     models
         S models of one size.
     seed
-        Seed of the fixed patterns.
+        Seed of the fixed patterns and of the noise.
 
     Returns
     -------
@@ -69,7 +69,9 @@ def settings_of(models: list[SensorModel], seed: int) -> Settings:
         filtered=np.array([math.isfinite(m.cutoff_hz) for m in models]),
         noisy=np.array([m.shot_noise_hz > 0 for m in models]) | hot,
         leader=_leaders(models),
-        seed=np.uint64(seed),
+        # Not the seed itself: kernels combine it with the pixel, so that nearby seeds would give
+        # the same noise at other pixels.
+        seed=generator(seed, Draw.NOISE).integers(1 << 64, dtype=np.uint64),
     )
 
 

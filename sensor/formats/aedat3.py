@@ -18,6 +18,7 @@ https://docs.inivation.com/software/software-advanced-usage/file-formats/aedat-3
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -152,9 +153,10 @@ def _read_packet(
     number, size = int(packet["number"]), int(packet["size"])
     if number < 0 or size <= 0 or packet["capacity"] != number or packet["overflow"] < 0:
         raise EventFormatError(f"byte {at}: found {start.hex()}, expected a packet")
-    data = file.read(number * size)
-    if len(data) < number * size:
+    # A damaged header may name more than memory holds.
+    if number * size > os.fstat(file.fileno()).st_size - file.tell():
         raise EventFormatError(f"byte {at}: the file ends within a packet")
+    data = file.read(number * size)
     if packet["type"] != _POLARITY:
         return np.empty(0, np.int64), np.empty(0, np.uint32)
     sources.add(int(packet["source"]))

@@ -45,6 +45,7 @@ _MAX_INDEXED_US = 1 << 38  # 3 days
 # Largest first time relative to t_offset. Later times would soon overflow uint32, so t_offset is
 # set to a time just before them.
 _MAX_START_US = 1 << 31
+_MAX_OFFSET_US = 1 << 62
 
 
 def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
@@ -142,9 +143,14 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
 def _offset_us(header: Header, first: Events) -> int:
     """Return t_offset: that of the header if it suits the events, or else a time before them."""
     start_us = int(first.t_us[0]) if len(first) else header.t_offset_us
-    if 0 <= start_us - header.t_offset_us < _MAX_START_US:
-        return header.t_offset_us
-    return start_us // 1000 * 1000
+    offset_us = header.t_offset_us
+    if not 0 <= start_us - offset_us < _MAX_START_US:
+        offset_us = start_us // 1000 * 1000
+    if abs(offset_us) >= _MAX_OFFSET_US:
+        raise EventFormatError(
+            f"dsec: found events from {start_us} us on, expected a start less than 2^62 us from 0"
+        )
+    return offset_us
 
 
 def _append(dataset: Any, values: np.ndarray) -> None:
@@ -210,7 +216,7 @@ def _strangers(names: Iterable[str], known: Container[str]) -> Iterator[str]:
 def _read_offset_us(file: Any) -> int:
     with said("t_offset"):
         offset_us = int(file["t_offset"][()]) if "t_offset" in file else 0
-    if abs(offset_us) >= 1 << 62:
+    if abs(offset_us) >= _MAX_OFFSET_US:
         raise EventFormatError(f"t_offset: found {offset_us} us, expected less than 2^62 us from 0")
     return offset_us
 

@@ -310,7 +310,7 @@ def _read_raw(file: BinaryIO) -> _Raw:
     ended = False
     while not ended:
         line = file.readline(_MAX_HEADER_BYTES)
-        if not line.startswith(b"%"):
+        if not line.startswith((b"% ", b"%\n")):  # a word of an old file may begin with b"%"
             break
         length += len(line)
         if not line.endswith(b"\n") or length > _MAX_HEADER_BYTES:

@@ -10,12 +10,15 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from sensor.errors import EventFormatError, SensorError
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 from sensor.model import MAX_SIDE_PX, SensorModel
 
 Value = str | int | float
 _KEY = re.compile(r"[a-z][a-z0-9_]*")
+_MOST_CHARACTERS = 200_000  # npz stores four bytes for each, and reads up to 1 MiB
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,10 @@ class Header:
                 raise EventFormatError(
                     f"{name}: found {side}, expected a sensor's side in 1..{MAX_SIDE_PX} px"
                 )
+        if not isinstance(self.t_offset_us, int | np.integer):
+            raise EventFormatError(
+                f"t_offset_us: found {self.t_offset_us!r}, expected whole microseconds"
+            )
         for name, value in self.origin.items():
             right = isinstance(value, Value) and not isinstance(value, bool)
             if isinstance(value, float) and not math.isfinite(value):
@@ -142,8 +149,19 @@ def model_from_json(text: str) -> SensorModel:
 
 
 def origin_to_json(origin: Mapping[str, Value]) -> str:
-    """Convert an origin to one line of JSON."""
-    return json.dumps(dict(origin))
+    """Convert an origin to one line of JSON.
+
+    Raises
+    ------
+    EventFormatError
+        The line is longer than readers accept.
+    """
+    text = json.dumps(dict(origin))
+    if len(text) > _MOST_CHARACTERS:
+        raise EventFormatError(
+            f"origin: found {len(text)} characters of JSON, expected at most {_MOST_CHARACTERS}"
+        )
+    return text
 
 
 def origin_from_json(text: str) -> dict[str, Value]:

@@ -196,8 +196,9 @@ def _scaled(value, power, dropped, rounded):
         return np.int64(-1) if too_large else value * _POWERS[power]
     if power == 0:
         return value + (rounded and dropped >= 5)
-    if power < -18:
-        return np.int64(0 if rounded else -1)
+    if power < -18:  # less than 1, and only at -19 perhaps at least 1/2
+        half = power == -19 and value >= _POWERS[18] * 5
+        return np.int64(half if rounded else -1)
     unit = _POWERS[-power]
     rest = value % unit
     if rest and not rounded:

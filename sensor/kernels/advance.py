@@ -369,6 +369,7 @@ def advance_pixels(light, band, state, settings, clock, block, resume, segment):
                     used = noise_events(
                         source,
                         block.u[f, :n],
+                        block.u[f + 1, :n],
                         clock.first_frame + f,
                         interval,
                         block.work,

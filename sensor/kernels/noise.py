@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.kernels.elementary import jit
+from sensor.kernels.elementary import inlined, jit
 from sensor.kernels.packing import FULL, PLACE_MASK, POLARITY_SHIFT, pack
 
 
@@ -45,6 +45,9 @@ def uniform(seed, pixel, frame, draw):
 # Largest mean of one Poisson draw, and bits for the draws of its events.
 MOST_NOISE = 64.0
 DRAWS_SHIFT = 20
+HOT_DRAWS = 1 << 62  # first draw of hot pixels
+
+_SMALL_SLOPE = 0.05  # the next term of its series is less than 1e-11
 
 
 @jit
@@ -84,19 +87,114 @@ class NoiseSource(NamedTuple):
     first_pixel: int  # index of the block's first pixel
 
 
+class Rate(NamedTuple):
+    """An exponential course of a rate over an interval, by its mean number of events."""
+
+    mean: float
+    slope: float  # |logarithm of the ratio of the rates at both ends|
+    rises: bool
+
+
+@inlined
+def shot_noise_rate(source, log_dark, u0, u1, dt_s):
+    """Return the rate of shot noise over an interval.
+
+    The rate is dark_hz ((I + I_dark) / I_dark)^-exponent. The log intensity is linear in time, so
+    the rate is exponential, and its mean is the larger end's times (1 - e^-slope) / slope.
+
+    Parameters
+    ----------
+    source
+        `NoiseSource`.
+    log_dark
+        Logarithm of I_dark.
+    u0, u1
+        Log intensity at both ends of the interval.
+    dt_s
+        Length of the interval.
+
+    Returns
+    -------
+    Rate
+    """
+    slope = source.exponent * abs(u1 - u0)
+    if slope < _SMALL_SLOPE:
+        share = 1.0 - slope * (1.0 / 6.0)  # from the last of six terms inwards
+        for term in (5.0, 4.0, 3.0, 2.0):
+            share = 1.0 - slope / term * share
+    else:
+        share = -math.expm1(-slope) / slope
+    largest_hz = source.dark_hz * math.exp(-source.exponent * (min(u0, u1) - log_dark))
+    return Rate(largest_hz * share * dt_s, slope, u1 < u0)
+
+
+@inlined
+def time_in_interval(share, rate):
+    """Return the time before which a share of the events comes on average, as a part of 1.
+
+    Parameters
+    ----------
+    share
+        In [0, 1).
+    rate
+        `Rate`.
+    """
+    if rate.slope == 0.0:
+        return share
+    if rate.rises:  # backwards in time it falls
+        return max(1.0 + math.log1p((1.0 - share) * math.expm1(-rate.slope)) / rate.slope, 0.0)
+    return -math.log1p(share * math.expm1(-rate.slope)) / rate.slope
+
+
+@inlined
+def add_poisson(rate, seed, pixel, frame, first_draw, position, interval, pool, used):
+    """Append the events of a Poisson process of one pixel over one interval, of random polarity.
+
+    Parameters
+    ----------
+    rate
+        `Rate`.
+    seed, pixel, frame, first_draw
+        Indices of the first random number.
+    position
+        Packed row and column of the pixel.
+    interval, pool, used
+        Clock, packed events, and used size of the pool.
+
+    Returns
+    -------
+    int
+        New used size of the pool, or FULL.
+    """
+    start_us, length_us = interval.start_us, interval.length_us
+    # Parts of equal mean, at most MOST_NOISE.
+    parts = np.int64(rate.mean * (1.0 / MOST_NOISE)) + 1
+    for part in range(parts):
+        draw = first_draw + (part << DRAWS_SHIFT)
+        count = poisson(rate.mean / parts, uniform(seed, pixel, frame, draw))
+        for k in range(count):
+            if used == pool.size:
+                return FULL
+            share = (part + uniform(seed, pixel, frame, draw + 2 * k + 1)) / parts
+            bit = random_bits(seed, pixel, frame, draw + 2 * k + 2) & np.uint64(1)
+            since_us = interval.dt_s * 1e6 * time_in_interval(share, rate)
+            pool[used] = pack(since_us, start_us, length_us, (bit << POLARITY_SHIFT) | position)
+            used += 1
+    return used
+
+
 @jit
-def noise_events(source, u0, frame, interval, work, begin, used):
+def noise_events(source, u0, u1, frame, interval, work, begin, used):
     """Add Poisson noise of both polarities to the events of a block over one interval.
 
-    The rate is dark_hz ((I + I_dark) / I_dark)^-exponent at the start of the interval, plus hot_hz.
     The events stay in raster order.
 
     Parameters
     ----------
     source
         `NoiseSource`.
-    u0
-        (block,) log intensity at the start of the interval.
+    u0, u1
+        (block,) log intensity at the start and the end of the interval.
     frame, interval
         Index of the interval since the first frame, and its clock.
     work, begin, used
@@ -107,30 +205,23 @@ def noise_events(source, u0, frame, interval, work, begin, used):
     int
         New used size of the pool, or FULL.
     """
-    dark_hz, exponent, dark, hot_hz, seed, first_pixel = source
-    log_dark = math.log(dark)
+    log_dark = math.log(source.dark)
     pool, position = work.pool, work.position
-    dt_s, start_us, length_us = interval.dt_s, interval.start_us, interval.length_us
     signal_end = used
     for i in range(u0.size):
-        rate_hz = hot_hz[i] if hot_hz.size > 0 else 0.0
-        if dark_hz > 0.0:
-            rate_hz += dark_hz * math.exp(-exponent * (u0[i] - log_dark))
-        mean = rate_hz * dt_s
-        # Split the interval, so that the mean of each part is at most MOST_NOISE.
-        parts = np.int64(mean * (1.0 / MOST_NOISE)) + 1
-        part_us = dt_s * 1e6 / parts
-        for part in range(parts):
-            draw = part << DRAWS_SHIFT
-            count = poisson(mean / parts, uniform(seed, first_pixel + i, frame, draw))
-            for k in range(count):
-                if used == pool.size:
-                    return FULL
-                share = uniform(seed, first_pixel + i, frame, draw + 2 * k + 1)
-                bit = random_bits(seed, first_pixel + i, frame, draw + 2 * k + 2) & np.uint64(1)
-                word = (bit << POLARITY_SHIFT) | position[i]
-                pool[used] = pack(part_us * (part + share), start_us, length_us, word)
-                used += 1
+        pixel = source.first_pixel + i
+        if source.dark_hz > 0.0:
+            rate = shot_noise_rate(source, log_dark, u0[i], u1[i], interval.dt_s)
+            used = add_poisson(
+                rate, source.seed, pixel, frame, 0, position[i], interval, pool, used
+            )
+        if source.hot_hz.size > 0 and source.hot_hz[i] > 0.0 and used >= 0:
+            rate = Rate(source.hot_hz[i] * interval.dt_s, 0.0, False)
+            used = add_poisson(
+                rate, source.seed, pixel, frame, HOT_DRAWS, position[i], interval, pool, used
+            )
+        if used < 0:
+            return FULL
     # Merge both from the end, with the noise in the free part of the pool.
     count = used - signal_end
     if used + count > pool.size:

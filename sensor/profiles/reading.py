@@ -148,6 +148,10 @@ def _sourced(name: str, facts: Any) -> Sourced:
     ]
     if not math.isfinite(numbers[0]) and name != "cutoff":
         raise refusal(f"{name}.value", value, f"a finite number of {unit}")
+    if numbers[0] == 0 and name == "illuminance":
+        raise refusal(f"{name}.value", value, f"a positive number of {unit}")
+    if interval and not numbers[1] <= numbers[2]:
+        raise refusal(f"{name}.interval", interval, "its lower end first")
     return Sourced(numbers[0], source, (numbers[1], numbers[2]) if interval else None)
 
 

@@ -59,7 +59,7 @@ def voxel_grid(
     Raises
     ------
     EventError
-        There are fewer than 2 bins, or `positions` has a wrong shape.
+        There are fewer than 2 bins, there is no such convention, or `positions` has a wrong shape.
 
     Examples
     --------
@@ -78,6 +78,8 @@ def voxel_grid(
     """
     if bins < 2:
         raise EventError(f"voxel_grid: found {bins} bins, expected at least 2")
+    if convention not in ("e2vid", "eraft"):
+        raise EventError(f"voxel_grid: found {convention=}, expected 'e2vid' or 'eraft'")
     grid = np.zeros((bins, events.height, events.width), np.float32)
     if not len(events):
         return grid

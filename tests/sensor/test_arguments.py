@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from sensor import (
     EventError,
+    Events,
     Readout,
     SensorError,
     SensorModel,
@@ -272,6 +273,19 @@ def test_times_that_may_not_be_seconds_are_warned_of(t_s, median, caplog):
         assert "ms or us?" in message
 
 
+@pytest.mark.parametrize(
+    "t_s", ["now", ["a", "b"], [0.0, [1.0]], None, iter([0.0, 1.0]), [True, False]]
+)
+def test_times_that_are_no_numbers_are_refused(t_s):
+    """Promise: the error names the times; a clock's own type is not taken for seconds."""
+    with pytest.raises(SensorError) as error:
+        simulate(frames(), t_s, MODEL)
+    one_line(error, "t_s: found ", "expected a row of times in seconds")
+    for kind in ("datetime64[us]", "timedelta64[us]"):
+        with pytest.raises(SensorError, match="expected a row of times in seconds"):
+            simulate(frames(), np.arange(2).astype(kind), MODEL)
+
+
 def gradient(levels, highest):
     """Return a frame (16, 32) with `levels` values from 0 to the highest."""
     return np.resize(np.linspace(0, highest, levels), (16, 32))
@@ -319,6 +333,22 @@ def test_a_window_in_seconds_is_refused(name, value):
     with pytest.raises(EventError) as error:
         events.between(**{"t_start_us": 0, "t_end_us": 10, name: value})
     one_line(error, f"Events.between: found {name} = {value!r}, expected whole microseconds")
+
+
+def test_events_are_selected_by_a_mask_only():
+    """Promise: indices are not taken for a mask."""
+    events = simulate(frames(), T_S, MODEL)
+    assert len(events.where(events.p > 0)) == len(events)
+    with pytest.raises(EventError, match="where: found int64, expected a mask of bools"):
+        events.where(np.flatnonzero(events.p > 0))
+
+
+@pytest.mark.parametrize("width", [-4, 4.0, "4", None])
+def test_a_sensor_of_events_has_a_number_of_pixels(width):
+    """Promise: the size of a sensor without events is checked too."""
+    t_us, x, p = np.zeros(0, np.int64), np.zeros(0, np.uint16), np.zeros(0, np.int8)
+    with pytest.raises(EventError, match="expected a number of pixels"):
+        Events(t_us, x, x, p, width=width, height=4)
 
 
 @pytest.mark.parametrize("kind", [int, np.int64, np.int32, np.uint32, np.uint64])

@@ -65,6 +65,7 @@ def test_order_and_sorting(tmp_path):
         (HEAD, [b"\x01\x00"], "the file ends within a packet"),
         (HEAD, ["whole", -3], "the file ends within a packet"),
         (HEAD, [b"\xff" * 28], "expected a packet"),
+        (HEAD, ["huge"], "the file ends within a packet"),
         (HEAD, ["whole", "other"], "found events of two cameras"),
         (HEAD, ["outside"], "found 346, expected less than 346"),
         (HEAD.replace(b"DAVIS346B", b"Mine"), ["whole"], "does not store the sensor's size"),
@@ -77,6 +78,7 @@ def test_damage_is_named(head, packets, said, tmp_path):
     made = {
         "whole": packet(events),
         "other": packet(events, source=2),
+        "huge": bytes(7) + b"\x40" + packet(events)[8:],  # events of 1 GiB
         "outside": packet(make_events([5], [346], [3], [1])),
     }
     data = b""

@@ -133,6 +133,15 @@ def test_clocks(tmp_path):
         assert load_events(tmp_path / "a.h5").t_us.tolist() == [start_us]
 
 
+@pytest.mark.parametrize("start_us", [1 << 62, -(1 << 62)])
+def test_a_start_that_could_not_be_read_is_not_written(start_us, tmp_path):
+    """Promise: what a file cannot store is refused, and no file appears."""
+    for events in (make_events([start_us], [0], [0], [1]), make_events([], [], [], [], 4, 4)):
+        with pytest.raises(EventFormatError, match="expected a start less than 2"):
+            write_events(tmp_path / "a.h5", events, t_offset_us=start_us)
+    assert not list(tmp_path.iterdir())
+
+
 def dsec_file(path, **changed):
     """Write a file like DSEC's: no attributes, a clock offset, and some columns in other ways."""
     columns = {

@@ -247,6 +247,17 @@ def test_old_headers_have_the_number_of_the_system(lines, size, version, tmp_pat
     assert find_format(path).name == version
 
 
+@pytest.mark.parametrize("first", [0x24, 0x25, 0x26])
+def test_a_word_that_begins_like_a_header_is_a_word(first, tmp_path):
+    """Promise: a header without an end is over where a line does not begin with "% ", as in
+    OpenEB, also where the first word of the clock has this byte."""
+    words = [first | 0x8000 << 16, 3 << 11 | 5 | 0x1000 << 16]  # EVT2 in halves: time, then ON
+    halves = np.array(words, "<u4").view("<u2")
+    path = raw(tmp_path / "a.raw", b"% system_ID 28\n", halves)
+    events = load_events(path)
+    assert (events.t_us.tolist(), events.x.tolist(), events.y.tolist()) == ([first << 6], [3], [5])
+
+
 @pytest.mark.parametrize(
     ("header", "words", "said"),
     [

@@ -278,6 +278,27 @@ def test_text_is_seconds_and_zero_or_one(tmp_path):
     assert read.x.tolist() == [96, 2, 0, 0]
 
 
+def test_times_of_savetxt_are_rounded_to_the_nearest_microsecond(tmp_path):
+    """Promise: numpy's 19 digits too, below a microsecond, where all of them are decimals."""
+    t_s = [0.0, 4.9e-7, 5.1e-7, 7.47e-7, 9.3e-7, 1.49e-6, 1.51e-6, 9.49e-5]
+    np.savetxt(tmp_path / "a.txt", [(t, 1, 2, 1) for t in t_s])
+    found = load_events(tmp_path / "a.txt", size=(9, 9))
+    assert found.t_us.tolist() == [0, 0, 1, 1, 1, 1, 2, 95]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".raw", ".h5"])
+def test_an_origin_that_could_not_be_read_is_not_written(suffix, tmp_path):
+    """Promise: a header is not longer than readers accept, and no file appears; the longest can
+    be read."""
+    path = tmp_path / f"a{suffix}"
+    with pytest.raises(EventFormatError, match="origin: found 300012 characters of JSON"):
+        write_events(path, random_events(3), origin={"note": "x" * 300_000})
+    assert not list(tmp_path.iterdir())
+    longest = {"note": "x" * 199_988}
+    write_events(path, random_events(3), origin=longest)
+    assert read_header(path).origin == longest
+
+
 SAME = make_events([1500, 2_000_000], [3, 5], [4, 6], [0, 1], 346, 260)
 OTHERS = {
     "blanks": "346 260\n0.0015 3 4 0\n2.0 5 6 1\n",

@@ -124,6 +124,41 @@ def test_shot_noise_falls_with_the_light():
     assert left.sum() / right.sum() == pytest.approx(10, rel=0.05)
 
 
+@pytest.mark.parametrize("u_end", [math.log(100.0), -math.log(100.0), math.log(1e20), 1e-5])
+def test_shot_noise_follows_light_that_changes_between_frames(u_end):
+    """Analytic: log light is linear in time, so the rate is exponential; counts have its integral,
+    times its course, over one interval of any length and change."""
+    dark, rate_hz, exponent, seconds = 0.01, 20.0, 0.5, 10.0
+    u = np.array([max(-u_end, 0.0), max(u_end, 0.0)])  # above log(dark)
+    frames = (dark * np.exp(u) - dark)[:, None, None] * np.ones((1, SIDE, SIDE))
+    quiet = {"contrast_threshold": 1e3, "dark_level": dark, "shot_noise_exponent": exponent}
+    events = simulate(frames, [0.0, seconds], model(shot_noise_hz=rate_hz, **quiet), seed=4)
+    rates_hz = rate_hz * np.exp(-exponent * u)
+    fall = -exponent * u_end  # of the logarithm of the rate
+    mean = (rates_hz[1] - rates_hz[0]) / fall * seconds
+    assert abs(counts(events).mean() - mean) < 4 * math.sqrt(mean) / SIDE
+    assert counts(events).var() == pytest.approx(mean, rel=4 * math.sqrt(2 + 1 / mean) / SIDE)
+
+    def course(t_us):
+        return np.expm1(fall * t_us * 1e-6 / seconds) / np.expm1(fall)
+
+    few = events.t_us[:: max(len(events) // 20_000, 1)]
+    assert stats.kstest(few, course).pvalue > 0.001
+
+
+@pytest.mark.parametrize("seeds", [(0, 1), (2, 3), (0, 4095), (0, 1 << 40)])
+@pytest.mark.parametrize("noise", [{"shot_noise_hz": 8.0}, {"hot_pixel_fraction": 1.0}])
+def test_another_seed_gives_other_noise_and_not_the_same_at_other_pixels(seeds, noise):
+    """Promise: repetitions are independent, also over the whole sensor: their times and numbers of
+    events are as different as chance makes them."""
+    noisy = model(**{"hot_pixel_hz": 8.0, **noise})
+    one, other = (simulate(*constant(0.0, 1.0, 2), noisy, seed=seed) for seed in seeds)
+    common = len(np.intersect1d(one.t_us, other.t_us))
+    by_chance = 1e6 * math.prod(-math.expm1(-len(events) / 1e6) for events in (one, other))
+    assert abs(common - by_chance) < 5 * math.sqrt(by_chance)
+    assert len(one) != len(other)
+
+
 def test_noise_does_not_move_the_signal(scene_in_motion):
     """Physics: noise adds events; those of the light do not change."""
     frames, t_s = scene_in_motion

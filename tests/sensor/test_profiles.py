@@ -102,6 +102,14 @@ def test_light_drives_cutoff_and_noise_together():
             'title = "x"\n[threshold_off]\nvalue = 100\nunit = "%"\nsource = "y"',
             "threshold_off.value: found 100, expected a finite number of %",
         ),
+        (
+            'title = "x"\n[illuminance]\nvalue = 0\nunit = "lux"\nsource = "y"',
+            "illuminance.value: found 0, expected a positive number of lux",
+        ),
+        (
+            TEXT.replace("[0.1, 0.3]", "[0.3, 0.1]"),
+            "found [0.3, 0.1], expected its lower end",
+        ),
         ("title = ", "not TOML"),
     ],
 )

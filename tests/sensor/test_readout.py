@@ -210,6 +210,13 @@ def test_what_is_not_one_stream_is_refused():
             Readout(**kwargs)
 
 
+def test_a_bus_that_does_not_finish_is_an_error():
+    """Promise: events that would leave after 2^62 us are not made up."""
+    bus = Readout(max_rate_hz=1e-13, fifo_depth=4)
+    with pytest.raises(EventError, match="3 events would leave after"):
+        list(read_out([make([5, 6, 7])], bus))
+
+
 def test_an_empty_stream_stays_empty():
     """Promise: without events, the bus emits none, drops none, and has no delay."""
     out, report = through(make([]), max_rate_hz=1e6, fifo_depth=4)

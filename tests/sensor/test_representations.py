@@ -99,6 +99,12 @@ def test_voxel_grids_of_none_and_of_one_event_are_finite(convention):
     assert raw.sum() == (1 if convention == "e2vid" else 0)
 
 
+def test_a_convention_that_does_not_exist_is_refused():
+    """Promise: a name that is written otherwise is not taken for another network's."""
+    with pytest.raises(EventError, match="found convention='E-RAFT', expected 'e2vid' or 'eraft'"):
+        voxel_grid(random_events(50), 3, convention="E-RAFT")
+
+
 @given(count=st.integers(0, 60), mean_us=st.sampled_from([0.0, 9.0, 1e5]), seed=st.integers(0, 99))
 def test_counts_and_time_surface_equal_a_plain_loop(count, mean_us, seed):
     """Definition: events per pixel and polarity, and the decay since the last of them."""
@@ -140,6 +146,10 @@ def test_structured_arrays_keep_every_event(events):
             "found t of float64, expected integers, us",
         ),
         ([("x", "i2"), ("y", "i2"), ("t", "i8"), ("p", "?")], "found x = -1 to -1"),
+        (
+            [("x", "f4"), ("y", "i2"), ("t", "i8"), ("p", "?")],
+            "found x of float32, expected pixels",
+        ),
     ],
 )
 def test_structured_arrays_are_checked(fields, text):

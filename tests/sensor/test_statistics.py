@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sensor import Events, SensorModel, simulate
+from sensor import EventError, Events, SensorModel, simulate
 from sensor.statistics import (
     IntervalHistogram,
     event_rates_hz,
@@ -85,6 +85,16 @@ def test_hundreds_of_bins_do_not_wrap():
     histogram = IntervalHistogram(1, 1, np.arange(1, 302), (0, 999))
     histogram.add(Events(np.array([0, 280]), x, x, np.ones(2, np.int8), 1, 1))
     assert np.flatnonzero(histogram.counts).tolist() == [279]
+
+
+def test_events_of_another_sensor_are_refused():
+    """Promise: a histogram never counts outside its pixels; a window has a length."""
+    histogram = IntervalHistogram(7, 5, [10, 100], (0, 1000))
+    events = drawn_events(3, 50, 5, 7, 1000)
+    with pytest.raises(EventError, match="found events of 5x7 px, expected 7x5 px"):
+        histogram.add(events)
+    with pytest.raises(EventError, match="found a window from 9 to 9 us, expected an end after"):
+        event_rates_hz(events, 9, 9)
 
 
 def test_rates_are_counts_over_the_window():
