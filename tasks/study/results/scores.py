@@ -129,6 +129,11 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
                 f"{folder / 'study.json'}: found the jobs of {folders[0]}, expected those of other "
                 "weights"
             )
+        if _weights(config) == _weights(configs[0]):
+            raise ResultError(
+                f"{folder / 'study.json'}: weights: found those of {folders[0]}, expected others: "
+                "runs that are joined differ in the weights of networks"
+            )
         pair = _without_weights(config), _without_weights(configs[0])
         for name, here, there in differences(*pair):
             raise ResultError(
@@ -145,6 +150,12 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     render = configs[0].get("render", {})
     square = render.get("height") in (None, render.get("resolution"))
     return by_photoreceptor(rows, square=square, trainings=len(folders))
+
+
+def _weights(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the weights of each task that a run was given."""
+    tasks = config.get("evaluate", {})
+    return {name: task.get("weights") for name, task in tasks.items() if isinstance(task, dict)}
 
 
 def _without_weights(config: dict[str, Any]) -> dict[str, Any]:

@@ -66,9 +66,10 @@ class Job:
 
     @property
     def frames_decided_by(self) -> dict[str, object]:
-        """Everything that determines the job's frames, except for the renderer."""
-        light = self.scene.light_digest
-        return {**self._stretch, "light": light, "version": STAGE_VERSIONS["render"]}
+        """Everything that determines the job's frames and what is stored with them, except for the
+        renderer."""
+        of_scene = {"name": self.scene.name, "light": self.scene.light_digest}
+        return {**self._stretch, **of_scene, "version": STAGE_VERSIONS["render"]}
 
     @property
     def _stretch(self) -> dict[str, object]:
