@@ -354,18 +354,35 @@ def test_folders_of_other_trainings_are_refused(run, tmp_path):
         trained(half)
 
 
+def test_weights_without_settings_are_refused(run, tmp_path):
+    """Promise: a folder that lost training.json neither gives its scores nor goes on, whatever the
+    settings; the error names the missing file."""
+    for name in ("weights.pt", "checkpoint.pt"):
+        folder = tmp_path / name
+        folder.mkdir()
+        shutil.copy(run[0] / "scores.json", folder)
+        shutil.copy(run[0] / name, folder)
+        words = rf"training\.json: missing, expected the settings that {name} was trained with"
+        with pytest.raises(TrainingError, match=words):
+            trained(folder, "ideal")
+        assert not (folder / "training.json").exists()
+
+
 def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
-    """Promise: errors name too little memory, a missing GPU and a diverging loss."""
+    """Promise: errors name too little memory, a missing GPU and a diverging loss; those of the
+    machine leave no folder behind, so that other settings can be tried in it."""
     fast = replace(TINY, schedule=replace(BRIEF, learning_rate=1e30, largest_gradient=1e30))
     with pytest.raises(TrainingError, match=r"schedule\.learning_rate"):
         trained(tmp_path / "fast", settings=fast)
     monkeypatch.setattr(loop, "memory_bytes", lambda: 1000)
     with pytest.raises(TrainingError, match=r"needs about .* lower schedule\.crops_per_step"):
         trained(tmp_path / "large")
+    assert not (tmp_path / "large").exists()
     monkeypatch.undo()
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(TrainingError, match="device: found no GPU"):
         start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})
+    assert not (tmp_path / "gpu").exists()
 
 
 def test_settings_are_names_or_files(tmp_path):

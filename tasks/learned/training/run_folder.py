@@ -48,7 +48,8 @@ def opened(
     Raises
     ------
     TrainingError
-        The folder is of another training, or another process is training in it.
+        The folder is of another training or has lost its settings, or another process is training
+        in it.
     """
     file = folder / SETTINGS_FILE
     try:
@@ -59,10 +60,21 @@ def opened(
                     made_with = _with_earlier_starts(folder, made_with)
                     _write(file, {**read_description(folder), "made_with": made_with})
             else:
+                _check_untrained(folder)
                 _write(file, {"settings": settings, "made_with": dict(made_with)})
             yield
     except BlockingIOError:
         raise TrainingError(f"{folder}: another process is training in this folder") from None
+
+
+def _check_untrained(folder: Path) -> None:
+    """Refuse weights or a checkpoint of settings that nobody knows."""
+    for name in (WEIGHTS_FILE, CHECKPOINT_FILE):
+        if (folder / name).exists():
+            raise TrainingError(
+                f"{folder / SETTINGS_FILE}: missing, expected the settings that {name} was trained "
+                "with; choose another folder"
+            )
 
 
 def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
