@@ -161,16 +161,13 @@ def claims(run: RunFolder, others: OtherRuns = ()) -> None:
 
 def _show_scores(run: Path) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
-    from typing import Any
-
-    from eres_render.storage.settings_reader import read_json
     from tasks.cli.comparison import to_rich
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.scores import scores_of_run
+    from tasks.study.results.scores import read_config, scores_of_run
     from tasks.study.results.words import PACKAGED, join_words, photoreceptor_label
 
     (scores, *others), *readings = scores_of_run(run).values()
-    base = read_json(dict[str, Any], run / "study.json", ResultError).get("base_m_per_s", {})
+    base = read_config(run).get("base_m_per_s", {})
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, {**PACKAGED, **base}), crop=False)
     if others:
@@ -190,14 +187,12 @@ def _show_scores(run: Path) -> None:
 
 
 def _show_claims(*runs: Path) -> None:
-    from typing import Any
-
     from eres_render.storage.settings_reader import read_json
     from tasks.provenance import differing_software
     from tasks.study.claims.judge import changed_verdicts, judge_readings
     from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
-    from tasks.study.results.scores import scores_of_run
+    from tasks.study.results.scores import read_config, scores_of_run
     from tasks.study.results.words import photoreceptor_label
 
     marks = {
@@ -207,8 +202,7 @@ def _show_claims(*runs: Path) -> None:
         Status.NOT_MEASURED: Text("not measured", "dim"),
     }
     readings = scores_of_run(*runs)
-    config = read_json(dict[str, Any], runs[0] / "study.json", ResultError)
-    judged = judge_readings(config, readings, read_scaling(runs[0] / "scaling"))
+    judged = judge_readings(read_config(runs[0]), readings, read_scaling(runs[0] / "scaling"))
     verdicts, found = next(iter(judged.values())), next(iter(readings.values()))
     if not verdicts:
         terminal.out.print("none of the paper's claims is about these sensors, lights and methods")

@@ -44,9 +44,13 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     Raises
     ------
     TaskError
-        The rate is not positive, there are more than a million images, or there is none.
+        The rate is not positive, a time is not finite, there are more than a million images, or
+        there is none.
     """
     check_positive("fps", options.fps, TaskError)
+    for name, found in (("start", options.start), ("end", options.end)):
+        if found is not None and not math.isfinite(1e6 * found):
+            raise TaskError(f"{name}: found {found:g} s, expected a finite time")
     step_us = 1e6 / options.fps
     start_us = recording.start_us + step_us if options.start is None else 1e6 * options.start
     end_us = recording.end_us if options.end is None else 1e6 * options.end

@@ -471,6 +471,9 @@ def test_images_are_those_of_the_filter(made, recording, tmp_path, eres):
     [
         (["--fps", 0], "fps: found 0.0, expected a positive number"),
         (["--fps", 1], "there is no image at 1 per second"),
+        (["--start", "nan"], "start: found nan s, expected a finite time"),
+        (["--start", "inf"], "start: found inf s, expected a finite time"),
+        (["--end", "nan"], "end: found nan s, expected a finite time"),
         (["--method", "blnk"], "no method 'blnk'"),
         (["--equalization", "some"], "equalization: found 'some', expected one of none"),
     ],

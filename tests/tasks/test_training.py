@@ -5,6 +5,7 @@ Needs PyTorch: `make .venv/.learned`.
 
 import json
 import logging
+import re
 import resource
 import shutil
 import sys
@@ -352,6 +353,41 @@ def test_folders_of_other_trainings_are_refused(run, tmp_path):
     torch.save({"step": 1}, half / "checkpoint.pt")
     with pytest.raises(TrainingError, match="not a checkpoint of this training"):
         trained(half)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("scores.json", '{"score": ', "not JSON"),
+        ("scores.json", "{}", "score: missing, expected a string"),
+        ("scores.json", {"scores": {"ideal": [1.0]}}, "scores.ideal: found 1 numbers, expected 3"),
+        ("scores.json", {"scores": {}}, "scores: found none"),
+        ("training.json", {"settings": {}}, "settings.task: missing"),
+        ("training.json", {"settings": []}, "damaged, expected settings and made_with"),
+    ],
+)
+def test_damaged_files_of_a_finished_training_are_named(run, name, content, said, eres, tmp_path):
+    """Promise: neither the command nor the card fails without a word on the file."""
+    folder = tmp_path / "copy"
+    shutil.copytree(run[0], folder)
+    file = folder / name
+    if isinstance(content, dict):
+        content = json.dumps({**json.loads(file.read_text()), **content})
+    file.write_text(content)
+    words = re.escape(f"{file}: {said}")
+    with pytest.raises(TrainingError, match=words):
+        trained(folder)
+    code, _, err = eres("train", "card", folder)
+    assert (code, err.count("\n")) == (1, 1)
+    assert re.search(words, err)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 99999999999999999999999])
+def test_a_seed_that_pytorch_cannot_take_is_refused(seed, eres, tmp_path):
+    """Promise: one line with the range, and no folder."""
+    code, _, err = eres("train", "flow", "--out", tmp_path / "x", "--seed", seed)
+    assert (code, err) == (1, f"error: seed: found {seed}, expected 0 to 2^64 - 1\n")
+    assert not (tmp_path / "x").exists()
 
 
 def test_weights_without_settings_are_refused(run, tmp_path):

@@ -30,6 +30,7 @@ from tasks.learned.training.run_folder import (
     PICTURE_FILE,
     SCORES_FILE,
     WEIGHTS_FILE,
+    read_scores,
     write_curve,
 )
 from tasks.learned.training.settings import Schedule
@@ -73,13 +74,13 @@ def train(
     Raises
     ------
     TrainingError
-        There is no such device, the checkpoint is of another training, or the loss is not finite.
+        There is no such device, the checkpoint is of another training, the loss is not finite, or
+        the scores of a finished training cannot be read.
     WeightsError
         The checkpoint cannot be read.
     """
     if (folder / WEIGHTS_FILE).exists():
-        done: Scores = json.loads((folder / SCORES_FILE).read_text(encoding="utf-8"))["scores"]
-        return done
+        return {light: list(found) for light, found in read_scores(folder).scores.items()}
     place = _device(device)
     problem.network.to(place).train()
     optimizer = torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)

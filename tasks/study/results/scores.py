@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.storage.settings_reader import differences, read_json
+from eres_render.storage.settings_reader import differences, read_json, read_typed
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row, read_rows
@@ -29,6 +29,15 @@ from tasks.study.results.paper import (
 )
 
 Value = TypeVar("Value", bound=Hashable)
+
+# The kinds of what is read from study.json; a run may leave each of them out.
+_KINDS: dict[str, Any] = {
+    "question": str | None,
+    "render": dict[str, Any],
+    "evaluate": dict[str, Any],
+    "base_m_per_s": dict[str, float],
+    "jobs": tuple[Any, ...],
+}
 
 
 class Condition(NamedTuple):
@@ -119,10 +128,11 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     Raises
     ------
     ResultError
-        Two runs differ in more than weights, or as `read_rows`, `read_json` and `Scores` raise it.
+        Two runs differ in more than weights, or as `read_rows`, `read_config` and `Scores` raise
+        it.
     """
     found = [read_rows(folder / "rows.parquet") for folder in folders]
-    configs = [read_json(dict[str, Any], one / "study.json", ResultError) for one in folders]
+    configs = [read_config(folder) for folder in folders]
     for folder, config in zip(folders[1:], configs[1:], strict=True):
         if config.get("jobs") == configs[0].get("jobs"):
             raise ResultError(
@@ -145,6 +155,30 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     render = configs[0].get("render", {})
     square = render.get("height") in (None, render.get("resolution"))
     return by_photoreceptor(rows, square=square, trainings=len(folders))
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Read the study of a run.
+
+    Parameters
+    ----------
+    folder
+        The run's folder.
+
+    Returns
+    -------
+    The content of its study.json.
+
+    Raises
+    ------
+    ResultError
+        The file is missing or damaged, or something that is read from it is of the wrong kind.
+    """
+    file = folder / "study.json"
+    found = read_json(dict[str, Any], file, ResultError)
+    for name in _KINDS.keys() & found.keys():
+        read_typed(_KINDS[name], found[name], file, ResultError, name)
+    return found
 
 
 def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
