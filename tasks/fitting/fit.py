@@ -66,7 +66,8 @@ class Evidence:
         seen = self.frames is not None or self.light is not None
         if self.still_s is None and not seen and self.rises_us is None:
             raise TaskError(
-                "found neither still, frames nor steps, expected one or more of them: what to fit"
+                "found neither still, frames, crop nor steps, expected one or more of them: what "
+                "to fit"
             )
         if self.still_s is not None:
             start_s, end_s = self.still_s

@@ -154,7 +154,11 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
         ]
     render = configs[0].get("render", {})
     square = render.get("height") in (None, render.get("resolution"))
-    return by_photoreceptor(rows, square=square, trainings=len(folders))
+    try:
+        return by_photoreceptor(rows, square=square, trainings=len(folders))
+    except ResultError as error:
+        files = ", ".join(str(folder / "rows.parquet") for folder in folders)
+        raise ResultError(f"{files}: {error}") from None
 
 
 def read_config(folder: Path) -> dict[str, Any]:
@@ -329,17 +333,17 @@ class Scores:
         for row in rows:
             if names.setdefault(row.width, row.sensor) != row.sensor:
                 raise ResultError(
-                    f"rows: found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} "
+                    f"found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} "
                     "px, expected one of each width"
                 )
             if not row.sensor and row.contrast_threshold != self.contrast_threshold:
                 raise ResultError(
-                    f"rows: found contrast thresholds {self.contrast_threshold:g} and "
+                    f"found contrast thresholds {self.contrast_threshold:g} and "
                     f"{row.contrast_threshold:g}, expected one"
                 )
             if not row.sensor and row.photoreceptor != self.photoreceptor:
                 raise ResultError(
-                    f"rows: found photoreceptors {self.photoreceptor} and {row.photoreceptor}, "
+                    f"found photoreceptors {self.photoreceptor} and {row.photoreceptor}, "
                     "expected one"
                 )
             self.contrast_thresholds[row.width] = row.contrast_threshold
@@ -355,7 +359,7 @@ class Scores:
                 values = cells[key + where] = of_series.setdefault(Condition(*where), {})
             if (row.sample, row.item) in values:
                 raise ResultError(
-                    f"rows: found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
+                    f"found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
                     f"{Condition(*where)}, expected one"
                 )
             values[row.sample, row.item] = row
@@ -534,10 +538,10 @@ class Scores:
 
 def _check_known(row: Row) -> None:
     if row.task not in TASKS:
-        raise ResultError(f"rows: found task {row.task!r}, expected {' or '.join(sorted(TASKS))}")
+        raise ResultError(f"found task {row.task!r}, expected {' or '.join(sorted(TASKS))}")
     metric = TASKS[row.task].metric.name
     if row.metric != metric:
-        raise ResultError(f"rows: found metric {row.metric!r} of {row.task}, expected {metric}")
+        raise ResultError(f"found metric {row.metric!r} of {row.task}, expected {metric}")
 
 
 @cache
