@@ -83,8 +83,8 @@ def study(
 
     from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
+    from tasks.study.config import check_compares, with_method, with_weights
     from tasks.study.config import preset as find_preset
-    from tasks.study.config import with_method, with_weights
     from tasks.study.report import write_report
     from tasks.study.run import run_study
     from tasks.study.study_file import read_study
@@ -129,6 +129,7 @@ def study(
         asked = with_method(asked, name)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
     asked = with_weights(asked, named_weights(weights, in_use))
+    check_compares(asked)
     with progress_bar(terminal.err) as on_progress:
         run_study(asked, out, scheduler, on_progress, mix=mix)
     _show_scores(out)
