@@ -327,6 +327,27 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
         write_report(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"render": []}, "render: found [], expected a table"),
+        ({"jobs": 3}, "jobs: found 3, expected a list"),
+        ({"evaluate": 3}, "evaluate: found 3, expected a table"),
+        ({"question": 3}, "question: found 3, expected a string"),
+        ({"base_m_per_s": {"carpet": "fast"}}, "base_m_per_s.carpet: found 'fast', expected a num"),
+    ],
+)
+def test_a_damaged_study_is_named(tmp_path: Path, content: dict, said: str, eres) -> None:
+    """Promise: report and claims of a run whose study.json holds values of another kind end with
+    one line that names file and field."""
+    make_run(tmp_path, paper_rows(samples=1))
+    (tmp_path / "study.json").write_text(json.dumps(content))
+    for command in ("report", "claims"):
+        code, _, err = eres(command, tmp_path)
+        assert (code, err.count("\n")) == (1, 1)
+        assert f"{tmp_path / 'study.json'}: {said}" in err
+
+
 def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:
     """The report refuses a run with only do-nothing rows."""
     rows = [r for r in paper_rows(samples=1) if r.method == "no_events"]
