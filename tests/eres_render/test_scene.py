@@ -2,8 +2,8 @@
 
 import pytest
 
-from eres_render import RenderError, SceneError, clips, list_scenes, load_scene
-from light_scenes import edit_scene
+from eres_render import RenderError, SceneError, clips, list_scenes, load_scene, render_scene
+from light_scenes import edit_scene, light_evenly, small_carpet_folder
 
 
 def test_carpet_is_packaged_and_complete():
@@ -121,3 +121,19 @@ def test_other_units_than_ours_are_refused(tmp_path, old, new):
     """Promise: numbers in other units are not taken for meters or W m^-2 sr^-1."""
     with pytest.raises(SceneError, match="_unit"):
         load_scene(edit_scene(tmp_path / "other", (old, new)))
+
+
+def test_a_plane_that_is_not_what_the_camera_sees_is_refused(tmp_path):
+    """Promise: depth and flow of ground truth follow from `[plane]`; one half a meter above the
+    carpet is an error before anything is rendered, not wrong truth."""
+    folder = small_carpet_folder(tmp_path / "mine")
+    text = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(
+        text.replace("point_m = [0.0, 0.0, 0.0]", "point_m = [0.0, 0.0, 0.5]")
+    )
+    scene = load_scene(light_evenly(folder, "carpet", 3.0))
+    with pytest.raises(
+        SceneError, match=r"scene\.toml: plane: found what the camera sees .* as far"
+    ):
+        render_scene(scene, tmp_path / "out", resolution=16, spp=1, samples=1)
+    assert not list((tmp_path / "out").rglob("*.exr"))
