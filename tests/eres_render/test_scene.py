@@ -39,6 +39,8 @@ def test_a_folder_is_a_scene_too(tmp_path):
             r"camera\.fow: unknown, expected one of fov_deg",
         ),
         ("seed = 0", "seed = 1.5", r"path\.seed: found 1\.5, expected an integer"),
+        ("seed = 0", "seed = -1", r"path\.seed: found -1, expected 0 or more"),
+        ("seed = 7", "seed = -7", r"textures\.carpet_reflectance\.seed: found -7, expected 0"),
         ("[1.0, 1.0, 0.25]", "[1.0, 1.0]", r"path\.sway: found \[1\.0, 1\.0\], expected three"),
         ("[1.0, 1.0, 0.25]", "[1, 'a', 0]", r"path\.sway\[1\]: found 'a', expected a number"),
         ("[0.0, 0.0, 1.0]", "[0, 0, 2]", r"plane\.normal: .*expected a vector of length 1"),
