@@ -61,8 +61,10 @@ class Metric:
         return number_text(value, decimals, sign)
 
 
-def number_text(value: float, decimals: int, sign: str = "") -> str:
-    """Format a number with a true minus sign, and without a sign on zero.
+def number_text(
+    value: float, decimals: int, sign: str = "", *, keeps_minus: bool = False
+) -> str:
+    """Format a number with a true minus sign, and without one on zero.
 
     Parameters
     ----------
@@ -72,10 +74,13 @@ def number_text(value: float, decimals: int, sign: str = "") -> str:
         Number of decimals.
     sign
         "+" prints plus signs too.
+    keeps_minus
+        Whether a negative number that rounds to zero has a minus sign, as in "−0.00".
 
     Returns
     -------
     str
         Formatted number.
     """
-    return f"{value:{sign}z.{decimals}f}".replace("-", "−")
+    z = "" if keeps_minus and value else "z"
+    return f"{value:{sign}{z}.{decimals}f}".replace("-", "−")

@@ -100,6 +100,19 @@ def test_a_camera_with_its_own_pixels_is_among_all_readings_and_thresholds() -> 
     assert (alone.contrast_threshold, alone.photoreceptor) == (0.13, "v2e")
 
 
+def test_a_camera_with_its_own_photoreceptor_names_no_reading() -> None:
+    """Promise: where all sensors have names, readings have the photoreceptors of the study, also if
+    the first camera has its own."""
+    rows = [replace(row, sensor=f"cam {row.width}") for row in both_rows()]
+    own = [row for row in rows if row.width == 128 and row.photoreceptor == "v2e"]
+    found = by_photoreceptor(own + [row for row in rows if row.width != 128])
+    assert {name: scores.photoreceptor for name, (scores,) in found.items()} == {
+        "two_pole": "two_pole",
+        "v2e": "v2e",
+    }
+    assert all(scores.widths(EI) == list(WIDTHS) for (scores,) in found.values())
+
+
 def test_leads_by_reading_are_beside_the_papers() -> None:
     """Analytic case: 1280 px has 2 dB more with v2e; the paper's lead by day is 1.25 dB."""
     readings = {name: found[0] for name, found in by_photoreceptor(both_rows()).items()}

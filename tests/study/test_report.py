@@ -129,6 +129,16 @@ def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
     assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6
 
 
+def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
+    """Promise: a report replaces its own tables; a file of the user's beside them stays."""
+    run = make_run(tmp_path, paper_rows(samples=1))
+    for name in ("tables_mine.csv", "tables_v2e.csv"):
+        (run / name).write_text("from elsewhere")
+    page_of(run)
+    assert (run / "tables_mine.csv").read_text() == "from elsewhere"
+    assert not (run / "tables_v2e.csv").exists()
+
+
 def test_the_answer_follows_from_the_rows(tmp_path: Path) -> None:
     """The paper's medians: 1280 px wins in ideal light; at night 346 px is within 0.1 dB of the
     best at speed 1, and 128 px at speed 2. Events are those of the width, and the share is that of

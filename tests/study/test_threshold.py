@@ -24,7 +24,7 @@ from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.results.scores import Scores, by_threshold
+from tasks.study.results.scores import Scores, by_threshold, scores_of_run
 from tasks.study.results.words import capitalized
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}
@@ -252,6 +252,21 @@ def test_a_camera_with_its_own_threshold_is_in_the_tables_once() -> None:
         assert {(r["width"], r["sensor"]) for r in lines} == {
             (str(width), "") for width in WIDTHS if width != 346
         }
+
+
+def test_a_camera_with_its_own_threshold_names_none_of_the_run(tmp_path) -> None:
+    """Promise: where all sensors have names, scores are named by the thresholds of the study, also
+    if the first camera has its own."""
+    named = [replace(row, sensor=f"cam {row.width}") for row in usual_rows()]
+    own = [replace(row, contrast_threshold=0.3) for row in named if row.width == 128]
+    others = several([row for row in named if row.width != 128], (0.1, 0.2))
+    run = run_of(tmp_path, own + others)
+    ((first, second),) = scores_of_run(run).values()
+    assert (first.contrast_threshold, second.contrast_threshold) == (0.1, 0.2)
+    assert first.contrast_thresholds == {128: 0.3} | dict.fromkeys(WIDTHS[1:], 0.1)
+    page = page_of(run)
+    assert "The whole page uses a contrast threshold of 0.1" in page
+    assert re.findall(r">C = ([\d.]+)", page) == ["0.1", "0.2"] * 2
 
 
 def test_another_threshold_has_no_numbers_of_the_paper() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from jinja2 import Template
 
 from eres_render.storage.atomic import write_bytes
+from sensor.model import PHOTORECEPTORS
 from tasks.errors import ResultError
 from tasks.study.report.figures import figure_files
 from tasks.study.report.finished_run import FinishedRun, read_run
@@ -123,8 +124,8 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
     for name, found in {"tables": run.found, **others}.items():
         tables = [comparison_table(one, series) for one in found for series in one.series()]
         write_bytes(run_dir / f"{name}.csv", to_csv(tables).encode())
-    for file in set(run_dir.glob("tables_*.csv")) - {run_dir / f"{name}.csv" for name in others}:
-        file.unlink()  # of a photoreceptor that the run no longer has
+    for name in {f"tables_{one}" for one in PHOTORECEPTORS} - others.keys():
+        (run_dir / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
     for series in filter(is_main, run.series):
         plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)
         for kind, image in figure_files(plots).items():

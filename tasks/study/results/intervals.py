@@ -65,16 +65,17 @@ class Estimate:
         Returns
         -------
         str
-            Value, with its interval if there is one.
+            Value, with its interval if there is one. A negative bound that rounds to zero keeps
+            its minus sign, as it may decide a verdict, and so does a value below such a bound.
         """
-
-        def number(value: float) -> str:
-            return number_text(value, decimals, sign)
-
         unit = f" {unit}" if unit else ""
         if self.low is None or self.high is None:
-            return f"{number(self.value)}{unit}"
-        return f"{number(self.value)} [{number(self.low)}, {number(self.high)}]{unit}"
+            return f"{number_text(self.value, decimals, sign)}{unit}"
+        value = number_text(self.value, decimals, sign, keeps_minus=self.high < 0)
+        low, high = (
+            number_text(bound, decimals, sign, keeps_minus=True) for bound in (self.low, self.high)
+        )
+        return f"{value} [{low}, {high}]{unit}"
 
 
 Values = Mapping[Key, NDArray[np.float64]]

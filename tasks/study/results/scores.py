@@ -237,10 +237,19 @@ def by_photoreceptor(
     """
     found = _divided(_some(rows), lambda row: row.photoreceptor)
     order = sorted(found, key=lambda name: name != "two_pole")
-    return {name: by_threshold(found[name], square=square, trainings=trainings) for name in order}
+    return {
+        name: by_threshold(found[name], square=square, trainings=trainings, photoreceptor=name)
+        for name in order
+    }
 
 
-def by_threshold(rows: Iterable[Row], *, square: bool = True, trainings: int = 1) -> list[Scores]:
+def by_threshold(
+    rows: Iterable[Row],
+    *,
+    square: bool = True,
+    trainings: int = 1,
+    photoreceptor: str | None = None,
+) -> list[Scores]:
     """Return the scores of each contrast threshold of one photoreceptor.
 
     Parameters
@@ -249,6 +258,8 @@ def by_threshold(rows: Iterable[Row], *, square: bool = True, trainings: int = 1
         The rows.
     square, trainings
         As in `by_photoreceptor`.
+    photoreceptor
+        As in `Scores`.
 
     Returns
     -------
@@ -261,7 +272,16 @@ def by_threshold(rows: Iterable[Row], *, square: bool = True, trainings: int = 1
         As `Scores` raises it.
     """
     found = _divided(_some(rows), lambda row: row.contrast_threshold)
-    return [Scores(of_one, square=square, trainings=trainings) for of_one in found.values()]
+    return [
+        Scores(
+            of_one,
+            square=square,
+            trainings=trainings,
+            contrast_threshold=threshold,
+            photoreceptor=photoreceptor,
+        )
+        for threshold, of_one in found.items()
+    ]
 
 
 def _divided(rows: list[Row], value_of: Callable[[Row], Value]) -> dict[Value, list[Row]]:
@@ -303,11 +323,14 @@ class Scores:
         Whether sensors without a name are square, as the paper's are.
     trainings
         Number of runs T that differ in the weights of networks: item T i + k is item i of run k.
+    contrast_threshold, photoreceptor
+        Those of all sensors without their own; by default those of the first plain sensor, or of
+        the first camera if there are none.
 
     Attributes
     ----------
     contrast_threshold
-        Contrast threshold of all plain sensors, log units; of the first camera if there are none.
+        Contrast threshold of all sensors without their own, log units.
     photoreceptor
         Their photoreceptor.
     sensor_names
@@ -329,12 +352,20 @@ class Scores:
         same width.
     """
 
-    def __init__(self, rows: Iterable[Row], *, square: bool = True, trainings: int = 1) -> None:
+    def __init__(
+        self,
+        rows: Iterable[Row],
+        *,
+        square: bool = True,
+        trainings: int = 1,
+        contrast_threshold: float | None = None,
+        photoreceptor: str | None = None,
+    ) -> None:
         rows = _some(rows)
         self._trainings = trainings
         first = next((row for row in rows if not row.sensor), rows[0])
-        self.contrast_threshold = first.contrast_threshold
-        self.photoreceptor = first.photoreceptor
+        self.contrast_threshold = contrast_threshold or first.contrast_threshold
+        self.photoreceptor = photoreceptor or first.photoreceptor
         names: dict[int, str] = {}
         self.contrast_thresholds: dict[int, float] = {}
         self._rows: dict[Series, dict[Condition, _Values]] = {}

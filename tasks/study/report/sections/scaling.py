@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sensor.statistics import PowerLaw
-from tasks.metric import number_text
 from tasks.study.report.plot import CIRCLE, Key, Line, Panel, Plot, Point, plot, width_keys
+from tasks.study.results.intervals import Estimate
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling
 from tasks.study.results.words import PACKAGED, BaseSpeeds, cutoff_detail, cutoff_label, speed_label
 
@@ -35,8 +35,7 @@ def slope_plot(one: Scaling) -> Plot:
 def _law_text(law: PowerLaw | None) -> str:
     if law is None:
         return "0, nothing moves"
-    exponent, low, high = (number_text(v, 2) for v in (law.exponent, law.low, law.high))
-    return f"γ = {exponent} [{low}, {high}]"
+    return f"γ = {Estimate(law.exponent, law.low, law.high).text(sign='')}"
 
 
 def interval_plot(one: Scaling, base: BaseSpeeds = PACKAGED) -> Plot:
