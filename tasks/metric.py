@@ -61,9 +61,7 @@ class Metric:
         return number_text(value, decimals, sign)
 
 
-def number_text(
-    value: float, decimals: int, sign: str = "", *, keeps_minus: bool = False
-) -> str:
+def number_text(value: float, decimals: int, sign: str = "", *, keeps_minus: bool = False) -> str:
     """Format a number with a true minus sign, and without one on zero.
 
     Parameters

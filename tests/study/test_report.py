@@ -129,6 +129,18 @@ def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
     assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6
 
 
+def test_names_are_no_formulas_and_settings_are_read_as_they_are_written(tmp_path: Path) -> None:
+    """Promise: a dollar in the name of a scene is one in the figures, too, and the resolved
+    configuration shows quotes and angle brackets."""
+    rows = [replace(row, scene=r"a $\foo$ b") for row in paper_rows(samples=1)]
+    run = make_run(tmp_path, rows)
+    question = "What's <b> for?"
+    (run / "study.json").write_text(json.dumps({"question": question}))
+    page = write_report(run).read_text()
+    assert (run / "figures" / "tradeoff_event_integration.png").exists()
+    assert '"question": "What\'s &lt;b&gt; for?"' in page
+
+
 def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     """Promise: a report replaces its own tables; a file of the user's beside them stays."""
     run = make_run(tmp_path, paper_rows(samples=1))

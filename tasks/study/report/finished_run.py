@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +75,11 @@ class FinishedRun:
     def base_speeds(self) -> BaseSpeeds:
         """Return the base speed of the camera by scene, m/s; by default of packaged scenes only."""
         return {**PACKAGED, **self.config.get("base_m_per_s", {})}
+
+    @property
+    def config_text(self) -> str:
+        """Return the configuration as JSON to be read, as HTML."""
+        return escape(json.dumps(self.config, indent=2, ensure_ascii=False), quote=False)
 
     @cached_property
     def bus_hz(self) -> float:
