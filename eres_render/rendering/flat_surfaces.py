@@ -7,6 +7,7 @@ homography, so the radiance at any position in the image is one look-up in a tex
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -197,7 +198,7 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _T
 
 
 def _can_be_looked_up(emitter: Any, emission: Any, *, baked: bool) -> bool:
-    if "radiance.data" in emission and np.asarray(emission["radiance.data"]).size > _MOST_TEXELS:
+    if "radiance.data" in emission and math.prod(emission["radiance.data"].shape) > _MOST_TEXELS:
         return False
     return baked or _is_like_baked(emitter, emission)
 
