@@ -28,6 +28,7 @@ _STYLE = {
     "legend.fontsize": 8,
     "legend.labelcolor": COLORS["soft"][0],
     "svg.hashsalt": "eres",
+    "text.parse_math": False,  # names may have dollar signs
 }
 
 
