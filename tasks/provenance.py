@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shlex
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -25,8 +26,8 @@ _PACKAGES_OF_NETWORKS = ("torch",)
 
 
 def command() -> str:
-    """Return the command line of this process."""
-    return " ".join(["eres", *sys.argv[1:]])
+    """Return the command line of this process, quoted for a shell."""
+    return shlex.join(["eres", *sys.argv[1:]])
 
 
 def environment(variant: str | None = None) -> dict[str, str]:
