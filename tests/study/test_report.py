@@ -191,6 +191,19 @@ def test_the_bus_of_the_study_is_that_of_the_page(tmp_path: Path) -> None:
     assert 'id="bus"' not in page
 
 
+def test_a_bus_of_one_sensor_is_not_that_of_the_others(tmp_path: Path) -> None:
+    """Promise: shares are of the sensor's own bus; 346 px, without one, has the usual bus of real
+    cameras, 1200 Mev/s, as if no sensor had one."""
+    rows = paper_rows(samples=1)
+    own = [replace(row, bus_mev_s=0.2) if row.width == 128 else row for row in rows]
+    page = html_of(tmp_path, own)
+    told = answers_of(page)
+    assert told["carpet", "Reconstruction", "night, 0.9 m/s"] == ("346", "41.4 · 3 %", "")
+    assert told["carpet", "Reconstruction", "night, 1.8 m/s"] == ("128", "4.19 · 2097 %", "over")
+    assert "share of the bus of the sensor: 128 px 0.2 Mev/s, 240 px 1200 Mev/s (none" in page
+    assert {plot["limit"]["x"] for plot in plots_of(page)} == {1200.0}
+
+
 def test_a_width_that_the_samples_do_not_settle_is_tied(tmp_path: Path) -> None:
     """640 px leads 128 px by 1 dB in five samples and trails in four: tied. With five samples there
     is no interval, and the page says so."""
@@ -253,6 +266,13 @@ def test_one_sensor_or_light_of_ones_own_leaves_the_paper_out(tmp_path: Path, fi
     )
     assert "paper:" not in page
     assert "Δ" not in page
+
+
+def test_the_configuration_is_readable_and_escaped(tmp_path: Path) -> None:
+    """Promise: apostrophes, quotes and letters are printed as they are, and markup stays text."""
+    run = make_run(tmp_path, paper_rows(samples=1))
+    (run / "study.json").write_text(json.dumps({"question": "What's <b> & ö?"}))
+    assert '"question": "What\'s &lt;b&gt; &amp; ö?"' in page_of(run)
 
 
 def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:

@@ -77,10 +77,19 @@ class FinishedRun:
         return {**PACKAGED, **own}
 
     @cached_property
+    def buses_hz(self) -> dict[int, float]:
+        """Return the capacity of each sensor's bus, events/s, by width in px.
+
+        A sensor without a bus has the fastest of real cameras up to the finest sensor.
+        """
+        widths = sorted({width for one in self.series for width in self.scores.widths(one)})
+        usual = usual_bus_hz(widths[-1])
+        return {width: self.scores.buses_hz.get(width, usual) for width in widths}
+
+    @property
     def bus_hz(self) -> float:
-        """Return the capacity of the fastest bus, events/s: of the study, or of real cameras."""
-        finest = max(max(self.scores.widths(one)) for one in self.series)
-        return max(self.scores.buses_hz.values(), default=usual_bus_hz(finest))
+        """Return the capacity of the fastest bus of the sensors, events/s."""
+        return max(self.buses_hz.values())
 
     @property
     def firsts(self) -> list[Series]:

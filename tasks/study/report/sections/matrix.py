@@ -118,7 +118,8 @@ def _answer(
         name = run.scores.sensor_names.get(width, str(width))
         return Shown(*(name, f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%"))
 
-    usual = shown(choice.enough, run.bus_hz)
+    own_hz = run.buses_hz[choice.enough]
+    usual = shown(choice.enough, own_hz)
     if not choice.worthwhile:
         on_any_bus = usual._replace(facts="on any bus")
         return Answer(where, [usual, *[on_any_bus] * len(choice.on_buses)], "struck")
@@ -126,5 +127,5 @@ def _answer(
         Shown("none", "is enough on this bus") if width is None else shown(width, bus_hz)
         for bus_hz, width in choice.on_buses.items()
     ]
-    over = rates_hz[choice.enough] > run.bus_hz
+    over = rates_hz[choice.enough] > own_hz
     return Answer(where, [usual, *on_buses], "over" if over else "", choice.tied)
