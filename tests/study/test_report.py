@@ -228,6 +228,24 @@ def test_scores_below_doing_nothing_are_struck(tmp_path: Path) -> None:
     assert told.rest.startswith("doing nothing is as good")
 
 
+def test_what_was_not_compared_with_doing_nothing_is_said(tmp_path: Path) -> None:
+    """Promise: the legend explains struck widths only if doing nothing was scored, and names each
+    task where it was not."""
+
+    def legend(rows: list[Row]) -> str:
+        (found,) = re.findall(r'<ul class="legend note">.*?</ul>', html_of(tmp_path, rows))
+        return found
+
+    images, flow = paper_rows(samples=1), task_rows(EPF, samples=1, scenes=["carpet"])
+    struck, unknown = "</s> doing nothing is as good", "doing nothing was not measured for "
+    both, one = legend(images + nothing_rows(flow, 3.5) + flow), legend(images + flow)
+    none = legend([row for row in images if row.method != "no_events"] + flow)
+    assert [struck in text for text in (both, one, none)] == [True, True, False]
+    assert unknown not in both
+    assert f"{unknown}optical flow<" in one
+    assert f"{unknown}reconstruction and optical flow<" in none
+
+
 def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:
     """One width lost one sample: answer and table say that samples are missing."""
     lost = (240, 50.0, 2.0, 3)
