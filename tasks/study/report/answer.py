@@ -40,7 +40,20 @@ _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)"
 
 
 def overview(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
-    """Return a table with one line per series; `base` is the camera's speed at factor 1."""
+    """Return a table with one line per series.
+
+    Parameters
+    ----------
+    found
+        Choices by series.
+    base
+        Speed of the camera at factor 1.
+
+    Returns
+    -------
+    str
+        The rule in words, and the table.
+    """
     lines = [(one, _scenes(choices)) for one, choices in found.items()]
     return f"{_wrapped(_rule_text(found, base))}\n\n{_table(found, lines)}"
 
@@ -48,7 +61,15 @@ def overview(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> st
 def details(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
     """Return a table with one line per series and scene, including ties in brackets.
 
-    `base` is as in `overview`.
+    Parameters
+    ----------
+    found, base
+        As in `overview`.
+
+    Returns
+    -------
+    str
+        The rule in words, and the table.
     """
     tied = (
         "In brackets: an even smaller width, if the samples do not separate it from the best "
