@@ -22,7 +22,7 @@ class CommitHook(BuildHookInterface):
         root = Path(self.root)
         if version == "editable" or not (root / ".git").exists():
             return
-        git = ["git", "-C", str(root)]
+        git = ["git", "--no-optional-locks", "-C", str(root)]
         head, changes = (
             subprocess.run([*git, *arguments], capture_output=True, text=True, check=True).stdout
             for arguments in (("rev-parse", "--short=12", "HEAD"), ("status", "--porcelain"))

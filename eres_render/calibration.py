@@ -149,6 +149,8 @@ def _of_opencv(table: dict[str, Any], file: Path) -> Camera:
         raise RenderError(
             f"{file}: distortion_model: found {model!r}, expected {' or '.join(_ROS_MODELS)}"
         )
+    if table.get("fisheye_model"):  # of OpenCV's own program, with the same fields
+        raise RenderError(f"{file}: fisheye_model: found 1, expected none: {_ROS_MODELS[0]}")
     K = np.reshape(_matrix_of(table, "camera_matrix", (9,), file), (3, 3))
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     if not np.array_equal(K, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]):

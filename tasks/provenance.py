@@ -80,10 +80,10 @@ def _git_commit() -> str | None:
 
 def _git(root: Path, *arguments: str) -> str | None:
     """Return what git prints about a checkout, None if git fails."""
+    # Without locks: one of a killed process would stay, and stop the user's own git.
+    git = ["git", "--no-optional-locks", "-C", str(root)]
     try:
-        run = subprocess.run(
-            ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=60
-        )
+        run = subprocess.run([*git, *arguments], capture_output=True, text=True, timeout=60)
     except (OSError, subprocess.TimeoutExpired):
         return None
     return run.stdout.strip() if run.returncode == 0 else None

@@ -24,6 +24,7 @@ _WELD = 1e-6  # vertices are one if they are nearer than this share of the scene
 _FLAT = 1e-6  # triangles lie in one plane to this share of it
 _TEXELS = 5e-3  # neighbors have one map if it holds this well at the vertices of both
 _STRAIGHT = 1e-6  # 1 - cosine between a shading normal and its triangle's own
+_MOST_TEXELS = 2**31 - 1  # the kernels count them in 32 bits
 
 TRACED = -1
 """In place of a piece: what cannot be looked up."""
@@ -177,7 +178,7 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _T
     known = not shape.has_flipped_normals()
     if "radiance.value" in emission:
         radiance = float(np.ravel(emission["radiance.value"])[0])
-    elif shape.has_vertex_texcoords() and (baked or _is_like_baked(emitter, emission)):
+    elif shape.has_vertex_texcoords() and _can_be_looked_up(emitter, emission, baked=baked):
         image = np.asarray(emission["radiance.data"])[:, :, 0]
         rows, columns = image.shape
         texels = of_vertices(shape.vertex_texcoord(every)) * (columns, rows) - 0.5
@@ -193,6 +194,12 @@ def _mesh(shape: Any, textures: list[NDArray[np.float16]], *, baked: bool) -> _T
         radiance=np.full(len(faces), radiance, np.float32),
         known=np.full(len(faces), known),
     )
+
+
+def _can_be_looked_up(emitter: Any, emission: Any, *, baked: bool) -> bool:
+    if "radiance.data" in emission and np.asarray(emission["radiance.data"]).size > _MOST_TEXELS:
+        return False
+    return baked or _is_like_baked(emitter, emission)
 
 
 def _is_like_baked(emitter: Any, emission: Any) -> bool:

@@ -21,6 +21,7 @@ from eres_render.errors import BackendError, RenderError, SceneError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.lambertian import reason_not_to_bake, surfaces
 from eres_render.rendering.load import LUMINANCE, files_of, load_mi_scene
+from eres_render.rendering.raycast import front
 from eres_render.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -159,13 +160,18 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
         si: Any = shape.eval_parameterization(sampler.next_2d())
         found = np.asarray(si.is_valid())
         u_m, v_m = (
-            float(np.asarray(dr.norm(along), np.float64).sum(where=found) / found.sum())
+            float(np.sum(_each(dr.norm(along), found.shape), where=found) / found.sum())
             for along in (si.dp_du, si.dp_dv)
         )
         size_m = (u_m, v_m)
     # Mitsuba wants two texels each way of an image that changes.
     n_u, n_v = (max(2, round(side_m / cell_m)) for side_m in size_m)
     return n_u, n_v
+
+
+def _each(values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return values of points as an array; Dr.Jit keeps one if all are equal, as on a cylinder."""
+    return np.broadcast_to(np.asarray(values, np.float64), shape)
 
 
 def _texture_sizes_m(scene: Scene) -> dict[str, Size]:
@@ -230,7 +236,7 @@ def _per_cell(
         uv = (corner + sampler.next_2d()) / mi.Point2f(mi.Float(columns), mi.Float(rows))
         found: Any = shape.eval_parameterization(uv)
         point = dr.zeros(mi.SurfaceInteraction3f)
-        point.p, point.n, point.sh_frame = found.p, found.n, mi.Frame3f(found.sh_frame.n)
+        point.p, point.n, point.sh_frame = found.p, front(found), mi.Frame3f(found.sh_frame.n)
         valid = found.is_valid()
         sampler.schedule_state()
         # The kernel up to here is for this shape; the long one that follows serves all shapes.
@@ -263,7 +269,7 @@ def _outside(mi_scene: mi.Scene, point: Any, sampler: Any, valid: Any) -> Any:
     for _ in range(_PROBES_PER_POINT):
         towards = point.sh_frame.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
         seen = mi_scene.ray_intersect(point.spawn_ray(towards), active=covered)
-        covered = covered & seen.is_valid() & (dr.dot(seen.n, towards) > 0)
+        covered = covered & seen.is_valid() & (dr.dot(front(seen), towards) > 0)
     return valid & ~covered
 
 

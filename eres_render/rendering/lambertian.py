@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.rendering.load import LUMINANCE
+
 if TYPE_CHECKING:
     import mitsuba as mi
 
@@ -67,6 +69,8 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
         return "has no UV coordinates"
     if not _has_own_uv(shape):
         return "has points that share a UV coordinate, or lie outside the UV square"
+    if not _has_its_side(shape):
+        return "has flipped normals, which Mitsuba ignores at a UV coordinate"
     return ""
 
 
@@ -75,7 +79,8 @@ def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
     import drjit as dr
     import mitsuba as mi
 
-    gray = image[:, :, 0].astype(np.float32)
+    colored = image.shape[2] == 3  # the reflectance is its luminance in every variant
+    gray = (image @ LUMINANCE if colored else image[:, :, 0]).astype(np.float32)
     across, down = (np.abs(np.diff(gray, axis=axis)) for axis in (1, 0))
     right = int(across.max(initial=0.0) >= down.max(initial=0.0))
     steps = across if right else down
@@ -95,13 +100,28 @@ def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
 def _has_own_uv(shape: mi.Shape) -> bool:
     """Return whether UV coordinates identify points of the surface."""
     import drjit as dr
+
+    sample, found = _probed(shape)
+    size = float(np.max(np.asarray(dr.norm(shape.bbox().extents()))))
+    again = found.is_valid() & (dr.norm(found.p - sample.p) < _UV_TOLERANCE * size)
+    return float(np.mean(np.asarray(dr.select(again, 1.0, 0.0)))) > 0.99
+
+
+def _has_its_side(shape: mi.Shape) -> bool:
+    """Return whether fronts at UV coordinates are those at the same points of the surface."""
+    import drjit as dr
+
+    sample, found = _probed(shape)
+    alike = dr.select(dr.dot(found.sh_frame.n, sample.n) > 0, 1.0, 0.0)
+    return float(np.mean(np.asarray(alike))) > 0.99
+
+
+def _probed(shape: mi.Shape) -> tuple[Any, Any]:
+    """Return random points of a surface, and what Mitsuba finds at their UV coordinates."""
     import mitsuba as mi
 
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(0, _PROBES)
     sample_position: Any = shape.sample_position  # its type stub has a different Float
     sample = sample_position(0.0, sampler.next_2d())
-    found: Any = shape.eval_parameterization(mi.Point2f(sample.uv))
-    size = float(np.max(np.asarray(dr.norm(shape.bbox().extents()))))
-    again = found.is_valid() & (dr.norm(found.p - sample.p) < _UV_TOLERANCE * size)
-    return float(np.mean(np.asarray(dr.select(again, 1.0, 0.0)))) > 0.99
+    return sample, shape.eval_parameterization(mi.Point2f(sample.uv))

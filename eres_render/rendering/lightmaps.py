@@ -184,7 +184,7 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
                 f"{scene.folder}: no lightmap of shape {shape.id()!r} among {list(maps)}; make "
                 "them again with eres bake"
             )
-        reflected, irradiance = _as_large(reflectance(shape.bsdf(), scene), maps[shape.id()])
+        reflected, irradiance = _at_one_size(reflectance(shape.bsdf(), scene), maps[shape.id()])
         radiance = (irradiance * np.float32(1 / np.pi) * reflected).astype(np.float32, copy=False)
         texture = {
             "type": "bitmap",
@@ -197,16 +197,24 @@ def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene,
     return load_mi_scene(scene, emitters), set(emitters)
 
 
-def _as_large(*images: Float32) -> list[Float32]:
-    """Return images of one area at the size of the finest along each axis.
+def _at_one_size(image: Float32, cells: Float32) -> list[Float32]:
+    """Return an image and a lightmap of one area at the same size, at least that of both.
 
-    Cell means are at cell centers, as texels are for Mitsuba's bilinear look-up.
+    Cell means are at cell centers, as texels are for Mitsuba's bilinear look-up. An odd multiple of
+    the image's size keeps the centers of its texels; any other size would blur it.
     """
-    height, width = np.max([image.shape for image in images], axis=0).tolist()
+    height, width = map(_size, image.shape, cells.shape)
     resized = (
-        image
-        if image.shape == (height, width)
-        else cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR)
-        for image in images
+        one
+        if one.shape == (height, width)
+        else cv2.resize(one, (width, height), interpolation=cv2.INTER_LINEAR)
+        for one in (image, cells)
     )
-    return [image.astype(np.float32, copy=False) for image in resized]
+    return [one.astype(np.float32, copy=False) for one in resized]
+
+
+def _size(texels: int, cells: int) -> int:
+    if texels == 1:  # uniform
+        return cells
+    times = -(-cells // texels)
+    return texels * (times + 1 - times % 2)

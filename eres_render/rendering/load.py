@@ -70,9 +70,13 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
             # Its cameras are unused, and Mitsuba would warn of their films.
             _drop(state.nodes[0], mi.ObjectType.Sensor, state)
             shapes = [node for node in state.nodes if node.type == mi.ObjectType.Shape]
+            taken = {node.props.id() for node in shapes}
             for number, node in enumerate(shapes):
                 if not node.props.id():  # lightmaps and errors go by it
-                    node.props.set_id(f"{node.props.plugin_name()}_{number}")
+                    name = f"{node.props.plugin_name()}_{number}"
+                    while name in taken:
+                        name += "_"
+                    node.props.set_id(name)
                 if emitters and node.props.id() in emitters:
                     node.props["glow"] = emitters[node.props.id()]
                     _drop(node, mi.ObjectType.BSDF, state)

@@ -96,7 +96,7 @@ class RayCaster:
         import mitsuba as mi
 
         ray = _rays(origins, directions)
-        si = self._mi_scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+        si = self._mi_scene.ray_intersect(ray, mi.RayFlags.ShadingFrame, coherent=False)
         number = np.asarray(dr.reinterpret_array(mi.UInt32, si.shape))
         index_of = np.full(int(number.max()) + 1, len(self.shape_ids) - 1, dtype=np.intp)
         index_of[0] = -1
@@ -104,7 +104,7 @@ class RayCaster:
             own = int(np.asarray(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape)))[0])
             if own < len(index_of):
                 index_of[own] = i
-        return np.asarray(si.t, np.float64), np.asarray(si.n, np.float64).T, index_of[number]
+        return np.asarray(si.t, np.float64), np.asarray(front(si), np.float64).T, index_of[number]
 
     def _cast_one_by_one(
         self, origins: Float64, directions: Float64
@@ -117,14 +117,24 @@ class RayCaster:
         index_of = {s: i for i, s in enumerate(self._mi_scene.shapes())}
         for k in range(n):
             ray = mi.Ray3f(mi.Point3f(origins[k]), mi.Vector3f(directions[k]))
-            si = self._mi_scene.ray_intersect(ray, mi.RayFlags.Minimal, coherent=False)
+            si = self._mi_scene.ray_intersect(ray, mi.RayFlags.ShadingFrame, coherent=False)
             if si.is_valid():
                 distance[k], normal[k], shape[k] = (
                     si.t,
-                    si.n,
+                    front(si),
                     index_of.get(si.shape, len(self.shape_ids) - 1),
                 )
         return distance, normal, shape
+
+
+def front(si: Any) -> Any:
+    """Return the geometric normals on the side of the front, which the shading normals tell.
+
+    A mirrored mesh has its geometric normals on the other side.
+    """
+    import drjit as dr
+
+    return dr.mulsign(si.n, dr.dot(si.n, si.sh_frame.n))
 
 
 def _rays(origins: Float64, directions: Float64) -> Any:

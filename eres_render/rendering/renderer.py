@@ -7,12 +7,13 @@ import logging
 import math
 from collections.abc import Sequence
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.camera import Camera
+from eres_render.camera import Camera, Plane
 from eres_render.errors import RenderError, SceneError
 from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import select_variant
@@ -42,6 +43,8 @@ Integrator = Literal["baked", "baked-full", "path", "emission"]
 
 _log = logging.getLogger(__name__)
 
+_VIEWS = 9  # rays along a side of the image that show whether the camera sees the plane
+_OFF_PLANE = 0.01  # relief stays below this share of the distance
 _CHORDS = 2000  # that measure the length of the camera's path as an object sees it
 _WHITE_SPP = 4  # with more, the 99.9th percentile changes by less than matters
 _LEAST_WHITE = 0.06  # a thousandth of it, the dark level, is the least normal number of half-floats
@@ -507,6 +510,9 @@ def _check_path(
 
     length_m = trajectory.mean_speed_mps(duration_s) * duration_s
     check_clearance(place, length_m, duration_s, still, *rest)
+    if scene.plane is not None:
+        for t_s in (0.0, duration_s):
+            _check_plane(scene.plane, camera, trajectory.pose(t_s), still, scene.folder)
     for body in bodies:
 
         def place_in_body(t_s: Float64, body: Body = body) -> Float64:
@@ -516,6 +522,23 @@ def _check_path(
         length_m = float(np.linalg.norm(chords, axis=1).sum())
         check_clearance(place_in_body, length_m, duration_s, body.caster, *rest, alone=True)
     return trajectory
+
+
+def _check_plane(
+    plane: Plane, camera: Camera, T_world_cam: Float64, caster: RayCaster, folder: Path
+) -> None:
+    """Check that the camera looks at the plane of scene.toml, from which ground truth follows."""
+    origin = T_world_cam[:3, 3]
+    directions = camera.rays(camera.grid(_VIEWS)) @ T_world_cam[:3, :3].T
+    there = plane.distance(origin, directions)
+    found = caster.distance(origin, directions)
+    seen = np.isfinite(there) & np.isfinite(found)
+    ratio = float(np.median(found[seen] / there[seen])) if seen.any() else 1.0
+    if abs(ratio - 1) > _OFF_PLANE:
+        raise SceneError(
+            f"{folder / 'scene.toml'}: plane: found what the camera sees {ratio:.3g} times as far "
+            "away as the plane, expected it on the plane: depth and flow follow from it"
+        )
 
 
 def _best_integrator(scene: Scene, variant: str) -> Integrator:

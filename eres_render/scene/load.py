@@ -164,6 +164,14 @@ def _check(settings: SceneToml, file: Path) -> None:
     for field, value in positive.items():
         if not value > 0:
             refuse(field, value, "a positive number")
+    seeds = {f"textures.{name}.seed": recipe.seed for name, recipe in settings.textures.items()}
+    if isinstance(path, FacingPlanePath | WaypointsPath):
+        seeds["path.seed"] = path.seed
+    for field, value in seeds.items():
+        if value < 0:
+            refuse(field, value, "0 or more")
+    if isinstance(path, WaypointsPath) and not any(path.up):
+        refuse("path.up", path.up, "a direction")
     if not 0 < settings.camera.fov_deg < 180:
         refuse("camera.fov_deg", settings.camera.fov_deg, "(0, 180) degrees")
 

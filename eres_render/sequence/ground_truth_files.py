@@ -50,7 +50,8 @@ def write_truth(
     or 1) and on request `flow/000000.png`, ... as in the DSEC dataset. If objects move, also
     `instances/000000.png`, ... (8 bits, the number of the object at each pixel, 0 for the still
     world) and the poses T_world_object (TUM) of each object in `objects/001_NAME.txt`, ..., by
-    number and name. If one file cannot be written, all are removed.
+    number and name. If one file cannot be written, all are removed. `camera.json` comes last: where
+    it is missing, a writer was killed.
 
     Parameters
     ----------
@@ -94,8 +95,8 @@ def write_truth(
     for name, side in (("width", width), ("height", height)):
         if side is not None and side < 1:
             raise RenderError(f"{name}: found {side}, expected at least 1 px")
-    _make_room(out_dir, overwrite)
     times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
+    _make_room(out_dir, overwrite)
     inside = ["depth", "flow", *(["instances", "objects"] if truth.objects else [])]
     folders = [out_dir, *(out_dir / name for name in inside)]
     made = [folder for folder in folders if not folder.is_dir()]
@@ -108,10 +109,6 @@ def write_truth(
     try:
         for folder in folders:
             _make(folder)
-        sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
-        if camera.distortion is not None:
-            sides["distortion"] = asdict(camera.distortion)
-        write("camera.json", lambda file: write_text(file, json.dumps(sides, indent=1) + "\n"))
         path = truth.trajectory
         poses = tum_text(times, path.pose(times), path.t_offset_us)
         write("poses.txt", lambda file: write_text(file, poses))
@@ -130,6 +127,10 @@ def write_truth(
                 if flow_png:
                     write(f"flow/{i:06d}.png", partial(write_flow_png, flow=flow))
             on_progress("ground truth", i + 1, len(times))
+        sides = {"width": camera.width, "height": camera.height, "K": camera.K.tolist()}
+        if camera.distortion is not None:
+            sides["distortion"] = asdict(camera.distortion)
+        write("camera.json", lambda file: write_text(file, json.dumps(sides, indent=1) + "\n"))
     except BaseException:
         for file in files:
             file.unlink(missing_ok=True)

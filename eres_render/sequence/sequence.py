@@ -294,7 +294,8 @@ class SequenceWriter:
         self._compression: Compression = compression
         self.manifest = dataclasses.replace(manifest, complete=False)
         self._is_complete = False  # on disk
-        if (folder / "manifest.json").exists():
+        there = (folder / "manifest.json").exists()
+        if there:
             found = read_manifest(folder)
             self._check_same(found)
             self._is_complete = found.complete
@@ -306,7 +307,7 @@ class SequenceWriter:
         path = tum_text(trajectory.knots_s, trajectory.controls, offset_us)
         write_text(folder / "poses.txt", tum_text(t_s, trajectory.pose(t_s), offset_us))
         write_text(folder / "path.txt", path)
-        self.checksums = read_sums(folder)
+        self.checksums = read_sums(folder) if there else {}  # of these settings
         write_sums(folder, self.checksums)  # without lines that a kill left unfinished
         if not self._is_complete:
             write_manifest(folder, self.manifest)
@@ -319,7 +320,8 @@ class SequenceWriter:
                 continue
             change = "other frame times" if name == "t_s" else f"{name} {old!r}, not {new!r}"
             raise RenderError(
-                f"{self.folder}: found a sequence with {change}; remove it, or render elsewhere"
+                f"{self.folder}: found a sequence with {change}; remove the folder, or render "
+                "elsewhere"
             )
 
     def file(self, i: int) -> Path:

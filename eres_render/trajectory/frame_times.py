@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
 from eres_render.camera import Camera, Plane, map_pixels, plane_homography
-from eres_render.errors import RenderError
+from eres_render.errors import RenderError, check_positive
 from eres_render.trajectory.spline import Trajectory
 
 Float64 = NDArray[np.float64]
@@ -28,6 +28,7 @@ _log = logging.getLogger(__name__)
 
 _FAR_APART_PX = 1.0
 _TIME_RESOLUTION_S = 1e-9
+_LEAST_STEP_S = 1e-7  # shorter ones would not be exact to a percent
 _LONGEST_STRIDE_S = 1e-3  # a camera does not go and return within it
 _PACE_S = 4e-3  # time between measurements of speed
 _INSTANT_S = 1e-5  # in which it is measured
@@ -256,7 +257,8 @@ def adaptive_times(
     Raises
     ------
     RenderError
-        If `max_displacement_px` is not positive, or the marks do not increase.
+        If `max_displacement_px` is not positive, the marks do not increase, or the image moves so
+        fast that frames would be less than 1e-7 s apart.
     """
     _check(marks_s, max_displacement_px)
     motion = functools.lru_cache(maxsize=_RECENT)(motion)  # the search repeats calls
@@ -274,6 +276,12 @@ def adaptive_times(
                     lambda dt, t=t: motion(t, t + dt) - max_displacement_px, low, high, xtol=1e-9
                 )
                 step_s = high
+                if high < _LEAST_STEP_S:
+                    raise RenderError(
+                        f"path: found an image that moves {max_displacement_px:g} px within "
+                        f"{high:.1g} s at {t:g} s, expected frames at least {_LEAST_STEP_S:g} s "
+                        "apart; are the times of the poses in seconds?"
+                    )
             times.append(mark_s if mark_s - (t + high) < _TIME_RESOLUTION_S else t + high)
     return np.array(times)
 
@@ -319,10 +327,7 @@ def paced_times(
 
 
 def _check(marks_s: Sequence[float], max_displacement_px: float) -> None:
-    if not max_displacement_px > 0:
-        raise RenderError(
-            f"max_displacement_px: found {max_displacement_px}, expected a positive number"
-        )
+    check_positive("max_displacement_px", max_displacement_px, RenderError)
     if len(marks_s) < 2 or not np.all(np.diff(marks_s) > _TIME_RESOLUTION_S):
         raise RenderError(f"marks_s: found {list(marks_s)}, expected two or more increasing times")
 

@@ -97,6 +97,8 @@ def fit(
         rises_us=None if steps is None else read_steps(steps, recording, format),
     )
     events = concatenate(list(reading.parts(recording, format)))
+    if not len(events):
+        raise TaskError(f"{recording}: found no events, expected some")
     with progress_bar(terminal.err) as on_progress:
         found = fit_recording(events, evidence, on_progress)
     fields = found.fields(recording.name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -182,9 +183,12 @@ def stereo(
     from eres_render.storage.atomic import write_text
     from eres_render.trajectory.rig import second_camera, to_the_right
     from eres_render.trajectory.tum import tum_text
-    from tasks.events.overwriting import check_new
+    from tasks.errors import TaskError
 
-    check_new(out, False)
+    if out.exists():
+        raise TaskError(f"{out}: exists already; write elsewhere")
+    if not math.isfinite(baseline):
+        raise TaskError(f"baseline: found {baseline:g} m, expected a finite distance")
     path = load_scene(scene, trajectory).trajectory()
     t_s, poses = second_camera(path, to_the_right(baseline))
     write_text(out, tum_text(t_s, poses, path.t_offset_us))

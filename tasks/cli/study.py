@@ -83,8 +83,8 @@ def study(
 
     from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
+    from tasks.study.config import check_compares, with_method, with_weights
     from tasks.study.config import preset as find_preset
-    from tasks.study.config import with_method, with_weights
     from tasks.study.report import write_report
     from tasks.study.run import run_study
     from tasks.study.study_file import read_study
@@ -129,6 +129,7 @@ def study(
         asked = with_method(asked, name)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]
     asked = with_weights(asked, named_weights(weights, in_use))
+    check_compares(asked)
     with progress_bar(terminal.err) as on_progress:
         run_study(asked, out, scheduler, on_progress, mix=mix)
     _show_scores(out)
@@ -161,16 +162,13 @@ def claims(run: RunFolder, others: OtherRuns = ()) -> None:
 
 def _show_scores(run: Path) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
-    from typing import Any
-
-    from eres_render.storage.settings_reader import read_json
     from tasks.cli.comparison import to_rich
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.scores import scores_of_run
+    from tasks.study.results.scores import read_config, scores_of_run
     from tasks.study.results.words import PACKAGED, join_words, photoreceptor_label
 
     (scores, *others), *readings = scores_of_run(run).values()
-    base = read_json(dict[str, Any], run / "study.json", ResultError).get("base_m_per_s", {})
+    base = read_config(run).get("base_m_per_s", {})
     for table in main_tables(scores):
         terminal.out.print(to_rich(table, {**PACKAGED, **base}), crop=False)
     if others:
@@ -190,14 +188,12 @@ def _show_scores(run: Path) -> None:
 
 
 def _show_claims(*runs: Path) -> None:
-    from typing import Any
-
     from eres_render.storage.settings_reader import read_json
     from tasks.provenance import differing_software
     from tasks.study.claims.judge import changed_verdicts, judge_readings
     from tasks.study.claims.verdict import Status, threshold_note
     from tasks.study.results.scaling import read_scaling
-    from tasks.study.results.scores import scores_of_run
+    from tasks.study.results.scores import read_config, scores_of_run
     from tasks.study.results.words import photoreceptor_label
 
     marks = {
@@ -207,8 +203,7 @@ def _show_claims(*runs: Path) -> None:
         Status.NOT_MEASURED: Text("not measured", "dim"),
     }
     readings = scores_of_run(*runs)
-    config = read_json(dict[str, Any], runs[0] / "study.json", ResultError)
-    judged = judge_readings(config, readings, read_scaling(runs[0] / "scaling"))
+    judged = judge_readings(read_config(runs[0]), readings, read_scaling(runs[0] / "scaling"))
     verdicts, found = next(iter(judged.values())), next(iter(readings.values()))
     if not verdicts:
         terminal.out.print("none of the paper's claims is about these sensors, lights and methods")

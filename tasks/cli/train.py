@@ -97,8 +97,8 @@ def card(runs: _Runs, out: Path | None = None, overwrite: bool = False) -> None:
 
 
 def _train(settings: ReconstructionTraining | FlowTraining, options: TrainingOptions) -> None:
-    if options.seed < 0:
-        raise TrainingError(f"seed: found {options.seed}, expected 0 or more")
+    if not 0 <= options.seed < 2**64:  # those of PyTorch
+        raise TrainingError(f"seed: found {options.seed}, expected 0 to 2^64 - 1")
     from tasks.cli.progress_bar import progress_bar
     from tasks.provenance import environment
 

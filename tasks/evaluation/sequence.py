@@ -62,13 +62,14 @@ def evaluate_sequence(
     Raises
     ------
     TaskError
-        A method does not exist or cannot run, the sensor is finer than the frames, or the task
-        needs another scene or lens.
+        A method does not exist or cannot run, the sensor has no width or is finer than the frames,
+        or the task needs another scene or lens.
     WeightsError
         Weights are given for something that is not a network of the task.
     """
     spec = TASKS[task]
     check_positive("speed", speed, TaskError)
+    check_positive("resolution", width, TaskError)
     if strangers := set(weights or ()) - set(spec.networks):
         raise WeightsError(f"weights: found {min(strangers)}, expected a network of task {task}")
     names = tuple(methods) or spec.usual(weights or ())

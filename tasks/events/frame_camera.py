@@ -69,7 +69,9 @@ def write_images(
             f"rate, exposure: found {rate_hz:g} Hz and {options.exposure:g} s, expected a rate "
             "above 0 and exposures that do not overlap"
         )
-    if (out / FILE_NAME).exists():
+    if seed < 0:
+        raise TaskError(f"seed: found {seed}, expected 0 or more")
+    if (out / FILE_NAME).exists() or any(out.glob("[0-9]" * 6 + ".png")):
         raise TaskError(f"{out}: contains images already; write elsewhere")
     t_s = sequence.t_s
     room_s = float(t_s[-1] - t_s[0]) - options.exposure

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -65,13 +66,16 @@ class Evidence:
         seen = self.frames is not None or self.light is not None
         if self.still_s is None and not seen and self.rises_us is None:
             raise TaskError(
-                "found neither still, frames nor steps, expected one or more of them: what to fit"
+                "found neither still, frames, crop nor steps, expected one or more of them: what "
+                "to fit"
             )
-        if self.still_s is not None and not 0 <= self.still_s[0] < self.still_s[1]:
-            raise TaskError(
-                f"still: found {self.still_s[0]:g} to {self.still_s[1]:g} s, expected a start of "
-                "at least 0 and a later end"
-            )
+        if self.still_s is not None:
+            start_s, end_s = self.still_s
+            if not (0 <= start_s < end_s and math.isfinite(1e6 * end_s)):
+                raise TaskError(
+                    f"still: found {start_s:g} to {end_s:g} s, expected a start of at least 0 and "
+                    "a later, finite end"
+                )
         if self.motion and (not seen or self.rises_us is not None):
             raise TaskError("motion: expected it with frames or a crop, and without steps")
         if not 0 < self.dark_share < 1:

@@ -100,7 +100,10 @@ class DatasetSettings:
             check_positive(name, getattr(self, name), TaskError)
         cutoffs = self.cutoffs_hz
         different = bool(cutoffs) and len({*cutoffs}) == len(cutoffs)
-        check("cutoffs_hz", different and min(cutoffs) > 0, "different positive numbers of Hz")
+        positive = all(one > 0 for one in cutoffs)  # and not NaN
+        check("cutoffs_hz", different and positive, "different positive numbers of Hz")
+        rows = math.isqrt(max(self.spp, 0))  # as `eres_render.Renderer` takes it
+        check("spp", rows > 0 and self.spp % rows == 0, "a square such as 1, 4, 9 or 16")
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
         check("threshold", lowest > 0, "more than two deviations above 0")

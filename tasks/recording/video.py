@@ -44,12 +44,19 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
     Raises
     ------
     TaskError
-        The rate is not positive, there are more than a million images, or there is none.
+        The rate is not positive, a time is not finite, the end is before the start, there are more
+        than a million images, or there is none.
     """
     check_positive("fps", options.fps, TaskError)
+    for name, found in (("start", options.start), ("end", options.end)):
+        if found is not None and not math.isfinite(1e6 * found):
+            raise TaskError(f"{name}: found {found:g} s, expected a finite time")
+    start_s, end_s = options.start, options.end
+    if start_s is not None and end_s is not None and end_s < start_s:
+        raise TaskError(f"end: found {end_s:g} s, expected {start_s:g} s, the start, or later")
     step_us = 1e6 / options.fps
-    start_us = recording.start_us + step_us if options.start is None else 1e6 * options.start
-    end_us = recording.end_us if options.end is None else 1e6 * options.end
+    start_us = recording.start_us + step_us if start_s is None else 1e6 * start_s
+    end_us = recording.end_us if end_s is None else 1e6 * end_s
     count = math.floor((end_us - start_us) / step_us + 1e-9) + 1
     if count < 1:
         raise TaskError(
@@ -117,6 +124,7 @@ def write_video(
     _check_folder(out, overwrite)
     times_us = image_times_us(recording, options)
     unfinished = out.with_name(f".{out.name}.{os.getpid()}.unfinished")
+    out.parent.mkdir(parents=True, exist_ok=True)
     try:
         unfinished.mkdir()
         images = _images(recording, options, times_us, contrast_threshold, weights, on_progress)

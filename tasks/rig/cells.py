@@ -17,6 +17,7 @@ from tasks.row import Row
 
 _APART = 1.1  # ratio from which two neighboring speeds, or widths, count as different
 
+_Light = tuple[float, float]  # cutoff and contrast threshold
 _Window = list[Row]  # the rows of a task in one window of one recording
 
 
@@ -32,9 +33,9 @@ def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
     -------
     rows
         `width` and `speed` are the medians of their groups, which are separated by gaps of 10 %;
-        `speed_m_s` equals `speed`. For each picture and task, only speeds that every width has are
-        kept, all with the same number of windows, evenly spread, and of items, the first ones.
-        Samples are numbered from 0 at each speed and width.
+        `speed_m_s` equals `speed`. For each picture, task and light, only speeds that every width
+        has are kept, all with the same number of windows, evenly spread, and of items, the first
+        ones. Samples are numbered from 0 in each light at each speed and width.
 
     Raises
     ------
@@ -44,17 +45,19 @@ def in_cells(recordings: Sequence[Sequence[Row]]) -> list[Row]:
     every = [row for rows in recordings for row in rows]
     speeds = _groups(row.speed for row in every)
     widths = _groups(float(row.width) for row in every)
-    tasks: dict[tuple[str, str], dict[tuple[int, float], list[_Window]]] = {}
+    tasks: dict[tuple[str, str, _Light], dict[tuple[int, float], list[_Window]]] = {}
     for rows in recordings:
-        windows: dict[tuple[str, str, int, float, int], _Window] = {}
+        windows: dict[tuple[str, str, _Light, int, float, int], _Window] = {}
         for row in rows:
             width, speed = round(widths[row.width]), float(f"{speeds[row.speed]:.3g}")
             moved = replace(row, width=width, speed=speed, speed_m_s=speed)
-            windows.setdefault((row.scene, row.task, width, speed, row.sample), []).append(moved)
-        for (scene, task, width, speed, _), window in windows.items():
-            cells = tasks.setdefault((scene, task), {})
+            light = row.cutoff_hz, row.contrast_threshold
+            at = row.scene, row.task, light, width, speed, row.sample
+            windows.setdefault(at, []).append(moved)
+        for (scene, task, light, width, speed, _), window in windows.items():
+            cells = tasks.setdefault((scene, task, light), {})
             cells.setdefault((width, speed), []).append(window)
-    return [row for (scene, _), cells in tasks.items() for row in _equal(scene, cells)]
+    return [row for (scene, *_), cells in tasks.items() for row in _equal(scene, cells)]
 
 
 def _groups(values: Iterable[float]) -> dict[float, float]:

@@ -3,7 +3,15 @@
 from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
 from tasks.study.digest import STAGE_VERSIONS, digest
 from tasks.study.presets import PRESETS, preset
-from tasks.study.settings import Render, Simulate, Study, to_json, with_method, with_weights
+from tasks.study.settings import (
+    Render,
+    Simulate,
+    Study,
+    check_compares,
+    to_json,
+    with_method,
+    with_weights,
+)
 
 __all__ = [
     "PRESETS",
@@ -17,6 +25,7 @@ __all__ = [
     "Study",
     "Tracking",
     "Video",
+    "check_compares",
     "digest",
     "preset",
     "to_json",

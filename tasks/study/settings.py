@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from eres_render.errors import nearest
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.model import Photoreceptor, SensorModel
+from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
 from tasks.methods import task_of
@@ -64,6 +65,12 @@ class Render:
     def height_at(self, width: int) -> int:
         """Return the height of a sensor of this width, px."""
         return round(width * (self.height or self.resolution) / self.resolution)
+
+    def seen_px(self, width: int, height: int) -> tuple[int, int]:
+        """Return the width and height of the part of the frames that a sensor sees, px."""
+        whole = self.height or self.resolution, self.resolution
+        rows, columns = crop_to_aspect(*whole, height, width)
+        return columns.stop - columns.start, rows.stop - rows.start
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -285,11 +292,13 @@ class Study:
         of_width = {width: f"{width} px of simulate.widths" for width in self.simulate.widths}
         for sensor in self.simulate.sensors:
             at = f"simulate.sensors: found {sensor.name!r}"
-            if max(sensor.width, sensor.height) > self.render.resolution:
+            render = self.render
+            seen = render.seen_px(sensor.width, sensor.height)
+            if sensor.width > seen[0] or sensor.height > seen[1]:
                 raise StudyError(
-                    f"{at} of {sensor.width}x{sensor.height} px, finer than render.resolution = "
-                    f"{self.render.resolution} px, expected at most {self.render.resolution} px on "
-                    "each side"
+                    f"{at} of {sensor.width}x{sensor.height} px, finer than the frames, of whose "
+                    f"{render.resolution}x{render.height or render.resolution} px it sees "
+                    f"{seen[0]}x{seen[1]}, expected a larger render.resolution"
                 )
             if sensor.width in of_width:
                 raise StudyError(
@@ -373,6 +382,33 @@ def _check_numbers(section: str, values: Any) -> None:
                 raise StudyError(f"{place}: found {value}, expected a positive number")
             if value != 0:
                 raise StudyError(f"{place}: found {value}, expected 0 or more")
+
+
+def check_compares(study: Study) -> None:
+    """Refuse a study of do-nothing methods alone, of which there is nothing to report.
+
+    Parameters
+    ----------
+    study
+        The study, with all of its methods.
+
+    Raises
+    ------
+    StudyError
+        Names the methods.
+    """
+    asked = [
+        (task, name)
+        for task, settings in study.evaluate.items()
+        for planned in settings.plan().values()
+        for name in planned.methods
+    ]
+    if all(name == TASKS[task].baseline for task, name in asked):
+        listed = " and ".join(dict.fromkeys(name for _, name in asked))
+        raise StudyError(
+            f"evaluate: found {listed or 'no methods'}, expected at least one method that uses the "
+            "events"
+        )
 
 
 def with_method(study: Study, name: str) -> Study:

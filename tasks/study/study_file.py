@@ -10,7 +10,7 @@ from eres_render.storage.settings_reader import read_toml, read_typed
 from sensor.errors import SensorError
 from sensor.presets import find_sensor
 from tasks.errors import StudyError
-from tasks.evaluation.settings import Evaluate
+from tasks.evaluation.settings import Evaluate, Flow, TaskSettings
 from tasks.registry import TASKS, load
 from tasks.study.sensors import read_sensor
 from tasks.study.settings import Simulate, Study, with_weights
@@ -55,9 +55,34 @@ def read_study(file: Path) -> Study:
             _placed(name, file): str(file.parent / one) for name, one in paths.items()
         }
     study = read_typed(Study, table, file, StudyError)
+    _check_fast(study.evaluate["flow"], file)
+    _check_scenes(study, file)
     return with_weights(
         study, {name: str((file.parent / one).absolute()) for name, one in weights.items()}
     )
+
+
+def _check_fast(flow: TaskSettings, file: Path) -> None:
+    """Refuse a speed or scenes for fast methods of which there are none."""
+    if not isinstance(flow, Flow) or flow.fast_methods:
+        return
+    for name in ("fast_speed", "fast_scenes"):
+        if (found := getattr(flow, name)) != getattr(Flow(), name):
+            raise StudyError(
+                f"{file}: evaluate.flow.{name}: found {found!r}, expected it only with fast_methods"
+            )
+
+
+def _check_scenes(study: Study, file: Path) -> None:
+    """Refuse methods that no scene of the file is for."""
+    names = [Path(scene).name.removesuffix(".xml") for scene in study.scenes]
+    for task, settings in study.evaluate.items():
+        for stretches, planned in settings.plan().items():
+            if planned.methods and stretches.scenes and not {*stretches.scenes} & {*names}:
+                raise StudyError(
+                    f"{file}: evaluate.{task}: found methods for {', '.join(stretches.scenes)} "
+                    f"alone, expected a scene of the study: {', '.join(names)}"
+                )
 
 
 def _placed(scene: Any, file: Path) -> Any:

@@ -198,6 +198,93 @@ def test_light_varies_over_a_uniform_surface_and_under_a_coarse_image(tmp_path, 
     np.testing.assert_allclose(baked, traced, rtol=0.03)
 
 
+SKY = '<emitter type="constant"><rgb name="radiance" value="1"/></emitter>'
+GRAY = '<bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf>'
+
+
+def open_scene(folder, shapes, cell_m=0.5):
+    """Return a scene of some shapes under a white sky, which the carpet's camera sees."""
+    edit_scene(folder, ("cell_m = 0.078125", f"cell_m = {cell_m}"), ("spp = 16384", "spp = 1024"))
+    (folder / "scene.xml").write_text(f'<scene version="3.0.0">{SKY}{shapes}</scene>')
+    drop_textures(folder)
+    return load_scene(folder)
+
+
+def image_floor(file):
+    return (
+        '<shape type="rectangle" id="floor"><transform name="to_world"><scale value="4"/>'
+        '</transform><bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
+        f'<boolean name="raw" value="true"/><string name="filename" value="{file}"/>'
+        "</texture></bsdf></shape>"
+    )
+
+
+def assert_baked_as_traced(scene, width=24, rtol=0.02):
+    """Promise: the scene bakes by default, and looks as with paths."""
+    pose = scene.trajectory().pose(1.0)
+    renderer = Renderer(scene, width, 256)
+    assert renderer.integrator == "baked"
+    traced = Renderer(scene, width, 4096, integrator="path").frame(pose)
+    np.testing.assert_allclose(renderer.frame(pose), traced, rtol=rtol, atol=1e-3)
+    return traced
+
+
+@pytest.mark.parametrize("color", [(0.9, 0.6, 0.3), (0.1, 0.5, 1.0)])
+def test_a_colored_image_is_baked(tmp_path, color):
+    """Promise: interpolation is recognized in images with different channels."""
+    noise = np.random.default_rng(1).uniform(60, 250, (64, 64, 1))
+    (tmp_path / "colored").mkdir()
+    bgr = (noise * color[::-1]).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "colored" / "wood.png"), bgr)
+    traced = assert_baked_as_traced(open_scene(tmp_path / "colored", image_floor("wood.png")))
+    assert traced.std() > 0.01
+
+
+@pytest.mark.parametrize("texels", [16, 32, 13])
+def test_an_image_coarser_than_its_lightmap_is_not_blurred(tmp_path, texels):
+    """Promise: of 40 cells under 16, 32 or 13 texels; blurred, the light was up to 0.8 off."""
+    codes = np.random.default_rng(2).integers(30, 220, (texels, texels), np.uint8)
+    (tmp_path / "coarse").mkdir()
+    cv2.imwrite(str(tmp_path / "coarse" / "noise.png"), codes)
+    assert_baked_as_traced(open_scene(tmp_path / "coarse", image_floor("noise.png"), cell_m=0.2))
+
+
+def test_a_mirrored_mesh_has_its_front_where_its_normals_point(tmp_path):
+    """Promise: a floor mirrored by a negative scale is lit from above, as it is with paths."""
+    (tmp_path / "mirrored").mkdir()
+    (tmp_path / "mirrored" / "floor.obj").write_text(
+        "v -4 -4 0\nv 4 -4 0\nv 4 4 0\nv -4 4 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\n"
+        "f 1/1/1 2/2/1 3/3/1\nf 1/1/1 3/3/1 4/4/1\n"
+    )
+    shape = (
+        '<shape type="obj" id="floor"><string name="filename" value="floor.obj"/>'
+        f'<transform name="to_world"><scale x="-1" y="1" z="1"/></transform>{GRAY}</shape>'
+    )
+    traced = assert_baked_as_traced(open_scene(tmp_path / "mirrored", shape))
+    np.testing.assert_allclose(traced, 0.5, rtol=0.02)
+
+
+def test_a_cylinder_is_baked(tmp_path):
+    """Promise: a shape with the same stretch everywhere has a lightmap of its size."""
+    shape = (
+        '<shape type="cylinder" id="pipe"><transform name="to_world"><scale value="3"/></transform>'
+        f"{GRAY}</shape>"
+    )
+    maps = irradiance_maps(open_scene(tmp_path / "pipe", shape), cell_m=0.5, spp=64)
+    assert sorted(maps["pipe"].shape) == [6, 38]  # 3 m long, 6 pi m around
+
+
+def test_a_name_that_another_shape_has_is_not_given(tmp_path):
+    """Promise: shapes without an id do not get that of another, by which they would be confused."""
+    one, other = (
+        f'<shape type="rectangle"{name}><transform name="to_world"><scale value="4"/>'
+        f'<translate x="{x}"/></transform>{GRAY}</shape>'
+        for name, x in ((' id="rectangle_1"', -4), ("", 4))
+    )
+    scene = open_scene(tmp_path / "names", one + other)
+    assert sorted(irradiance_maps(scene, 1.0, 4)) == ["rectangle_1", "rectangle_1_"]
+
+
 def test_a_lamp_with_a_material_is_path_traced(tmp_path):
     """Promise: a glowing screen also reflects the light of other lamps; only lamps without a
     material are black."""
@@ -259,6 +346,10 @@ def test_lightmaps_of_another_state_of_the_scene_are_baked_again(tmp_path, monke
             "has two sides",
         ),
         ('<shape type="cube" id="it"/>', "has points that share a UV coordinate"),
+        (
+            '<shape type="rectangle" id="it"><boolean name="flip_normals" value="true"/></shape>',
+            "has flipped normals",
+        ),
         (
             '<shape type="disk" id="it"><bsdf type="bumpmap"><texture type="checkerboard"/>'
             '<bsdf type="diffuse"/></bsdf></shape>',

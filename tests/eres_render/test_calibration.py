@@ -137,6 +137,7 @@ def test_kalibr_has_no_k3(tmp_path):
         (OPENCV, "02, 0., 362", "02, 0.1, 362", r"camera_matrix: found .*, expected \[\[fx, 0"),
         (OPENCV, "4.61629e+02", "many", r"camera_matrix.data: found .*, expected 9 numbers"),
         (OPENCV, "avg_", "distortion_model: equidistant\navg_", "found 'equidistant', expected pl"),
+        (OPENCV, "avg_", "fisheye_model: 1\navg_", "fisheye_model: found 1, expected none"),
         (OPENCV, "camera_matrix", "K", "found neither camera_matrix nor cam0"),
         (OPENCV, "data: [", "data: {", "not YAML: while parsing"),
         (OPENCV, "!!opencv-matrix", "!!python/object:os.system", "not YAML: could not determine"),

@@ -52,8 +52,17 @@ def test_without_motion_only_the_marks_remain():
 def test_senseless_requests_are_refused(motion):
     with pytest.raises(RenderError, match=r"max_displacement_px: found .*, expected a positive"):
         adaptive_times(motion, MARKS_S, 0.0)
+    with pytest.raises(RenderError, match="max_displacement_px: found inf, expected a positive"):
+        adaptive_times(motion, MARKS_S, np.inf)
     with pytest.raises(RenderError, match="increasing"):
         adaptive_times(motion, (0.3, 0.2), 0.5)
+
+
+@pytest.mark.parametrize("px_per_s", [1e9, 1e12])
+def test_an_image_that_is_too_fast_for_frames_is_refused(px_per_s):
+    """Promise: an error, not frames too far apart nor an endless search; poses in nanoseconds."""
+    with pytest.raises(RenderError, match="path: found an image that moves"):
+        adaptive_times(lambda a, b: px_per_s * (b - a), (0.0, 1e-3), 0.5)
 
 
 def test_paced_times_keep_the_limit_too(motion):

@@ -3,6 +3,7 @@
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -281,11 +282,24 @@ def test_a_path_whose_knots_round_to_just_before_its_end_is_rendered(tmp_path):
 
 def test_a_folder_with_other_settings_is_left_alone(small_carpet, renderer, uninterrupted):
     before = (uninterrupted.folder / "manifest.json").read_bytes()
-    with pytest.raises(RenderError, match="found a sequence with spp 9, not 4; remove it, or"):
+    with pytest.raises(RenderError, match="found a sequence with spp 9, not 4; remove the f"):
         render_clip(Renderer(small_carpet, 64, 4), CLIP, uninterrupted.folder, 0.25)
     with pytest.raises(RenderError, match="found a sequence with other frame times"):
         render_clip(renderer, CLIP, uninterrupted.folder, 0.125)
     assert (uninterrupted.folder / "manifest.json").read_bytes() == before
+
+
+def test_frames_without_a_manifest_are_not_taken_for_others(small_carpet, uninterrupted, tmp_path):
+    """Promise: of a folder whose manifest was removed, no frame is kept: it may have other
+    settings."""
+    folder = tmp_path / "clip"
+    shutil.copytree(uninterrupted.folder, folder)
+    (folder / "manifest.json").unlink()
+    fewer = Renderer(small_carpet, 64, 4)
+    again = render_clip(fewer, CLIP, folder, 0.25)
+    fresh = render_clip(fewer, CLIP, tmp_path / "fresh", 0.25)
+    assert frames_equal(again, fresh)
+    assert not frames_equal(again, uninterrupted)
 
 
 def test_a_place_that_is_no_folder_is_refused(tmp_path, renderer):

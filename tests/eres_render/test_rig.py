@@ -32,4 +32,9 @@ def test_any_scene_has_a_second_camera(small_carpet, tmp_path, eres):
     assert right.duration_s == pytest.approx(left.trajectory().duration_s)
     code, _, error = eres("stereo", small_carpet.source, "--baseline", 0.1, "--out", out)
     assert code == 1
-    assert "exists already" in error
+    assert f"{out}: exists already; write elsewhere" in error
+    new = tmp_path / "new.txt"
+    code, _, error = eres("stereo", small_carpet.source, "--baseline", "nan", "--out", new)
+    assert code == 1
+    assert "baseline: found nan m, expected a finite distance" in error
+    assert not new.exists()

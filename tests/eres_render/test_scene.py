@@ -2,8 +2,8 @@
 
 import pytest
 
-from eres_render import RenderError, SceneError, clips, list_scenes, load_scene
-from light_scenes import edit_scene
+from eres_render import RenderError, SceneError, clips, list_scenes, load_scene, render_scene
+from light_scenes import edit_scene, light_evenly, small_carpet_folder
 
 
 def test_carpet_is_packaged_and_complete():
@@ -39,6 +39,8 @@ def test_a_folder_is_a_scene_too(tmp_path):
             r"camera\.fow: unknown, expected one of fov_deg",
         ),
         ("seed = 0", "seed = 1.5", r"path\.seed: found 1\.5, expected an integer"),
+        ("seed = 0", "seed = -1", r"path\.seed: found -1, expected 0 or more"),
+        ("seed = 7", "seed = -7", r"textures\.carpet_reflectance\.seed: found -7, expected 0"),
         ("[1.0, 1.0, 0.25]", "[1.0, 1.0]", r"path\.sway: found \[1\.0, 1\.0\], expected three"),
         ("[1.0, 1.0, 0.25]", "[1, 'a', 0]", r"path\.sway\[1\]: found 'a', expected a number"),
         ("[0.0, 0.0, 1.0]", "[0, 0, 2]", r"plane\.normal: .*expected a vector of length 1"),
@@ -121,3 +123,19 @@ def test_other_units_than_ours_are_refused(tmp_path, old, new):
     """Promise: numbers in other units are not taken for meters or W m^-2 sr^-1."""
     with pytest.raises(SceneError, match="_unit"):
         load_scene(edit_scene(tmp_path / "other", (old, new)))
+
+
+def test_a_plane_that_is_not_what_the_camera_sees_is_refused(tmp_path):
+    """Promise: depth and flow of ground truth follow from `[plane]`; one half a meter above the
+    carpet is an error before anything is rendered, not wrong truth."""
+    folder = small_carpet_folder(tmp_path / "mine")
+    text = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(
+        text.replace("point_m = [0.0, 0.0, 0.0]", "point_m = [0.0, 0.0, 0.5]")
+    )
+    scene = load_scene(light_evenly(folder, "carpet", 3.0))
+    with pytest.raises(
+        SceneError, match=r"scene\.toml: plane: found what the camera sees .* as far"
+    ):
+        render_scene(scene, tmp_path / "out", resolution=16, spp=1, samples=1)
+    assert not list((tmp_path / "out").rglob("*.exr"))

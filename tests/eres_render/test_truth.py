@@ -195,7 +195,14 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
     with pytest.raises(SceneError, match="homography needs a planar scene"):
         truth.homography(0.25, 0.29, 32)
 
-    files = write_truth(truth, tmp_path / "out", sequence.window_s, 40, flow_png=True)
+    there = []  # camera.json tells a complete folder from that of a killed writer
+
+    def look(stage, done, total):
+        there.append((tmp_path / "out" / "camera.json").exists())
+
+    options = {"flow_png": True, "on_progress": look}
+    files = write_truth(truth, tmp_path / "out", sequence.window_s, 40, **options)
+    assert there == [False, False]
     assert sorted(p for p in (tmp_path / "out").rglob("*") if p.is_file()) == sorted(files)
     with OpenEXR.File(str(tmp_path / "out/depth/000001.exr")) as file:
         depth = file.channels()["Z"].pixels

@@ -99,7 +99,8 @@ def test_what_the_samples_do_not_tell_apart_is_in_brackets() -> None:
 
 def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
     """The text around the comments does not change, and repeated runs replace the text between
-    them; an error names a page without a place, or with an unknown one, and does not change it."""
+    them; an error names a page without a place, or with an unknown one, and does not change it, and
+    a page that does not exist."""
     write_rows(tmp_path / "rows.parquet", paper_rows(scenes=("carpet",)))
     (tmp_path / "study.json").write_text("{}")
     (tmp_path / "environment.json").write_text("{}")
@@ -122,6 +123,8 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
         with pytest.raises(SystemExit, match=re.escape(f"error: {page}: {fault}")):
             main([str(tmp_path), str(page)])
         assert page.read_text() == content
+    with pytest.raises(SystemExit, match=r"error: .*missing\.md: no such file, expected a Mark"):
+        main([str(tmp_path), str(tmp_path / "missing.md")])
     with pytest.raises(SystemExit, match=r"error: .*rows\.parquet"):
         main([str(tmp_path / "none"), str(page)])
 

@@ -123,6 +123,28 @@ def test_old_words_are_read(tmp_path):
             r"mine.toml: .*tracking.sigmas_mm: found \(10.0, 10.0000001\), expected each once",
         ),
         (
+            'scenes = ["carpet"]\n[evaluate.tracking]\nsigmas_mm = []',
+            r"mine.toml: .*tracking.sigmas_mm: found none, expected one or more",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.video]\nmethods = ["blank"]\nscenes = ["rocks"]',
+            r"mine.toml: evaluate.video: found methods for rocks alone, expected a scene of the "
+            "study: carpet",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.flow]\nfast_methods = ["initial_flow"]\n'
+            'fast_scenes = ["rocks", "room"]',
+            r"mine.toml: evaluate.flow: found methods for rocks, room alone, expected a scene",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.flow]\nfast_speed = 4.0',
+            r"mine.toml: evaluate.flow.fast_speed: found 4.0, expected it only with fast_methods",
+        ),
+        (
+            'scenes = ["carpet"]\n[evaluate.flow]\nfast_scenes = ["carpet"]',
+            r"evaluate.flow.fast_scenes: found \('carpet',\), expected it only with fast_methods",
+        ),
+        (
             'scenes = ["carpet"]\n[evaluate.video]\nevery_s = 10.0',
             r"mine.toml: .*video: found no image to score with duration_s = 2, run_in_s = 0.5",
         ),
@@ -144,8 +166,41 @@ def test_old_words_are_read(tmp_path):
     ],
 )
 def test_a_bad_study_is_refused_by_file_and_field(tmp_path, text, message):
+    """Promise: what cannot be, and what would silently do nothing, ends with file and field."""
     with pytest.raises(StudyError, match=message):
         read_study(written(tmp_path, text))
+
+
+def test_methods_for_some_scenes_need_one_of_them(tmp_path):
+    """Promise: a scene of the study may be a name, a folder or a Mitsuba file; settings of a task
+    that is left out do not matter."""
+    asked = '[evaluate.video]\nmethods = ["blank"]\nscenes = ["rocks"]'
+    for scenes in ('"carpet", "rocks"', '"./my/rocks"', '"./rocks.xml"'):
+        read_study(written(tmp_path, f"scenes = [{scenes}]\n{asked}"))
+    read_study(written(tmp_path, 'scenes = ["carpet"]\n[evaluate.video]\nscenes = ["rocks"]'))
+
+
+@pytest.mark.parametrize(
+    ("given", "found"),
+    [
+        (
+            'reconstruction.methods = ["no_events"]\nflow.methods = ["initial_flow"]\n'
+            "tracking.methods = []",
+            "no_events and initial_flow",
+        ),
+        (
+            "reconstruction.methods = []\nflow.methods = []\ntracking.methods = []",
+            "no methods",
+        ),
+    ],
+)
+def test_a_study_of_nothing_to_compare_is_refused(given, found, tmp_path, eres):
+    """Promise: do-nothing methods alone are refused before anything is rendered."""
+    file = written(tmp_path, f'scenes = ["carpet"]\n[evaluate]\n{given}')
+    code, _, err = eres("study", file, "--out", tmp_path / "run")
+    said = f"error: evaluate: found {found}, expected at least one method that uses the events\n"
+    assert (code, err) == (1, said)
+    assert [one.name for one in tmp_path.iterdir()] == ["mine.toml"]
 
 
 def test_a_study_that_is_not_there(tmp_path):

@@ -195,8 +195,9 @@ def test_the_ablations_are_what_the_claims_print_beside_their_own() -> None:
 
 
 def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
-    """Promise: intervals over trainings are as wide as these differ, however alike the images are;
-    runs that differ in more than weights are refused, with the first field that differs."""
+    """Promise: intervals over trainings are as wide as Student's t makes those of so few, however
+    alike the images are; runs that differ in more than weights, or not in weights, are refused,
+    with the first field that differs."""
 
     def run(name: str, gain: float, **study: object) -> Path:
         folder = tmp_path / name
@@ -217,7 +218,8 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
     one, other = run("one", 0.5), run("other", 1.5)
     assert over_twin(one).startswith("+9.50 [+9.50, +9.50] dB at night, +0.50 [+0.50, +0.50] dB")
     both = over_twin(one, other)
-    assert both.startswith("+10.00 [+9.50, +10.50] dB at night, +1.00 [+0.50, +1.50] dB")
+    # Draws give 0.5 dB to both sides, t of two values 12.7 / 1.96 sqrt(2) times that.
+    assert both.startswith("+10.00 [+5.42, +14.58] dB at night, +1.00 [−3.58, +5.58] dB")
     finer = run("finer", 0.5, render={"spp": 16})
     with pytest.raises(ResultError, match=r"finer.*: render: found .*, expected None as in .*one"):
         scores_of_run(one, finer)
@@ -225,6 +227,13 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
         ResultError, match=r"one.*: found the jobs of .*one, expected those of other"
     ):
         scores_of_run(one, one)
+    (tmp_path / "other" / "study.json").write_text(
+        (tmp_path / "one" / "study.json").read_text().replace('["one"]', '["other"]')
+    )
+    with pytest.raises(
+        ResultError, match=r"other.*: weights: found those of .*one, expected others"
+    ):
+        scores_of_run(one, other)
 
 
 def test_other_software_of_joined_runs_is_said(
@@ -238,7 +247,8 @@ def test_other_software_of_joined_runs_is_said(
     for k, (folder, commit) in enumerate(zip(folders, commits, strict=True)):
         folder.mkdir()
         write_rows(folder / "rows.parquet", rows)
-        (folder / "study.json").write_text(json.dumps({"jobs": [k]}))
+        config = {"jobs": [k], "evaluate": {"video": {"weights": {"mine": f"{k}.pt"}}}}
+        (folder / "study.json").write_text(json.dumps(config))
         found = {"code": commit, "mitsuba": "3.9.1", "processor": str(k)}
         (folder / "environment.json").write_text(json.dumps(found))
     code, out, _ = eres("claims", *folders)
@@ -257,6 +267,10 @@ def test_what_one_of_several_runs_lacks_is_not_measured(tmp_path: Path, lacking:
         folder.mkdir()
         found = [row for row in rows if k != lacking or "ideal" in row.method]
         write_rows(folder / "rows.parquet", found)
-        (folder / "study.json").write_text(json.dumps({"jobs": [k], "evaluate": {"windows": 10}}))
+        config = {
+            "jobs": [k],
+            "evaluate": {"video": {"weights": {"mine": f"{k}.pt"}}, "windows": 10},
+        }
+        (folder / "study.json").write_text(json.dumps(config))
     (verdicts,) = judge_readings({}, scores_of_run(*folders), {}).values()
     assert [one.status for one in verdicts if one.number == 23] == [Status.NOT_MEASURED] * 2

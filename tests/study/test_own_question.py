@@ -198,8 +198,13 @@ def test_a_named_sensor_may_be_the_slowest(tmp_path) -> None:
 
 
 def test_a_camera_finer_than_the_frames_is_refused(tmp_path) -> None:
-    with pytest.raises(StudyError, match="'gen4-cd' of 1280x720 px, finer than render"):
+    with pytest.raises(StudyError, match="'gen4-cd' of 1280x720 px, finer than the frames"):
         read(tmp_path, 'sensors = ["gen4-cd"]', "[render]\nresolution = 640")
+    tall = "[render]\nresolution = 640\nheight = 1280"
+    read(tmp_path, 'sensors = [{name = "tall", width = 360, height = 700}]', tall)
+    wide = "[render]\nresolution = 640\nheight = 200"
+    with pytest.raises(StudyError, match="of whose 640x200 px it sees 200x200, expected a larger"):
+        read(tmp_path, 'sensors = [{name = "square", width = 400, height = 400}]', wide)
 
 
 @pytest.mark.parametrize(

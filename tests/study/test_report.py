@@ -129,6 +129,18 @@ def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
     assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6
 
 
+def test_names_are_no_formulas_and_settings_are_read_as_they_are_written(tmp_path: Path) -> None:
+    """Promise: a dollar in the name of a scene is one in the figures, too, and the resolved
+    configuration shows quotes and angle brackets."""
+    rows = [replace(row, scene=r"a $\foo$ b") for row in paper_rows(samples=1)]
+    run = make_run(tmp_path, rows)
+    question = "What's <b> for?"
+    (run / "study.json").write_text(json.dumps({"question": question}))
+    page = write_report(run).read_text()
+    assert (run / "figures" / "tradeoff_event_integration.png").exists()
+    assert '"question": "What\'s &lt;b&gt; for?"' in page
+
+
 def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     """Promise: a report replaces its own tables; a file of the user's beside them stays."""
     run = make_run(tmp_path, paper_rows(samples=1))
@@ -286,13 +298,6 @@ def test_one_sensor_or_light_of_ones_own_leaves_the_paper_out(tmp_path: Path, fi
     assert "Δ" not in page
 
 
-def test_the_configuration_is_readable_and_escaped(tmp_path: Path) -> None:
-    """Promise: apostrophes, quotes and letters are printed as they are, and markup stays text."""
-    run = make_run(tmp_path, paper_rows(samples=1))
-    (run / "study.json").write_text(json.dumps({"question": "What's <b> & ö?"}))
-    assert '"question": "What\'s &lt;b&gt; &amp; ö?"' in page_of(run)
-
-
 def test_few_samples_are_cautioned_about(tmp_path: Path) -> None:
     """With two samples the report warns that they are few; with seven it does not."""
     caution = "too few for confidence intervals"
@@ -373,6 +378,27 @@ def test_damaged_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(ResultError, match=r"study\.json: not JSON"):
         write_report(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"render": []}, "render: found [], expected a table"),
+        ({"jobs": 3}, "jobs: found 3, expected a list"),
+        ({"evaluate": 3}, "evaluate: found 3, expected a table"),
+        ({"question": 3}, "question: found 3, expected a string"),
+        ({"base_m_per_s": {"carpet": "fast"}}, "base_m_per_s.carpet: found 'fast', expected a num"),
+    ],
+)
+def test_a_damaged_study_is_named(tmp_path: Path, content: dict, said: str, eres) -> None:
+    """Promise: report and claims of a run whose study.json holds values of another kind end with
+    one line that names file and field."""
+    make_run(tmp_path, paper_rows(samples=1))
+    (tmp_path / "study.json").write_text(json.dumps(content))
+    for command in ("report", "claims"):
+        code, _, err = eres(command, tmp_path)
+        assert (code, err.count("\n")) == (1, 1)
+        assert f"{tmp_path / 'study.json'}: {said}" in err
 
 
 def test_baseline_rows_alone_make_no_report(tmp_path: Path) -> None:

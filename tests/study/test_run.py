@@ -198,6 +198,43 @@ def test_a_task_for_a_scene_that_does_not_exist(scene_folder, tmp_path):
     assert not (tmp_path / "run").exists()
 
 
+def test_two_names_of_one_scene(scene_folder, tmp_path):
+    """Promise: a study has each scene once, as its content identifies jobs; a copy of a folder has
+    its own frames and its own name in the rows."""
+    for name in ("alpha", "beta"):
+        shutil.copytree(scene_folder, tmp_path / name)
+    study = replace(tiny_study(scene_folder), evaluate=Evaluate(flow=Flow(methods=())))
+    study = replace(study, evaluate={**study.evaluate, "tracking": Tracking(methods=())})
+    names = [str(tmp_path / name) for name in ("alpha", "beta")]
+    with pytest.raises(StudyError, match="scenes: found 'alpha' and 'beta' with the same content"):
+        run_study(replace(study, scenes=tuple(names)), tmp_path / "both")
+    for name in names:
+        rows = run_study(replace(study, scenes=(name,)), tmp_path / f"run {Path(name).name}")
+        assert {row.scene for row in rows} == {Path(name).name}
+
+
+def test_a_stopped_study_does_not_describe_the_rows_of_another(
+    finished, scene_folder, tmp_path, monkeypatch
+):
+    """Promise: until another study in the same folder is finished, the folder's rows keep the
+    settings with which they were made."""
+    run = tmp_path / "run"
+    shutil.copytree(finished[0], run)
+    before = (run / "study.json").read_bytes()
+    other = tiny_study(scene_folder)
+    other = replace(other, simulate=replace(other.simulate, contrast_thresholds=(0.4,)))
+
+    def stop(*args, **options):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(local, "compute_job", stop)
+        with pytest.raises(KeyboardInterrupt):
+            run_study(other, run)
+    assert (run / "study.json").read_bytes() == before
+    assert read_rows(run / "rows.parquet") == finished[1]
+
+
 def with_flow(study, settings):
     return replace(study, evaluate=Evaluate(**{**study.evaluate, "flow": settings}))
 

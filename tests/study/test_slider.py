@@ -20,6 +20,7 @@ from eres_render import (
 from eres_render.camera import map_pixels
 from eres_render.scene.load import scene_root
 from finished_runs import make_run, page_of
+from sensor import SensorModel
 from small_study import only
 from study_rows import EI, paper_rows
 from tasks.errors import StudyError
@@ -37,6 +38,7 @@ from tasks.study.results.paper_slider import (
 from tasks.study.results.slider import FIELD_PX, PRINTS, distance_label, light_label
 from tasks.study.run import run_study
 from tasks.study.run.jobs import jobs_of
+from tasks.study.sensors import StudySensor
 from tasks.tracking import path_at, perturbed, position_error_mm
 
 INF = float("inf")
@@ -125,6 +127,22 @@ def test_one_lens_needs_a_camera_that_faces_the_plane():
         study = Study(name="mine", scenes=(name,), simulate=Simulate(same_lens=True))
         with pytest.raises(StudyError, match=f"simulate.same_lens: {name}: found .*{why}"):
             jobs_of(study, load_scene(name))
+
+
+def test_a_sensor_that_sees_a_part_of_the_frames_has_the_same_lens(tmp_path):
+    """Promise: the distance is that at which the part that it sees has as many pixels; a portrait
+    sensor of the frames' height sees what they see, from where they were."""
+    portrait = SensorModel(width=67, height=134, dark_level=0.001)
+    sensors = (StudySensor(name="portrait", in_light=(portrait,)),)
+    study = Study(
+        name="mine",
+        scenes=(str(small_print(tmp_path / "prints")),),
+        render=Render(resolution=238, height=134, window_s=0.03, every_s=0.15, samples=1),
+        simulate=Simulate(widths=(119,), sensors=sensors, cutoffs_hz=(INF,), same_lens=True),
+        evaluate=only(tracking=Tracking(sigmas_mm=(5.0,))),
+    )
+    job = jobs_of(study, load_scene(study.scenes[0]))[0]
+    assert {one.name: one.distance for one in job.settings(1.0)} == {"": 2.0, "portrait": 1.0}
 
 
 def test_tracking_has_the_distance_of_each_width(tmp_path):

@@ -16,7 +16,7 @@ from finished_runs import make_run
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks.cli.comparison import to_rich
 from tasks.errors import ResultError
-from tasks.row import Row
+from tasks.row import Row, write_rows
 from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.metrics import Series
@@ -179,6 +179,20 @@ def test_contradictory_rows_are_refused() -> None:
         Scores([*grid(), row(128, 0, 1.0)])
     other = replace(row(128, 0, 1.0), variant="other")
     assert len(Scores([*grid(), row(128, 0, 1.0, item=1), other]).series()) == 2
+
+
+def test_rows_that_make_no_scores_are_named_by_their_file(tmp_path: Path) -> None:
+    """Promise: whatever is wrong with the rows of a run, the error starts with their file."""
+    file = tmp_path / "rows.parquet"
+    (tmp_path / "study.json").write_text("{}")
+    for rows, said in (
+        ([], "found no rows"),
+        ([*grid(), row(128, 0, 1.0)], "found two of sample 0, item 0"),
+        ([row(128, 0, 1.0, task="rate")], "found task 'rate'"),
+    ):
+        write_rows(file, rows)
+        with pytest.raises(ResultError, match=rf"^{re.escape(str(file))}: {said}"):
+            scores_of_run(tmp_path)
 
 
 def test_doing_nothing_has_a_line_for_each_width_where_they_differ() -> None:

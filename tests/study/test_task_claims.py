@@ -15,7 +15,7 @@ from tasks.study.results.bootstrap import DRAWS, resampled_medians
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import judged_series, shown_series
-from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.scores import Cell, Condition, Scores
 
 SERIES = {10: HF, 12: EPF, 13: EPF, 14: EPF, 15: CM, 16: CM, 18: EPPT, 19: EPPT, 20: EPPT}
 INF = math.inf
@@ -281,6 +281,23 @@ def test_the_bootstrap_draws_samples_with_all_their_items() -> None:
     for k in range(0, DRAWS, 97):
         pooled = np.concatenate([values[sample == i] for i in drawn[k]])
         assert medians[k] == pytest.approx(np.median(pooled))
+
+
+@pytest.mark.parametrize("trainings", [2, 3, 5])
+def test_intervals_over_few_trainings_cover_the_mean_of_all(trainings: int) -> None:
+    """Promise: 95 % intervals hold the true value in about 95 % of cases, though 2 or 3 trainings
+    say little about how much trainings differ: draws alone hold it in a half or three quarters."""
+    rng = np.random.default_rng(trainings)
+    sample, training = (index.ravel() for index in np.indices((14, trainings)))
+    covered = 0
+    for k in range(300):
+        values = rng.normal(size=trainings)[training] + 0.1 * rng.normal(size=sample.size)
+        cell = Cell(f"scene {k % 8}", values, values, values > 9, sample, training, values.size)
+        found = estimate(lambda medians: medians["a"], {"a": cell})
+        assert found.low is not None
+        assert found.high is not None
+        covered += found.low < 0 < found.high
+    assert covered / 300 > 0.9
 
 
 def test_the_bootstrap_draws_trainings_with_all_their_values() -> None:

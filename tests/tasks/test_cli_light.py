@@ -405,6 +405,17 @@ def test_frames_far_apart_are_said(eres, tmp_path, caplog):
     assert all("frames lie up to 3.5 px apart, expected at most 1" in line for line in said)
 
 
+def test_a_sensor_without_width_is_refused(eres, tmp_path):
+    """Promise: one line that names the option, whatever the task."""
+    folder = room_folder(tmp_path / "room")
+    render = ["--resolution", 32, "--spp", 1, "--samples", 1, "--out", tmp_path / "r"]
+    assert eres("render", folder, *render)[0] == 0
+    asked = ("evaluate", tmp_path / "r" / "clip_000", "--task", "reconstruction")
+    for width in (0, -5):
+        said = f"resolution: found {width}, expected a positive number"
+        refused(eres, tmp_path, said, *asked, "--resolution", width)
+
+
 def test_truth_of_no_sequence_and_senseless_steps_are_refused(eres, tmp_path):
     refused(
         eres, tmp_path, "none/manifest.json", "truth", tmp_path / "none", "--out", tmp_path / "o"

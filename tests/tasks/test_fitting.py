@@ -1,6 +1,7 @@
 """`eres fit` gets back the parameters of simulated sensors, inside its own intervals."""
 
 import functools
+import math
 from pathlib import Path
 
 import cv2
@@ -344,8 +345,9 @@ EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, hei
 @pytest.mark.parametrize(
     ("evidence", "text"),
     [
-        ({}, "found neither still, frames nor steps"),
+        ({}, "found neither still, frames, crop nor steps"),
         ({"still_s": (1.0, 0.5)}, "still: found 1 to 0.5 s, expected a start"),
+        ({"still_s": (0.0, math.inf)}, "still: found 0 to inf s, expected .* a later, finite end"),
         ({"still_s": (-1.0, 0.5)}, "still: found -1 to 0.5 s"),
         ({"still_s": (0.0, 1.0), "dark_share": 0.0}, "dark: found 0, expected a share"),
         ({"still_s": (0.0, 1.0), "motion": True}, "motion: expected it with frames or a crop"),
@@ -353,8 +355,19 @@ EMPTY = Events(*(np.empty(0, t) for t in ("i8", "u2", "u2", "i1")), width=4, hei
     ],
 )
 def test_impossible_evidence_is_refused(evidence, text):
+    """Promise: one line says what was found and what was expected."""
     with pytest.raises(TaskError, match=text):
         fit_recording(EMPTY, Evidence(**evidence))
+
+
+def test_a_recording_without_events_is_named(eres, tmp_path):
+    """Promise: one line with the file, and no profile."""
+    file, out = tmp_path / "empty.h5", tmp_path / "mine.toml"
+    write_events(file, EMPTY)
+    code, _, err = eres("fit", file, "--out", out, "--still", "0", "1")
+    assert (code, err.count("\n")) == (1, 1)
+    assert f"{file}: found no events, expected some" in err
+    assert not out.exists()
 
 
 def test_recordings_that_do_not_show_enough_are_refused(tmp_path):

@@ -76,9 +76,14 @@ def test_any_sequence_has_images(small_carpet, tmp_path, eres):
         (["--full-well", 0], "full_well: found 0.0"),
         (["--read-noise", -1], "read_noise: found -1.0"),
         (["--exposure", 0], "exposure: found 0.0"),
+        (["--seed", -1], "seed: found -1, expected 0 or more"),
     ):
         place = out if wrong is camera else tmp_path / "none"
         code, _, error = eres("images", clip.folder, "--out", place, *wrong)
         assert code == 1
         assert found in error
     assert not (tmp_path / "none").exists()
+    (out / "images.json").unlink()  # as after an interruption
+    code, _, error = eres("images", clip.folder, "--out", out, *camera)
+    assert code == 1
+    assert "contains images already" in error

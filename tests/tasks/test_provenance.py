@@ -1,6 +1,7 @@
 """A run stores where it was computed."""
 
 import importlib.util
+import os
 import shlex
 import subprocess
 import sys
@@ -10,7 +11,8 @@ from tasks import provenance
 
 
 def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
-    """Promise: a run stores the commit of its code, and "dirty" covers its code alone."""
+    """Promise: a run stores the commit of its code, and "dirty" covers its code alone. Asking git
+    writes nothing into the checkout: a process killed meanwhile would leave git's lock."""
     copy = tmp_path / "tasks" / "provenance.py"
     copy.parent.mkdir(parents=True)
     copy.write_text(Path(provenance.__file__).read_text())
@@ -29,7 +31,11 @@ def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
     spec.loader.exec_module(copied)
     commit = f"git {git('rev-parse', '--short=12', 'HEAD')}"
     variant = "scalar_rgb"
+    index = tmp_path / ".git" / "index"
+    os.utime(copy, (1e9, 1e9))  # git would store the new time
+    before = index.read_bytes()
     assert copied.environment(variant)["code"] == commit
+    assert index.read_bytes() == before
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "rows.parquet").write_text("")
     assert copied.environment(variant)["code"] == commit

@@ -435,8 +435,8 @@ def test_lists_of_images_as_in_the_rpg_dataset(made, tmp_path):
 
 def test_images_of_events_with_their_times(made, tmp_path, eres):
     """Promise: PNG images at a rate, times in microseconds; the folder is one that
-    `eres simulate` reads."""
-    out = tmp_path / "images"
+    `eres simulate` reads, and is made with the folders above it."""
+    out = tmp_path / "new" / "images"
     code, said, _ = eres("video", made.events_file, "--out", out, "--fps", 100)
     times = (out / "timestamps.txt").read_text().splitlines()
     files = sorted(out.glob("*.png"))
@@ -446,7 +446,7 @@ def test_images_of_events_with_their_times(made, tmp_path, eres):
     image = cv2.imread(str(files[-1]), cv2.IMREAD_UNCHANGED)
     assert (image.shape, image.dtype) == ((72, 96), np.uint8)
     assert image.std() > 20
-    assert sorted(tmp_path.iterdir()) == [out]
+    assert sorted(out.parent.iterdir()) == [out]
     code, _, err = eres("video", made.events_file, "--out", out)
     assert (code, "add --overwrite" in err) == (1, True)
     code, _, _ = eres("video", made.events_file, "--out", out, "--fps", 50, "--overwrite")
@@ -471,6 +471,10 @@ def test_images_are_those_of_the_filter(made, recording, tmp_path, eres):
     [
         (["--fps", 0], "fps: found 0.0, expected a positive number"),
         (["--fps", 1], "there is no image at 1 per second"),
+        (["--start", "nan"], "start: found nan s, expected a finite time"),
+        (["--start", "inf"], "start: found inf s, expected a finite time"),
+        (["--start", 0.5, "--end", 0.1], "end: found 0.1 s, expected 0.5 s, the start, or later"),
+        (["--end", "nan"], "end: found nan s, expected a finite time"),
         (["--method", "blnk"], "no method 'blnk'"),
         (["--equalization", "some"], "equalization: found 'some', expected one of none"),
     ],

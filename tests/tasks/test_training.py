@@ -5,6 +5,7 @@ Needs PyTorch: `make .venv/.learned`.
 
 import json
 import logging
+import re
 import resource
 import shutil
 import sys
@@ -354,18 +355,70 @@ def test_folders_of_other_trainings_are_refused(run, tmp_path):
         trained(half)
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("scores.json", '{"score": ', "not JSON"),
+        ("scores.json", "{}", "score: missing, expected a string"),
+        ("scores.json", {"scores": {"ideal": [1.0]}}, "scores.ideal: found 1 numbers, expected 3"),
+        ("scores.json", {"scores": {}}, "scores: found none"),
+        ("training.json", {"settings": {}}, "settings.task: missing"),
+        ("training.json", {"settings": []}, "damaged, expected settings and made_with"),
+    ],
+)
+def test_damaged_files_of_a_finished_training_are_named(run, name, content, said, eres, tmp_path):
+    """Promise: neither the command nor the card fails without a word on the file."""
+    folder = tmp_path / "copy"
+    shutil.copytree(run[0], folder)
+    file = folder / name
+    if isinstance(content, dict):
+        content = json.dumps({**json.loads(file.read_text()), **content})
+    file.write_text(content)
+    words = re.escape(f"{file}: {said}")
+    with pytest.raises(TrainingError, match=words):
+        trained(folder)
+    code, _, err = eres("train", "card", folder)
+    assert (code, err.count("\n")) == (1, 1)
+    assert re.search(words, err)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 99999999999999999999999])
+def test_a_seed_that_pytorch_cannot_take_is_refused(seed, eres, tmp_path):
+    """Promise: one line with the range, and no folder."""
+    code, _, err = eres("train", "flow", "--out", tmp_path / "x", "--seed", seed)
+    assert (code, err) == (1, f"error: seed: found {seed}, expected 0 to 2^64 - 1\n")
+    assert not (tmp_path / "x").exists()
+
+
+def test_weights_without_settings_are_refused(run, tmp_path):
+    """Promise: a folder that lost training.json neither gives its scores nor goes on, whatever the
+    settings; the error names the missing file."""
+    for name in ("weights.pt", "checkpoint.pt"):
+        folder = tmp_path / name
+        folder.mkdir()
+        shutil.copy(run[0] / "scores.json", folder)
+        shutil.copy(run[0] / name, folder)
+        words = rf"training\.json: missing, expected the settings that {name} was trained with"
+        with pytest.raises(TrainingError, match=words):
+            trained(folder, "ideal")
+        assert not (folder / "training.json").exists()
+
+
 def test_what_cannot_be_trained_is_said_before(tmp_path, monkeypatch):
-    """Promise: errors name too little memory, a missing GPU and a diverging loss."""
+    """Promise: errors name too little memory, a missing GPU and a diverging loss; those of the
+    machine leave no folder behind, so that other settings can be tried in it."""
     fast = replace(TINY, schedule=replace(BRIEF, learning_rate=1e30, largest_gradient=1e30))
     with pytest.raises(TrainingError, match=r"schedule\.learning_rate"):
         trained(tmp_path / "fast", settings=fast)
     monkeypatch.setattr(loop, "memory_bytes", lambda: 1000)
     with pytest.raises(TrainingError, match=r"needs about .* lower schedule\.crops_per_step"):
         trained(tmp_path / "large")
+    assert not (tmp_path / "large").exists()
     monkeypatch.undo()
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     with pytest.raises(TrainingError, match="device: found no GPU"):
         start(TINY, "all", 0, tmp_path / "gpu", device="cuda", made_with={})
+    assert not (tmp_path / "gpu").exists()
 
 
 def test_settings_are_names_or_files(tmp_path):

@@ -12,7 +12,7 @@ from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, image_answer
-from tasks.evaluation.scorers.base import Score
+from tasks.evaluation.scorers.base import MOST_PSNR_DB, Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Video
 from tasks.methods import load_method
@@ -101,7 +101,7 @@ class VideoScorer:
                 self._scores.append(
                     Score(
                         name,
-                        psnr_db(found, truth),
+                        min(psnr_db(found, truth), MOST_PSNR_DB),
                         variant,
                         failure=failure,
                         sample=sample,

@@ -7,9 +7,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from eres_render.storage.settings_reader import read_json
 from tasks.errors import TrainingError
-from tasks.learned.training.run_folder import SCORES_FILE, WEIGHTS_FILE, read_description
+from tasks.learned.training.run_folder import (
+    WEIGHTS_FILE,
+    FinalScores,
+    read_description,
+    read_scores,
+)
+
+Run = tuple[Path, dict[str, Any], FinalScores]
 
 _LIMITS = """\
 - Trained on random textures on a plane that moves before the camera. There are no depth edges, no
@@ -35,17 +41,16 @@ def card(folders: Sequence[Path]) -> str:
     Raises
     ------
     TrainingError
-        A folder is not that of a finished training.
+        A folder is not that of a finished training, or a file in it is damaged.
     """
     parts = ["# Networks of our own"]
-    alike: dict[tuple[str, str], list[tuple[Path, dict[str, Any], dict[str, Any]]]] = {}
+    alike: dict[tuple[str, str], list[Run]] = {}
     for folder in folders:
         described = read_description(folder)
         if not (folder / WEIGHTS_FILE).exists():
             raise TrainingError(f"{folder}: found no {WEIGHTS_FILE}, expected a finished training")
-        scores = read_json(dict[str, Any], folder / SCORES_FILE, TrainingError)
         kind = described["settings"]["task"], _settings(described)
-        alike.setdefault(kind, []).append((folder, described, scores))
+        alike.setdefault(kind, []).append((folder, described, read_scores(folder)))
     for (task, settings), runs in alike.items():
         command = f"`eres train {task} --light LIGHT --seed SEED --out FOLDER`"
         again = f"{command} with the settings below trains a network of the table again."
@@ -53,30 +58,29 @@ def card(folders: Sequence[Path]) -> str:
     return "\n\n".join([*parts, "## Limits", _LIMITS]) + "\n"
 
 
-def _table(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> str:
+def _table(runs: Sequence[Run]) -> str:
     _, _, first = runs[0]
-    baselines = first["baselines"]
-    lights = list(first["scores"])
-    head = ["trained on", "seed", *(f"{light}, {first['score']}" for light in lights), "hours"]
+    lights = list(first.scores)
+    head = ["trained on", "seed", *(f"{light}, {first.score}" for light in lights), "hours"]
     rows = [head, ["---"] * len(head)]
     for _, described, found in runs:
         settings = described["settings"]
-        values = [f"{found['scores'][light][0]:.2f}" for light in lights]
-        hours = f"{found['seconds'] / 3600:.2f}"
+        values = [f"{found.scores[light][0]:.2f}" for light in lights]
+        hours = f"{found.seconds / 3600:.2f}"
         rows.append([f"{settings['light']} light", str(settings["seed"]), *values, hours])
-    for k, name in enumerate(baselines, start=1):
-        values = [f"{first['scores'][light][k]:.2f}" for light in lights]
+    for k, name in enumerate(first.baselines, start=1):
+        values = [f"{first.scores[light][k]:.2f}" for light in lights]
         rows.append([name, "", *values, ""])
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def _origins(runs: Sequence[tuple[Path, dict[str, Any], dict[str, Any]]]) -> list[str]:
+def _origins(runs: Sequence[Run]) -> list[str]:
     """Describe steps, device, size and code of the trainings, without repetition."""
     origins: dict[str, list[str]] = {}
     for folder, described, scores in runs:
         made_with = ", ".join(f"{k} {v}" for k, v in described["made_with"].items())
         megabytes = (folder / WEIGHTS_FILE).stat().st_size / 1e6
-        steps = f"{scores['steps']} steps on {scores['device']}, {megabytes:.2f} MB"
+        steps = f"{scores.steps} steps on {scores.device}, {megabytes:.2f} MB"
         settings = described["settings"]
         name = f"{settings['light']} light, seed {settings['seed']}"
         origins.setdefault(f"{steps}; {made_with}.", []).append(name)

@@ -30,6 +30,7 @@ from tasks.learned.training.run_folder import (
     PICTURE_FILE,
     SCORES_FILE,
     WEIGHTS_FILE,
+    read_scores,
     write_curve,
 )
 from tasks.learned.training.settings import Schedule
@@ -73,15 +74,13 @@ def train(
     Raises
     ------
     TrainingError
-        There is not enough memory or no such device, the checkpoint is of another training, or the
-        loss is not finite.
+        There is no such device, the checkpoint is of another training, the loss is not finite, or
+        the scores of a finished training cannot be read.
     WeightsError
         The checkpoint cannot be read.
     """
     if (folder / WEIGHTS_FILE).exists():
-        done: Scores = json.loads((folder / SCORES_FILE).read_text(encoding="utf-8"))["scores"]
-        return done
-    _check_memory(problem)
+        return {light: list(found) for light, found in read_scores(folder).scores.items()}
     place = _device(device)
     problem.network.to(place).train()
     optimizer = torch.optim.AdamW(problem.network.parameters(), weight_decay=schedule.weight_decay)
@@ -120,20 +119,35 @@ def train(
     return scores
 
 
-def _device(name: str | None) -> torch.device:
-    has_cuda = torch.cuda.is_available()
-    if name == "cuda" and not has_cuda:
-        raise TrainingError("device: found no GPU for PyTorch, expected one for 'cuda'")
-    return torch.device(name or ("cuda" if has_cuda else "cpu"))
+def check_machine(problem: Problem, device: str | None) -> None:
+    """Check that this machine can train a network.
 
+    Parameters
+    ----------
+    problem
+        The network, and what it learns from.
+    device
+        "cpu" or "cuda"; None uses a GPU if there is one.
 
-def _check_memory(problem: Problem) -> None:
+    Raises
+    ------
+    TrainingError
+        There is not enough memory, or no such device.
+    """
+    _device(device)
     needed, there = problem.memory_bytes(), memory_bytes()
     if needed > there:
         raise TrainingError(
             f"train: a step needs about {needed / 1e9:.1f} GB of memory, and this machine has "
             f"{there / 1e9:.1f} GB; lower schedule.crops_per_step or crops.side_px"
         )
+
+
+def _device(name: str | None) -> torch.device:
+    has_cuda = torch.cuda.is_available()
+    if name == "cuda" and not has_cuda:
+        raise TrainingError("device: found no GPU for PyTorch, expected one for 'cuda'")
+    return torch.device(name or ("cuda" if has_cuda else "cpu"))
 
 
 @contextmanager

@@ -8,12 +8,13 @@ import json
 import logging
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from eres_render.storage.atomic import write_text
 from eres_render.storage.locks import locked
-from eres_render.storage.settings_reader import differences
+from eres_render.storage.settings_reader import differences, read_json
 from tasks.errors import TrainingError
 from tasks.provenance import together
 
@@ -23,6 +24,49 @@ CHECKPOINT_FILE, WEIGHTS_FILE, SCORES_FILE = "checkpoint.pt", "weights.pt", "sco
 _logger = logging.getLogger(__name__)
 
 Row = dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FinalScores:
+    """The content of scores.json.
+
+    Parameters
+    ----------
+    score
+        Name of the score, with its unit.
+    baselines
+        Names of the baselines.
+    scores
+        Mean scores on the held-out crops by light: of the network, then of each baseline.
+    seconds
+        Time that the training took, s.
+    steps
+        Number of its steps.
+    device
+        Where it ran: cpu or cuda.
+
+    Raises
+    ------
+    TrainingError
+        There are no scores, or a light does not have one of each.
+    """
+
+    score: str
+    baselines: tuple[str, ...]
+    scores: dict[str, tuple[float, ...]]
+    seconds: float
+    steps: int
+    device: str
+
+    def __post_init__(self) -> None:
+        if not self.scores:
+            raise TrainingError("scores: found none, expected those of each light")
+        for light, found in self.scores.items():
+            if len(found) != 1 + len(self.baselines):
+                raise TrainingError(
+                    f"scores.{light}: found {len(found)} numbers, expected "
+                    f"{1 + len(self.baselines)}: of the network and of each baseline"
+                )
 
 
 @contextmanager
@@ -48,7 +92,8 @@ def opened(
     Raises
     ------
     TrainingError
-        The folder is of another training, or another process is training in it.
+        The folder is of another training or has lost its settings, or another process is training
+        in it.
     """
     file = folder / SETTINGS_FILE
     try:
@@ -59,10 +104,21 @@ def opened(
                     made_with = _with_earlier_starts(folder, made_with)
                     _write(file, {**read_description(folder), "made_with": made_with})
             else:
+                _check_untrained(folder)
                 _write(file, {"settings": settings, "made_with": dict(made_with)})
             yield
     except BlockingIOError:
         raise TrainingError(f"{folder}: another process is training in this folder") from None
+
+
+def _check_untrained(folder: Path) -> None:
+    """Refuse weights or a checkpoint of settings that nobody knows."""
+    for name in (WEIGHTS_FILE, CHECKPOINT_FILE):
+        if (folder / name).exists():
+            raise TrainingError(
+                f"{folder / SETTINGS_FILE}: missing, expected the settings that {name} was trained "
+                "with; choose another folder"
+            )
 
 
 def _check_same(file: Path, settings: Mapping[str, Any]) -> None:
@@ -98,16 +154,31 @@ def read_description(folder: Path) -> dict[str, Any]:
     Raises
     ------
     TrainingError
-        The folder is not that of a training.
+        The folder is not that of a training, or the file is damaged.
     """
     file = folder / SETTINGS_FILE
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         raise TrainingError(f"{file}: missing or damaged, expected a training's folder") from None
-    if not isinstance(found, dict) or not {"settings", "made_with"} <= set(found):
-        raise TrainingError(f"{file}: damaged, expected settings and made_with")
+    for name in ("settings", "made_with"):
+        if not isinstance(found, dict) or not isinstance(found.get(name), dict):
+            raise TrainingError(f"{file}: damaged, expected settings and made_with")
+    for name in ("task", "light", "seed"):
+        if name not in found["settings"]:
+            raise TrainingError(f"{file}: settings.{name}: missing, expected it of a training")
     return found
+
+
+def read_scores(folder: Path) -> FinalScores:
+    """Return the scores of a finished training.
+
+    Raises
+    ------
+    TrainingError
+        The file is missing or damaged.
+    """
+    return read_json(FinalScores, folder / SCORES_FILE, TrainingError)
 
 
 def write_curve(folder: Path, curve: list[Row]) -> None:

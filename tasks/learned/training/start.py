@@ -9,10 +9,10 @@ from pathlib import Path
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
 from tasks.learned.training.flow import Flow
-from tasks.learned.training.loop import Scores, train
+from tasks.learned.training.loop import Scores, check_machine, train
 from tasks.learned.training.problem import Problem
 from tasks.learned.training.reconstruction import Reconstruction
-from tasks.learned.training.run_folder import opened
+from tasks.learned.training.run_folder import WEIGHTS_FILE, opened
 from tasks.learned.training.settings import FlowTraining, ReconstructionTraining
 from tasks.random_crops.settings import Light
 
@@ -69,6 +69,8 @@ def start(
         "seed": seed,
         **dataclasses.asdict(settings),
     }
+    if not (folder / WEIGHTS_FILE).exists():  # a finished training is only read
+        check_machine(problem, device)  # before the folder keeps settings that cannot be trained
     with opened(folder, described, made_with):
         found = train(problem, settings.schedule, folder, device=device, on_progress=on_progress)
     return problem, found

@@ -234,10 +234,13 @@ def with_answers(page: Path, answers: Mapping[str, str]) -> str:
     Raises
     ------
     ResultError
-        The page has no such comments, or they name none of `answers`.
+        The page cannot be read, has no such comments, or they name none of `answers`.
     """
     expected = join_words([f"<!-- answer: {name} -->" for name in answers], "or")
-    text = page.read_text()
+    try:
+        text = page.read_text()
+    except FileNotFoundError:
+        raise ResultError(f"{page}: no such file, expected a Markdown page") from None
     if not (kinds := [block[2] for block in _BLOCK.finditer(text)]):
         raise ResultError(
             f"{page}: found no answer block, expected {expected} … <!-- end of answer -->"

@@ -28,7 +28,6 @@ _STYLE = {
     "legend.fontsize": 8,
     "legend.labelcolor": COLORS["soft"][0],
     "svg.hashsalt": "eres",
-    "text.parse_math": False,  # names may have dollar signs
 }
 
 
@@ -79,7 +78,7 @@ def figure(plots: Mapping[str, Plot]) -> Figure:
 
 def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
     below = plot.labels_below
-    axes.set_title(f"{name}, {panel.label} ({panel.detail})")
+    axes.set_title(_plain(f"{name}, {panel.label} ({panel.detail})"))
     axes.set_xlabel(plot.x.label)
     axes.set_xscale("log" if plot.x.log else "linear")
     axes.set_yscale("log" if plot.y.log else "linear")
@@ -99,7 +98,13 @@ def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
         axes.plot(*zip(*marks, strict=True), color=color, marker=outline, markersize=6, linewidth=0)
         place = {"xytext": (0, -6 if below else 6), "va": "top" if below else "bottom"}
         style = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "weight": "bold"}
-        axes.annotate(key.label, marks[0], color=color, **place, **style)  # type: ignore[arg-type]
+        label = _plain(key.label)
+        axes.annotate(label, marks[0], color=color, **place, **style)  # type: ignore[arg-type]
+
+
+def _plain(text: str) -> str:
+    """Return a user's text so that matplotlib takes no part of it for a formula."""
+    return text.replace("$", r"\$")
 
 
 def _shade(axes: Axes, limit: Limit, *, below: bool) -> None:

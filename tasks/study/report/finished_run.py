@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Any
 
-from eres_render.storage.settings_reader import read_json, read_typed
+from eres_render.storage.settings_reader import read_json
 from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.study.claims.judge import judge_readings
@@ -20,7 +22,7 @@ from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import Preview
 from tasks.study.results.scaling import Scaling, read_scaling
-from tasks.study.results.scores import Scores, scores_of_run
+from tasks.study.results.scores import Scores, read_config, scores_of_run
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 
@@ -73,9 +75,12 @@ class FinishedRun:
     @cached_property
     def base_speeds(self) -> BaseSpeeds:
         """Return the base speed of the camera by scene, m/s; by default of packaged scenes only."""
-        found, file = self.config.get("base_m_per_s", {}), self.folder / "study.json"
-        own = read_typed(dict[str, float], found, file, ResultError, "base_m_per_s")
-        return {**PACKAGED, **own}
+        return {**PACKAGED, **self.config.get("base_m_per_s", {})}
+
+    @property
+    def config_text(self) -> str:
+        """Return the configuration as JSON to be read, as HTML."""
+        return escape(json.dumps(self.config, indent=2, ensure_ascii=False), quote=False)
 
     @cached_property
     def buses_hz(self) -> dict[int, float]:
@@ -190,7 +195,7 @@ def read_run(folder: Path) -> FinishedRun:
     """
     (_, found), *others = scores_of_run(folder).items()
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)
-    config = read_json(dict[str, Any], folder / "study.json", ResultError)
+    config = read_config(folder)
     if not found[0].series():
         raise ResultError(
             f"{folder / 'rows.parquet'}: found only do-nothing rows, expected rows of a method"

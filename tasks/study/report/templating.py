@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
-from html import escape
 from inspect import isfunction
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from tasks.registry import TASKS
 from tasks.study.claims import verdict
@@ -24,12 +21,6 @@ from tasks.study.results import comparison, perturbation, scores, words
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
-
-
-def readable_json(value: object) -> Markup:
-    """Return a value as indented JSON for a page, in which only markup is escaped."""
-    return Markup(escape(json.dumps(value, indent=2, ensure_ascii=False), quote=False))
-
 
 TEMPLATES = Environment(
     loader=PackageLoader("tasks.study.report"),
@@ -59,5 +50,5 @@ for _module in (
         for name, one in vars(_module).items()
         if isfunction(one) and one.__module__ == _module.__name__
     }
-TEMPLATES.filters |= {"asdict": asdict, "readable_json": readable_json}
+TEMPLATES.filters["asdict"] = asdict
 TEMPLATES.policies["json.dumps_kwargs"] = {"ensure_ascii": False}

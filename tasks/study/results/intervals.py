@@ -6,12 +6,14 @@ and all cells of a scene are resampled with the same indices of samples and of t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm, t
 
 from tasks.metric import number_text
 from tasks.study.results.bootstrap import resampled_medians
@@ -177,7 +179,8 @@ def estimate(
     -------
     Estimate
         The scenes' names seed the draws, so order has no effect. There is no interval if a cell has
-        fewer than `MIN_SAMPLES_FOR_INTERVAL` samples.
+        fewer than `MIN_SAMPLES_FOR_INTERVAL` samples. With several trainings, usually very few, the
+        interval is as much wider as Student's t is than what draws of so few find.
     """
 
     def mean(drawn: bool) -> NDArray[np.float64]:
@@ -188,5 +191,19 @@ def estimate(
     fewest = min(cell.samples for cells in scenes for cell in cells.values())
     if fewest < MIN_SAMPLES_FOR_INTERVAL:
         return Estimate(value, None, None)
-    low, high = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
+    ends = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
+    trainings = max(int(cell.training.max()) + 1 for cells in scenes for cell in cells.values())
+    low, high = value + (ends - value) * [_widening(trainings, tail) for tail in tails]
     return Estimate(value, float(low), float(high))
+
+
+def _widening(trainings: int, tail: float) -> float:
+    """Return how much wider an interval is than its draws of a number of trainings.
+
+    Draws of T values spread by sqrt((T - 1) / T) of the error of their mean, which besides is
+    estimated from T values: the quantile is that of Student's t, not of a normal distribution.
+    """
+    if trainings == 1 or tail == 0.0:
+        return 1.0
+    quantiles = t.ppf(1.0 - tail, trainings - 1) / norm.ppf(1.0 - tail)
+    return float(quantiles * math.sqrt(trainings / (trainings - 1)))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from eres_render.storage.settings_reader import differences, read_json
+from eres_render.storage.settings_reader import differences, read_json, read_typed
 from tasks.errors import ResultError
 from tasks.registry import TASKS
 from tasks.row import Row, read_rows
@@ -29,6 +29,15 @@ from tasks.study.results.paper import (
 )
 
 Value = TypeVar("Value", bound=Hashable)
+
+# The kinds of what is read from study.json; a run may leave each of them out.
+_KINDS: dict[str, Any] = {
+    "question": str | None,
+    "render": dict[str, Any],
+    "evaluate": dict[str, Any],
+    "base_m_per_s": dict[str, float],
+    "jobs": tuple[Any, ...],
+}
 
 
 class Condition(NamedTuple):
@@ -119,15 +128,21 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     Raises
     ------
     ResultError
-        Two runs differ in more than weights, or as `read_rows`, `read_json` and `Scores` raise it.
+        Two runs differ in more than weights, or as `read_rows`, `read_config` and `Scores` raise
+        it.
     """
     found = [read_rows(folder / "rows.parquet") for folder in folders]
-    configs = [read_json(dict[str, Any], one / "study.json", ResultError) for one in folders]
+    configs = [read_config(folder) for folder in folders]
     for folder, config in zip(folders[1:], configs[1:], strict=True):
         if config.get("jobs") == configs[0].get("jobs"):
             raise ResultError(
                 f"{folder / 'study.json'}: found the jobs of {folders[0]}, expected those of other "
                 "weights"
+            )
+        if _weights(config) == _weights(configs[0]):
+            raise ResultError(
+                f"{folder / 'study.json'}: weights: found those of {folders[0]}, expected others: "
+                "runs that are joined differ in the weights of networks"
             )
         pair = _without_weights(config), _without_weights(configs[0])
         for name, here, there in differences(*pair):
@@ -144,7 +159,41 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
         ]
     render = configs[0].get("render", {})
     square = render.get("height") in (None, render.get("resolution"))
-    return by_photoreceptor(rows, square=square, trainings=len(folders))
+    try:
+        return by_photoreceptor(rows, square=square, trainings=len(folders))
+    except ResultError as error:
+        files = ", ".join(str(folder / "rows.parquet") for folder in folders)
+        raise ResultError(f"{files}: {error}") from None
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Read the study of a run.
+
+    Parameters
+    ----------
+    folder
+        The run's folder.
+
+    Returns
+    -------
+    The content of its study.json.
+
+    Raises
+    ------
+    ResultError
+        The file is missing or damaged, or something that is read from it is of the wrong kind.
+    """
+    file = folder / "study.json"
+    found = read_json(dict[str, Any], file, ResultError)
+    for name in _KINDS.keys() & found.keys():
+        read_typed(_KINDS[name], found[name], file, ResultError, name)
+    return found
+
+
+def _weights(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the weights of each task that a run was given."""
+    tasks = config.get("evaluate", {})
+    return {name: task.get("weights") for name, task in tasks.items() if isinstance(task, dict)}
 
 
 def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
@@ -326,17 +375,17 @@ class Scores:
         for row in rows:
             if names.setdefault(row.width, row.sensor) != row.sensor:
                 raise ResultError(
-                    f"rows: found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} "
+                    f"found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} "
                     "px, expected one of each width"
                 )
             if not row.sensor and row.contrast_threshold != self.contrast_threshold:
                 raise ResultError(
-                    f"rows: found contrast thresholds {self.contrast_threshold:g} and "
+                    f"found contrast thresholds {self.contrast_threshold:g} and "
                     f"{row.contrast_threshold:g}, expected one"
                 )
             if not row.sensor and row.photoreceptor != self.photoreceptor:
                 raise ResultError(
-                    f"rows: found photoreceptors {self.photoreceptor} and {row.photoreceptor}, "
+                    f"found photoreceptors {self.photoreceptor} and {row.photoreceptor}, "
                     "expected one"
                 )
             self.contrast_thresholds[row.width] = row.contrast_threshold
@@ -352,7 +401,7 @@ class Scores:
                 values = cells[key + where] = of_series.setdefault(Condition(*where), {})
             if (row.sample, row.item) in values:
                 raise ResultError(
-                    f"rows: found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
+                    f"found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
                     f"{Condition(*where)}, expected one"
                 )
             values[row.sample, row.item] = row
@@ -531,10 +580,10 @@ class Scores:
 
 def _check_known(row: Row) -> None:
     if row.task not in TASKS:
-        raise ResultError(f"rows: found task {row.task!r}, expected {' or '.join(sorted(TASKS))}")
+        raise ResultError(f"found task {row.task!r}, expected {' or '.join(sorted(TASKS))}")
     metric = TASKS[row.task].metric.name
     if row.metric != metric:
-        raise ResultError(f"rows: found metric {row.metric!r} of {row.task}, expected {metric}")
+        raise ResultError(f"found metric {row.metric!r} of {row.task}, expected {metric}")
 
 
 @cache

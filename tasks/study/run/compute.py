@@ -156,7 +156,8 @@ def _unload() -> None:
 
 def _light_of(job: Job, on_progress: Progress) -> _SceneLight:
     render = job.render
-    key = job.scene.digest, render.resolution, render.height, render.spp, render.seed
+    scene = job.scene.name, job.scene.digest
+    key = *scene, render.resolution, render.height, render.spp, render.seed
     if key not in _loaded:
         _unload()
         _loaded[key] = _SceneLight(job, on_progress)

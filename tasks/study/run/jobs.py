@@ -11,8 +11,7 @@ from itertools import chain
 import numpy as np
 
 from eres_render import Clip, Scene, clips, continuous_stretch
-from sensor.model import cutoff_in_light
-from sensor.optics import crop_to_aspect
+from sensor.model import SensorModel, cutoff_in_light
 from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
@@ -20,7 +19,7 @@ from tasks.methods import code_of
 from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
-from tasks.study.sensors import in_radiance
+from tasks.study.sensors import StudySensor, in_radiance
 from tasks.study.settings import LEAST_RESOLUTION, check_buses
 from tasks.tracking import PATH_S
 
@@ -66,9 +65,10 @@ class Job:
 
     @property
     def frames_decided_by(self) -> dict[str, object]:
-        """Everything that determines the job's frames, except for the renderer."""
-        light = self.scene.light_digest
-        return {**self._stretch, "light": light, "version": STAGE_VERSIONS["render"]}
+        """Everything that determines the job's frames and what is stored with them, except for the
+        renderer."""
+        of_scene = {"name": self.scene.name, "light": self.scene.light_digest}
+        return {**self._stretch, **of_scene, "version": STAGE_VERSIONS["render"]}
 
     @property
     def _stretch(self) -> dict[str, object]:
@@ -81,7 +81,7 @@ class Job:
     def settings(self, white_level: float) -> list[Setting]:
         """Return every sensor at every speed, for frames with this radiance of white."""
         sensors = self.simulate
-        bus, whole_px = sensors.readout, self.render.resolution
+        bus, same_lens = sensors.readout, sensors.same_lens
         speeds_m_s = sensors.speeds_m_s or (0.0,) * len(sensors.speeds)
         return [
             Setting(
@@ -93,11 +93,17 @@ class Job:
                 readout=sensor.readout or bus,
                 illuminance_lux=light.illuminance_lux,
                 speed_m_s=speed_m_s,
-                distance=whole_px / model.width if sensors.same_lens else 1.0,
+                distance=self._seen_px(sensor, model) / model.width if same_lens else 1.0,
             )
             for sensor, light, model in sensors.models(self.render)
             for speed, speed_m_s in zip(sensors.speeds, speeds_m_s, strict=True)
         ]
+
+    def _seen_px(self, sensor: StudySensor, model: SensorModel) -> int:
+        """Return the width of the part of the frames that a sensor sees, px."""
+        if not sensor.name:  # has their aspect ratio, but for whole pixels
+            return self.render.resolution
+        return self.render.seen_px(model.width, model.height)[0]
 
     def with_every_reading(self, rows: Iterable[Row]) -> list[Row]:
         """Return the rows with those without a cutoff repeated for every photoreceptor."""
@@ -179,9 +185,7 @@ def _check_first_sensor(study: Study) -> None:
     """Refuse a first sensor that sees too few pixels; scaling is measured on what it sees."""
     render = study.render
     sensor, *_ = next(study.simulate.models(render))
-    frame = render.height_at(render.resolution), render.resolution
-    rows, columns = crop_to_aspect(*frame, sensor.height, sensor.width)
-    width, height = columns.stop - columns.start, rows.stop - rows.start
+    width, height = render.seen_px(sensor.width, sensor.height)
     if min(width, height) < LEAST_RESOLUTION:
         place, name = ("sensors", f"{sensor.name!r} of ") if sensor.name else ("widths", "")
         raise StudyError(

@@ -102,7 +102,8 @@ def run_study(
             one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes
         }
         resolved = {**to_json(study), "base_m_per_s": speeds, "jobs": list(work)}
-        write_bytes(out / "study.json", _json(resolved))
+        if not (out / "rows.parquet").exists():  # otherwise it describes the rows there
+            write_bytes(out / "study.json", _json(resolved))
         counted = _counted(on_progress, len(work) - len(to_do), len(work))
         for queued, computed in computing.compute(to_do, counted):
             if not mix:  # workers of a cluster differ
@@ -116,6 +117,7 @@ def run_study(
     _write_preview_index(out / "previews", list(highlighted))
     rows = list(chain.from_iterable(rows_of[key] for key in work))
     write_rows(out / "rows.parquet", rows)
+    write_bytes(out / "study.json", _json(resolved))
     return rows
 
 
@@ -125,8 +127,8 @@ def _scenes(study: Study) -> list[Scene]:
     Raises
     ------
     StudyError
-        Two scenes have the same name, by which rows and files identify them, or a task is for a
-        scene that does not exist.
+        Two scenes have the same name, by which rows and files identify them, or the same content,
+        by which jobs do, or a task is for a scene that does not exist.
     """
     paths = study.trajectories or {}
     scenes = [load_scene(name, paths.get(name)) for name in study.scenes]
@@ -136,6 +138,14 @@ def _scenes(study: Study) -> list[Scene]:
             raise StudyError(
                 f"scenes: found several named {scene.name!r}, such as {source}, expected different "
                 "names of folders or files"
+            )
+    by_content: dict[str, str] = {}
+    for scene in scenes:
+        other = by_content.setdefault(scene.digest, scene.name)
+        if other != scene.name:
+            raise StudyError(
+                f"scenes: found {other!r} and {scene.name!r} with the same content, expected each "
+                "scene once"
             )
     for task, settings in study.evaluate.items():
         for stretches in settings.plan():

@@ -69,6 +69,16 @@ def test_each_width_has_as_many_windows_and_items():
         in_cells([recording(640, [0.2]), recording(1190, [0.6])])
 
 
+def test_each_light_has_its_own_cells():
+    """Promise: one print recorded in two lights has full cells in both, with samples from 0."""
+    near, far = recording(1190, [0.6] * 8), recording(640, [0.6] * 8)
+    dim = [replace(row, cutoff_hz=50.0) for row in near + far]
+    rows = in_cells([near, far, dim[: len(near)], dim[len(near) :]])
+    for cutoff_hz in (INF, 50.0):
+        there = [row for row in rows if row.cutoff_hz == cutoff_hz]
+        assert keys(there, "tracking") == {(w, 0.6, k, 0) for w in (640, 1190) for k in range(8)}
+
+
 def recorded(middle_lead, tasks=tuple(SERIES), windows=9):
     speeds = [0.2] * windows + [0.6] * windows
     every = [recording(440, speeds), recording(650, speeds, middle_lead), recording(1200, speeds)]
