@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+_LAST_BITS = 1e-9  # differences of equal scores are some 1e-15
+
 
 @dataclass(frozen=True, slots=True)
 class Metric:
@@ -73,12 +75,13 @@ def number_text(value: float, decimals: int, sign: str = "", *, keeps_minus: boo
     sign
         "+" prints plus signs too.
     keeps_minus
-        Whether a negative number that rounds to zero has a minus sign, as in "−0.00".
+        Whether a negative number that rounds to zero has a minus sign, as in "−0.00"; not if it is
+        only the rounding error of a difference.
 
     Returns
     -------
     str
         Formatted number.
     """
-    z = "" if keeps_minus and value else "z"
+    z = "" if keeps_minus and abs(value) > _LAST_BITS else "z"
     return f"{value:{sign}{z}.{decimals}f}".replace("-", "−")

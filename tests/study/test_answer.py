@@ -138,6 +138,17 @@ def test_speeds_in_m_per_s_are_not_factors() -> None:
     assert "peed 1" not in text
 
 
+def test_speed_1_is_that_of_the_run(tmp_path: Path) -> None:
+    """Promise: with another path on the carpet, speed 1 is that of study.json; of a scene that it
+    does not name, the packaged one."""
+    write_rows(tmp_path / "rows.parquet", paper_rows(scenes=("carpet", "rocks")))
+    (tmp_path / "study.json").write_text('{"base_m_per_s": {"carpet": 0.71556}}')
+    (tmp_path / "environment.json").write_text("{}")
+    for name in ("overview", "details"):
+        text = " ".join(answers_of(tmp_path)[name].split())
+        assert "Speed 1 is 0.72 m/s on carpet and 0.7 m/s on rocks." in text
+
+
 def verdicts(*statuses: Status) -> list[Verdict]:
     return [Verdict(n, "", "", status, "", "", "") for n, status in enumerate(statuses, start=1)]
 

@@ -302,7 +302,7 @@ def test_an_estimate_prints_its_interval_only_if_it_has_one() -> None:
 
 def test_a_bound_that_rounds_to_zero_is_on_the_side_that_decides() -> None:
     """Promise: a verdict never contradicts the interval that is printed: a negative bound has a
-    minus sign, also as −0.00, and zero itself has none."""
+    minus sign, also as −0.00; zero has none, nor has a rounding error."""
     below = Estimate(-0.003, -0.06, -0.0005)
     assert settled(below, above=True, bound=0) is Status.DOES_NOT_HOLD
     assert below.text(unit="px") == "−0.00 [−0.06, −0.00] px"
@@ -310,7 +310,7 @@ def test_a_bound_that_rounds_to_zero_is_on_the_side_that_decides() -> None:
     assert settled(around, above=True, bound=0) is Status.UNDECIDED
     assert around.text() == "+0.00 [−0.00, +0.00]"
     assert around.text(sign="") == "0.00 [−0.00, 0.00]"
-    assert Estimate(-0.0, -0.0, 0.0).text() == "+0.00 [+0.00, +0.00]"
+    assert Estimate(-0.0, -7e-15, 0.0).text() == "+0.00 [+0.00, +0.00]"
 
 
 # ---- your own claim ---------------------------------------------------------------------------

@@ -101,3 +101,14 @@ def test_a_panel_has_its_own_axis_where_a_tenth_of_a_db_would_not_show() -> None
     assert not own(0.4)
     ideal, night = figure(tradeoff_plots(scores(12.0), EI, BUS_HZ)).axes  # 3 dB up, and 3 dB down
     assert ideal.get_ylim()[0] > night.get_ylim()[0] + 2
+
+
+def test_names_with_dollar_signs_are_drawn_as_they_are() -> None:
+    """Promise: a pair of dollar signs in a name is no formula, so names never stop a report."""
+    name = "a$_{b$"
+    rows = [
+        Row(name, *EI[:2], width, math.inf, 0.2, 1.0, 0, "psnr_db", 20.0, 1e6, sensor=f"$^{width}$")
+        for width in (128, 346)
+    ]
+    files = figure_files(tradeoff_plots(Scores(rows), EI, BUS_HZ))
+    assert set(files) == {"png", "svg"}

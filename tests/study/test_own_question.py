@@ -6,13 +6,17 @@ import csv
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from eres_render import load_scene
-from finished_runs import page_of
+from finished_runs import add_previews, make_run, page_of
+from made_scaling import made
 from sensor import cutoff_in_light
+from study_rows import paper_rows
 from tasks.errors import StudyError
 from tasks.evaluation.timings import read_timings
 from tasks.row import Row, read_rows
@@ -23,6 +27,7 @@ from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.words import cutoff_label, speed_label
 from tasks.study.run import run_study
 from tasks.study.run.jobs import jobs_of
+from tasks.study.run.scaling import scaling_files
 from tasks.study.study_file import read_study
 
 QUIET = """
@@ -333,6 +338,52 @@ def test_the_page_says_lux_for_every_sensor(run) -> None:
     assert {(one["speed"], one["speed_m_s"]) for one in lines} == {("", "0.5")}
     (pictures,) = read_run(run).previews.values()
     assert {cutoff_label(one.cutoff_hz) for one in pictures} == {"ideal", "100 lux"}
+
+
+@pytest.mark.parametrize("with_lux", [True, False])
+def test_pictures_and_histograms_have_the_lux_of_the_study(tmp_path, with_lux: bool) -> None:
+    """Promise: lux of any number of digits; also in folders of older runs, whose pictures and
+    histograms have only the cutoff, to six digits."""
+    lux = {math.inf: 0.0, 200.0: 66.6666667, 50.0: 1234.567}
+    rows = [
+        replace(row, illuminance_lux=lux[row.cutoff_hz], cutoff_hz=cutoff_of(lux[row.cutoff_hz]))
+        for row in paper_rows(samples=1, scenes=["carpet"])
+    ]
+    run = make_run(tmp_path, rows)
+    add_previews(run)
+    index = run / "previews" / "index.json"
+    (picture, *_) = json.loads(index.read_text())
+    lights = [
+        {"cutoff_hz": repr(cutoff_of(one)), "illuminance_lux": one}
+        if with_lux
+        else {"cutoff_hz": f"{cutoff_of(one):g}"}
+        for one in lux.values()
+    ]
+    index.write_text(json.dumps([{**picture, **light} for light in lights]))
+    (run / "scaling").mkdir()
+    stored = [
+        replace(one, cutoff_hz=cutoff_of(lux[one.cutoff_hz]), illuminance_lux=lux[one.cutoff_hz])
+        for one in made().intervals
+    ]
+    for name, content in scaling_files(
+        replace(made(), intervals=tuple(stored)), np.ones((64, 64))
+    ).items():
+        (run / "scaling" / name).write_bytes(content)
+    if not with_lux:
+        file = run / "scaling" / "carpet.json"
+        numbers = json.loads(file.read_text())
+        for one in numbers["intervals"]:
+            del one["illuminance_lux"]
+            one["cutoff_hz"] = f"{float(one['cutoff_hz']):g}"
+        file.write_text(json.dumps(numbers))
+    page = page_of(run)
+    assert re.findall(r"<h4>(.*?) <small>", page) == ["ideal", "1234.57 lux", "66.6667 lux"]
+    assert re.findall(r'"label": "(\(c\) .*?)"', page) == ["(c) ideal", *["(c) 66.6667 lux"] * 2]
+
+
+def cutoff_of(illuminance_lux: float) -> float:
+    """Return the cutoff of plain sensors, Hz; ideal at 0."""
+    return cutoff_in_light(illuminance_lux) if illuminance_lux else math.inf
 
 
 def test_options_name_photoreceptors_and_a_path(tmp_path, eres, monkeypatch) -> None:

@@ -14,6 +14,7 @@ from PIL import Image
 from eres_render.storage.settings_reader import read_typed
 from sensor import Events, SensorModel
 from tasks.errors import ResultError
+from tasks.study.results.asked import CutoffInLux
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
 from tasks.study.run.pictures import (
     BRIGHTER,
@@ -136,3 +137,19 @@ def test_the_files_of_a_scene_are_listed() -> None:
     assert {(one.scene, one.speed) for one in entries} == {("hall", 1.5)}
     frame = np.asarray(Image.open(io.BytesIO(files["hall_frame_64_inf.png"])))
     assert (frame == int(255 * 0.7 ** (1 / 2.2))).all()
+
+
+def test_entries_say_the_light_to_the_last_digit() -> None:
+    """Promise: a light in lux is listed with its illuminance, and no cutoff is rounded."""
+    job = SimpleNamespace(
+        scene=SimpleNamespace(name="hall"),
+        simulate=SimpleNamespace(speeds=(1.0,)),
+        render=SimpleNamespace(resolution=64),
+    )
+    lights = [np.inf, CutoffInLux(1234.567), 123.45678]
+    film = Film.of(SensorModel(width=16, height=16), 64, 64)
+    frames = [np.ones((64, 64), np.float32)] * FILM_PICTURES
+    files = preview_files(job, frames, {(16, light): film for light in lights})
+    entries = read_typed(tuple[Preview, ...], json.loads(files["hall.json"]), Path(), ResultError)
+    shown = [(one.cutoff_hz, one.illuminance_lux) for one in entries if one.shows_film]
+    assert shown == [(np.inf, 0.0), (float(lights[1]), 1234.567), (123.45678, 0.0)]

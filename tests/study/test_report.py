@@ -203,6 +203,19 @@ def test_the_bus_of_the_study_is_that_of_the_page(tmp_path: Path) -> None:
     assert 'id="bus"' not in page
 
 
+def test_a_bus_of_one_sensor_is_not_that_of_the_others(tmp_path: Path) -> None:
+    """Promise: shares are of the sensor's own bus; 346 px, without one, has the usual bus of real
+    cameras, 1200 Mev/s, as if no sensor had one."""
+    rows = paper_rows(samples=1)
+    own = [replace(row, bus_mev_s=0.2) if row.width == 128 else row for row in rows]
+    page = html_of(tmp_path, own)
+    told = answers_of(page)
+    assert told["carpet", "Reconstruction", "night, 0.9 m/s"] == ("346", "41.4 · 3 %", "")
+    assert told["carpet", "Reconstruction", "night, 1.8 m/s"] == ("128", "4.19 · 2097 %", "over")
+    assert "share of the bus of the sensor: 128 px 0.2 Mev/s, 240 px 1200 Mev/s (none" in page
+    assert {plot["limit"]["x"] for plot in plots_of(page)} == {1200.0}
+
+
 def test_a_width_that_the_samples_do_not_settle_is_tied(tmp_path: Path) -> None:
     """640 px leads 128 px by 1 dB in five samples and trails in four: tied. With five samples there
     is no interval, and the page says so."""
@@ -225,6 +238,24 @@ def test_scores_below_doing_nothing_are_struck(tmp_path: Path) -> None:
     told = answers_of(page)["carpet", "Reconstruction", "night, 1.8 m/s"]
     assert told.kind == "struck"
     assert told.rest.startswith("doing nothing is as good")
+
+
+def test_what_was_not_compared_with_doing_nothing_is_said(tmp_path: Path) -> None:
+    """Promise: the legend explains struck widths only if doing nothing was scored, and names each
+    task where it was not."""
+
+    def legend(rows: list[Row]) -> str:
+        (found,) = re.findall(r'<ul class="legend note">.*?</ul>', html_of(tmp_path, rows))
+        return found
+
+    images, flow = paper_rows(samples=1), task_rows(EPF, samples=1, scenes=["carpet"])
+    struck, unknown = "</s> doing nothing is as good", "doing nothing was not measured for "
+    both, one = legend(images + nothing_rows(flow, 3.5) + flow), legend(images + flow)
+    none = legend([row for row in images if row.method != "no_events"] + flow)
+    assert [struck in text for text in (both, one, none)] == [True, True, False]
+    assert unknown not in both
+    assert f"{unknown}optical flow<" in one
+    assert f"{unknown}reconstruction and optical flow<" in none
 
 
 def test_a_condition_with_lost_samples_has_no_answer(tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 import importlib.util
 import os
+import shlex
 import subprocess
+import sys
 from pathlib import Path
 
 from tasks import provenance
@@ -39,3 +41,10 @@ def test_a_runs_own_folder_does_not_make_its_code_dirty(tmp_path):
     assert copied.environment(variant)["code"] == commit
     copy.write_text(copy.read_text() + "\n")
     assert copied.environment(variant)["code"] == f"{commit}-dirty"
+
+
+def test_the_command_can_be_pasted_into_a_shell(monkeypatch):
+    """Promise: a shell splits the recorded command into the arguments of the run."""
+    arguments = ["study", "my study.toml", "--out", "runs/$HOME & 'co'"]
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/eres", *arguments])
+    assert shlex.split(provenance.command()) == ["eres", *arguments]

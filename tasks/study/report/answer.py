@@ -24,10 +24,11 @@ from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import Series
-from tasks.study.results.paper import BASE_SPEED_M_PER_S
 from tasks.study.results.perturbation import sigma_mm
 from tasks.study.results.words import (
     MISSING,
+    PACKAGED,
+    BaseSpeeds,
     cutoff_label,
     join_words,
     photoreceptor_label,
@@ -38,20 +39,44 @@ _PAGE_WIDTH = 100
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)
 
 
-def overview(found: Mapping[Series, Choices]) -> str:
-    """Return a table with one line per series."""
+def overview(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
+    """Return a table with one line per series.
+
+    Parameters
+    ----------
+    found
+        Choices by series.
+    base
+        Speed of the camera at factor 1.
+
+    Returns
+    -------
+    str
+        The rule in words, and the table.
+    """
     lines = [(one, _scenes(choices)) for one, choices in found.items()]
-    return f"{_wrapped(_rule_text(found))}\n\n{_table(found, lines)}"
+    return f"{_wrapped(_rule_text(found, base))}\n\n{_table(found, lines)}"
 
 
-def details(found: Mapping[Series, Choices]) -> str:
-    """Return a table with one line per series and scene, including ties in brackets."""
+def details(found: Mapping[Series, Choices], base: BaseSpeeds = PACKAGED) -> str:
+    """Return a table with one line per series and scene, including ties in brackets.
+
+    Parameters
+    ----------
+    found, base
+        As in `overview`.
+
+    Returns
+    -------
+    str
+        The rule in words, and the table.
+    """
     tied = (
         "In brackets: an even smaller width, if the samples do not separate it from the best "
         "(paired 95 % interval)."
     )
     lines = [(one, [scene]) for one, choices in found.items() for scene in _scenes(choices)]
-    said = f"{_rule_text(found)} {tied}"
+    said = f"{_rule_text(found, base)} {tied}"
     return f"{_wrapped(said)}\n\n{_table(found, lines, tied=True)}"
 
 
@@ -102,7 +127,7 @@ def _counted(status: Status, numbers: Sequence[str]) -> str:
     return f"{len(numbers)} {several if numbers[1:] else one} ({', '.join(numbers)})"
 
 
-def _rule_text(found: Mapping[Series, Choices]) -> str:
+def _rule_text(found: Mapping[Series, Choices], base: BaseSpeeds) -> str:
     metrics = dict.fromkeys(TASKS[one.task].metric for one in found)
     near = join_words([metric.near for metric in metrics], "or")
     text = (
@@ -118,8 +143,7 @@ def _rule_text(found: Mapping[Series, Choices]) -> str:
         for where in choices
         if not isinstance(where[2], MetersPerSecond)
     }
-    speeds = {scene: BASE_SPEED_M_PER_S.get(scene) for scene in factors}
-    stated = [f"{speed:g} m/s on {scene}" for scene, speed in speeds.items() if speed]
+    stated = [f"{speed_label(one, 1.0, base)} on {one}" for one in factors if base.get(one)]
     return f"{text} Speed 1 is {join_words(stated)}." if stated else text
 
 
@@ -181,8 +205,8 @@ def answers_of(run_dir: Path) -> dict[str, str]:
     run = read_run(run_dir)
     found = _choices_of(run)
     return {
-        "overview": overview(found),
-        "details": details(found),
+        "overview": overview(found, run.base_speeds),
+        "details": details(found, run.base_speeds),
         "claims": claim_counts(run.verdicts_by_photoreceptor),
     }
 

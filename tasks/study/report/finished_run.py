@@ -16,6 +16,7 @@ from tasks.errors import ResultError
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.study.claims.judge import judge_readings
 from tasks.study.claims.verdict import Verdict
+from tasks.study.results.asked import InLight, light_of
 from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
@@ -82,10 +83,19 @@ class FinishedRun:
         return escape(json.dumps(self.config, indent=2, ensure_ascii=False), quote=False)
 
     @cached_property
+    def buses_hz(self) -> dict[int, float]:
+        """Return the capacity of each sensor's bus, events/s, by width in px.
+
+        A sensor without a bus has the fastest of real cameras up to the finest sensor.
+        """
+        widths = sorted({width for one in self.series for width in self.scores.widths(one)})
+        usual = usual_bus_hz(widths[-1])
+        return {width: self.scores.buses_hz.get(width, usual) for width in widths}
+
+    @property
     def bus_hz(self) -> float:
-        """Return the capacity of the fastest bus, events/s: of the study, or of real cameras."""
-        finest = max(max(self.scores.widths(one)) for one in self.series)
-        return max(self.scores.buses_hz.values(), default=usual_bus_hz(finest))
+        """Return the capacity of the fastest bus of the sensors, events/s."""
+        return max(self.buses_hz.values())
 
     @property
     def firsts(self) -> list[Series]:
@@ -100,8 +110,13 @@ class FinishedRun:
 
     @cached_property
     def scaling(self) -> dict[str, Scaling]:
-        """Return the scaling statistics by scene."""
-        return read_scaling(self.folder / "scaling")
+        """Return the scaling statistics by scene, in the lights of the study."""
+        return {
+            scene: replace(
+                one, intervals=tuple(replace(i, cutoff_hz=self._light_of(i)) for i in one.intervals)
+            )
+            for scene, one in read_scaling(self.folder / "scaling").items()
+        }
 
     @cached_property
     def timings(self) -> list[JobTimings]:
@@ -114,11 +129,22 @@ class FinishedRun:
         index = self.folder / "previews" / "index.json"
         entries = read_json(tuple[Preview, ...], index, ResultError) if index.is_file() else ()
         found: dict[str, list[Preview]] = {entry.scene: [] for entry in entries}
-        lights = {hz: hz for one in self.scores.series() for hz in self.scores.cutoffs_hz(one)}
-        for entry in sorted(entries, key=lambda one: (-one.cutoff_hz, one.speed, one.width)):
-            asked = lights.get(entry.cutoff_hz, entry.cutoff_hz)  # in lux, if the study says so
-            found[entry.scene].append(replace(entry, cutoff_hz=asked))
+        lit = [replace(entry, cutoff_hz=self._light_of(entry)) for entry in entries]
+        for entry in sorted(lit, key=lambda one: (-one.cutoff_hz, one.speed, one.width)):
+            found[entry.scene].append(entry)
         return found
+
+    def _light_of(self, one: InLight) -> float:
+        """Return the light of a picture or a histogram, as in `Condition`."""
+        if one.illuminance_lux:
+            return light_of(one)
+        return self._lights.get(f"{one.cutoff_hz:g}", one.cutoff_hz)
+
+    @cached_property
+    def _lights(self) -> dict[str, float]:
+        """Return the lights by cutoff to six digits, all that older runs have of lux."""
+        scores = self.scores
+        return {f"{hz:g}": hz for one in scores.series() for hz in scores.cutoffs_hz(one)}
 
     @cached_property
     def verdicts(self) -> list[Verdict]:

@@ -7,7 +7,7 @@ import io
 from collections.abc import Iterable
 
 from tasks.registry import TASKS
-from tasks.study.results.asked import CutoffInLux, MetersPerSecond
+from tasks.study.results.asked import MetersPerSecond, lux_of
 from tasks.study.results.comparison import Block, ComparisonTable, Entry, Line, native_px
 
 _CSV_COLUMNS = (
@@ -57,7 +57,7 @@ def _csv_line(
         TASKS[series.task].baseline if line.nothing else series.method,
         *(series.variant, series.metric),
         *(line.width or "", line.sensor, cutoff_hz),
-        cutoff_hz.illuminance_lux if isinstance(cutoff_hz, CutoffInLux) else "",
+        lux_of(cutoff_hz) or "",
         line.contrast_threshold,
         *(("", block.speed) if isinstance(block.speed, MetersPerSecond) else (block.speed, "")),
         *(len(cell.values), cell.expected),

@@ -6,8 +6,20 @@ base speed, so it matches no condition of the paper, whose speeds are factors.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from sensor.model import cutoff_in_light
 from tasks.row import Row
+
+
+class InLight(Protocol):
+    """What has a cutoff, and an illuminance, 0 if the study does not give lux."""
+
+    @property
+    def cutoff_hz(self) -> float: ...
+
+    @property
+    def illuminance_lux(self) -> float: ...
 
 
 class CutoffInLux(float):
@@ -40,9 +52,14 @@ class MetersPerSecond(float):
         return hash((MetersPerSecond, float(self)))
 
 
-def light_of(row: Row) -> float:
-    """Return the light of a row: its cutoff in Hz, as `CutoffInLux` if the study gives lux."""
-    return CutoffInLux(row.illuminance_lux) if row.illuminance_lux else row.cutoff_hz
+def light_of(one: InLight) -> float:
+    """Return the light of a row or a setting: its cutoff, as `CutoffInLux` if there is lux."""
+    return CutoffInLux(one.illuminance_lux) if one.illuminance_lux else one.cutoff_hz
+
+
+def lux_of(light: float) -> float:
+    """Return the illuminance of a light, 0 if it is not `CutoffInLux`."""
+    return light.illuminance_lux if isinstance(light, CutoffInLux) else 0.0
 
 
 def speed_of(row: Row) -> float:

@@ -22,7 +22,10 @@ class Preview:
         Name of the file in the same folder: a PNG picture, or a WebP film of `FILM_PICTURES` square
         pictures side by side. Runs of older versions have no films.
     scene, speed, width, cutoff_hz
-        The scene, the factor on the base speed, and the sensor (px, Hz).
+        The scene, the factor on the base speed, and the sensor (px, Hz); in lux, the cutoff of
+        plain sensors.
+    illuminance_lux
+        As in `tasks.row.Row`. Runs of older versions lack it.
     """
 
     file: str
@@ -32,6 +35,7 @@ class Preview:
     width: int
     cutoff_hz: FloatOrInf
     caption: str
+    illuminance_lux: float = 0.0
 
     @property
     def shows_film(self) -> bool:

@@ -19,7 +19,10 @@ FIT_PX = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """Histogram of the times between consecutive events of a pixel under one setting."""
+    """Histogram of the times between consecutive events of a pixel under one setting.
+
+    In lux, the cutoff is that of plain sensors. Runs of older versions lack the illuminance.
+    """
 
     width: int
     cutoff_hz: FloatOrInf
@@ -27,6 +30,7 @@ class Intervals:
     counts: tuple[int, ...]
     shorter: int  # intervals below the first edge
     longer: int  # intervals from the last edge on
+    illuminance_lux: float = 0.0  # as in `tasks.row.Row`
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import numpy as np
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
+from tasks.study.results.asked import CutoffInLux
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
 from tasks.study.run.previews import Film, preview_files
@@ -77,4 +78,6 @@ class Highlights:
 
 
 def _sensor_of(setting: Setting) -> tuple[int, float]:
-    return setting.model.width, setting.model.cutoff_hz
+    """Return width and light; in lux, a profile may give a sensor another cutoff in this light."""
+    lux = setting.illuminance_lux
+    return setting.model.width, CutoffInLux(lux) if lux else setting.model.cutoff_hz

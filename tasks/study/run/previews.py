@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from eres_render.cores import cores
 from sensor import Events, SensorModel
 from sensor.optics import crop_to_aspect
+from tasks.study.results.asked import lux_of
 from tasks.study.results.previews import FILM_PICTURES, FILM_S
 from tasks.study.run.jobs import Job
 from tasks.study.run.pictures import central_area, central_crop, film_strip, png
@@ -92,7 +94,7 @@ def preview_files(
     frames
         (H, W) radiance at the end of each picture of a film, in units of white.
     films
-        Films at the first speed, by width and cutoff.
+        Films at the first speed, by width and light as in `light_of`.
 
     Returns
     -------
@@ -102,15 +104,17 @@ def preview_files(
     files: dict[str, bytes] = {}
     index: list[dict[str, Any]] = []
 
-    def add(kind: str, width: int, cutoff_hz: str, caption: str, end: str, data: bytes) -> None:
+    def add(kind: str, width: int, light: float, caption: str, end: str, data: bytes) -> None:
+        cutoff_hz = repr(float(light)).removesuffix(".0")  # JSON has no inf
         file = f"{scene}_{kind}_{width}_{cutoff_hz}.{end}"
         files[file] = data
         entry = {"file": file, "scene": scene, "speed": speed, "kind": kind, "width": width}
-        index.append({**entry, "cutoff_hz": cutoff_hz, "caption": caption})
+        entry |= {"cutoff_hz": cutoff_hz, "illuminance_lux": lux_of(light)}
+        index.append({**entry, "caption": caption})
 
     last = central_crop(np.clip(frames[-1], 0, 1)) ** (1 / _GAMMA) * 255
     gray = np.repeat(last.astype(np.uint8)[..., None], 3, axis=2)
-    add("frame", job.render.resolution, "inf", "radiance at the window's end", "png", png(gray))
+    add("frame", job.render.resolution, math.inf, "radiance at the window's end", "png", png(gray))
 
     def drawn(film: Film) -> bytes:
         lights = [_seen(frame, film.part_px, film.sums.shape[1]) for frame in frames]
@@ -118,8 +122,8 @@ def preview_files(
 
     with ThreadPoolExecutor(cores()) as pool:
         strips = list(pool.map(drawn, films.values()))
-    for (width, cutoff_hz), data in zip(films, strips, strict=True):
-        add("events", width, f"{cutoff_hz:g}", f"{width} px", "webp", data)
+    for (width, light), data in zip(films, strips, strict=True):
+        add("events", width, light, f"{width} px", "webp", data)
     files[f"{scene}.json"] = json.dumps(index, indent=1).encode()
     return files
 

@@ -23,6 +23,7 @@ from sensor.statistics import (
     log_slope,
     slopes_by_pixel_size,
 )
+from tasks.study.results.asked import lux_of
 from tasks.study.results.scaling import FIT_PX, Intervals, Scaling, Slopes
 from tasks.study.run.pictures import BRIGHTER, DARKER, NONE, central_crop, png
 
@@ -63,7 +64,7 @@ def measure_scaling(
     dark_level
         Dark level of the sensors, in the frames' unit of radiance.
     histograms
-        Complete histograms of times between events, by width, cutoff and speed.
+        Complete histograms of times between events, by width, light as in `light_of`, and speed.
 
     Returns
     -------
@@ -80,8 +81,16 @@ def measure_scaling(
         edges=_slopes(slopes, slopes.edges, slopes.edge_weights),
         edges_us=tuple(_BIN_EDGES_US.tolist()),
         intervals=tuple(
-            Intervals(*setting, tuple(h.counts.tolist()), h.shorter, h.longer)
-            for setting, h in histograms.items()
+            Intervals(
+                width=width,
+                cutoff_hz=float(light),
+                speed=speed,
+                counts=tuple(h.counts.tolist()),
+                shorter=h.shorter,
+                longer=h.longer,
+                illuminance_lux=lux_of(light),
+            )
+            for (width, light, speed), h in histograms.items()
         ),
     )
     return scaling, log_slope(before, after, dt_s, dark_level)
@@ -117,7 +126,7 @@ def scaling_files(scaling: Scaling, slope: NDArray[np.float64]) -> dict[str, byt
     picture = np.array(NONE) + np.abs(share) * (color - np.array(NONE))
     numbers = asdict(scaling)
     for one in numbers["intervals"]:
-        one["cutoff_hz"] = f"{one['cutoff_hz']:g}"  # JSON has no inf
+        one["cutoff_hz"] = repr(one["cutoff_hz"])  # JSON has no inf
     return {
         f"{scaling.scene}.png": png(picture.round().astype(np.uint8)),
         f"{scaling.scene}.json": json.dumps(numbers).encode(),

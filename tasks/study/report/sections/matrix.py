@@ -13,6 +13,7 @@ from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
+from tasks.study.results.scores import Scores
 from tasks.study.results.words import (
     MISSING,
     capitalized,
@@ -66,10 +67,13 @@ class Block:
 class Matrix:
     """All answers: lights as groups of columns, scenes as blocks of rows.
 
-    `near` names the negligible differences, in the units of the metrics.
+    `near` names the negligible differences, in the units of the metrics. `compared` and
+    `uncompared` name the tasks in which doing nothing was scored and was not.
     """
 
     near: str
+    compared: Sequence[str]
+    uncompared: Sequence[str]
     widths: Sequence[int]
     lights: Sequence[Text]
     blocks: Mapping[str, Block]
@@ -97,7 +101,22 @@ def matrix(run: FinishedRun) -> Matrix:
         blocks[scene] = Block([speed_label(scene, one, run.base_speeds) for one in speeds], rows)
     metrics = dict.fromkeys(TASKS[one.task].metric for one in series)
     near = join_words([metric.near for metric in metrics], "or")
-    return Matrix(near, widths, [*map(cutoff_text, cutoffs_hz)], blocks)
+    tasks = dict.fromkeys(TASKS[one.task].title for one in series)
+    compared = {TASKS[one.task].title for one in series if _has_baseline(scores, one)}
+    return Matrix(
+        near,
+        [task for task in tasks if task in compared],
+        [task for task in tasks if task not in compared],
+        widths,
+        [*map(cutoff_text, cutoffs_hz)],
+        blocks,
+    )
+
+
+def _has_baseline(scores: Scores, series: Series) -> bool:
+    """Return whether doing nothing was scored under any condition of a series."""
+    idle = (scores.baseline(series, where) for where in scores.conditions(series))
+    return any(cell.median is not None for cell in idle)
 
 
 def _answer(
@@ -118,7 +137,8 @@ def _answer(
         name = run.scores.sensor_names.get(width, str(width))
         return Shown(*(name, f"{rate_label(rates_hz[width])} · {of_bus}\u202f%", f"{fineness}%"))
 
-    usual = shown(choice.enough, run.bus_hz)
+    own_hz = run.buses_hz[choice.enough]
+    usual = shown(choice.enough, own_hz)
     if not choice.worthwhile:
         on_any_bus = usual._replace(facts="on any bus")
         return Answer(where, [usual, *[on_any_bus] * len(choice.on_buses)], "struck")
@@ -126,5 +146,5 @@ def _answer(
         Shown("none", "is enough on this bus") if width is None else shown(width, bus_hz)
         for bus_hz, width in choice.on_buses.items()
     ]
-    over = rates_hz[choice.enough] > run.bus_hz
+    over = rates_hz[choice.enough] > own_hz
     return Answer(where, [usual, *on_buses], "over" if over else "", choice.tied)
