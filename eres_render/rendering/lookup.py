@@ -34,7 +34,7 @@ NEAR_M = 1e-3
 _MOST_ROOM = 4  # pixels of the pinhole for one of the lens
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
 # Costs of looking up, in traced samples: see benchmarks/bench_small_images.py.
-_SAMPLES_A_FRAME = 220_000
+_SAMPLES_A_FRAME = 100_000
 _SAMPLES_AN_EDGE = 10
 _SAMPLES_A_PIXEL = 3
 _SINGLE_PRECISION_PX = 0.01  # samples of bent pixels are not exactly where their corners are

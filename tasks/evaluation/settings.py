@@ -241,8 +241,6 @@ class Tracking(TaskSettings):
     tracking_window_s: float | None = None
 
     def __post_init__(self) -> None:
-        if self.methods and not self.sigmas_mm:
-            raise TaskError("tracking.sigmas_mm: found none, expected one or more")
         if len({f"{sigma:g}" for sigma in self.sigmas_mm}) < len(self.sigmas_mm):
             raise TaskError(f"tracking.sigmas_mm: found {self.sigmas_mm}, expected each once")
 

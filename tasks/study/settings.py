@@ -67,7 +67,18 @@ class Render:
         return round(width * (self.height or self.resolution) / self.resolution)
 
     def seen_px(self, width: int, height: int) -> tuple[int, int]:
-        """Return the width and height of the part of the frames that a sensor sees, px."""
+        """Return the size of the part of the frames that a sensor sees.
+
+        Parameters
+        ----------
+        width, height
+            Size of the sensor, px.
+
+        Returns
+        -------
+        width, height
+            Of the part, px.
+        """
         whole = self.height or self.resolution, self.resolution
         rows, columns = crop_to_aspect(*whole, height, width)
         return columns.stop - columns.start, rows.stop - rows.start
@@ -310,7 +321,11 @@ class Study:
             _check_list("simulate.sensors", tuple(one.name for one in self.simulate.sensors))
 
     def _check_tasks(self) -> None:
-        """Refuse settings that give a row twice, and oracles next to another photoreceptor."""
+        """Refuse settings that give a row twice or none, and oracles next to another
+        photoreceptor."""
+        tracking = self.evaluate["tracking"]
+        if tracking.methods and getattr(tracking, "sigmas_mm", None) == ():
+            raise StudyError("evaluate.tracking.sigmas_mm: found none, expected one or more")
         for task, settings in self.evaluate.items():
             for stretches, planned in settings.plan().items():
                 if planned.methods:
