@@ -117,3 +117,31 @@ def check_positive(
     """
     if not 0 < found < math.inf:
         raise error(f"{name}: found {found}, expected {expected}")
+
+
+def check_spp(spp: int, error: type[ValueError]) -> None:
+    """Refuse a number of samples per pixel that the multijittered sampler cannot lay out.
+
+    Parameters
+    ----------
+    spp
+        A square, or a multiple of its square root, rounded down.
+    error
+        Class of the error.
+
+    Raises
+    ------
+    error
+        The number is neither.
+
+    Examples
+    --------
+    >>> from eres_render.errors import RenderError, check_spp
+    >>> check_spp(16, RenderError)
+    >>> check_spp(5, RenderError)
+    Traceback (most recent call last):
+    eres_render.errors.RenderError: spp: found 5, expected a square such as 1, 4, 9, 16 or 64
+    """
+    rows = math.isqrt(max(spp, 0))
+    if rows == 0 or spp % rows:
+        raise error(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")

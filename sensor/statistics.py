@@ -93,7 +93,6 @@ class IntervalHistogram:
         every_row: int = 1,
     ) -> None:
         self.edges_us = np.asarray(edges_us, dtype=np.int64)
-        self._width, self._height = width, height
         self._window_us = window_us
         self._slot_of = np.full(height, -1)
         self._slot_of[::every_row] = np.arange(-(-height // every_row))
@@ -111,10 +110,11 @@ class IntervalHistogram:
         EventError
             The events are of a sensor of another size.
         """
-        if (events.width, events.height) != (self._width, self._height):
+        width, height = self._last_us.shape[1], len(self._slot_of)
+        if (events.width, events.height) != (width, height):
             raise EventError(
                 f"IntervalHistogram.add: found events of {events.width}x{events.height} px, "
-                f"expected {self._width}x{self._height} px"
+                f"expected {width}x{height} px"
             )
         _count_intervals(
             events.columns,

@@ -67,9 +67,10 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
         return "has an image that is not interpolated bilinearly"
     if isinstance(shape, mi.Mesh) and not shape.has_vertex_texcoords():
         return "has no UV coordinates"
-    if not _has_own_uv(shape):
+    sample, found = _probed(shape)
+    if not _has_own_uv(shape, sample, found):
         return "has points that share a UV coordinate, or lie outside the UV square"
-    if not _has_its_side(shape):
+    if not _has_its_side(sample, found):
         return "has flipped normals, which Mitsuba ignores at a UV coordinate"
     return ""
 
@@ -97,21 +98,19 @@ def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
     return abs(found - (0.75 * before + 0.25 * after)) < 0.05 * abs(after - before)
 
 
-def _has_own_uv(shape: mi.Shape) -> bool:
+def _has_own_uv(shape: mi.Shape, sample: Any, found: Any) -> bool:
     """Return whether UV coordinates identify points of the surface."""
     import drjit as dr
 
-    sample, found = _probed(shape)
     size = float(np.max(np.asarray(dr.norm(shape.bbox().extents()))))
     again = found.is_valid() & (dr.norm(found.p - sample.p) < _UV_TOLERANCE * size)
     return float(np.mean(np.asarray(dr.select(again, 1.0, 0.0)))) > 0.99
 
 
-def _has_its_side(shape: mi.Shape) -> bool:
+def _has_its_side(sample: Any, found: Any) -> bool:
     """Return whether fronts at UV coordinates are those at the same points of the surface."""
     import drjit as dr
 
-    sample, found = _probed(shape)
     alike = dr.select(dr.dot(found.sh_frame.n, sample.n) > 0, 1.0, 0.0)
     return float(np.mean(np.asarray(alike))) > 0.99
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import logging
-import math
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.camera import Camera, Plane
-from eres_render.errors import RenderError, SceneError
+from eres_render.errors import RenderError, SceneError, check_spp
 from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
@@ -174,9 +173,7 @@ class Renderer:
     def _use_camera(self, camera: Camera, spp: int) -> None:
         import mitsuba as mi
 
-        rows = math.isqrt(max(spp, 0))  # of the multijittered sampler's layout
-        if rows == 0 or spp % rows:
-            raise RenderError(f"spp: found {spp}, expected a square such as 1, 4, 9, 16 or 64")
+        check_spp(spp, RenderError)
         if camera.fx != camera.fy and self.variant.startswith("scalar"):
             raise RenderError(
                 f"camera: found fx = {camera.fx} and fy = {camera.fy}, and {self.variant} renders "

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from eres_render.errors import check_positive
+from eres_render.errors import check_positive, check_spp
 from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
 from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json
@@ -102,8 +102,7 @@ class DatasetSettings:
         different = bool(cutoffs) and len({*cutoffs}) == len(cutoffs)
         positive = all(one > 0 for one in cutoffs)  # and not NaN
         check("cutoffs_hz", different and positive, "different positive numbers of Hz")
-        rows = math.isqrt(max(self.spp, 0))  # as `eres_render.Renderer` takes it
-        check("spp", rows > 0 and self.spp % rows == 0, "a square such as 1, 4, 9 or 16")
+        check_spp(self.spp, TaskError)
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation
         check("threshold", lowest > 0, "more than two deviations above 0")

@@ -79,8 +79,8 @@ class Render:
         width, height
             Of the part, px.
         """
-        whole = self.height or self.resolution, self.resolution
-        rows, columns = crop_to_aspect(*whole, height, width)
+        frame_height = self.height_at(self.resolution)
+        rows, columns = crop_to_aspect(frame_height, self.resolution, height, width)
         return columns.stop - columns.start, rows.stop - rows.start
 
 
@@ -308,7 +308,7 @@ class Study:
             if sensor.width > seen[0] or sensor.height > seen[1]:
                 raise StudyError(
                     f"{at} of {sensor.width}x{sensor.height} px, finer than the frames, of whose "
-                    f"{render.resolution}x{render.height or render.resolution} px it sees "
+                    f"{render.resolution}x{render.height_at(render.resolution)} px it sees "
                     f"{seen[0]}x{seen[1]}, expected a larger render.resolution"
                 )
             if sensor.width in of_width:

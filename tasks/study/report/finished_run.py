@@ -93,6 +93,11 @@ class FinishedRun:
         return {width: self.scores.buses_hz.get(width, usual) for width in widths}
 
     @property
+    def buses_differ(self) -> bool:
+        """Return whether sensors have buses of different capacity."""
+        return len(set(self.buses_hz.values())) > 1
+
+    @property
     def bus_hz(self) -> float:
         """Return the capacity of the fastest bus of the sensors, events/s."""
         return max(self.buses_hz.values())

@@ -192,7 +192,7 @@ def estimate(
     if fewest < MIN_SAMPLES_FOR_INTERVAL:
         return Estimate(value, None, None)
     ends = np.quantile(mean(drawn=True), [tails[0], 1 - tails[1]])
-    trainings = max(int(cell.training.max()) + 1 for cells in scenes for cell in cells.values())
+    trainings = max(cell.trainings for cells in scenes for cell in cells.values())
     low, high = value + (ends - value) * [_widening(trainings, tail) for tail in tails]
     return Estimate(value, float(low), float(high))
 

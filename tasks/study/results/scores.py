@@ -90,6 +90,11 @@ class Cell:
         """Number of samples."""
         return len(np.unique(self.sample))
 
+    @property
+    def trainings(self) -> int:
+        """Number of runs that differ in the weights of networks."""
+        return int(self.training.max()) + 1
+
     @cached_property
     def median(self) -> float | None:
         """Median score, or None if values are missing, as survivors alone would bias it."""
