@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tasks.errors import TaskError
+from tasks.psnr import psnr_db as picture_psnr_db
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -59,7 +59,7 @@ def psnr_db(
 
     Returns
     -------
-    The ratio, dB; inf for equal images.
+    The ratio, dB, at most `tasks.psnr.MOST_PSNR_DB`.
 
     Raises
     ------
@@ -76,15 +76,10 @@ def psnr_db(
     >>> round(psnr_db(np.log(truth + 0.01), np.log(truth), log_white=0.0), 6)
     40.0
     """
-    if log_prediction.shape != log_truth.shape:
-        raise TaskError(
-            f"prediction: found shape {log_prediction.shape}, expected {log_truth.shape}"
-        )
     prediction, truth = (
         np.minimum(np.exp(image - log_white), 1.0) for image in (log_prediction, log_truth)
     )
-    mean_square = float(np.mean(np.square(prediction - truth)))
-    return np.inf if mean_square == 0 else -10.0 * float(np.log10(mean_square))
+    return picture_psnr_db(prediction, truth)
 
 
 def log_white_level(log_keyframe: NDArray[np.floating]) -> float:

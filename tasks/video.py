@@ -165,29 +165,6 @@ def picture(
     return equalize(stretched, *EQUALIZATIONS[equalization])
 
 
-def psnr_db(prediction: Float64, truth: Float64) -> float:
-    """Return the peak signal-to-noise ratio of two pictures; the peak is 1.
-
-    Parameters
-    ----------
-    prediction, truth
-        (H, W) in [0, 1].
-
-    Returns
-    -------
-    The ratio, dB; inf for equal pictures.
-
-    Raises
-    ------
-    TaskError
-        The pictures differ in shape.
-    """
-    if prediction.shape != truth.shape:
-        raise TaskError(f"prediction: found shape {prediction.shape}, expected {truth.shape}")
-    mean_square = float(np.mean(np.square(prediction - truth)))
-    return np.inf if mean_square == 0 else -10.0 * float(np.log10(mean_square))
-
-
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def equalize(image: Float64, tiles: int, levels: int, clip: float) -> Float64:
     """Map each pixel to its rank among its neighbors, 0 to 1.

@@ -16,6 +16,7 @@ from tasks.errors import TaskError
 from tasks.evaluation.scorers.answers import ask, image_answer
 from tasks.methods import load_method
 from tasks.methods.e2vid import even_window_us
+from tasks.psnr import psnr_db as picture_psnr_db
 from tasks.reconstruction import ReconstructionSample, psnr_db
 from tasks.recording.frames import Frames
 from tasks.recording.pairs import events_of, inside, sums
@@ -24,7 +25,6 @@ from tasks.recording.score import PSNR, RecordingScore
 from tasks.recording.threshold import Thresholds
 from tasks.registry import TASKS
 from tasks.video import ImageTaker, picture
-from tasks.video import psnr_db as picture_psnr_db
 
 
 def network_options(name: str, times_us: Sequence[int]) -> dict[str, float]:

@@ -35,6 +35,7 @@ from tasks.flow import (
     rnepe_px,
 )
 from tasks.methods import load_method
+from tasks.psnr import psnr_db
 from tasks.rig import page as page_files
 from tasks.rig import slider as slider_files
 from tasks.rig.bundle import RigPose
@@ -45,7 +46,7 @@ from tasks.rig.page import Page, read_page_image, reflectance
 from tasks.rig.slider import Slider
 from tasks.row import Row
 from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
-from tasks.video import ImageTaker, picture, psnr_db
+from tasks.video import ImageTaker, picture
 
 Float64 = NDArray[np.float64]
 

@@ -16,7 +16,8 @@ from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.settings import Video
 from tasks.methods.blank_video import BlankVideo
 from tasks.methods.high_pass_filter import HighPassFilter, without_event_decay
-from tasks.video import EQUALIZATIONS, ImageTaker, equalize, log_light, picture, psnr_db
+from tasks.psnr import psnr_db
+from tasks.video import EQUALIZATIONS, ImageTaker, equalize, log_light, picture
 
 C = 0.2
 SIZE = 8

@@ -12,9 +12,6 @@ from typing import Protocol
 
 from sensor import Events
 
-MOST_PSNR_DB = 100.0
-"""PSNR of equal images in a study, dB, as of a camera at rest; infinity has no differences."""
-
 
 @dataclass(frozen=True, slots=True)
 class Score:

@@ -9,7 +9,7 @@ import numpy as np
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, image_answer
-from tasks.evaluation.scorers.base import MOST_PSNR_DB, Score
+from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Reconstruction
 from tasks.methods import load_method
@@ -51,6 +51,5 @@ class ReconstructionScorer:
             method = load_method("reconstruction", name)
             answer, cpu_s = ask("reconstruction", name, method, sample, **options)
             prediction, failure = image_answer("reconstruction", name, answer, reference.log_start)
-            psnr = psnr_db(prediction, reference.log_end, reference.log_white)
-            value = min(psnr, MOST_PSNR_DB)
+            value = psnr_db(prediction, reference.log_end, reference.log_white)
             yield Score(name, value, failure=failure, events=self._events, cpu_s=cpu_s)

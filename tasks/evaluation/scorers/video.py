@@ -12,14 +12,15 @@ from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.scorers.answers import ask, image_answer
-from tasks.evaluation.scorers.base import MOST_PSNR_DB, Score
+from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Video
 from tasks.methods import load_method
 from tasks.methods.e2vid import even_window_us
 from tasks.methods.true_video import TrueLight
+from tasks.psnr import psnr_db
 from tasks.registry import TASKS
-from tasks.video import ImageTaker, picture, psnr_db
+from tasks.video import ImageTaker, picture
 
 
 class VideoScorer:
@@ -101,7 +102,7 @@ class VideoScorer:
                 self._scores.append(
                     Score(
                         name,
-                        min(psnr_db(found, truth), MOST_PSNR_DB),
+                        psnr_db(found, truth),
                         variant,
                         failure=failure,
                         sample=sample,

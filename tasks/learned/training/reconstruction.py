@@ -17,10 +17,11 @@ from tasks.methods.blank_video import BlankVideo
 from tasks.methods.e2vid import DARKEST
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.methods.our_reconstruction import DECAYS
+from tasks.psnr import psnr_db
 from tasks.random_crops.crop import Crop
 from tasks.random_crops.samples import EQUALIZATION, video_sample
 from tasks.random_crops.settings import Crops, Light
-from tasks.video import VideoMethod, picture, psnr_db
+from tasks.video import VideoMethod, picture
 
 # Memory per pixel, window through which gradients flow, and channel at full resolution.
 _BYTES_PER_PX_AND_CHANNEL = 200  # 125 were measured in bfloat16
