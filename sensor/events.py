@@ -211,6 +211,11 @@ class Events:
         t_us, x, y, p = self.columns
         return Events.trusted(t_us.copy(), x.copy(), y.copy(), p.copy(), like=self)
 
+    def later(self, shift_us: int) -> Events:
+        """Return the events with a shift added to their times."""
+        t_us, x, y, p = self.columns
+        return Events.trusted(t_us + shift_us, x, y, p, like=self)
+
     @classmethod
     def from_structured(
         cls, array: NDArray[np.void], width: int, height: int, model: SensorModel | None = None

@@ -7,7 +7,9 @@ arrays anew spends up to half of its time in the operating system.
 from __future__ import annotations
 
 import math
+import os
 import sys
+from pathlib import Path
 from threading import Lock
 
 import numpy as np
@@ -17,6 +19,18 @@ _KEPT_BYTES = 1 << 29  # limit on all blocks together; address space, of which a
 _LARGEST_SHARE = 0.6  # of the limit: a larger block would push out most of the others
 _LEAST_BYTES = 1 << 20  # the allocator reuses smaller arrays itself
 _CACHE_LINE = 64  # vectors across two lines are slower
+
+
+def memory_bytes() -> int:
+    """Return the memory of this machine, or of the container if that is less, bytes.
+
+    `eres_render.rendering.memory` has the same, as neither package imports the other.
+    """
+    physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        return min(physical, int(Path("/sys/fs/cgroup/memory.max").read_text(encoding="utf-8")))
+    except (OSError, ValueError):  # no such file, or "max"
+        return physical
 
 
 def _references(blocks: list[NDArray[np.uint8]], k: int) -> int:

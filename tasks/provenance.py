@@ -53,7 +53,8 @@ def code() -> str:
     """Return the commit of the code, or the version if there is no commit."""
     built_from = Path(__file__).with_name("commit.txt")  # only in wheels
     if built_from.exists():
-        return f"git {built_from.read_text().strip()} as installed"
+        commit = built_from.read_text(encoding="utf-8").strip()
+        return f"git {commit} as installed"
     return _git_commit() or f"eres {version(DISTRIBUTION)} as installed"
 
 
@@ -91,7 +92,7 @@ def _git(root: Path, *arguments: str) -> str | None:
 
 def _processor() -> str:
     try:
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
                 return line.split(":", 1)[1].strip()
     except OSError:

@@ -111,7 +111,7 @@ WINGS = {
     },
     "tasks.datasets": set(),
     "tasks.fitting": {"tasks.footage", "tasks.numerics", "tasks.recording"},
-    "tasks.generation": {"tasks.events", "tasks.study.run"},
+    "tasks.generation": {"tasks.events"},
     "tasks.view": {"tasks.events"},
     "tasks.rig": {"tasks.events", "tasks.evaluation", "tasks.footage", "tasks.methods"},
     "tasks.study.results": set(),
@@ -150,11 +150,19 @@ def test_wings_depend_one_way(name):
                 assert wing(module, WINGS[name]), f"{path} imports {module}"
 
 
-def test_problems_know_no_study_and_no_command():
-    """Promise: tasks/flow.py and similar modules work alone."""
+def test_problems_know_no_folder():
+    """Promise: tasks/flow.py and similar modules work alone; what they run, they find by name."""
     for path in (ROOT / "tasks").glob("*.py"):
         for module in imported(path):
-            assert wing(module, {"tasks.study", "tasks.cli"}) is None, f"{path} imports {module}"
+            assert wing(module, {*KEPT_APART, "tasks.study"}) is None, f"{path} imports {module}"
+
+
+def test_tasks_know_no_engine():
+    """Promise: how a simulation runs can change without a change in tasks."""
+    for path in (ROOT / "tasks").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom):
+                assert wing(node.module, {"sensor.engine"}) is None, f"{path}: {node.module}"
 
 
 def test_only_the_command_line_draws_on_the_terminal():

@@ -34,6 +34,8 @@ _log = logging.getLogger(__name__)
 Float32 = NDArray[np.float32]
 
 _DIGEST_ATTRIBUTE = "eresLightDigest"
+_VERSION_ATTRIBUTE = "eresBakeVersion"
+_VERSION_BEFORE = 3  # of lightmaps that do not say it
 
 
 def bake_scene(
@@ -69,7 +71,8 @@ def bake_scene(
     files = []
     for shape_id, irradiance in maps.items():
         path = folder / _lightmap_name(shape_id)
-        write_luminance(path, _rounded(irradiance), {_DIGEST_ATTRIBUTE: scene.light_digest})
+        state = {_DIGEST_ATTRIBUTE: scene.light_digest, _VERSION_ATTRIBUTE: str(BAKE_VERSION)}
+        write_luminance(path, _rounded(irradiance), state)
         files.append(path)
     return files
 
@@ -132,14 +135,17 @@ def has_lightmaps(scene: Scene) -> bool:
 def _lightmap_files(scene: Scene) -> list[Path]:
     """Return the files of the first folder with lightmaps of this state of the scene."""
     for folder in (scene.folder, _cached_lightmaps(scene)):
-        files = [
-            path
-            for path in sorted(folder.glob(_lightmap_name("*")))
-            if read_attributes(path).get(_DIGEST_ATTRIBUTE) == scene.light_digest
-        ]
+        files = [path for path in sorted(folder.glob(_lightmap_name("*"))) if _is_of(path, scene)]
         if files:
             return files
     return []
+
+
+def _is_of(file: Path, scene: Scene) -> bool:
+    """Return whether a lightmap is of this state of the scene, baked by this code."""
+    found = read_attributes(file)
+    version = found.get(_VERSION_ATTRIBUTE, str(_VERSION_BEFORE))
+    return (found.get(_DIGEST_ATTRIBUTE), version) == (scene.light_digest, str(BAKE_VERSION))
 
 
 def _cached_lightmaps(scene: Scene) -> Path:

@@ -161,7 +161,8 @@ def _warnings_of(scene: Scene) -> Iterator[None]:
             logger.clear_appenders()  # which closes the file
             for appender in appenders:
                 logger.add_appender(appender)
-            named = "".join(xml.read_text(encoding="utf-8") for xml in _xml_files(scene))
+            xml_files = _xml_files(scene)  # perhaps in another encoding; the names are in ASCII
+            named = "".join(xml.read_text(encoding="utf-8", errors="replace") for xml in xml_files)
             for text in _WARNING.split(file.read())[1:]:
                 unused = _ATTRIBUTE.search(text)
                 if unused is None or unused[1] in named:

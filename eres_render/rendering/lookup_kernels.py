@@ -1,21 +1,22 @@
 """Kernels of `eres_render.rendering.lookup`: the radiance of pixels that can be looked up."""
 
+from pathlib import Path
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from eres_render.rendering.compiling import compiler
 from eres_render.rendering.flat_surfaces import Pieces
 from eres_render.rendering.visibility_kernels import (
     BLACK,
     MIXED,
-    OPTIONS,
     box_of,
     jit,
+    jit_inline,
     show_row,
 )
 
@@ -26,7 +27,7 @@ _LEAST_DENOMINATOR = 0.05
 _SAMPLES = 16  # at a time: a multiple of LLVM's vectors, so that no loop for a rest is needed
 
 # LLVM vectorizes the sum over a pixel's samples only if it may reorder the additions.
-_jit_sums = numba.njit(**OPTIONS, fastmath={"contract", "reassoc", "nsz"})
+_jit_sums = compiler(Path(__file__).parent, fastmath={"contract", "reassoc", "nsz"})
 
 
 def _load(bits):
@@ -138,7 +139,7 @@ def look_up(first, last, seen, textures, samples, marked, image):
             column = end
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def _block_px(per_z, row, first, last):
     """Return how many of the pixels [first, last) may share a block."""
     at = per_z[1] * row + per_z[2]
@@ -230,7 +231,7 @@ def _fill(row, first, last, block, h, address, size, samples, marked, image):
         image[row, column] = total * scale
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def _inside(dx, dy, steps, corner, n_columns):
     """Return the light (dx, dy) px from the center of a block whose texels all exist, times 2^-112.
 
@@ -248,7 +249,7 @@ def _inside(dx, dy, steps, corner, n_columns):
 _HALF_TO_FLOAT = 2.0**112  # the difference between the exponents' biases
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def _texel(dx, dy, steps):
     """Return the texel (dx, dy) px from the center of a block, relative to the base."""
     (u, ux, uy), (v, vx, vy), (one, wx, wy) = steps
@@ -256,20 +257,20 @@ def _texel(dx, dy, steps):
     return u + (ux * dx + uy * dy) * per_z, v + (vx * dx + vy * dy) * per_z
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def _between(t0, t1, b0, b1, fu, fv):
     """Interpolate bilinearly between four texels, fu to the right and fv downward."""
     t, b = t0 + fu * (t1 - t0), b0 + fu * (b1 - b0)
     return t + fv * (b - t)
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def _left(pair):
     """Return the lower of two half-floats, times 2^-112; none is negative."""
     return _float_of((pair & np.uint32(0xFFFF)) << np.uint32(13))
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def _right(pair):
     """Return the upper of two half-floats, times 2^-112."""
     return _float_of((pair >> np.uint32(16)) << np.uint32(13))

@@ -4,10 +4,11 @@ Pixels (column, row) cover [column, column + 1) x [row, row + 1). x = (column, r
 is the direction `M x` in the world, with z = 1 along the camera's axis.
 """
 
-from typing import Any
+from pathlib import Path
 
-import numba
 import numpy as np
+
+from eres_render.rendering.compiling import compiler
 
 CORNER_BLOCK_PX = 4  # side of blocks of pixels whose corners are tried first
 UNKNOWN = -2  # in place of a piece
@@ -17,8 +18,9 @@ _UNSEEN = 2  # state of a bent piece until one of its triangles is looked at
 MARGIN = 0.01  # px: a ray in single precision is not where an edge in double precision is
 _BEHIND = 1e-4  # share of its depth by which an edge must lie behind a plane to be hidden by it
 
-OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
-jit = numba.njit(**OPTIONS, fastmath={"contract"})
+_FOLDER = Path(__file__).parent
+jit = compiler(_FOLDER, fastmath={"contract"})
+jit_inline = compiler(_FOLDER, inline="always")
 
 
 @jit
@@ -187,7 +189,7 @@ def mark_edges(edges, eye, P, near, piece_at, per_z, marked):
                     marked[row, column] = 1
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def _within(start, step, low, high, a, b):
     """Narrow [a, b] to the s for which start + s * step is in [low, high]."""
     if step == 0.0:
@@ -317,7 +319,7 @@ def through_lens(first, last, shown, left, top, corners, margin, piece_at, marke
                         marked[row, column] = 1
 
 
-@numba.njit(**OPTIONS, inline="always")
+@jit_inline
 def box_of(corners, row, first, last, margin):
     """Return left, right, top and bottom of some pixels of a row, bent by a lens.
 

@@ -202,7 +202,9 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     check_positive("step_s", step_s, RenderError, "a positive number of seconds")
     start_s, end_s = sequence.window_s
     steps = math.ceil((end_s - start_s) / step_s - 1e-6)
-    return np.minimum(start_s + step_s * np.arange(steps + 1), end_s)
+    t_s = start_s + step_s * np.arange(steps + 1, dtype=np.float64)
+    t_s[-1] = end_s
+    return t_s
 
 
 def write_depth(path: Path, depth: NDArray[np.float32]) -> None:

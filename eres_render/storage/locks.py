@@ -12,6 +12,10 @@ from typing import BinaryIO
 from eres_render.errors import RenderError
 
 
+class LockedError(Exception):
+    """Another process holds a lock."""
+
+
 @contextmanager
 def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[None]:
     """Hold a lock, in a context.
@@ -31,25 +35,36 @@ def locked(path: Path, *, shared: bool = False, wait: bool = True) -> Iterator[N
 
     Raises
     ------
-    BlockingIOError
+    LockedError
         The lock is held and `wait` is False.
     RenderError
         The file cannot be made.
     """
     kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-    how = kind if wait else kind | fcntl.LOCK_NB
+    with _acquired(path, kind if wait else kind | fcntl.LOCK_NB):
+        try:
+            yield
+        finally:
+            if not shared:
+                with suppress(OSError):
+                    path.unlink()
+
+
+def _acquired(path: Path, how: int) -> BinaryIO:
+    """Return the locked file, which holds the lock until it is closed."""
     while True:
-        with _opened(path) as file:
+        file = _opened(path)
+        try:
             fcntl.flock(file, how)
-            if not _is_at(path, file):
-                continue  # the previous holder deleted the file while we waited
-            try:
-                yield
-            finally:
-                if not shared:
-                    with suppress(OSError):
-                        path.unlink()
-            return
+        except BlockingIOError:
+            file.close()
+            raise LockedError(f"{path}: another process holds the lock") from None
+        except BaseException:
+            file.close()
+            raise
+        if _is_at(path, file):
+            return file
+        file.close()  # the previous holder deleted the file while we waited
 
 
 def _opened(path: Path) -> BinaryIO:

@@ -159,9 +159,9 @@ def read_typed(
         result = tuple(inner(arguments[0], v, f"{field}[{i}]") for i, v in enumerate(found))
     elif typing.get_origin(kind) is typing.Literal and found in arguments:
         result = found
-    elif kind is float and type(found) in (int, float) and math.isfinite(found):
+    elif kind is float and type(found) in (int, float) and math.isfinite(_number(found)):
         result = float(found)
-    elif kind == FloatOrInf and (number := _number(found)) is not None:
+    elif kind == FloatOrInf and not math.isnan(number := _number(found)):
         result = number
     elif kind is not float and type(found) is kind:
         result = found
@@ -202,13 +202,12 @@ def _member(union: Any, found: Any, refuse: Callable[[str], ValueError]) -> Any:
     return by_word[found["kind"]]
 
 
-def _number(found: Any) -> float | None:
-    """Return the number, which may be inf, or None if the value is not a number."""
+def _number(found: Any) -> float:
+    """Return the number, which may be inf, or NaN if the value is not a number, or too large."""
     try:
-        number = float(found) if type(found) in (int, float, str) else math.nan
-    except ValueError:
-        return None
-    return None if math.isnan(number) else number
+        return float(found) if type(found) in (int, float, str) else math.nan
+    except (ValueError, OverflowError):
+        return math.nan
 
 
 def _name(kind: Any) -> str:

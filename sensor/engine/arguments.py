@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 from sensor.engine.group import least_bytes
 from sensor.errors import SensorError
+from sensor.memory import memory_bytes
 from sensor.model import SensorModel
 from sensor.numbers import real, refusal, whole
 from sensor.optics import crop_to_aspect
@@ -133,15 +133,6 @@ def check_memory(models: list[SensorModel]) -> None:
             f"pixels needs {needed / 1e9:.1f} GB, and this machine has {there / 1e9:.1f} GB of "
             "memory; choose smaller sensors, or fewer at a time"
         )
-
-
-def memory_bytes() -> int:
-    """Return the memory of this machine, or of the container if that is less, bytes."""
-    physical = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    try:
-        return min(physical, int(Path("/sys/fs/cgroup/memory.max").read_text()))
-    except (OSError, ValueError):  # no such file, or "max"
-        return physical
 
 
 def _within(name: str, value: object, lowest: int, highest: int, expected: str) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sensor.engine.arguments import (
     check_fit,
@@ -33,11 +33,9 @@ from sensor.engine.workers import Workers
 from sensor.errors import SensorError
 from sensor.events import Columns, Events
 from sensor.kernels.packing import MAX_INTERVAL_US
+from sensor.levels import DARK_FRACTION, white_level
 from sensor.model import SensorModel
 
-DARK_FRACTION = 1e-3  # default dark level, share of the white level
-_SAMPLE_PX = 1 << 14  # of a frame, for a first estimate of the white level
-_SAMPLE_SHARE = 0.995
 _CHUNK_FRAMES = 24  # at most: the state of all pixels is read and written once a chunk
 _FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come soon
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
@@ -141,20 +139,6 @@ def _needs_white(model: SensorModel) -> bool:
     """Return whether the model has v2e's filter but no radiance of white."""
     limited = model.photoreceptor == "v2e" and model.cutoff_hz < math.inf
     return limited and model.cutoff_reference is None
-
-
-def white_level(frame: NDArray[np.floating]) -> float:
-    """Return `np.percentile(frame, 99.9)`; only the brightest pixels are partitioned."""
-    values = frame.ravel()
-    sample = np.sort(values[:: 1 + values.size // _SAMPLE_PX])
-    bright = values[values >= sample[int(_SAMPLE_SHARE * sample.size)]]
-    index = (values.size - 1) * (99.9 / 100)
-    below = int(index)
-    k = below - (values.size - bright.size)
-    if k < 0 or k + 1 >= bright.size:
-        return float(np.percentile(values, 99.9))
-    neighbors = np.partition(bright, (k, k + 1))[k : k + 2]
-    return float(np.quantile(neighbors, index - below))
 
 
 def collect(bank: Bank) -> list[Events]:

@@ -199,8 +199,7 @@ class SensorGroup:
             refractory_us = round(model.refractory_s * 1e6)
             events = events.where(outside_refractory(events.columns, refractory_us, ready_us))
         if model.latency_s > 0:
-            t_us, x, y, p = events.columns
-            events = Events.trusted(t_us + round(model.latency_s * 1e6), x, y, p, like=events)
+            events = events.later(round(model.latency_s * 1e6))
         return events
 
 

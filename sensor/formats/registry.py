@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from uuid import uuid4
 
 from sensor.errors import EventFormatError
 from sensor.events import Events, concatenate
@@ -330,7 +331,8 @@ def write_events(
         t_offset_us,
         triggers=triggers,
     )
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
+    # Threads share a process id.
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
     try:
         assert chosen.write is not None  # as `find_format` has checked
         count = chosen.write(unfinished, header, itertools.chain([first], batches))

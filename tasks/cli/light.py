@@ -308,7 +308,7 @@ def convergence(
     """
     from eres_render import load_scene
     from tasks.cli.progress_bar import progress_bar
-    from tasks.convergence import converge
+    from tasks.evaluation.convergence import converge
 
     table = Table("samples", "motion", "seeds", "frames", "events", "", "PSNR", box=None)
     finest: int | None = None

@@ -206,18 +206,35 @@ def _check_present(recordings: Sequence[Recording], target: str, advice: str) ->
             raise TaskError(f"{one.path}: found no {target}, which is from {place}; {advice}")
 
 
-@lru_cache(maxsize=_MOST_OPEN)
 def _reader(path: Path) -> DsecReader:
+    return _opened_reader(path, _version(path))
+
+
+@lru_cache(maxsize=_MOST_OPEN)
+def _opened_reader(path: Path, _: tuple[int, ...]) -> DsecReader:
     return DsecReader(path)
 
 
 # After a fork, HDF5 would otherwise use files opened before it, with shared descriptors.
-os.register_at_fork(after_in_child=_reader.cache_clear)
+os.register_at_fork(after_in_child=_opened_reader.cache_clear)
+
+
+def _clip(folder: Path) -> RadianceSequence:
+    return _opened_clip(folder, _version(folder / "manifest.json"))
 
 
 @lru_cache(maxsize=_MOST_OPEN)
-def _clip(folder: Path) -> RadianceSequence:
+def _opened_clip(folder: Path, _: tuple[int, ...]) -> RadianceSequence:
     return open_sequence(folder)
+
+
+def _version(file: Path) -> tuple[int, ...]:
+    """Return what differs once a file is written again, as it may be between two data sets."""
+    try:
+        found = file.stat()
+    except OSError:
+        return ()  # whoever opens it says why
+    return found.st_ino, found.st_mtime_ns, found.st_size
 
 
 def _frame(recording: Recording, events: Events, t_us: int) -> Item:

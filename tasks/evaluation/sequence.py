@@ -9,7 +9,7 @@ from eres_render import RadianceSequence, ground_truth, load_scene
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import SensorModel
-from sensor.engine.bank import DARK_FRACTION
+from sensor.levels import DARK_FRACTION
 from tasks.errors import TaskError, WeightsError
 from tasks.evaluation.evaluate import evaluate
 from tasks.evaluation.setting import Setting

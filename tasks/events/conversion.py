@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
-from sensor import Events
 from sensor.formats import find_format, read_header, read_triggers, write_events
 from sensor.formats.header import Header, Value
 from sensor.formats.registry import warn_of_loss
@@ -85,7 +84,7 @@ def convert(
         add = groups_to_copy(source, kept, shift_us)
     count = write_events(
         out,
-        _later(parts, shift_us) if shift_us else parts,
+        (part.later(shift_us) for part in parts) if shift_us else parts,
         format=format,
         origin=_shifted_window(header.origin, shift_us),
         t_offset_us=0 if from_start else _shifted_clock(header, shift_us),
@@ -94,11 +93,6 @@ def convert(
     )
     warn_of_loss(out, to, left_out)
     return count
-
-
-def _later(parts: Iterator[Events], shift_us: int) -> Iterator[Events]:
-    for part in parts:
-        yield Events.trusted(part.t_us + shift_us, part.x, part.y, part.p, like=part)
 
 
 def _shifted_window(origin: Mapping[str, Value], shift_us: int) -> dict[str, Value]:

@@ -15,9 +15,9 @@ from eres_render import RadianceSequence
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
-from sensor.engine.bank import DARK_FRACTION
 from sensor.formats import find_format, write_events
 from sensor.formats.header import Value
+from sensor.levels import DARK_FRACTION
 from sensor.optics import crop_to_aspect
 from sensor.presets import find_sensor
 from tasks.errors import TaskError
@@ -296,13 +296,8 @@ def simulate_frames(
         parts = leaving = read_out(parts, options.readout)
     offset_us = frames.t_offset_us
     if offset_us:
-        parts = _later(parts, offset_us)
+        parts = (part.later(offset_us) for part in parts)
     count = write_events(
         out, parts, format=options.format, origin=facts, t_offset_us=offset_us, add=add
     )
     return count, leaving.report if leaving is not None else None
-
-
-def _later(parts: Iterable[Events], offset_us: int) -> Iterator[Events]:
-    for part in parts:
-        yield Events.trusted(part.t_us + offset_us, part.x, part.y, part.p, like=part)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.errors import check_positive
-from sensor.engine.bank import white_level
+from sensor.levels import white_level
 from tasks.errors import TaskError
 from tasks.footage import images, video
 from tasks.footage.luminance import Luminance

@@ -43,9 +43,10 @@ def list_images(folder: Path) -> list[Path]:
     return sorted(files, key=_natural)
 
 
-def _natural(file: Path) -> list[tuple[int, str]]:
-    """Return a key that sorts 10 after 9."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in _parts(file)]
+def _natural(file: Path) -> tuple[list[tuple[int, str]], str]:
+    """Return a key that sorts 10 after 9, and 1 after 01."""
+    key = [(int(part), "") if part.isdigit() else (-1, part) for part in _parts(file)]
+    return key, file.name
 
 
 def _parts(file: Path) -> list[str]:
@@ -118,7 +119,7 @@ def _check_complete(files: list[Path]) -> None:
 
 def _read_times(file: Path, time_unit: str | None, option: str) -> list[int]:
     try:
-        lines = file.read_text().splitlines()
+        lines = file.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
         raise TaskError(
             f"{file}: found bytes that are not text, expected one time per line"

@@ -8,10 +8,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from tasks import DISTRIBUTION
+from tasks.cluster import connected, outcome
 from tasks.errors import TaskError
 from tasks.generation.sequence import complete_sequence, sequence_folder
 from tasks.generation.settings import FILE_NAME, DatasetSettings, claim_folder
-from tasks.study.run.cluster import connected
 
 
 def make_on_workers(
@@ -37,13 +37,13 @@ def make_on_workers(
     Raises
     ------
     TaskError
-        The cluster cannot be reached, or its workers die, have another version, or do not see the
-        folder.
+        The cluster cannot be reached or ends, or its workers die, have another version, or do not
+        see the folder.
     RenderError, SensorError, OSError
         As the workers raise them.
     """
     with connected(address) as client:
-        from distributed import KilledWorker, as_completed
+        from distributed import as_completed
 
         place, code = str(out.resolve()), version(DISTRIBUTION)
         number_of = {
@@ -51,13 +51,7 @@ def make_on_workers(
             for number in numbers
         }
         for future in as_completed(number_of, loop=client.loop):
-            try:
-                future.result()
-            except KilledWorker as error:
-                raise TaskError(
-                    f"sequence {number_of[future]}: one worker after another died while making it, "
-                    f"perhaps out of memory; the last was {error.last_worker.address}"
-                ) from None
+            outcome(future, f"sequence {number_of[future]}")
             yield number_of[future]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from eres_render.progress import Progress, silent
-from eres_render.storage.locks import locked
+from eres_render.storage.locks import LockedError, locked
 from tasks.errors import TaskError
 from tasks.generation.cluster import make_on_workers
 from tasks.generation.estimate import estimate
@@ -80,7 +80,7 @@ def make_dataset(
                 for done, _ in enumerate(making, start=1):
                     counted("next", done, len(missing))
             shutil.rmtree(out / UNFINISHED, ignore_errors=True)
-    except BlockingIOError:
+    except LockedError:
         raise TaskError(f"{out}: another process is making this dataset; wait for it") from None
     return folders
 

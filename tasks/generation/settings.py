@@ -99,9 +99,11 @@ class DatasetSettings:
         for name in ("seconds", "max_displacement_px", "truth_step_s"):
             check_positive(name, getattr(self, name), TaskError)
         cutoffs = self.cutoffs_hz
-        different = bool(cutoffs) and len({*cutoffs}) == len(cutoffs)
+        different = bool(cutoffs) and len({f"{hz:g}" for hz in cutoffs}) == len(cutoffs)
         positive = all(one > 0 for one in cutoffs)  # and not NaN
-        check("cutoffs_hz", different and positive, "different positive numbers of Hz")
+        check(
+            "cutoffs_hz", different and positive, "positive numbers of Hz that differ in six digits"
+        )
         check_spp(self.spp, TaskError)
         check("threshold_deviation", self.threshold_deviation >= 0, "a number of at least 0")
         lowest = self.threshold - _MOST_DEVIATIONS * self.threshold_deviation

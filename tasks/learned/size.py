@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sensor.engine.arguments import memory_bytes
+from sensor.memory import memory_bytes
 from tasks.errors import WeightsError
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eres_render.errors import nearest
-from sensor.engine.arguments import memory_bytes
+from sensor.memory import memory_bytes
 from tasks.errors import WeightsError
 from tasks.registry import TASKS, load
 

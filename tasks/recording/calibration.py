@@ -77,7 +77,7 @@ def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
     TaskError
         The file is not such a line, or the numbers do not fit a sensor of this size.
     """
-    text = path.read_text(errors="replace").split()
+    text = path.read_text(encoding="utf-8", errors="replace").split()
     try:
         numbers = np.array([float(word) for word in text])
     except ValueError:

@@ -177,7 +177,8 @@ def open_frames(
                 f"{folder}: found no times of frames, expected frames.csv ({','.join(_COLUMNS)}), "
                 "images.txt or timestamps.txt"
             )
-        if time_unit is None and not source.read_text(errors="replace").startswith("#"):
+        text = source.read_text(encoding="utf-8", errors="replace")
+        if time_unit is None and not text.startswith("#"):
             raise _unknown_unit(source, None)
         files = list_images(folder)
         found_ns = times_ns(folder, files, None, time_unit, option="--frames-time-unit")
@@ -223,9 +224,9 @@ def _read_table(table: Path) -> tuple[list[Path], list[int], list[int]]:
     for k, row in enumerate(rows[1:], start=2):
         try:
             first, last, name = row
-            start.append(int(first))
-            end.append(int(last))
-        except ValueError:
+            start.append(int(np.int64(int(first))))
+            end.append(int(np.int64(int(last))))
+        except (ValueError, OverflowError):
             raise TaskError(
                 f"{table}:{k}: found {','.join(row)!r}, expected two whole numbers and a file"
             ) from None
@@ -237,7 +238,8 @@ def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[in
     if time_unit is None or time_unit not in TIME_UNITS:
         raise _unknown_unit(listed, time_unit)
     files, t_us = [], []
-    for k, line in enumerate(listed.read_text(errors="replace").splitlines(), start=1):
+    lines = listed.read_text(encoding="utf-8", errors="replace").splitlines()
+    for k, line in enumerate(lines, start=1):
         text = line.partition("#")[0].strip()
         if not text:
             continue

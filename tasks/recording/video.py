@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import cv2
 import numpy as np
@@ -123,7 +124,7 @@ def write_video(
         )
     _check_folder(out, overwrite)
     times_us = image_times_us(recording, options)
-    unfinished = out.with_name(f".{out.name}.{os.getpid()}.unfinished")
+    unfinished = out.with_name(f".{out.name}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
         unfinished.mkdir()
@@ -135,7 +136,7 @@ def write_video(
                 codes = calibration.undistorted(codes)
             (unfinished / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
         lines = ["# unit: us", *map(str, times_us)]
-        (unfinished / TIMES).write_text("\n".join(lines) + "\n")
+        (unfinished / TIMES).write_text("\n".join(lines) + "\n", encoding="utf-8")
         if out.exists():
             shutil.rmtree(out)
         unfinished.rename(out)

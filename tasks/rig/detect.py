@@ -149,7 +149,9 @@ class _Integration:
         later = events[int(np.searchsorted(events.t_us, self._from_us)) :]
         if len(later):
             self._log_image += self._C * later.polarity_sum()
-            self._last[later.y, later.x] = later.p
+            pixel = later.y.astype(np.int64) * later.width + later.x
+            seen, from_end = np.unique(pixel[::-1], return_index=True)
+            self._last.ravel()[seen] = later.p[::-1][from_end]
 
     def image(self, t_us: int) -> Float64:
         return self._log_image + 0.5 * self._C * self._last

@@ -38,7 +38,9 @@ _BEHIND_M = 1e-4  # the wall is behind the page
 _MARGIN = 1.2  # size of the wall over what the camera sees of it
 _CLEARANCE_M = 0.01
 
-_XML = (Path(__file__).parent / "page_scene.xml").read_text()  # with numbers to fill in
+_XML = (Path(__file__).parent / "page_scene.xml").read_text(
+    encoding="utf-8"
+)  # with numbers to fill in
 _TOML = """title = "A page on a wall, before a camera on a slider"
 license = "CC0-1.0"
 length_unit = "m"

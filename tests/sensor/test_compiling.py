@@ -10,10 +10,11 @@ from another_process import ROOT, environment, run_python
 
 JIT = """
 from pathlib import Path
-from sensor.compiling import compiler
+from {} import compiler
 
 jit = compiler(Path(__file__).parent)
 """
+SENSOR, RENDER = "sensor.compiling", "eres_render.rendering.compiling"
 CALLER = """
 from kernels.compiling import jit
 from kernels.callee import one
@@ -34,11 +35,12 @@ def one():
 
 
 @pytest.fixture
-def folder(tmp_path):
+def folder(tmp_path, request):
     """A package of a kernel that calls another, which the test writes."""
+    jit = JIT.format(getattr(request, "param", SENSOR))
     folder = tmp_path / "kernels"
     folder.mkdir()
-    for name, text in (("__init__", ""), ("compiling", JIT), ("caller", CALLER)):
+    for name, text in (("__init__", ""), ("compiling", jit), ("caller", CALLER)):
         (folder / f"{name}.py").write_text(text)
     return folder
 
@@ -57,6 +59,7 @@ def variables(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("folder", [SENSOR, RENDER], indirect=True)
 def test_an_edit_of_a_kernel_recompiles_those_that_call_it(folder, variables):
     """Promise: Numba checks only the file of a function; here an edit also recompiles its callers
     in other files of the folder, and nothing is recompiled without an edit. `is_cached` tells."""

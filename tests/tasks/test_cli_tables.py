@@ -13,8 +13,9 @@ from rich.table import Table
 
 from light_scenes import small_carpet_folder
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
-from tasks import cli, convergence
+from tasks import cli
 from tasks.cli import terminal
+from tasks.evaluation import convergence
 from tasks.rig.calibration import SolvedRecording, StoredPose
 from tasks.row import write_rows
 

@@ -19,7 +19,7 @@ from eres_render.cores import cores
 from eres_render.progress import Progress as OnProgress
 from eres_render.progress import silent
 from eres_render.storage.atomic import write_text
-from sensor.engine.arguments import memory_bytes
+from sensor.memory import memory_bytes
 from tasks.errors import TrainingError
 from tasks.learned.cpu import has_bfloat16
 from tasks.learned.ours import save

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from eres_render.storage.atomic import write_text
-from eres_render.storage.locks import locked
+from eres_render.storage.locks import LockedError, locked
 from eres_render.storage.settings_reader import differences, read_json
 from tasks.errors import TrainingError
 from tasks.provenance import together
@@ -107,7 +107,7 @@ def opened(
                 _check_untrained(folder)
                 _write(file, {"settings": settings, "made_with": dict(made_with)})
             yield
-    except BlockingIOError:
+    except LockedError:
         raise TrainingError(f"{folder}: another process is training in this folder") from None
 
 

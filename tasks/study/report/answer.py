@@ -238,7 +238,7 @@ def with_answers(page: Path, answers: Mapping[str, str]) -> str:
     """
     expected = join_words([f"<!-- answer: {name} -->" for name in answers], "or")
     try:
-        text = page.read_text()
+        text = page.read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ResultError(f"{page}: no such file, expected a Markdown page") from None
     if not (kinds := [block[2] for block in _BLOCK.finditer(text)]):

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -138,23 +139,10 @@ def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
     """
     found = [read_rows(folder / "rows.parquet") for folder in folders]
     configs = [read_config(folder) for folder in folders]
-    for folder, config in zip(folders[1:], configs[1:], strict=True):
-        if config.get("jobs") == configs[0].get("jobs"):
-            raise ResultError(
-                f"{folder / 'study.json'}: found the jobs of {folders[0]}, expected those of other "
-                "weights"
-            )
-        if _weights(config) == _weights(configs[0]):
-            raise ResultError(
-                f"{folder / 'study.json'}: weights: found those of {folders[0]}, expected others: "
-                "runs that are joined differ in the weights of networks"
-            )
-        pair = _without_weights(config), _without_weights(configs[0])
-        for name, here, there in differences(*pair):
-            raise ResultError(
-                f"{folder / 'study.json'}: {name}: found {here!r}, expected {there!r} as in "
-                f"{folders[0]}: runs that are joined may differ only in the weights of networks"
-            )
+    for (before, of_before), (folder, config) in combinations(
+        zip(folders, configs, strict=True), 2
+    ):
+        _check_joined(config, folder / "study.json", of_before, before)
     rows = found[0]
     if len(folders) > 1:
         rows = [
@@ -193,6 +181,24 @@ def read_config(folder: Path) -> dict[str, Any]:
     for name in _KINDS.keys() & found.keys():
         read_typed(_KINDS[name], found[name], file, ResultError, name)
     return found
+
+
+def _check_joined(
+    config: dict[str, Any], file: Path, of_other: dict[str, Any], other: Path
+) -> None:
+    """Refuse to join a run with another one that does not differ in weights, or in more."""
+    if config.get("jobs") == of_other.get("jobs"):
+        raise ResultError(f"{file}: found the jobs of {other}, expected those of other weights")
+    if _weights(config) == _weights(of_other):
+        raise ResultError(
+            f"{file}: weights: found those of {other}, expected others: runs that are joined "
+            "differ in the weights of networks"
+        )
+    for name, here, there in differences(_without_weights(config), _without_weights(of_other)):
+        raise ResultError(
+            f"{file}: {name}: found {here!r}, expected {there!r} as in {other}: runs that are "
+            "joined may differ only in the weights of networks"
+        )
 
 
 def _weights(config: dict[str, Any]) -> dict[str, Any]:

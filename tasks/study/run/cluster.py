@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import pickle
-import re
 import socket
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -18,6 +15,7 @@ from eres_render.progress import Progress, silent
 from eres_render.scene.settings import TumPath
 from sensor.errors import EventError, SensorError
 from tasks import DISTRIBUTION
+from tasks.cluster import outcome
 from tasks.errors import StudyError, TaskError
 from tasks.evaluation.settings import check_methods
 from tasks.methods import METHOD_VERSIONS
@@ -29,50 +27,7 @@ from tasks.study.run.jobs import Job, QueuedJob
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-_CONNECT_S = 5.0
 _RETRIES = 2  # of a job that failed for a reason that may pass, such as a full disk
-
-
-@contextmanager
-def connected(address: str) -> Iterator[Client]:
-    """Connect to the Dask scheduler at an address.
-
-    Raises
-    ------
-    StudyError
-        Dask is not installed, the address is no `tcp://HOST:PORT`, or no scheduler answers.
-    """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise StudyError(
-            "--scheduler: Dask is not installed; it comes with the extra `distributed`, in a "
-            "checkout by: pip install '.[distributed]'"
-        ) from None
-    if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
-        raise StudyError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
-    with _quiet("distributed", "distributed.client"):  # our error is a single line
-        try:
-            client = Client(address, timeout=_CONNECT_S, set_as_default=False)
-        except (OSError, ValueError) as error:
-            reason = str(error).partition("\n")[0] or f"no answer within {_CONNECT_S:g} s"
-            raise StudyError(
-                f"--scheduler: found no Dask scheduler at {address}: {reason}"
-            ) from None
-        with client:
-            yield client
-
-
-@contextmanager
-def _quiet(*names: str) -> Iterator[None]:
-    levels = {name: logging.getLogger(name).level for name in names}
-    try:
-        for name in names:
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-        yield
-    finally:
-        for name, level in levels.items():
-            logging.getLogger(name).setLevel(level)
 
 
 class Cluster:
@@ -196,19 +151,9 @@ def _as_found_here(job: Job, key: str) -> Job:
 
 
 def _result(future: Future, job: Job) -> ComputedJob:
-    from distributed import KilledWorker
-    from distributed.client import FutureCancelledError
-
     named = f"{job.scene.name}, clip {job.clip.index}"
     try:
-        result = future.result()
-    except KilledWorker as error:
-        raise StudyError(
-            f"{named}: one worker after another died while computing it, perhaps out of memory; "
-            f"the last was {error.last_worker.address}"
-        ) from None
-    except FutureCancelledError:
-        raise StudyError(f"{named}: the Dask scheduler ended or canceled the job") from None
+        result = outcome(future, named)
     except OSError as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):

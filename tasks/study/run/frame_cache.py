@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from eres_render.storage.cache import cache_dir
-from eres_render.storage.locks import locked
+from eres_render.storage.locks import LockedError, locked
 
 LIMIT_BYTES = 20_000_000_000
 _FREE_SHARE = 1 / 3
@@ -49,7 +49,7 @@ def make_room(needed_bytes: int) -> None:
     for folder, size in sizes.items():
         if used + needed_bytes <= limit:
             return
-        with suppress(BlockingIOError), locked(_lock_file(folder), wait=False):
+        with suppress(LockedError), locked(_lock_file(folder), wait=False):
             shutil.rmtree(folder, ignore_errors=True)
             used -= size
 

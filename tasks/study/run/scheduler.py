@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from typing import Protocol
 
 from eres_render.progress import Progress
-from tasks.study.run.cluster import Cluster, connected
+from tasks.cluster import connected
+from tasks.study.run.cluster import Cluster
 from tasks.study.run.compute import ComputedJob
 from tasks.study.run.jobs import QueuedJob
 from tasks.study.run.local import ThisProcess

@@ -12,7 +12,7 @@ from eres_render import Renderer, Scene
 from eres_render.progress import Progress
 from eres_render.trajectory.frame_times import adaptive_times
 from sensor import SensorModel, stream
-from sensor.engine.bank import DARK_FRACTION
+from sensor.levels import DARK_FRACTION
 from tasks.errors import TaskError
 from tasks.methods.event_integration import reconstruct
 from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db

@@ -1,0 +1,82 @@
+"""The connection to a Dask cluster."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from tasks.errors import TaskError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_CONNECT_S = 5.0
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Client]:
+    """Connect to the Dask scheduler at an address.
+
+    Raises
+    ------
+    TaskError
+        Dask is not installed, the address is no `tcp://HOST:PORT`, or no scheduler answers.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise TaskError(
+            "--scheduler: Dask is not installed; it comes with the extra `distributed`, in a "
+            "checkout by: pip install '.[distributed]'"
+        ) from None
+    if not re.fullmatch(r"(tcp|tls|ws|wss)://.+:\d+", address):
+        raise TaskError(f"--scheduler: found {address!r}, expected tcp://HOST:PORT")
+    with _quiet("distributed", "distributed.client"):  # our error is a single line
+        try:
+            client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            reason = str(error).partition("\n")[0] or f"no answer within {_CONNECT_S:g} s"
+            raise TaskError(
+                f"--scheduler: found no Dask scheduler at {address}: {reason}"
+            ) from None
+        with client:
+            yield client
+
+
+@contextmanager
+def _quiet(*names: str) -> Iterator[None]:
+    levels = {name: logging.getLogger(name).level for name in names}
+    try:
+        for name in names:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        yield
+    finally:
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
+
+
+def outcome(future: Future, what: str) -> Any:
+    """Return the result of a future, for an error message the outcome of `what`.
+
+    Raises
+    ------
+    TaskError
+        One worker after another died, or the scheduler ended or canceled the work.
+    Exception
+        As the function raised it on a worker.
+    """
+    from distributed import KilledWorker
+    from distributed.client import FutureCancelledError
+
+    try:
+        return future.result()
+    except KilledWorker as error:
+        raise TaskError(
+            f"{what}: one worker after another died while computing it, perhaps out of memory; "
+            f"the last was {error.last_worker.address}"
+        ) from None
+    except FutureCancelledError:
+        raise TaskError(f"{what}: the Dask scheduler ended or canceled the job") from None
