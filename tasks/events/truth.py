@@ -61,12 +61,13 @@ def truth_to_add(
             group["K"] = camera.K
             if camera.distortion is not None:
                 group["distortion"] = astuple(camera.distortion)
-            seen = [_images(truth, *times, size) for times in pairwise([*times_s, None])]
-            for name in ("depth", "flow", "flow_valid", "flow_occluded"):
-                _store(group, name, [images[name] for images in seen if name in images])
+            for k, (t_s, next_s) in enumerate(pairwise([*times_s, None])):
+                for name, image in _images(truth, t_s, next_s, size).items():
+                    if name not in group:
+                        _add_images(group, name, len(times_s) - name.startswith("flow"), image)
+                    group[name][k] = image
                 storage.check()
             if truth.objects:
-                _store(group, "instances", [images["instances"] for images in seen])
                 group["T_world_object"] = np.stack([one.pose(times_s) for one in truth.objects])
                 group["T_world_object"].attrs["names"] = [one.name for one in truth.objects]
 
@@ -87,11 +88,11 @@ def _images(
     return images
 
 
-def _store(group: h5py.Group, name: str, images: Sequence[np.ndarray]) -> None:
-    """Store images of equal size, compressed one by one."""
-    data = np.stack(images)
+def _add_images(group: h5py.Group, name: str, count: int, like: np.ndarray) -> None:
+    """Add room for images of equal size, compressed one by one."""
     how = {"shuffle": True, "fletcher32": True, **hdf5plugin.Zstd(clevel=1)}
-    group.create_dataset(name, data=data, chunks=(1, *data.shape[1:]), **how)
+    shape = count, *like.shape
+    group.create_dataset(name, shape, like.dtype, chunks=(1, *like.shape), **how)
 
 
 COPIED = ("truth", "imu")
