@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import cv2
 import numpy as np
 from process_times import times_now
 
@@ -26,7 +27,7 @@ from tasks.events.reading import Reading
 from tasks.flow import flow_sample
 from tasks.methods import load_method
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX
-from tasks.recording.calibration import read_calibration
+from tasks.recording.calibration import Calibration, read_calibration
 from tasks.recording.clock import estimate_shift
 from tasks.recording.flow import score_flow
 from tasks.recording.flow_windows import spread
@@ -116,12 +117,18 @@ def measure_slider(recording: Recording, frames: Frames, options: FlowOptions, l
             off_px.append(np.linalg.norm(between - flow_px))
             flows = (tracked, flow_px), (flowed, method(sample).flow), (off_grid, between)
             for into, flow in flows:
-                places = calibration.undistorted_points(np.stack([start_px, start_px + flow]))
+                places = undistorted(np.stack([start_px, start_px + flow]), calibration)
                 into.append(places[1, 1] - places[0, 1])
     named = ("tracks", tracked), (FLOW[0], flowed), ("the same, off the grid", off_grid)
     for name, values in named:
         print(f"{name:34}{np.median(np.abs(values)):6.2f} px along y, where the slider moves 0")
     print(f"{'the same, off the grid':34}{np.median(off_px):6.2f} px from the tracks")
+
+
+def undistorted(points_px: np.ndarray, lens: Calibration) -> np.ndarray:
+    """Return where a pinhole camera would see some points; centers are at integers + 0.5."""
+    points = (points_px - 0.5).reshape(-1, 1, 2)
+    return cv2.undistortPoints(points, lens.K, lens.distortion, P=lens.K).reshape(-1, 2) + 0.5
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import shutil
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,13 +69,13 @@ def bake_scene(
     settings = scene.settings.bake
     maps = irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
     folder.mkdir(parents=True, exist_ok=True)
-    files = []
-    for shape_id, irradiance in maps.items():
-        path = folder / _lightmap_name(shape_id)
-        state = {_DIGEST_ATTRIBUTE: scene.light_digest, _VERSION_ATTRIBUTE: str(BAKE_VERSION)}
-        write_luminance(path, _rounded(irradiance), state)
-        files.append(path)
-    return files
+    state = {_DIGEST_ATTRIBUTE: scene.light_digest, _VERSION_ATTRIBUTE: str(BAKE_VERSION)}
+    with tempfile.TemporaryDirectory(prefix=".lightmaps.", dir=folder) as unfinished:
+        written = [Path(unfinished) / _lightmap_name(shape_id) for shape_id in maps]
+        for path, irradiance in zip(written, maps.values(), strict=True):
+            write_luminance(path, _rounded(irradiance), state)
+        # All of them together, as a scene with some of its lightmaps cannot be rendered.
+        return [path.replace(folder / path.name) for path in written]
 
 
 def _rounded(irradiance: Float32) -> Float32:

@@ -64,6 +64,9 @@ def _name(group: ModuleType) -> str:
     return group.__name__.rpartition(".")[2]
 
 
+_RESUMING = "render", "study", "dataset", "train"
+
+
 def main() -> None:
     """Run the command line; exit code 1 for an error, 2 for wrong usage, 130 for Ctrl-C."""
     if sys.argv[1:] == ["--version"]:
@@ -93,7 +96,9 @@ def main() -> None:
     except MemoryError as error:
         _fail(f"out of memory: {error}; choose a lower resolution")
     except KeyboardInterrupt:
-        terminal.err.print("stopped; the same command continues after the completed parts")
+        resumes = not {*_RESUMING}.isdisjoint(sys.argv[1:2])
+        how = "; the same command continues after the completed parts" if resumes else ""
+        terminal.err.print(f"stopped{how}", highlight=False)
         sys.exit(130)
     sys.exit(code or 0)
 

@@ -38,25 +38,6 @@ class Calibration:
         """Return an image as the pinhole camera would see it; black outside."""
         return np.asarray(cv2.undistort(image, self.K, self.distortion))
 
-    def undistorted_points(self, points_px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where the pinhole camera would see some points.
-
-        Parameters
-        ----------
-        points_px
-            (N, 2), with pixel centers at integers + 0.5.
-
-        Returns
-        -------
-        (N, 2) positions, px.
-        """
-        if not len(points_px):
-            return points_px
-        found = cv2.undistortPoints(
-            (points_px - 0.5).reshape(-1, 1, 2), self.K, self.distortion, P=self.K
-        )
-        return np.asarray(found, np.float64).reshape(-1, 2) + 0.5
-
 
 def read_calibration(path: Path, size: tuple[int, int]) -> Calibration:
     """Read a calibration.

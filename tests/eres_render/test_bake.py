@@ -334,6 +334,9 @@ def test_lightmaps_of_another_state_of_the_scene_are_baked_again(tmp_path, monke
     (bake.bake_scene(scene)[0]).rename(scene.folder / packaged.name)
     monkeypatch.setattr(bake, "bake_scene", None)  # from now on it would fail
     assert bake.lightmaps(scene)["carpet"].shape == (16, 16)
+    assert [file.name for file in scene.folder.glob("*lightmap*")] == [packaged.name]
+    monkeypatch.setattr(bake, "BAKE_VERSION", bake.BAKE_VERSION + 1)
+    assert not bake.has_lightmaps(scene), "those of other code are ignored"
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from eres_render.rendering import lightmaps as bake
 from eres_render.rendering.backend import select_variant
 from eres_render.storage.checksums import read_sums
 from eres_render.storage.exr import write_luminance
-from eres_render.storage.locks import locked
+from eres_render.storage.locks import LockedError, locked
 from light_scenes import room_folder, small_carpet_folder
 from tasks.study.run import frame_cache
 
@@ -60,13 +60,13 @@ def test_a_lock_is_held_alone_or_shared_until_death(holder, tmp_path):
     file = tmp_path / "held"
     with locked(file, shared=True, wait=False):
         pass
-    with pytest.raises(BlockingIOError), locked(file, wait=False):
+    with pytest.raises(LockedError), locked(file, wait=False):
         pass
     os.kill(holder.pid, signal.SIGKILL)
     holder.wait()
     with locked(file):
         assert file.exists()
-        with pytest.raises(BlockingIOError), locked(file, shared=True, wait=False):
+        with pytest.raises(LockedError), locked(file, shared=True, wait=False):
             pass
     assert not file.exists()
 

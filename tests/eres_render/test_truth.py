@@ -18,6 +18,7 @@ from eres_render import (
     ground_truth,
     load_scene,
     render_clip,
+    window_times,
     write_truth,
 )
 from eres_render.camera import map_pixels
@@ -194,6 +195,10 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
     np.testing.assert_allclose(truth.pose(0.27), scene.trajectory().pose(0.27), atol=1e-14)
     with pytest.raises(SceneError, match="homography needs a planar scene"):
         truth.homography(0.25, 0.29, 32)
+
+    for step_s in (0.01, 0.0399999999, 1.0):  # both ends, also if the last step is a hair long
+        times_s = window_times(sequence, step_s)
+        assert (times_s[0], times_s[-1]) == sequence.window_s
 
     there = []  # camera.json tells a complete folder from that of a killed writer
 

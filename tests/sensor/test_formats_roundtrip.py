@@ -3,6 +3,7 @@
 import itertools
 import time
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from decimal import ROUND_HALF_UP, Decimal, localcontext
 
@@ -428,3 +429,16 @@ def test_text_that_is_not_events_is_refused(text, said, tmp_path):
         load_events(path, size=None if text.startswith("640 ") or not text else (640, 480))
     assert said in str(error.value)
     assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["evt3", "dsec"])
+def test_writers_of_one_file_do_not_mix(tmp_path, name):
+    """Promise: threads that write the same file leave the events of one of them."""
+    path = file_of(tmp_path, name)
+    streams = [random_events(20_000, seed=seed) for seed in range(4)]
+    with ThreadPoolExecutor(4) as threads:
+        counts = list(threads.map(lambda events: write_events(path, events), streams))
+    assert counts == [20_000] * 4
+    found = load_events(path)
+    assert any(np.array_equal(found.t_us, events.t_us) for events in streams)
+    assert list(tmp_path.iterdir()) == [path]

@@ -227,6 +227,8 @@ def test_runs_with_other_weights_are_judged_together(tmp_path: Path) -> None:
         ResultError, match=r"one.*: found the jobs of .*one, expected those of other"
     ):
         scores_of_run(one, one)
+    with pytest.raises(ResultError, match=r"other.*: found the jobs of .*other, expected those"):
+        scores_of_run(one, other, other)
     (tmp_path / "other" / "study.json").write_text(
         (tmp_path / "one" / "study.json").read_text().replace('["one"]', '["other"]')
     )

@@ -21,7 +21,8 @@ from eres_render import load_scene
 from eres_render.storage.cache import cache_dir
 from light_scenes import small_carpet_folder, write_poses
 from small_study import only, tiny_study
-from tasks.errors import StudyError
+from tasks import cluster as connection_module
+from tasks.errors import StudyError, TaskError
 from tasks.row import read_rows
 from tasks.study.config import (
     Evaluate,
@@ -47,7 +48,7 @@ pytestmark = pytest.mark.filterwarnings("default:Creating scratch directories")
 @pytest.fixture(autouse=True)
 def patience(monkeypatch):
     """Allow a scheduler on a busy machine more time to answer."""
-    monkeypatch.setattr(cluster_module, "_CONNECT_S", 60.0)
+    monkeypatch.setattr(connection_module, "_CONNECT_S", 60.0)
 
 
 @contextmanager
@@ -204,7 +205,7 @@ def test_a_job_that_kills_its_workers_ends_the_run(scene_folder, tmp_path, monke
     study = with_method(tiny_study(scene_folder, samples=1), "deadly:reconstruct")
     with local_cluster(n_workers=1, threads_per_worker=1, processes=True) as cluster:
         cluster.scheduler.allowed_failures = 1
-        with pytest.raises(StudyError, match=r"^carpet, clip 0: one worker after another died"):
+        with pytest.raises(TaskError, match=r"^carpet, clip 0: one worker after another died"):
             run_study(study, tmp_path / "run", cluster.scheduler_address)
 
 
@@ -354,7 +355,7 @@ def test_a_worker_of_several_threads_is_refused(scene_folder, tmp_path):
 )
 def test_no_scheduler_is_said_before_anything_else(eres, tmp_path, monkeypatch, address, text):
     """Promise: one line, exit code 1, no folder, and no access to scenes, which may not exist."""
-    monkeypatch.setattr(cluster_module, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(connection_module, "_CONNECT_S", 0.5)
     args = ("--scenes", "nowhere", "--out", tmp_path / "run", "--scheduler", address)
     code, _, err = eres("study", *args)
     assert code == 1

@@ -336,6 +336,8 @@ def test_colors_of_a_mesh_that_a_material_uses_are_said_once(tmp_path, capfd, ca
     material = """<bsdf type="diffuse"><texture type="mesh_attribute" name="reflectance">
         <string name="name" value="vertex_color"/></texture></bsdf>"""
     xml, poses = write_mesh(tmp_path, material)
+    comment = "<?xml version='1.0' encoding='ISO-8859-1'?><!-- ä -->"  # is not UTF-8
+    xml.write_bytes(comment.encode("latin-1") + xml.read_bytes())
     render_scene(load_scene(xml, poses), tmp_path / "r", resolution=8, spp=1, continuous=True)
     assert "WARN" not in "".join(capfd.readouterr())
     (said,) = (message for message in caplog.messages if "Mitsuba" in message)

@@ -91,6 +91,16 @@ def test_windows_of_the_truth(folder):
         dataset[len(dataset)]
 
 
+def test_a_file_that_is_written_again_is_read_again(tmp_path):
+    """Promise: a new data set does not have the events of a file that was there before."""
+    path = tmp_path / "one.h5"
+    for x in (3, 7):
+        t_us = np.arange(0, 4_000, 10)
+        column, p = np.full(len(t_us), x, np.uint16), np.ones(len(t_us), np.int8)
+        write_events(path, Events(t_us, column, column, p, width=16, height=16))
+        assert np.all(EventDataset(tmp_path, window_us=1_000)[0]["x"] == x)
+
+
 def test_masks_of_objects_are_empty_where_nothing_moves(folder, tmp_path):
     """Promise: recordings of still scenes and of moving objects make one dataset; each window has
     the mask and the occlusion of its own time."""

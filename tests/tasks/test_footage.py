@@ -19,6 +19,7 @@ from tasks.errors import TaskError
 from tasks.events.footage_simulation import simulate_footage
 from tasks.events.simulation import SimulationOptions
 from tasks.footage import open_footage
+from tasks.footage.images import list_images
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px
 
@@ -55,6 +56,14 @@ def write_video(path, planes, *, times=None, codec="ffv1", pixels="yuv444p", mat
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     return path
+
+
+def test_images_are_in_the_order_of_their_numbers(tmp_path):
+    """Promise: 10 follows 9, and names of one number have an order too, on any machine."""
+    for name in ("a10", "a9", "a09", "b1", "a1"):
+        (tmp_path / f"{name}.png").touch()
+    found = [file.stem for file in list_images(tmp_path)]
+    assert found == ["a1", "a09", "a9", "a10", "b1"]
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -344,6 +344,14 @@ def ends_before_it_starts(made, folder):
     return ["--frames", frames], "expected its end after its start"
 
 
+def time_beyond_any_clock(made, folder):
+    frames = made.write_frames(folder / "frames")
+    lines = (frames / "frames.csv").read_text().splitlines()
+    lines[2] = f"{10**30},{10**30},010.png"
+    (frames / "frames.csv").write_text("\n".join(lines))
+    return ["--frames", frames], "frames.csv:3: found '1000000000000"
+
+
 def missing_file(made, folder):
     frames = made.write_frames(folder / "frames")
     (frames / "020.png").unlink()
@@ -368,6 +376,7 @@ def needs_an_image(made, folder):
 
 
 BAD = (wrong_size, other_clock, no_times, no_unit, ends_before_it_starts, missing_file)
+BAD += (time_beyond_any_clock,)
 BAD += (both_shifts, frames_forgotten, short, needs_an_image)
 
 
