@@ -164,7 +164,7 @@ def _show_scores(run: Path) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
     from tasks.cli.comparison import to_rich
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.scores import read_config, scores_of_run
+    from tasks.study.results.run_files import read_config, scores_of_run
     from tasks.study.results.words import PACKAGED, join_words, photoreceptor_label
 
     (scores, *others), *readings = scores_of_run(run).values()
@@ -192,8 +192,8 @@ def _show_claims(*runs: Path) -> None:
     from tasks.provenance import differing_software
     from tasks.study.claims.judge import changed_verdicts, judge_readings
     from tasks.study.claims.verdict import Status, threshold_note
+    from tasks.study.results.run_files import read_config, scores_of_run
     from tasks.study.results.scaling import read_scaling
-    from tasks.study.results.scores import read_config, scores_of_run
     from tasks.study.results.words import photoreceptor_label
 
     marks = {

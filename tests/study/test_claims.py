@@ -19,9 +19,10 @@ from tasks.study.claims.numbers import Number, SceneScores, estimated
 from tasks.study.claims.statistics import DAY, SceneCell, event_rate, lead, margin, smallest
 from tasks.study.claims.verdict import Status, settled, status_of
 from tasks.study.results.bootstrap import DRAWS
+from tasks.study.results.cells import Condition
 from tasks.study.results.intervals import Estimate, Medians, estimate
 from tasks.study.results.paper import WIDTHS
-from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.scores import Scores
 
 NUMBERS = (3, 4, 5, 6, 7, 8, 9)
 

@@ -18,7 +18,8 @@ from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.config import preset
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Scores, scores_of_run
+from tasks.study.results.run_files import scores_of_run
+from tasks.study.results.scores import Scores
 
 E2VID = Series("video", "e2vid", "psnr_db")
 ERAFT = Series("dense_flow", "eraft", "rnepe_px")

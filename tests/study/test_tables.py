@@ -18,9 +18,11 @@ from tasks.cli.comparison import to_rich
 from tasks.errors import ResultError
 from tasks.row import Row, write_rows
 from tasks.study.report.tables_csv import to_csv
+from tasks.study.results.cells import Condition
 from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Condition, Scores, scores_of_run
+from tasks.study.results.run_files import scores_of_run
+from tasks.study.results.scores import Scores
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 

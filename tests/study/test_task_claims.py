@@ -12,10 +12,11 @@ from study_rows import CM, EI, EPF, EPPT, FAST, HF, Change, nothing_rows, paper_
 from tasks.row import Row
 from tasks.study.claims.verdict import Status
 from tasks.study.results.bootstrap import DRAWS, resampled_medians
+from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import judged_series, shown_series
-from tasks.study.results.scores import Cell, Condition, Scores
+from tasks.study.results.scores import Scores
 
 SERIES = {10: HF, 12: EPF, 13: EPF, 14: EPF, 15: CM, 16: CM, 18: EPPT, 19: EPPT, 20: EPPT}
 INF = math.inf

@@ -24,7 +24,8 @@ from tasks.study.report.tables_csv import to_csv
 from tasks.study.results.comparison import comparison_table
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
-from tasks.study.results.scores import Scores, by_threshold, scores_of_run
+from tasks.study.results.run_files import scores_of_run
+from tasks.study.results.scores import Scores, by_threshold
 from tasks.study.results.words import capitalized
 
 GAIN_DB = {0.2: 0.0, 0.1: 1.0, 0.4: -3.0}

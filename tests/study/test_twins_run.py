@@ -7,8 +7,9 @@ import pytest
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.training import TRAINING_CLAIMS
+from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.scores import Scores
 from tasks.study.results.words import cutoff_label
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -11,11 +11,12 @@ from tasks.registry import TASKS
 from tasks.study.claims.claim import Claim, scope_text
 from tasks.study.claims.verdict import Status, Verdict, settled
 from tasks.study.results.asked import MetersPerSecond
+from tasks.study.results.cells import Condition
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.scaling import Scaling
-from tasks.study.results.scores import Condition, Scores, base_speed
+from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import cutoff_label, join_words, speed_label
 
 

@@ -20,9 +20,9 @@ from tasks.study.claims.statistics import (
     smallest,
     smallest_fall,
 )
+from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CUTOFFS_HZ, SPEEDS, WIDTHS
-from tasks.study.results.scores import Condition
 from tasks.study.results.words import capitalized, cutoff_label
 
 PHOTOMETRIC = Series("flow", "photometric_flow", "rnepe_px")

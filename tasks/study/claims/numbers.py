@@ -12,11 +12,12 @@ from tasks.metric import Metric
 from tasks.registry import TASKS
 from tasks.study.claims.statistics import Extreme, SceneCell, Statistic, lead
 from tasks.study.claims.verdict import Status, settled
+from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import TAILS, Estimate, estimate
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import WIDTHS
 from tasks.study.results.scaling import Scaling
-from tasks.study.results.scores import Cell, Condition, Scores, paper_scores
+from tasks.study.results.scores import Scores, paper_scores
 from tasks.study.results.words import cutoff_label
 
 

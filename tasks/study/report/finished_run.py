@@ -21,8 +21,9 @@ from tasks.study.results.bandwidth import usual_bus_hz
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import shown_series
 from tasks.study.results.previews import Preview
+from tasks.study.results.run_files import read_config, scores_of_run
 from tasks.study.results.scaling import Scaling, read_scaling
-from tasks.study.results.scores import Scores, read_config, scores_of_run
+from tasks.study.results.scores import Scores
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 

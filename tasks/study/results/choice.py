@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from tasks.metric import Metric
 from tasks.registry import TASKS
 from tasks.study.results.bandwidth import capacities_hz
+from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Cell, Condition, Scores
+from tasks.study.results.scores import Scores
 
 
 @dataclass(frozen=True, slots=True)

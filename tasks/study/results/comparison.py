@@ -7,11 +7,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
+from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.choice import pick
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import CONTRAST_THRESHOLD, source
 from tasks.study.results.perturbation import is_main, shown_series
-from tasks.study.results.scores import Cell, Condition, Scores, base_speed, beats
+from tasks.study.results.scores import Scores, base_speed, beats
 from tasks.study.results.words import (
     MISSING,
     capitalized,

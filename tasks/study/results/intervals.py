@@ -17,7 +17,7 @@ from scipy.stats import norm, t
 
 from tasks.metric import number_text
 from tasks.study.results.bootstrap import resampled_medians
-from tasks.study.results.scores import Cell
+from tasks.study.results.cells import Cell
 
 MIN_SAMPLES_FOR_INTERVAL = 6
 """With 6 or more samples, the smallest and the largest enclose the median with 95 % probability;

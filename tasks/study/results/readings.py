@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tasks.registry import TASKS
+from tasks.study.results.cells import Condition
 from tasks.study.results.choice import Choice, choose
 from tasks.study.results.intervals import Estimate, estimate
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.scores import Scores
 
 
 @dataclass(frozen=True, slots=True)

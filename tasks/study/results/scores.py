@@ -6,21 +6,16 @@ import math
 import re
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from itertools import combinations
-from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from functools import cache
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from eres_render.storage.settings_reader import differences, read_json, read_typed
 from tasks.errors import ResultError
 from tasks.registry import TASKS
-from tasks.row import Row, read_rows
+from tasks.row import Row
 from tasks.study.results.asked import MetersPerSecond, light_of, speed_of
-from tasks.study.results.bootstrap import resampled_medians
+from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import (
     CONTRAST_THRESHOLD,
@@ -30,193 +25,6 @@ from tasks.study.results.paper import (
 )
 
 Value = TypeVar("Value", bound=Hashable)
-
-# The kinds of what is read from study.json; a run may leave each of them out.
-_KINDS: dict[str, Any] = {
-    "question": str | None,
-    "render": dict[str, Any],
-    "evaluate": dict[str, Any],
-    "base_m_per_s": dict[str, float],
-    "jobs": tuple[Any, ...],
-}
-
-
-class Condition(NamedTuple):
-    """A scene and a sensor setting."""
-
-    scene: str
-    width: int  # px
-    cutoff_hz: float  # `CutoffInLux` where the study asks in lux
-    speed: float  # factor on the base speed; `MetersPerSecond` where the study asks in m/s
-
-
-@dataclass(frozen=True, eq=False)
-class Cell:
-    """All values of one series under one condition. A sample has one or more of them.
-
-    Attributes
-    ----------
-    scene
-        Scene of the samples; it seeds the bootstrap.
-    values : (N,) float64
-        Finite scores in the metric's unit, in the order of samples and items.
-    event_rates_hz : (N,) float64
-        Events per second of the whole sensor, for each value.
-    failed : (N,) bool
-        Whether the method gave up or ended far off. The value is then that of its starting point
-        or of its end; it counts too.
-    sample : (N,) int64
-        Sample of each value, counted from 0.
-    training : (N,) int64
-        Run of each value, counted from 0, where several runs differ in the weights of networks.
-    expected : int
-        Number of values in a complete cell of the series on this scene.
-    """
-
-    scene: str
-    values: NDArray[np.float64]
-    event_rates_hz: NDArray[np.float64]
-    failed: NDArray[np.bool_]
-    sample: NDArray[np.int64]
-    training: NDArray[np.int64]
-    expected: int
-
-    @property
-    def complete(self) -> bool:
-        """Whether no expected value is missing; only complete cells have medians."""
-        return len(self.values) == self.expected > 0
-
-    @property
-    def samples(self) -> int:
-        """Number of samples."""
-        return len(np.unique(self.sample))
-
-    @property
-    def trainings(self) -> int:
-        """Number of runs that differ in the weights of networks."""
-        return int(self.training.max()) + 1
-
-    @cached_property
-    def median(self) -> float | None:
-        """Median score, or None if values are missing, as survivors alone would bias it."""
-        return float(np.median(self.values)) if self.complete else None
-
-    @cached_property
-    def event_rate_hz(self) -> float | None:
-        """Median event rate of the whole sensor, events per second; None if values are missing."""
-        return float(np.median(self.event_rates_hz)) if self.complete else None
-
-    @property
-    def failure_share(self) -> float | None:
-        """Share of the values where the method failed, or None if values are missing."""
-        return float(np.mean(self.failed)) if self.complete else None
-
-    @cached_property
-    def resampled(self) -> NDArray[np.float64]:
-        """Median scores of bootstrap draws of samples and trainings, (draws,) float64."""
-        return resampled_medians(self.values, self.sample, self.training, self.scene)
-
-    @cached_property
-    def resampled_rates_hz(self) -> NDArray[np.float64]:
-        """Median event rates of bootstrap draws of samples and trainings, (draws,) float64."""
-        return resampled_medians(self.event_rates_hz, self.sample, self.training, self.scene)
-
-
-def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
-    """Read the scores of a run, as `by_photoreceptor` returns them.
-
-    Parameters
-    ----------
-    folders
-        The run's folder; or those of several runs of one study with other weights of its networks,
-        whose values are then those of one run.
-
-    Raises
-    ------
-    ResultError
-        Two runs differ in more than weights, or as `read_rows`, `read_config` and `Scores` raise
-        it.
-    """
-    found = [read_rows(folder / "rows.parquet") for folder in folders]
-    configs = [read_config(folder) for folder in folders]
-    for (before, of_before), (folder, config) in combinations(
-        zip(folders, configs, strict=True), 2
-    ):
-        _check_joined(config, folder / "study.json", of_before, before)
-    rows = found[0]
-    if len(folders) > 1:
-        rows = [
-            replace(row, item=row.item * len(folders) + training)
-            for training, of_one in enumerate(found)
-            for row in of_one
-        ]
-    render = configs[0].get("render", {})
-    square = render.get("height") in (None, render.get("resolution"))
-    try:
-        return by_photoreceptor(rows, square=square, trainings=len(folders))
-    except ResultError as error:
-        files = ", ".join(str(folder / "rows.parquet") for folder in folders)
-        raise ResultError(f"{files}: {error}") from None
-
-
-def read_config(folder: Path) -> dict[str, Any]:
-    """Read the study of a run.
-
-    Parameters
-    ----------
-    folder
-        The run's folder.
-
-    Returns
-    -------
-    The content of its study.json.
-
-    Raises
-    ------
-    ResultError
-        The file is missing or damaged, or something that is read from it is of the wrong kind.
-    """
-    file = folder / "study.json"
-    found = read_json(dict[str, Any], file, ResultError)
-    for name in _KINDS.keys() & found.keys():
-        read_typed(_KINDS[name], found[name], file, ResultError, name)
-    return found
-
-
-def _check_joined(
-    config: dict[str, Any], file: Path, of_other: dict[str, Any], other: Path
-) -> None:
-    """Refuse to join a run with another one that does not differ in weights, or in more."""
-    if config.get("jobs") == of_other.get("jobs"):
-        raise ResultError(f"{file}: found the jobs of {other}, expected those of other weights")
-    if _weights(config) == _weights(of_other):
-        raise ResultError(
-            f"{file}: weights: found those of {other}, expected others: runs that are joined "
-            "differ in the weights of networks"
-        )
-    for name, here, there in differences(_without_weights(config), _without_weights(of_other)):
-        raise ResultError(
-            f"{file}: {name}: found {here!r}, expected {there!r} as in {other}: runs that are "
-            "joined may differ only in the weights of networks"
-        )
-
-
-def _weights(config: dict[str, Any]) -> dict[str, Any]:
-    """Return the weights of each task that a run was given."""
-    tasks = config.get("evaluate", {})
-    return {name: task.get("weights") for name, task in tasks.items() if isinstance(task, dict)}
-
-
-def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
-    """Return what decides a run's rows, except for weights."""
-    evaluate = {
-        name: {k: v for k, v in value.items() if k != "weights"}
-        if isinstance(value, dict)
-        else value
-        for name, value in config.get("evaluate", {}).items()
-    }
-    left_out = "name", "question", "jobs", "evaluate"
-    return {name: config[name] for name in config if name not in left_out} | {"evaluate": evaluate}
 
 
 def by_photoreceptor(
@@ -377,61 +185,48 @@ class Scores:
         first = next((row for row in rows if not row.sensor), rows[0])
         self.contrast_threshold = contrast_threshold or first.contrast_threshold
         self.photoreceptor = photoreceptor or first.photoreceptor
-        names: dict[int, str] = {}
-        self.contrast_thresholds: dict[int, float] = {}
-        self._rows: dict[Series, dict[Condition, _Values]] = {}
-        self.buses_hz: dict[int, float] = {}
-        self.dropped: dict[int, float] = {}
-        cells: dict[tuple[str | int | float, ...], _Values] = {}
-        for row in rows:
-            if names.setdefault(row.width, row.sensor) != row.sensor:
-                raise ResultError(
-                    f"found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} "
-                    "px, expected one of each width"
-                )
-            if not row.sensor and row.contrast_threshold != self.contrast_threshold:
-                raise ResultError(
-                    f"found contrast thresholds {self.contrast_threshold:g} and "
-                    f"{row.contrast_threshold:g}, expected one"
-                )
-            if not row.sensor and row.photoreceptor != self.photoreceptor:
-                raise ResultError(
-                    f"found photoreceptors {self.photoreceptor} and {row.photoreceptor}, "
-                    "expected one"
-                )
-            self.contrast_thresholds[row.width] = row.contrast_threshold
-            if row.bus_mev_s < math.inf:
-                self.buses_hz[row.width] = 1e6 * row.bus_mev_s
-                self.dropped[row.width] = max(row.dropped, self.dropped.get(row.width, 0.0))
-            key = (row.task, row.method, row.metric, row.variant)
-            where = (row.scene, row.width, light_of(row), speed_of(row))
-            values = cells.get(key + where)
-            if values is None:
-                _check_known(row)
-                of_series = self._rows.setdefault(Series(*key), {})
-                values = cells[key + where] = of_series.setdefault(Condition(*where), {})
-            if (row.sample, row.item) in values:
-                raise ResultError(
-                    f"found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
-                    f"{Condition(*where)}, expected one"
-                )
-            values[row.sample, row.item] = row
+        names = _names(rows)
         self.sensor_names = {width: name for width, name in sorted(names.items()) if name}
+        self.contrast_thresholds = {row.width: row.contrast_threshold for row in rows}
+        on_bus = [row for row in rows if row.bus_mev_s < math.inf]
+        self.buses_hz = {row.width: 1e6 * row.bus_mev_s for row in on_bus}
+        self.dropped = dict.fromkeys(self.buses_hz, 0.0)
+        for row in on_bus:
+            self.dropped[row.width] = max(row.dropped, self.dropped[row.width])
+        for row in rows:
+            self._check_sensor(row)
+        self._rows = _grouped(rows)
         lights = {where.cutoff_hz for found in self._rows.values() for where in found}
         self.asks_as_paper = square and not self.sensor_names and has_sensors(names, lights)
-        self._expected: dict[tuple[Series, str], list[tuple[int, int]]] = {}
-        for series, conditions in self._rows.items():
-            for scene in {condition.scene for condition in conditions}:
-                found = {
-                    (sample, item // trainings * trainings + training)
-                    for c, values in conditions.items()
-                    if c.scene == scene
-                    for sample, item in values
-                    for training in range(trainings)
-                }
-                self._expected[series, scene] = sorted(found)
+        self._expected = self._expected_items()
         self._cells: dict[tuple[Series, Condition], Cell] = {}
         self._baselines: dict[tuple[Series, Condition], Cell] = {}
+
+    def _check_sensor(self, row: Row) -> None:
+        """Refuse a sensor without a name that has another threshold or photoreceptor."""
+        if row.sensor:
+            return
+        if row.contrast_threshold != self.contrast_threshold:
+            raise ResultError(
+                f"found contrast thresholds {self.contrast_threshold:g} and "
+                f"{row.contrast_threshold:g}, expected one"
+            )
+        if row.photoreceptor != self.photoreceptor:
+            raise ResultError(
+                f"found photoreceptors {self.photoreceptor} and {row.photoreceptor}, expected one"
+            )
+
+    def _expected_items(self) -> dict[tuple[Series, str], list[tuple[int, int]]]:
+        """Return sample and item of every row that a complete cell of a series has on a scene."""
+        found: dict[tuple[Series, str], set[tuple[int, int]]] = {}
+        for series, conditions in self._rows.items():
+            for condition, values in conditions.items():
+                found.setdefault((series, condition.scene), set()).update(
+                    (sample, item // self._trainings * self._trainings + training)
+                    for sample, item in values
+                    for training in range(self._trainings)
+                )
+        return {key: sorted(items) for key, items in found.items()}
 
     def series(self) -> list[Series]:
         """Return all series except the do-nothing baselines, in the order of the rows."""
@@ -587,6 +382,39 @@ class Scores:
             training=np.array([item % self._trainings for _, item in kept], dtype=np.int64),
             expected=len(expected),
         )
+
+
+def _names(rows: Iterable[Row]) -> dict[int, str]:
+    """Return the name of the sensor of each width, px; each width is of one sensor."""
+    names: dict[int, str] = {}
+    for row in rows:
+        if names.setdefault(row.width, row.sensor) != row.sensor:
+            raise ResultError(
+                f"found sensors {names[row.width]!r} and {row.sensor!r} of {row.width} px, "
+                "expected one of each width"
+            )
+    return names
+
+
+def _grouped(rows: Iterable[Row]) -> dict[Series, dict[Condition, _Values]]:
+    """Return the rows of each series and condition by sample and item."""
+    groups: dict[Series, dict[Condition, _Values]] = {}
+    of_cell: dict[tuple[str | int | float, ...], _Values] = {}  # by plain tuples, as there are many
+    for row in rows:
+        key = (row.task, row.method, row.metric, row.variant)
+        where = (row.scene, row.width, light_of(row), speed_of(row))
+        values = of_cell.get(key + where)
+        if values is None:
+            _check_known(row)
+            of_series = groups.setdefault(Series(*key), {})
+            values = of_cell[key + where] = of_series.setdefault(Condition(*where), {})
+        if (row.sample, row.item) in values:
+            raise ResultError(
+                f"found two of sample {row.sample}, item {row.item} of {Series(*key)}, "
+                f"{Condition(*where)}, expected one"
+            )
+        values[row.sample, row.item] = row
+    return groups
 
 
 def _check_known(row: Row) -> None:

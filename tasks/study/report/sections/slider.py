@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from tasks.registry import TASKS
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Rows, Table, Text, score_text
+from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper_slider import (
     NOTHING_MM,
@@ -16,7 +17,7 @@ from tasks.study.results.paper_slider import (
     slider_scores,
     worse_than_nothing,
 )
-from tasks.study.results.scores import Condition, Scores
+from tasks.study.results.scores import Scores
 from tasks.study.results.slider import (
     BASE_SPEED_M_PER_S,
     FIELD_PX,

@@ -8,9 +8,10 @@ from tasks.registry import TASKS
 from tasks.study.report.plot import Line, Panel, Plot, width_keys
 from tasks.study.report.sections.tradeoff import score_plot, score_point
 from tasks.study.report.table import Rows, Table, Text, cutoff_text, score_text
+from tasks.study.results.cells import Condition
 from tasks.study.results.choice import choose
 from tasks.study.results.metrics import Series
-from tasks.study.results.scores import Condition, Scores, base_speed
+from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import MISSING, PACKAGED, BaseSpeeds, rate_label, share_text
 
 Comparison = tuple[Plot, Table, Table]

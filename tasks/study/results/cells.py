@@ -1,0 +1,93 @@
+"""Cells of a run's scores: one method under one condition, over all samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tasks.study.results.bootstrap import resampled_medians
+
+
+class Condition(NamedTuple):
+    """A scene and a sensor setting."""
+
+    scene: str
+    width: int  # px
+    cutoff_hz: float  # `CutoffInLux` where the study asks in lux
+    speed: float  # factor on the base speed; `MetersPerSecond` where the study asks in m/s
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """All values of one series under one condition. A sample has one or more of them.
+
+    Attributes
+    ----------
+    scene
+        Scene of the samples; it seeds the bootstrap.
+    values : (N,) float64
+        Finite scores in the metric's unit, in the order of samples and items.
+    event_rates_hz : (N,) float64
+        Events per second of the whole sensor, for each value.
+    failed : (N,) bool
+        Whether the method gave up or ended far off. The value is then that of its starting point
+        or of its end; it counts too.
+    sample : (N,) int64
+        Sample of each value, counted from 0.
+    training : (N,) int64
+        Run of each value, counted from 0, where several runs differ in the weights of networks.
+    expected : int
+        Number of values in a complete cell of the series on this scene.
+    """
+
+    scene: str
+    values: NDArray[np.float64]
+    event_rates_hz: NDArray[np.float64]
+    failed: NDArray[np.bool_]
+    sample: NDArray[np.int64]
+    training: NDArray[np.int64]
+    expected: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether no expected value is missing; only complete cells have medians."""
+        return len(self.values) == self.expected > 0
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(np.unique(self.sample))
+
+    @property
+    def trainings(self) -> int:
+        """Number of runs that differ in the weights of networks."""
+        return int(self.training.max()) + 1
+
+    @cached_property
+    def median(self) -> float | None:
+        """Median score, or None if values are missing, as survivors alone would bias it."""
+        return float(np.median(self.values)) if self.complete else None
+
+    @cached_property
+    def event_rate_hz(self) -> float | None:
+        """Median event rate of the whole sensor, events per second; None if values are missing."""
+        return float(np.median(self.event_rates_hz)) if self.complete else None
+
+    @property
+    def failure_share(self) -> float | None:
+        """Share of the values where the method failed, or None if values are missing."""
+        return float(np.mean(self.failed)) if self.complete else None
+
+    @cached_property
+    def resampled(self) -> NDArray[np.float64]:
+        """Median scores of bootstrap draws of samples and trainings, (draws,) float64."""
+        return resampled_medians(self.values, self.sample, self.training, self.scene)
+
+    @cached_property
+    def resampled_rates_hz(self) -> NDArray[np.float64]:
+        """Median event rates of bootstrap draws of samples and trainings, (draws,) float64."""
+        return resampled_medians(self.event_rates_hz, self.sample, self.training, self.scene)

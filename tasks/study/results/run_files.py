@@ -1,0 +1,119 @@
+"""Read the scores and the study of a run from its folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+from eres_render.storage.settings_reader import differences, read_json, read_typed
+from tasks.errors import ResultError
+from tasks.row import read_rows
+from tasks.study.results.scores import Scores, by_photoreceptor
+
+# The kinds of what is read from study.json; a run may leave each of them out.
+_KINDS: dict[str, Any] = {
+    "question": str | None,
+    "render": dict[str, Any],
+    "evaluate": dict[str, Any],
+    "base_m_per_s": dict[str, float],
+    "jobs": tuple[Any, ...],
+}
+
+
+def scores_of_run(*folders: Path) -> dict[str, list[Scores]]:
+    """Read the scores of a run, as `by_photoreceptor` returns them.
+
+    Parameters
+    ----------
+    folders
+        The run's folder; or those of several runs of one study with other weights of its networks,
+        whose values are then those of one run.
+
+    Raises
+    ------
+    ResultError
+        Two runs differ in more than weights, or as `read_rows`, `read_config` and `Scores` raise
+        it.
+    """
+    found = [read_rows(folder / "rows.parquet") for folder in folders]
+    configs = [read_config(folder) for folder in folders]
+    for (before, of_before), (folder, config) in combinations(
+        zip(folders, configs, strict=True), 2
+    ):
+        _check_joined(config, folder / "study.json", of_before, before)
+    rows = found[0]
+    if len(folders) > 1:
+        rows = [
+            replace(row, item=row.item * len(folders) + training)
+            for training, of_one in enumerate(found)
+            for row in of_one
+        ]
+    render = configs[0].get("render", {})
+    square = render.get("height") in (None, render.get("resolution"))
+    try:
+        return by_photoreceptor(rows, square=square, trainings=len(folders))
+    except ResultError as error:
+        files = ", ".join(str(folder / "rows.parquet") for folder in folders)
+        raise ResultError(f"{files}: {error}") from None
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Read the study of a run.
+
+    Parameters
+    ----------
+    folder
+        The run's folder.
+
+    Returns
+    -------
+    The content of its study.json.
+
+    Raises
+    ------
+    ResultError
+        The file is missing or damaged, or something that is read from it is of the wrong kind.
+    """
+    file = folder / "study.json"
+    found = read_json(dict[str, Any], file, ResultError)
+    for name in _KINDS.keys() & found.keys():
+        read_typed(_KINDS[name], found[name], file, ResultError, name)
+    return found
+
+
+def _check_joined(
+    config: dict[str, Any], file: Path, of_other: dict[str, Any], other: Path
+) -> None:
+    """Refuse to join a run with another one that does not differ in weights, or in more."""
+    if config.get("jobs") == of_other.get("jobs"):
+        raise ResultError(f"{file}: found the jobs of {other}, expected those of other weights")
+    if _weights(config) == _weights(of_other):
+        raise ResultError(
+            f"{file}: weights: found those of {other}, expected others: runs that are joined "
+            "differ in the weights of networks"
+        )
+    for name, here, there in differences(_without_weights(config), _without_weights(of_other)):
+        raise ResultError(
+            f"{file}: {name}: found {here!r}, expected {there!r} as in {other}: runs that are "
+            "joined may differ only in the weights of networks"
+        )
+
+
+def _weights(config: dict[str, Any]) -> dict[str, Any]:
+    """Return the weights of each task that a run was given."""
+    tasks = config.get("evaluate", {})
+    return {name: task.get("weights") for name, task in tasks.items() if isinstance(task, dict)}
+
+
+def _without_weights(config: dict[str, Any]) -> dict[str, Any]:
+    """Return what decides a run's rows, except for weights."""
+    evaluate = {
+        name: {k: v for k, v in value.items() if k != "weights"}
+        if isinstance(value, dict)
+        else value
+        for name, value in config.get("evaluate", {}).items()
+    }
+    left_out = "name", "question", "jobs", "evaluate"
+    return {name: config[name] for name in config if name not in left_out} | {"evaluate": evaluate}
