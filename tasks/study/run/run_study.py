@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import json
 import logging
-from collections.abc import Collection
-from itertools import chain
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from eres_render import Scene, list_scenes, load_scene
 from eres_render.errors import nearest
 from eres_render.progress import Progress, silent
-from eres_render.storage.atomic import write_bytes
-from eres_render.storage.settings_reader import read_json
-from tasks.errors import ResultError, StudyError
+from tasks.errors import StudyError
 from tasks.evaluation.settings import check_methods
-from tasks.provenance import check_renderer, command, together
-from tasks.row import Row, read_rows, write_rows
+from tasks.row import Row
 from tasks.study.config import Study, to_json
-from tasks.study.results.scaling import Scaling
 from tasks.study.run.estimate import estimate_work
 from tasks.study.run.jobs import Job, QueuedJob, jobs_of, trials
+from tasks.study.run.run_folder import RunFolder
 from tasks.study.run.scheduler import Scheduler, open_scheduler
 
 _log = logging.getLogger(__name__)
@@ -63,11 +58,10 @@ def run_study(
     Raises
     ------
     StudyError
-        The study asks for something impossible, `out` is a file, the cluster cannot be reached or
-        has other code or scenes, or, unless `mix`, Mitsuba or the device differs from that of the
-        finished jobs.
+        The study asks for something impossible, `out` is a file, the cluster has other code or
+        scenes, or, unless `mix`, Mitsuba or the device differs from that of the finished jobs.
     TaskError
-        A method does not exist or is for another task.
+        A method does not exist or is for another task, or the cluster cannot be reached.
     MethodError
         A method raises, or returns no valid answer. Methods of the user's own are tried on one
         sample before all jobs.
@@ -75,50 +69,35 @@ def run_study(
         As the stages raise them. Files under their final names are complete even then.
     """
     with open_scheduler(scheduler) as computing:
-        models = [model for *_, model in study.simulate.models(study.render)]
-        speeds_asked = study.simulate.speeds_m_s or study.simulate.speeds
-        check_methods(study.evaluate, [(m.width, m.height) for m in models] * len(speeds_asked))
+        _check_methods(study)
         scenes = _scenes(study)
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
-        highlighted = {
-            job.scene.name: job for job in reversed(work.values())
-        }  # the first of each scene
-        if out.exists() and not out.is_dir():
-            raise StudyError(f"{out}: found a file, expected a folder for the run")
-        rows_of = _rows_so_far(out / "parts", work)
-        to_do = []
-        for key, job in work.items():
-            is_first = job is highlighted[job.scene.name]
-            if key not in rows_of or (is_first and not _has_highlights(out, job.scene.name, key)):
-                to_do.append(QueuedJob(job, key, is_first))
-        so_far = _environment_so_far(out / "environment.json") if rows_of else {}
-        if to_do:
-            if not mix:
-                check_renderer(so_far, computing.environment())
-            _log.info("%s", estimate_work([queued.job for queued in to_do], computing.cores).text())
-            new = trials(study, [queued.job for queued in to_do], [work[key] for key in rows_of])
+        folder = RunFolder(out, work, mix=mix)
+        resolved = _resolved(study, scenes, work)
+        if to_do := folder.to_do():
+            folder.check(computing.environment())
+            jobs = [queued.job for queued in to_do]
+            _log.info("%s", estimate_work(jobs, computing.cores).text())
+            new = trials(study, jobs, [work[key] for key in folder.finished])
             _try_own_methods(new, computing, on_progress)
-        speeds = {
-            one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes
-        }
-        resolved = {**to_json(study), "base_m_per_s": speeds, "jobs": list(work)}
-        if not (out / "rows.parquet").exists():  # otherwise it describes the rows there
-            write_bytes(out / "study.json", _json(resolved))
+        folder.describe(resolved)
         counted = _counted(on_progress, len(work) - len(to_do), len(work))
         for queued, computed in computing.compute(to_do, counted):
-            if not mix:  # workers of a cluster differ
-                check_renderer(so_far, computed.environment)
-            for name, data in computed.files.items():
-                write_bytes(out / name, data)
-            so_far = together([so_far, computed.environment])
-            write_bytes(out / "environment.json", _json({"command": command(), **so_far}))
-            write_rows(_rows_file(out / "parts", queued.key), computed.rows)
-            rows_of[queued.key] = computed.rows
-    _write_preview_index(out / "previews", list(highlighted))
-    rows = list(chain.from_iterable(rows_of[key] for key in work))
-    write_rows(out / "rows.parquet", rows)
-    write_bytes(out / "study.json", _json(resolved))
-    return rows
+            folder.keep(queued, computed)
+    return folder.finish(resolved)
+
+
+def _check_methods(study: Study) -> None:
+    """Refuse methods that do not exist, or whose networks do not fit the sensors."""
+    sizes = [(one.width, one.height) for *_, one in study.simulate.models(study.render)]
+    speeds = study.simulate.speeds_m_s or study.simulate.speeds
+    check_methods(study.evaluate, sizes * len(speeds))
+
+
+def _resolved(study: Study, scenes: Iterable[Scene], jobs: Iterable[str]) -> dict[str, Any]:
+    """Return the study with its defaults, the mean speeds of the cameras, and the keys of jobs."""
+    speeds = {one.name: round(one.trajectory().mean_speed_mps(one.duration_s), 6) for one in scenes}
+    return {**to_json(study), "base_m_per_s": speeds, "jobs": list(jobs)}
 
 
 def _scenes(study: Study) -> list[Scene]:
@@ -180,59 +159,3 @@ def _counted(on_progress: Progress, found: int, total: int) -> Progress:
         on_progress(f"{found + int(done)}/{total} jobs: {stage}", found + done, total)
 
     return counted
-
-
-def _rows_file(folder: Path, key: str) -> Path:
-    return folder / f"{key}.parquet"
-
-
-def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
-    """Return the rows of finished jobs by key; warn of damaged and of unused files."""
-    rows_of = {}
-    for key in work:
-        file = _rows_file(folder, key)
-        if file.exists():
-            try:
-                rows_of[key] = read_rows(file)
-            except ResultError as error:
-                _log.warning("%s; the job is computed again", error)
-    strangers = {file.stem for file in folder.glob("*.parquet")} - set(work)
-    if strangers:
-        one = len(strangers) == 1
-        _log.warning(
-            "%s: %d %s of another study or version %s not used",
-            *(folder, len(strangers), "job" if one else "jobs", "is" if one else "are"),
-        )
-    return rows_of
-
-
-def _environment_so_far(file: Path) -> dict[str, str]:
-    """Return the environment of earlier starts, without their command."""
-    if not file.exists():
-        return {}
-    try:
-        found = read_json(dict[str, str], file, ResultError)
-    except ResultError as error:
-        _log.warning("%s; the provenance of the finished jobs is lost", error)
-        return {}
-    return {name: value for name, value in found.items() if name != "command"}
-
-
-def _has_highlights(out: Path, scene: str, key: str) -> bool:
-    """Return whether the run has the highlights of a scene, made by this job."""
-    try:
-        read_json(Any, out / "previews" / f"{scene}.json", ResultError)
-        found = read_json(Scaling, out / "scaling" / f"{scene}.json", ResultError)
-    except ResultError:
-        return False
-    return found.job == key
-
-
-def _write_preview_index(folder: Path, scene_names: list[str]) -> None:
-    files = (folder / f"{name}.json" for name in scene_names)
-    index = chain.from_iterable(read_json(tuple[Any, ...], file, ResultError) for file in files)
-    write_bytes(folder / "index.json", _json(list(index)))
-
-
-def _json(value: Any) -> bytes:
-    return json.dumps(value, indent=1).encode()

@@ -54,7 +54,7 @@ def open_scheduler(address: str | None) -> Iterator[Scheduler]:
 
     Raises
     ------
-    StudyError
+    TaskError
         As `connected` raises it.
     """
     if address is None:

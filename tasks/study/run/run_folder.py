@@ -1,0 +1,183 @@
+"""The folder of a run: what earlier starts have finished, and what this one adds."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Collection, Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from eres_render.storage.atomic import write_bytes
+from eres_render.storage.settings_reader import read_json
+from tasks.errors import ResultError, StudyError
+from tasks.provenance import check_renderer, command, together
+from tasks.row import Row, read_rows, write_rows
+from tasks.study.results.scaling import Scaling
+from tasks.study.run.compute import ComputedJob
+from tasks.study.run.jobs import Job, QueuedJob
+
+_log = logging.getLogger(__name__)
+
+
+class RunFolder:
+    """The files of a run.
+
+    Parameters
+    ----------
+    folder
+        The folder, which may not exist.
+    jobs
+        All jobs of the study by their keys, in order.
+    mix
+        Whether the run may continue with another Mitsuba or device than it began with.
+
+    Raises
+    ------
+    StudyError
+        The folder is a file.
+    """
+
+    def __init__(self, folder: Path, jobs: Mapping[str, Job], *, mix: bool) -> None:
+        if folder.exists() and not folder.is_dir():
+            raise StudyError(f"{folder}: found a file, expected a folder for the run")
+        self._folder, self._jobs, self._mix = folder, jobs, mix
+        self._rows_of = _rows_so_far(folder / "parts", jobs)
+        self._environment = _environment_so_far(folder / "environment.json", bool(self._rows_of))
+        self._first: dict[str, str] = {}  # job of each scene, which makes its highlights
+        for key, job in jobs.items():
+            self._first.setdefault(job.scene.name, key)
+
+    @property
+    def finished(self) -> Collection[str]:
+        """Keys of the jobs whose rows are there."""
+        return self._rows_of.keys()
+
+    def to_do(self) -> list[QueuedJob]:
+        """Return the jobs that the folder lacks, or whose highlights it lacks."""
+        found = []
+        for key, job in self._jobs.items():
+            is_first = key == self._first[job.scene.name]
+            if key not in self._rows_of or (is_first and not self._has_highlights(job)):
+                found.append(QueuedJob(job, key, is_first))
+        return found
+
+    def check(self, environment: Mapping[str, str]) -> None:
+        """Check that Mitsuba and the device are those of the finished jobs.
+
+        Parameters
+        ----------
+        environment
+            That of this start, as `tasks.provenance.environment` returns it, or empty.
+
+        Raises
+        ------
+        StudyError
+            They differ, and may not be mixed.
+        """
+        if not self._mix:
+            check_renderer(self._environment, environment)
+
+    def describe(self, study: Mapping[str, Any]) -> None:
+        """Write study.json, unless there are rows, which it describes.
+
+        Parameters
+        ----------
+        study
+            The resolved study.
+        """
+        if not (self._folder / "rows.parquet").exists():
+            self._write("study.json", study)
+
+    def keep(self, queued: QueuedJob, computed: ComputedJob) -> None:
+        """Write what a job returned.
+
+        Parameters
+        ----------
+        queued
+            The job.
+        computed
+            Its rows and files.
+
+        Raises
+        ------
+        StudyError
+            It was computed with another Mitsuba or device than the jobs before it.
+        """
+        self.check(computed.environment)  # workers of a cluster differ
+        for name, data in computed.files.items():
+            write_bytes(self._folder / name, data)
+        self._environment = together([self._environment, computed.environment])
+        self._write("environment.json", {"command": command(), **self._environment})
+        write_rows(_rows_file(self._folder / "parts", queued.key), computed.rows)
+        self._rows_of[queued.key] = computed.rows
+
+    def finish(self, study: Mapping[str, Any]) -> list[Row]:
+        """Write the rows of all jobs, and what describes them.
+
+        Parameters
+        ----------
+        study
+            The resolved study.
+
+        Returns
+        -------
+        The rows, in the order of the jobs.
+        """
+        files = (self._folder / "previews" / f"{name}.json" for name in self._first)
+        index = chain.from_iterable(read_json(tuple[Any, ...], file, ResultError) for file in files)
+        self._write("previews/index.json", list(index))
+        rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
+        write_rows(self._folder / "rows.parquet", rows)
+        self._write("study.json", study)
+        return rows
+
+    def _has_highlights(self, job: Job) -> bool:
+        """Return whether the folder has the highlights of a job's scene, made by this job."""
+        name = f"{job.scene.name}.json"
+        try:
+            read_json(Any, self._folder / "previews" / name, ResultError)
+            found = read_json(Scaling, self._folder / "scaling" / name, ResultError)
+        except ResultError:
+            return False
+        return found.job == job.key
+
+    def _write(self, name: str, value: Any) -> None:
+        write_bytes(self._folder / name, json.dumps(value, indent=1).encode())
+
+
+def _rows_file(folder: Path, key: str) -> Path:
+    return folder / f"{key}.parquet"
+
+
+def _rows_so_far(folder: Path, work: Collection[str]) -> dict[str, list[Row]]:
+    """Return the rows of finished jobs by key; warn of damaged and of unused files."""
+    rows_of = {}
+    for key in work:
+        file = _rows_file(folder, key)
+        if file.exists():
+            try:
+                rows_of[key] = read_rows(file)
+            except ResultError as error:
+                _log.warning("%s; the job is computed again", error)
+    strangers = {file.stem for file in folder.glob("*.parquet")} - set(work)
+    if strangers:
+        one = len(strangers) == 1
+        _log.warning(
+            "%s: %d %s of another study or version %s not used",
+            *(folder, len(strangers), "job" if one else "jobs", "is" if one else "are"),
+        )
+    return rows_of
+
+
+def _environment_so_far(file: Path, has_rows: bool) -> dict[str, str]:
+    """Return the environment of earlier starts, without their command."""
+    if not has_rows or not file.exists():
+        return {}
+    try:
+        found = read_json(dict[str, str], file, ResultError)
+    except ResultError as error:
+        _log.warning("%s; the provenance of the finished jobs is lost", error)
+        return {}
+    return {name: value for name, value in found.items() if name != "command"}
