@@ -83,7 +83,14 @@ def study(
 
     from tasks.cli.progress_bar import progress_bar
     from tasks.methods.networks import named_weights
-    from tasks.study.config import check_compares, with_method, with_weights
+    from tasks.study.config import (
+        check_compares,
+        with_method,
+        with_photoreceptors,
+        with_resolution,
+        with_scenes,
+        with_weights,
+    )
     from tasks.study.config import preset as find_preset
     from tasks.study.report import write_report
     from tasks.study.run import run_study
@@ -95,36 +102,14 @@ def study(
             f"for the study of the file, or the file for preset {preset}"
         )
     chosen = find_preset(preset or "quick") if file is None else read_study(file)
-    given = {"samples": samples, "spp": spp, "resolution": resolution}
-    if resolution is not None and chosen.render.height is not None:
-        given["height"] = chosen.render.height_at(resolution)
-    rendering = replace(chosen.render, **{k: v for k, v in given.items() if v is not None})
-    finest = rendering.resolution
-    sensors = replace(
-        chosen.simulate,
-        widths=tuple(w for w in chosen.simulate.widths if w <= finest),
-        sensors=tuple(s for s in chosen.simulate.sensors if max(s.width, s.height) <= finest),
-        photoreceptors=photoreceptor or chosen.simulate.photoreceptors,
-    )
-    if not (sensors.widths or sensors.sensors):
-        sides = [max(one.width, one.height) for one in chosen.simulate.sensors]
-        raise StudyError(
-            f"--resolution: found {finest} px, expected at least "
-            f"{min([*chosen.simulate.widths, *sides])}, as many as the study's coarsest sensor has"
-        )
-    looked_at = scenes or chosen.scenes
-    paths = {k: v for k, v in (chosen.trajectories or {}).items() if k in looked_at}
-    if trajectory is not None:
-        if len(looked_at) > 1:
-            raise StudyError(f"trajectory: found {len(looked_at)} scenes, expected one")
-        paths = {looked_at[0]: str(trajectory)}
-    asked = replace(
-        chosen,
-        scenes=looked_at,
-        render=rendering,
-        simulate=sensors,
-        trajectories=paths or None,
-    )
+    asked = with_scenes(chosen, scenes, trajectory)
+    given = {"samples": samples, "spp": spp}
+    rendering = replace(asked.render, **{k: v for k, v in given.items() if v is not None})
+    asked = replace(asked, render=rendering)
+    if resolution is not None:
+        asked = with_resolution(asked, resolution)
+    if photoreceptor:
+        asked = with_photoreceptors(asked, photoreceptor)
     for name in method:
         asked = with_method(asked, name)
     in_use = [name for task in asked.evaluate.values() for name in task.methods]

@@ -1,6 +1,13 @@
 """Studies as data: settings, presets, and the names of computed files."""
 
 from tasks.evaluation.settings import DenseFlow, Evaluate, Flow, Reconstruction, Tracking, Video
+from tasks.study.changes import (
+    with_method,
+    with_photoreceptors,
+    with_resolution,
+    with_scenes,
+    with_weights,
+)
 from tasks.study.digest import STAGE_VERSIONS, digest
 from tasks.study.presets import PRESETS, preset
 from tasks.study.settings import (
@@ -9,8 +16,6 @@ from tasks.study.settings import (
     Study,
     check_compares,
     to_json,
-    with_method,
-    with_weights,
 )
 
 __all__ = [
@@ -30,5 +35,8 @@ __all__ = [
     "preset",
     "to_json",
     "with_method",
+    "with_photoreceptors",
+    "with_resolution",
+    "with_scenes",
     "with_weights",
 ]

@@ -11,9 +11,8 @@ from eres_render.errors import nearest
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
-from tasks.errors import StudyError, WeightsError
-from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate, NetworkSettings
-from tasks.methods import task_of
+from tasks.errors import StudyError
+from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.registry import TASKS
 from tasks.study.sensors import Light, StudySensor, bus_of, light_of, plain_sensor, with_pixels
 
@@ -424,68 +423,6 @@ def check_compares(study: Study) -> None:
             f"evaluate: found {listed or 'no methods'}, expected at least one method that uses the "
             "events"
         )
-
-
-def with_method(study: Study, name: str) -> Study:
-    """Return a study with one more method.
-
-    Parameters
-    ----------
-    study
-        The study.
-    name
-        A registered method that belongs to a single task, or "package.module:function", whose
-        annotations tell which task it solves.
-
-    Returns
-    -------
-    The study with the method added to its task.
-
-    Raises
-    ------
-    TaskError
-        If the method cannot be imported, or its task is unclear.
-    """
-    task = task_of(name)
-    section = study.evaluate[task]
-    section = replace(section, methods=tuple(dict.fromkeys((*section.methods, name))))
-    return replace(study, evaluate=Evaluate(**{**study.evaluate, task: section}))
-
-
-def with_weights(study: Study, weights: Mapping[str, str]) -> Study:
-    """Return a study with files of weights.
-
-    Parameters
-    ----------
-    study
-        The study.
-    weights
-        Files by method; the methods have a network.
-
-    Returns
-    -------
-    The study with the weights in the settings of the tasks that have these methods.
-
-    Raises
-    ------
-    WeightsError
-        The study does not use one of the methods.
-    """
-    used = set()
-    sections = dict(study.evaluate)
-    for task, section in sections.items():
-        own = {name: weights[name] for name in TASKS[task].networks if name in weights}
-        used |= own.keys() & {*section.methods}
-        if own:
-            if not isinstance(section, NetworkSettings):
-                raise TypeError(f"{task}: found {type(section)}, expected NetworkSettings")
-            sections[task] = replace(section, weights={**(section.weights or {}), **own})
-    for name in weights:
-        if name not in used:
-            raise WeightsError(
-                f"weights: found some of {name}, which is not in the study's methods"
-            )
-    return replace(study, evaluate=Evaluate(**sections))
 
 
 def to_json(study: Study) -> dict[str, Any]:

@@ -12,8 +12,9 @@ from sensor.presets import find_sensor
 from tasks.errors import StudyError
 from tasks.evaluation.settings import Evaluate, Flow, TaskSettings
 from tasks.registry import TASKS, load
+from tasks.study.changes import with_weights
 from tasks.study.sensors import read_sensor
-from tasks.study.settings import Simulate, Study, with_weights
+from tasks.study.settings import Simulate, Study
 
 
 def read_study(file: Path) -> Study:

@@ -1,0 +1,160 @@
+"""A study with some of its settings changed, as by options of a command."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from sensor.model import Photoreceptor
+from tasks.errors import StudyError, WeightsError
+from tasks.evaluation.settings import Evaluate, NetworkSettings
+from tasks.methods import task_of
+from tasks.registry import TASKS
+from tasks.study.settings import Study
+
+
+def with_scenes(study: Study, scenes: Sequence[str], trajectory: Path | None = None) -> Study:
+    """Return a study of other scenes.
+
+    Parameters
+    ----------
+    study
+        The study.
+    scenes
+        Names, folders or files of scenes; none for those of the study.
+    trajectory
+        File of poses, in place of the path of the one scene.
+
+    Returns
+    -------
+    The study, with the trajectories of these scenes alone.
+
+    Raises
+    ------
+    StudyError
+        A trajectory is for several scenes.
+    """
+    chosen = tuple(scenes) or study.scenes
+    paths = {name: file for name, file in (study.trajectories or {}).items() if name in chosen}
+    if trajectory is not None:
+        if len(chosen) > 1:
+            raise StudyError(f"trajectory: found {len(chosen)} scenes, expected one")
+        paths = {chosen[0]: str(trajectory)}
+    return replace(study, scenes=chosen, trajectories=paths or None)
+
+
+def with_resolution(study: Study, resolution: int) -> Study:
+    """Return a study with frames of another size, and without sensors finer than these.
+
+    Parameters
+    ----------
+    study
+        The study.
+    resolution
+        Side of the frames, px; their width, if they are not square.
+
+    Returns
+    -------
+    The study.
+
+    Raises
+    ------
+    StudyError
+        All its sensors are finer.
+    """
+    render, simulate = study.render, study.simulate
+    height = None if render.height is None else render.height_at(resolution)
+    kept = replace(
+        simulate,
+        widths=tuple(width for width in simulate.widths if width <= resolution),
+        sensors=tuple(s for s in simulate.sensors if max(s.width, s.height) <= resolution),
+    )
+    if not (kept.widths or kept.sensors):
+        sides = [max(one.width, one.height) for one in simulate.sensors]
+        raise StudyError(
+            f"--resolution: found {resolution} px, expected at least "
+            f"{min([*simulate.widths, *sides])}, as many as the study's coarsest sensor has"
+        )
+    return replace(
+        study, render=replace(render, resolution=resolution, height=height), simulate=kept
+    )
+
+
+def with_photoreceptors(study: Study, photoreceptors: Sequence[Photoreceptor]) -> Study:
+    """Return a study with other photoreceptors, on the same frames.
+
+    Parameters
+    ----------
+    study
+        The study.
+    photoreceptors
+        One or more.
+
+    Returns
+    -------
+    The study.
+    """
+    return replace(study, simulate=replace(study.simulate, photoreceptors=tuple(photoreceptors)))
+
+
+def with_method(study: Study, name: str) -> Study:
+    """Return a study with one more method.
+
+    Parameters
+    ----------
+    study
+        The study.
+    name
+        A registered method that belongs to a single task, or "package.module:function", whose
+        annotations tell which task it solves.
+
+    Returns
+    -------
+    The study with the method added to its task.
+
+    Raises
+    ------
+    TaskError
+        If the method cannot be imported, or its task is unclear.
+    """
+    task = task_of(name)
+    section = study.evaluate[task]
+    section = replace(section, methods=tuple(dict.fromkeys((*section.methods, name))))
+    return replace(study, evaluate=Evaluate(**{**study.evaluate, task: section}))
+
+
+def with_weights(study: Study, weights: Mapping[str, str]) -> Study:
+    """Return a study with files of weights.
+
+    Parameters
+    ----------
+    study
+        The study.
+    weights
+        Files by method; the methods have a network.
+
+    Returns
+    -------
+    The study with the weights in the settings of the tasks that have these methods.
+
+    Raises
+    ------
+    WeightsError
+        The study does not use one of the methods.
+    """
+    used = set()
+    sections = dict(study.evaluate)
+    for task, section in sections.items():
+        own = {name: weights[name] for name in TASKS[task].networks if name in weights}
+        used |= own.keys() & {*section.methods}
+        if own:
+            if not isinstance(section, NetworkSettings):
+                raise TypeError(f"{task}: found {type(section)}, expected NetworkSettings")
+            sections[task] = replace(section, weights={**(section.weights or {}), **own})
+    for name in weights:
+        if name not in used:
+            raise WeightsError(
+                f"weights: found some of {name}, which is not in the study's methods"
+            )
+    return replace(study, evaluate=Evaluate(**sections))
