@@ -115,13 +115,14 @@ def write_camera(file: Path, camera: Camera, kind: Literal["opencv", "kalibr"] =
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads OpenCV's tag for matrices as a plain table."""
+    """Reads OpenCV's tags for matrices as plain tables."""
 
 
-_Loader.add_constructor(
-    "tag:yaml.org,2002:opencv-matrix",
-    lambda loader, node: loader.construct_mapping(node, deep=True),
-)
+for _tag in ("opencv-matrix", "opencv-nd-matrix"):  # the other one is of vectors, since OpenCV 5
+    _Loader.add_constructor(
+        f"tag:yaml.org,2002:{_tag}",
+        lambda loader, node: loader.construct_mapping(node, deep=True),
+    )
 
 
 def _table(file: Path) -> dict[str, Any]:

@@ -93,8 +93,7 @@ class Camera:
         cy: float | None = None,
         distortion: Distortion | None = None,
     ) -> None:
-        if width < 1 or height < 1:
-            raise RenderError(f"Camera: found {width}x{height} pixels, expected at least 1x1")
+        _check_size(width, height)
         above = {"fx": 0.0, "fy": 0.0, "cx": -math.inf, "cy": -math.inf}
         for (name, low), given in zip(above.items(), (fx, fy, cx, cy), strict=True):
             if given is not None and not low < given < math.inf:
@@ -317,6 +316,7 @@ class Camera:
         >>> half.height, round(half.fx, 6), round(half.cx, 6), half.cy
         (360, 500.0, 325.0, 180.0)
         """
+        _check_size(width, 1 if height is None else height)
         fov_rad, stretch = self.fov_rad, 1.0
         if height is None:
             height = round(width * self.height / self.width)
@@ -378,6 +378,14 @@ class Camera:
 
 
 @functools.lru_cache(maxsize=2)
+def _check_size(width: int, height: int) -> None:
+    whole = all(isinstance(side, (int, np.integer)) for side in (width, height))
+    if not whole or width < 1 or height < 1:
+        raise RenderError(
+            f"Camera: found {width}x{height} pixels, expected whole numbers of at least 1"
+        )
+
+
 def _undistorted_positions(camera: Camera) -> Float64:
     table = camera.undistort(camera.centers()).reshape(camera.height, camera.width, 2)
     table.flags.writeable = False

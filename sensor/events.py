@@ -198,12 +198,17 @@ class Events:
         Raises
         ------
         EventError
-            The mask is not one of bools, such as indices.
+            The mask is not one of bools, such as indices, or has another length.
         """
-        if (found := np.asarray(keep).dtype) != np.bool_:
-            raise EventError(f"Events.where: found {found}, expected a mask of bools")
+        mask = np.asarray(keep)
+        if mask.dtype != np.bool_:
+            raise EventError(f"Events.where: found {mask.dtype}, expected a mask of bools")
+        if mask.shape != (len(self),):
+            raise EventError(
+                f"Events.where: found a mask of shape {mask.shape}, expected ({len(self)},)"
+            )
         # An unpredictable mask costs numpy a branch per event and column, indices cost none.
-        chosen = np.flatnonzero(np.broadcast_to(keep, len(self)))
+        chosen = np.flatnonzero(mask)
         return Events.trusted(*self.columns.part(chosen), like=self)
 
     def copy(self) -> Events:

@@ -35,9 +35,12 @@ def rebatch(parts: Iterable[Events]) -> Iterator[Events]:
         if first is None:
             first = part
         elif (part.width, part.height, part.model) != (first.width, first.height, first.model):
+            if (part.width, part.height) == (first.width, first.height):
+                found, expected = "another SensorModel", "that one"
+            else:
+                found, expected = (f"{p.width}x{p.height} px" for p in (part, first))
             raise EventFormatError(
-                f"part {k}: found a sensor of {part.width}x{part.height} px, {part.model}, "
-                f"expected {first.width}x{first.height} px, {first.model}, as in part 0"
+                f"part {k}: found events of {found}, expected {expected}, as in part 0"
             )
         if len(part) == 0:
             continue

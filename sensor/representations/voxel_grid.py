@@ -76,8 +76,8 @@ def voxel_grid(
     <BLANKLINE>
            [[ 0.  ,  0.75]]], dtype=float32)
     """
-    if bins < 2:
-        raise EventError(f"voxel_grid: found {bins} bins, expected at least 2")
+    if not isinstance(bins, (int, np.integer)) or bins < 2:
+        raise EventError(f"voxel_grid: found {bins} bins, expected a whole number of at least 2")
     if convention not in ("e2vid", "eraft"):
         raise EventError(f"voxel_grid: found {convention=}, expected 'e2vid' or 'eraft'")
     grid = np.zeros((bins, events.height, events.width), np.float32)

@@ -13,6 +13,8 @@ from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
 from tasks.recording.options import NO_FRAMES, FrameOptions
 
+_NOISY = 0.05  # share of the light's change, as for the cutoff
+
 
 def fit(
     recording: Annotated[Positional[Path], arg(metavar="RECORDING", help="file of events")],
@@ -113,6 +115,13 @@ def fit(
             sweep.add_row(f"{100 * one.dark:g}", str(one.on), str(one.off))
         terminal.out.print(sweep, crop=False)
         terminal.out.print(found.sentence(), soft_wrap=True)
+    if found.thresholds is not None and found.thresholds.unexplained > _NOISY:
+        terminal.out.print(
+            f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of the "
+            "light unexplained, and may be too low by as much: between frames it changes more than "
+            "they show; more frames, or slower motion, help",
+            soft_wrap=True,
+        )
     if found.motion is not None:
         terminal.out.print(
             f"delay of slow changes: {found.motion.delay_s} s; "

@@ -259,8 +259,9 @@ def images(
     """Take images with a frame camera along a sequence.
 
     The images have exposure and noise, and are 8-bit gray PNG files. An image is the mean of the
-    rendered light over its exposure, encoded as sRGB; white is the sequence's white. images.json
-    has the start and end of each exposure on the events' clock.
+    rendered light over its exposure, encoded as sRGB; white is the sequence's white. frames.csv
+    has the start and end of each exposure on the events' clock, as --frames of other commands
+    reads them.
 
     Parameters
     ----------

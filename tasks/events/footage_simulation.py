@@ -65,18 +65,26 @@ def simulate_footage(
     Raises
     ------
     TaskError
-        The file exists, or `interpolate` is neither a number from 1 to 1000 nor "auto".
+        The file exists, the sensor is finer than the frames, or `interpolate` is neither a number
+        from 1 to 1000 nor "auto".
     """
     check_new(out, options.overwrite)
     steps = _steps(interpolate)
+    rows, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    if model.height > height or model.width > width:  # said before the frames are measured
+        raise TaskError(
+            f"{footage.path}: found frames of {footage.width}x{footage.height} px, of which the "
+            f"sensor sees {width}x{height} px, expected at least its {model.width}x{model.height} "
+            "px: choose a smaller sensor"
+        )
     _log.info(
         "%s: %d frames of %dx%d px in %.4g s, encoding %s",
         *(footage.path, len(footage), footage.width, footage.height),
         *(footage.t_s[-1] - footage.t_s[0], footage.encoding),
     )
     if steps is None:
-        _, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)
-        sensor_px = model.width / (columns.stop - columns.start)
+        sensor_px = model.width / width
         motion_px = sensor_px * displacements_px(footage, on_progress)
         if interpolate is None:
             _warn_if_far(motion_px)

@@ -35,8 +35,8 @@ def write_images(
     """Write the images that a frame camera takes along a sequence.
 
     Writes `000000.png`, ..., 8-bit gray encoded as sRGB, with white at the sequence's white level;
-    and finally `images.json`: the start and end of each exposure, microseconds on the clock of the
-    events, and the options.
+    `frames.csv`: the start and end of each exposure, microseconds on the clock of the events, as
+    `tasks.recording.frames` reads them; and finally `images.json`: the same and the options.
 
     Parameters
     ----------
@@ -88,8 +88,11 @@ def write_images(
         write_bytes(out / f"{k:06d}.png", png.tobytes())
         on_progress("images", k + 1, len(starts_s))
     edges_us = np.round(1e6 * np.stack([starts_s, starts_s + options.exposure], axis=1))
+    exposures_us = (sequence.t_offset_us + edges_us.astype(np.int64)).tolist()
+    rows = [f"{first},{last},{k:06d}.png" for k, (first, last) in enumerate(exposures_us)]
+    write_text(out / "frames.csv", "\n".join(["t_us_start,t_us_end,file", *rows, ""]))
     facts = {
-        "exposures_us": (sequence.t_offset_us + edges_us.astype(np.int64)).tolist(),
+        "exposures_us": exposures_us,
         "rate_hz": rate_hz,
         "white_level": sequence.white_level,
         "seed": seed,

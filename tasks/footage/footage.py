@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -15,6 +16,8 @@ from sensor.levels import white_level
 from tasks.errors import TaskError
 from tasks.footage import images, video
 from tasks.footage.luminance import Luminance
+
+_log = logging.getLogger(__name__)
 
 Float32 = NDArray[np.float32]
 Coded = NDArray[np.generic]
@@ -108,6 +111,8 @@ def open_footage(
     if path.is_dir():
         files = images.list_images(path)
         t_ns = images.times_ns(path, files, fps, time_unit)
+        if images.has_transparency(files[0]):
+            _log.warning("%s: transparency is left out: hidden pixels are seen", path)
         coded = partial(images.read_images, files)
     else:
         if time_unit is not None:

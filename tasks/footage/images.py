@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -22,17 +23,23 @@ _KINDS = {
 # Decoders return part of the image of a truncated file, so its end is checked.
 _ENDS = {"png": b"IEND", "jpeg": b"\xff\xd9"}
 _END_BYTES = 1 << 12
+_WHOLE = r"\d+"
+_NUMBERS = _WHOLE, r"\d+(?:\.\d+)?"
 
 
 def list_images(folder: Path) -> list[Path]:
     """Return the images of a folder, in the order of the numbers in their names.
 
+    Hidden files are left out.
+
     Raises
     ------
     TaskError
-        There are fewer than two, or they are of several kinds.
+        There are fewer than two, they are of several kinds, or their order is not clear, as that of
+        1.5 and 1.12.
     """
-    files = [file for file in folder.iterdir() if file.suffix.lower() in _KINDS]
+    named = (file for file in folder.iterdir() if not file.name.startswith("."))
+    files = [file for file in named if file.suffix.lower() in _KINDS]
     kinds = sorted({_KINDS[file.suffix.lower()] for file in files})
     if len(kinds) > 1:
         raise TaskError(f"{folder}: found images of kinds {' and '.join(kinds)}, expected one kind")
@@ -40,17 +47,31 @@ def list_images(folder: Path) -> list[Path]:
         raise TaskError(
             f"{folder}: found {len(files)} images, expected two or more of PNG, JPEG, TIFF or EXR"
         )
-    return sorted(files, key=_natural)
+    by_whole, by_decimal = (sorted(files, key=partial(_natural, number=n)) for n in _NUMBERS)
+    for one, other in zip(by_whole, by_decimal, strict=True):
+        if one != other:
+            raise TaskError(
+                f"{folder}: found {one.name} and {other.name}, whose order is not clear, expected "
+                "names with whole numbers, or with as many digits after each point"
+            )
+    return by_whole
 
 
-def _natural(file: Path) -> tuple[list[tuple[int, str]], str]:
+def _natural(file: Path, number: str) -> tuple[list[tuple[Decimal, str]], str]:
     """Return a key that sorts 10 after 9, and 1 after 01."""
-    key = [(int(part), "") if part.isdigit() else (-1, part) for part in _parts(file)]
-    return key, file.name
+    parts = _parts(file, number)
+    return [(Decimal(p), "") if p[0].isdecimal() else (Decimal(-1), p) for p in parts], file.name
 
 
-def _parts(file: Path) -> list[str]:
-    return [part for part in re.split(r"(\d+)", file.stem) if part]
+def _parts(file: Path, number: str = _WHOLE) -> list[str]:
+    return [part for part in re.split(f"({number})", file.stem) if part]
+
+
+def has_transparency(file: Path) -> bool:
+    """Return whether a file is a PNG with an alpha channel, which `read_images` leaves out."""
+    with file.open("rb") as data:
+        header = data.read(26)
+    return header[:8] == b"\x89PNG\r\n\x1a\n" and header[25:26] in (b"\x04", b"\x06")
 
 
 def times_ns(

@@ -31,6 +31,10 @@ class Estimate(NamedTuple):
         """Return the estimate with its interval wider by `by` at both ends, but not below 0."""
         return Estimate(self.value, max(0.0, self.low - by), self.high + by)
 
+    def raised(self, share: float) -> Estimate:
+        """Return the estimate with an upper end of which the old one lacks this share."""
+        return Estimate(self.value, self.low, self.high / (1 - share) if share < 1 else np.inf)
+
     def __str__(self) -> str:
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 

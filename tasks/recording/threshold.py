@@ -192,8 +192,10 @@ def fit_thresholds(
     """Estimate both thresholds.
 
     The interval is that of a bootstrap over tiles of pixels, widened by the change of the answer
-    with every second frame, which bounds the error of the light between frames, and by 4 % for
-    thresholds that differ between pixels by up to 10 %.
+    with every second frame, which shows the error of the light between frames, and by 4 % for
+    thresholds that differ between pixels by up to 10 %. If all that stays unexplained is change
+    between the frames that they do not show, the thresholds are too low by that share; so their
+    upper ends are higher by it.
 
     Parameters
     ----------
@@ -223,7 +225,7 @@ def fit_thresholds(
         )
     half = fit_line(coarse, delay_us, pole_s, poles)
     C_on, C_off = (
-        one.widened(_PIXELS * one.value + abs(other - one.value))
+        one.widened(_PIXELS * one.value + abs(other - one.value)).raised(found.unexplained)
         for one, other in zip(both, (half.on, half.off), strict=True)
     )
     return FittedThresholds(C_on, C_off, levels.dark, found.unexplained, len(levels))

@@ -47,6 +47,7 @@ distortion_coefficients: !!opencv-matrix
    data: [ -0.27695497, 0.06712482, 8.7538e-04, 1e-05, 0. ]
 avg_reprojection_error: 0.18
 """
+ND_MATRIX = "_coefficients: !!opencv-nd-matrix\n   sizes: [ 5 ]"  # of a vector
 
 
 def same(found, expected):
@@ -70,10 +71,11 @@ def written(folder, text):
         OPENCV.replace("%YAML:1.0\n---\n", "distortion_model: plumb_bob\n").replace(
             " !!opencv-matrix", ""
         ),
+        OPENCV.replace("_coefficients: !!opencv-matrix\n   rows: 5\n   cols: 1", ND_MATRIX),
         OPENCV.replace("1e-05, 0. ]", "1e-05 ]"),
         OPENCV.replace("1e-05, 0. ]", "1e-05, 0., 0., 0, 0. ]"),
     ],
-    ids=["kalibr", "opencv", "ros", "four coefficients", "eight, zeros beyond"],
+    ids=["kalibr", "opencv", "ros", "opencv 5", "four coefficients", "eight, zeros beyond"],
 )
 def test_the_same_camera_from_every_program(tmp_path, text):
     """Promise: a principal point counts from a pixel's corner here, from its center there."""

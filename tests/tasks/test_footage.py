@@ -64,6 +64,32 @@ def test_images_are_in_the_order_of_their_numbers(tmp_path):
         (tmp_path / f"{name}.png").touch()
     found = [file.stem for file in list_images(tmp_path)]
     assert found == ["a1", "a09", "a9", "a10", "b1"]
+    (tmp_path / "._a2.png").touch()  # as other systems leave them
+    assert len(list_images(tmp_path)) == 5
+    (tmp_path / "0.1.png").touch()
+    (tmp_path / "0.05.png").touch()
+    with pytest.raises(TaskError, match=r"found 0\.1\.png and 0\.05\.png, whose order"):
+        list_images(tmp_path)
+
+
+def test_transparency_is_said(tmp_path, caplog):
+    """Promise: no silent events of pixels that nobody sees."""
+    for k in range(2):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.zeros((4, 4, 4), np.uint8))
+    open_footage(tmp_path, fps=10)
+    assert "transparency is left out" in caplog.text
+
+
+def test_a_sensor_finer_than_footage_is_refused_at_once(tmp_path):
+    """Promise: the frames are not measured before."""
+    folder = write_folder(tmp_path / "small", pictures(2, 8, 12), ".png")
+    with pytest.raises(TaskError, match="12x8 px, of which the sensor sees 12x8 px, expected"):
+        simulate_footage(
+            open_footage(folder, fps=10),
+            SensorModel(width=24, height=16),
+            tmp_path / "never.h5",
+            on_progress=lambda *_: pytest.fail("it was measured"),
+        )
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

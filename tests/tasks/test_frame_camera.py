@@ -10,6 +10,7 @@ from eres_render import render_scene
 from sensor import to_linear
 from tasks.events.frame_camera import developed, exposed, frame_weights
 from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.recording.frames import open_frames
 
 QUIET = FrameCameraOptions(full_well=np.inf, read_noise=0.0)
 
@@ -62,6 +63,8 @@ def test_any_sequence_has_images(small_carpet, tmp_path, eres):
     facts = json.loads((out / "images.json").read_text())
     spans_us = np.array(facts["exposures_us"])
     assert f"{out}: {len(spans_us)} images" in said
+    frames = open_frames(out)  # as `eres evaluate --frames` does
+    np.testing.assert_array_equal(np.stack([frames.start_us, frames.end_us], axis=1), spans_us)
     assert (
         len(list(out.glob("*.png"))) == len(spans_us) == 1 + int(100 * (np.ptp(clip.t_s) - 0.004))
     )

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from moving_texture import texture_in_motion
 from recordings import SIZE, STEP, C, make_recording
 from sensor import Events, SensorModel, simulate
 from sensor.formats import write_events
@@ -138,6 +139,26 @@ def test_the_worth_of_events_that_explain_the_frames(recording, made, tmp_path):
     worth, left = worth_of_events(recording, open_frames(folder, encoding="linear"))
     assert worth == (pytest.approx(0.03, rel=0.01), pytest.approx(0.02, rel=0.01))
     assert left < 1e-3
+
+
+def test_thresholds_from_frames_that_miss_changes(tmp_path):
+    """Promise: with 4 px of motion between frames the thresholds come out too low, and the interval
+    still contains the sensor's."""
+    light, t_s = texture_in_motion(7, 161, SIZE[::-1], 1e-3, travel_px=32.0)
+    light /= light.max()
+    width, height = SIZE
+    model = SensorModel(width=width, height=height, contrast_threshold=C, dark_level=1 / 64)
+    write_events(tmp_path / "events.h5", simulate(light, t_s, model))
+    rows = ["t_us_start,t_us_end,file"]
+    for k in range(0, 161, 20):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.round(65535 * light[k]).astype(np.uint16))
+        t_us = round(1e6 * t_s[k])
+        rows.append(f"{t_us},{t_us},{k}.png")
+    (tmp_path / "frames.csv").write_text("\n".join(rows))
+    camera = open_recording(tmp_path / "events.h5")
+    found = fit_recording(camera, open_frames(tmp_path, encoding="linear"))
+    for one in (found.on, found.off):
+        assert one.value < 0.19 < C < one.high < 0.22
 
 
 def test_thresholds_of_a_simulated_camera(recording, frames):
