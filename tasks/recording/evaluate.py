@@ -16,7 +16,7 @@ from tasks.recording.frames import Frames
 from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
-from tasks.recording.score import RecordingScore
+from tasks.recording.score import CONTRAST_GAIN, RecordingScore
 from tasks.recording.threshold import Thresholds, fit_recording
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
@@ -109,6 +109,7 @@ def evaluate_recording(
     thresholds = _thresholds(recording, frames, contrast_threshold, task, notes)
     if task == "flow":
         found = score_flow(recording, frames, names, thresholds.mean, flow, on_progress)
+        notes += _answers_of_no_motion(found)
     elif frames is None:
         raise AssertionError("images are scored against frames")
     elif task == "video":
@@ -118,6 +119,22 @@ def evaluate_recording(
     else:
         found = score_reconstruction(recording, frames, names, thresholds, on_progress)
     return RecordingEvaluation(found, notes)
+
+
+def _answers_of_no_motion(scores: Sequence[RecordingScore]) -> list[str]:
+    """Return a note on each method most of whose flows are exactly zero."""
+    notes = []
+    for name in dict.fromkeys(score.method for score in scores):
+        gains = [
+            one.value for one in scores if (one.method, one.metric) == (name, CONTRAST_GAIN.name)
+        ]
+        still = gains.count(1.0)
+        if name != TASKS["flow"].baseline and still > len(gains) / 2:
+            notes.append(
+                f"{name}: {still} of {len(gains)} answers are that nothing moves, where events on "
+                "the grid of pixels are sharpest; a longer --window-ms has more motion"
+            )
+    return notes
 
 
 def _methods(
