@@ -20,10 +20,13 @@ Float32 = NDArray[np.float32]
 
 _MEASURED_PX = 320  # longer side of the images in which motion is measured
 _PERCENTILE = 95  # of the displacements, so that a few wrong vectors do not matter
+_EDGE = 4.0  # gray levels per px: less is noise, and flow in a plain area means nothing
 
 
 def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArray[np.float64]:
     """Measure the motion from each frame to the next, by DIS optical flow on small images.
+
+    Only motion across edges counts: along them the light does not change, nor in plain areas.
 
     Parameters
     ----------
@@ -34,7 +37,8 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
 
     Returns
     -------
-    (T - 1,) 95th percentile of the displacements of each pair of frames, px of the footage.
+    (T - 1,) 95th percentile of the displacements of the edges between each pair of frames, px of
+    the footage; 0 without edges.
     """
     scale = min(1.0, _MEASURED_PX / max(footage.width, footage.height))
     width, height = (max(16, round(scale * side)) for side in (footage.width, footage.height))
@@ -48,9 +52,19 @@ def displacements_px(footage: Footage, on_progress: Progress = silent) -> NDArra
 
     for before, after in pairwise(images()):
         flow = optical_flow(before, after) * (footage.width / width, footage.height / height)
-        shift = np.hypot(*np.moveaxis(flow, 2, 0))
-        found.append(np.percentile(shift, _PERCENTILE))
+        across = _across_edges(before, flow)
+        found.append(np.percentile(across, _PERCENTILE) if across.size else 0.0)
     return np.array(found)
+
+
+def _across_edges(image: NDArray[np.uint8], flow: Float32) -> NDArray[np.float64]:
+    """Return the lengths of the components of flow along the gradient, where there is one."""
+    gradient = np.stack(
+        [cv2.Sobel(image, cv2.CV_64F, *d, scale=1 / 8) for d in ((1, 0), (0, 1))], -1
+    )
+    length = np.hypot(*np.moveaxis(gradient, 2, 0))
+    edge = length > _EDGE
+    return np.abs(np.sum(gradient * flow, axis=2)[edge]) / length[edge]
 
 
 def gray(light: NDArray[np.number], white_level: float) -> NDArray[np.uint8]:

@@ -353,6 +353,19 @@ def test_motion_is_measured(tmp_path):
     assert steps_for(np.array([0.0, 0.4, 0.6, 5.0])) == [1, 1, 2, 10]
 
 
+def test_only_motion_that_changes_the_light_counts(tmp_path):
+    """Promise: noise on a plain wall does not move, and stripes move across themselves only."""
+    rng = np.random.default_rng(0)
+    ramp = np.linspace(0.2, 0.5, 240) * np.ones((180, 1))
+    wall = [ramp + rng.uniform(-0.006, 0.006, ramp.shape) for _ in range(3)]
+    np.testing.assert_array_equal(displacements_px(footage_of(tmp_path, wall)), 0)
+    y, x = np.mgrid[:180, :240]
+    profile = np.interp(np.arange(400), np.arange(0, 400, 8), rng.uniform(0.1, 1.0, 50))
+    across = 0.8 * x + 0.6 * y
+    stripes = [np.interp(across - 0.8 * k + 9, np.arange(400), profile) for k in range(3)]
+    np.testing.assert_allclose(displacements_px(footage_of(tmp_path, stripes)), 0.8, atol=0.3)
+
+
 def test_frames_in_between_follow_the_motion(tmp_path):
     """Analytic: halfway, the texture has moved half as far; the footage's own frames are kept."""
     footage = footage_of(tmp_path, [waves(0), waves(4), waves(8)])
