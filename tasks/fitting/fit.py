@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -15,7 +16,7 @@ from tasks.errors import TaskError
 from tasks.fitting.motion import MotionResponse, fit_motion
 from tasks.fitting.profile_file import Measured
 from tasks.fitting.response import Response, fit_response
-from tasks.fitting.stillness import HOT, Noise, counts, fit_noise
+from tasks.fitting.stillness import HOT, Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.recording.frames import Frames
 from tasks.recording.levels import busiest, every_second, levels_of, light_of
@@ -23,6 +24,10 @@ from tasks.recording.threshold import FittedThresholds, best_delay_us, fit_thres
 
 DARK_SHARES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
 """Dark levels of the sweep, shares of white."""
+
+_log = logging.getLogger(__name__)
+
+_TOGETHER = 0.1  # correlation of neighbors above which a stretch is not still
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,7 +208,15 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
                 f"still: found an end of {evidence.still_s[1]:g} s, expected at most "
                 f"{seconds:g} s, the length of the recording"
             )
-        noise = fit_noise(*counts(events.between(start_us, end_us)), 1e-6 * (end_us - start_us))
+        quiet = events.between(start_us, end_us)
+        noise = fit_noise(*counts(quiet), 1e-6 * (end_us - start_us))
+        alike = neighbors_together(quiet, noise.hot) if len(quiet) else 0.0
+        if abs(alike) > _TOGETHER:
+            _log.warning(
+                "still: events of neighboring pixels are correlated (%.2f), as if something moved "
+                "or the light flickered; noise is independent, so its rates come out too high",
+                alike,
+            )
     found = Found(noise=noise)
     if evidence.frames is not None or evidence.light is not None:
         found = _in_motion(events, evidence, found, on_progress)

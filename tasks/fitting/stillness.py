@@ -15,6 +15,7 @@ from tasks.numerics.estimate import Estimate, poisson_rate, share
 HOT = 10.0  # times the mean rate of the other pixels
 _CHANCE = 0.01  # probability that any pixel of a sensor without hot pixels is taken for hot
 _PASSES = 20
+_WINDOWS = 5
 
 
 class Noise(NamedTuple):
@@ -103,6 +104,40 @@ def fit_noise(on: NDArray[np.integer], off: NDArray[np.integer], seconds: float)
         hot_pixel_hz=hot_rate,
         hot=hot,
     )
+
+
+def neighbors_together(events: Events, hot: NDArray[np.bool_]) -> float:
+    """Return the correlation between the events of neighbors over time.
+
+    Noise is independent in each pixel; what moves, or light that flickers, makes neighbors fire
+    together, or one after the other.
+
+    Parameters
+    ----------
+    events
+        Events of the stretch.
+    hot
+        (H, W) bool, pixels to leave out.
+
+    Returns
+    -------
+    float
+        Correlation of the numbers of events of neighbors in fifths of the stretch, horizontal or
+        vertical, whichever is larger: 0 for noise, -1 to 1.
+    """
+    edges_us = np.linspace(events.t_us[0], events.t_us[-1] + 1, _WINDOWS + 1)
+    window = np.searchsorted(edges_us, events.t_us, "right") - 1
+    height, width = hot.shape
+    place = (window * height + events.y) * width + events.x
+    found = np.bincount(place, minlength=_WINDOWS * height * width).astype(np.float32)
+    found = found.reshape(_WINDOWS, height, width)
+    found -= found.mean(axis=0)  # pixels differ in their rates
+    found[:, hot] = 0.0
+    variance = float(np.mean(np.square(found)))
+    if variance == 0:
+        return 0.0
+    pairs = (found[:, :, 1:], found[:, :, :-1]), (found[:, 1:], found[:, :-1])
+    return max((float(np.mean(a * b)) / variance for a, b in pairs), key=abs)
 
 
 def _dispersion(counts: NDArray[np.float64]) -> float:

@@ -68,6 +68,17 @@ def test_stillness_gives_back_hot_pixels():
     inside(noise.shot_noise_hz, 1.0 * 4**-0.5)
 
 
+def test_a_stretch_that_is_not_still_is_said(caplog):
+    """Promise: neighbors fire independently of each other in noise, and together in motion."""
+    events, seconds = still(shot_noise_hz=4.0, hot_pixel_fraction=0.01, hot_pixel_hz=50.0)
+    fit_recording(events, Evidence(still_s=(0.0, seconds - 0.01)))
+    assert caplog.text == ""
+    moving, t_s = texture_in_motion(3, 41, (HEIGHT, WIDTH), 1e-3, travel_px=4.0)
+    events = simulate(moving, t_s, SensorModel(width=WIDTH, height=HEIGHT))
+    fit_recording(events, Evidence(still_s=(0.0, 0.03)))
+    assert "still: events of neighboring pixels are correlated" in caplog.text
+
+
 def test_a_fitted_profile_has_the_noise_of_the_recording(tmp_path):
     """Promise: a sensor with the profile fires as much noise in the same light."""
     events, seconds = still(shot_noise_hz=4.0)  # 2 Hz in this light
