@@ -38,6 +38,8 @@ Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 T = TypeVar("T")
 
+_IMAGES = ".png", ".jpg", ".jpeg", ".tif", ".tiff"  # of footage; ours are .exr
+
 
 @dataclass(slots=True)
 class Rendered:
@@ -198,6 +200,11 @@ def open_sequence(path: str | Path) -> RadianceSequence:
             raise SequenceError(
                 f"{folder}: found a folder of sequences, expected one of them: give {inside[0]}"
                 f"{f' or another of {len(inside)}' if len(inside) > 1 else ''}"
+            )
+        if any(file.suffix.lower() in _IMAGES for file in folder.glob("*.*")):
+            raise SequenceError(
+                f"{folder}: found images, expected the folder of a rendered sequence; footage "
+                "becomes events by `eres simulate` first"
             )
     manifest = read_manifest(folder)
     frames = [_frame_file(folder, i) for i in range(len(manifest.t_s))]

@@ -7,7 +7,6 @@ import sys
 from importlib.metadata import version
 from types import ModuleType
 
-from rich.logging import RichHandler
 from rich.text import Text
 from tyro.conf import DisallowNone, FlagCreatePairsOff
 
@@ -67,13 +66,19 @@ def _name(group: ModuleType) -> str:
 _RESUMING = "render", "study", "dataset", "train"
 
 
+class _ToTerminal(logging.Handler):
+    """Prints messages, each as one line: above a progress bar, and in files without line breaks."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        terminal.err.print(self.format(record), soft_wrap=True, highlight=False)
+
+
 def main() -> None:
     """Run the command line; exit code 1 for an error, 2 for wrong usage, 130 for Ctrl-C."""
     if sys.argv[1:] == ["--version"]:
         print(_version())
         return
-    handler = RichHandler(console=terminal.err, show_time=False, show_path=False, show_level=False)
-    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[handler])
+    logging.basicConfig(level=logging.INFO, format="%(message)s", handlers=[_ToTerminal()])
     overview = sys.argv[1:] in ([], ["-h"], ["--help"])
     try:
         app = commands(_COMMANDS, overview=overview)

@@ -207,6 +207,11 @@ def test_a_manifest_that_cannot_be_is_refused(folder, changes, message):
 def test_missing_and_damaged_text_files_are_refused(folder, tmp_path):
     with pytest.raises(SequenceError, match=r"nowhere/manifest\.json: no such file"):
         open_sequence(tmp_path / "nowhere")
+    footage = tmp_path / "footage"
+    footage.mkdir()
+    (footage / "0.png").touch()
+    with pytest.raises(SequenceError, match=r"footage: found images, .* `eres simulate` first"):
+        open_sequence(footage)
     (folder / "poses.txt").unlink()
     with pytest.raises(SequenceError, match=r"poses\.txt: cannot be read"):
         open_sequence(folder)

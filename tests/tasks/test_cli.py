@@ -1,10 +1,13 @@
 """The command line: help, exit codes, one clear line for every mistake, no partial files."""
 
 import errno
+import logging
 import re
 from pathlib import Path
 
 import pytest
+
+from tasks.cli.main import _ToTerminal
 
 COMMANDS = [
     "doctor",
@@ -111,3 +114,11 @@ def test_info_on_nothing_names_the_path(eres, tmp_path):
     code, _, err = eres("info", tmp_path / "no.h5")
     assert code == 1
     assert "no.h5: no such file or folder" in err.replace("\n", "")
+
+
+def test_a_message_is_a_line(capsys):
+    """Promise: in a file or a pipe, messages have no line breaks or blanks that fill a line."""
+    text = "found something, expected " + "x " * 200 + "y"
+    handler = _ToTerminal()
+    handler.emit(logging.LogRecord("eres", logging.WARNING, "", 0, text, None, None))
+    assert capsys.readouterr().err == text + "\n"
