@@ -45,7 +45,6 @@ _LIBRARY_FOLDERS = (
     "/usr/lib",
     "/usr/local/lib",
     "/usr/lib/wsl/lib",
-    "/opt/homebrew/opt/llvm/lib",
 )
 _LIBRARY_VARIABLES = ("DRJIT_LIBLLVM_PATH", "DRJIT_LIBCUDA_PATH", "LD_LIBRARY_PATH")
 
@@ -138,10 +137,9 @@ def release_memory() -> None:
     import drjit as dr
 
     dr.flush_malloc_cache()
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # not all C libraries have it
-        if trim is not None:
-            trim(0)
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # not all C libraries have it
+    if trim is not None:
+        trim(0)
 
 
 @functools.cache  # variants passed over are logged once per process
