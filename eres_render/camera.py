@@ -377,7 +377,6 @@ class Camera:
         return np.stack([x.ravel(), y.ravel()], axis=-1)
 
 
-@functools.lru_cache(maxsize=2)
 def _check_size(width: int, height: int) -> None:
     whole = all(isinstance(side, (int, np.integer)) for side in (width, height))
     if not whole or width < 1 or height < 1:
@@ -386,6 +385,7 @@ def _check_size(width: int, height: int) -> None:
         )
 
 
+@functools.lru_cache(maxsize=2)
 def _undistorted_positions(camera: Camera) -> Float64:
     table = camera.undistort(camera.centers()).reshape(camera.height, camera.width, 2)
     table.flags.writeable = False

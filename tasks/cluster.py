@@ -59,7 +59,18 @@ def _quiet(*names: str) -> Iterator[None]:
 
 
 def outcome(future: Future, what: str) -> Any:
-    """Return the result of a future, for an error message the outcome of `what`.
+    """Return the result of a future.
+
+    Parameters
+    ----------
+    future
+        The future.
+    what
+        What it computes, for error messages.
+
+    Returns
+    -------
+    What the function returned on a worker.
 
     Raises
     ------

@@ -69,3 +69,12 @@ def test_a_ray_that_misses_the_plane_is_refused():
     up = np.array([[0.0, 0.0, 1.0]])
     with pytest.raises(RenderError, match="does not run toward the plane"):
         plane.intersect(np.array([0.0, 0.0, 1.0]), up)
+
+
+@pytest.mark.parametrize("size", [(0, 72), (96, -1), (96.0, 72), (96.5, 72)])
+def test_a_size_is_whole_pixels(size):
+    """Promise: an error of ours, also if a camera of that size was made before."""
+    camera = Camera(96, 72, 1.0)
+    for make in (lambda: Camera(*size, 1.0), lambda: camera.resized(*size)):
+        with pytest.raises(RenderError, match=r"^Camera: found .* pixels, expected whole numbers"):
+            make()

@@ -177,7 +177,11 @@ CANNOT = {
     "text": ("text", [make_events([(1 << 63) - 1], [0], [0], [1])], "9000000000000 s"),
     "none": ("npz", [], "found none, expected at least one"),
     "order": ("npz", [LATE, EARLY], "part 1: starts at -1 us, expected no earlier"),
-    "sensor": ("npz", [EARLY, random_events(1, width=320)], "part 1: found a sensor of 320x480"),
+    "sensor": (
+        "npz",
+        [EARLY, random_events(1, width=320)],
+        "part 1: found events of 320x480 px, expected 640x480",
+    ),
     "kind": ("npz", [np.zeros(3)], "part 0: found ndarray, expected Events"),
 }
 
