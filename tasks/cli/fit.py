@@ -13,8 +13,6 @@ from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
 from tasks.recording.options import NO_FRAMES, FrameOptions
 
-_NOISY = 0.05  # share of the light's change, as for the cutoff
-
 
 def fit(
     recording: Annotated[Positional[Path], arg(metavar="RECORDING", help="file of events")],
@@ -67,6 +65,7 @@ def fit(
     from tasks.events.overwriting import check_new
     from tasks.fitting.fit import Evidence
     from tasks.fitting.fit import fit as fit_recording
+    from tasks.fitting.motion import NOISY
     from tasks.fitting.profile_file import write_profile
     from tasks.fitting.steps import read_steps
     from tasks.recording.clock import on_one_clock
@@ -115,7 +114,7 @@ def fit(
             sweep.add_row(f"{100 * one.dark:g}", str(one.on), str(one.off))
         terminal.out.print(sweep, crop=False)
         terminal.out.print(found.sentence(), soft_wrap=True)
-    if found.thresholds is not None and found.thresholds.unexplained > _NOISY:
+    if found.thresholds is not None and found.thresholds.unexplained > NOISY:
         terminal.out.print(
             f"the thresholds leave {100 * found.thresholds.unexplained:.0f} % of the change of the "
             "light unexplained, and may be too low by as much: between frames it changes more than "

@@ -20,7 +20,8 @@ Float64 = NDArray[np.float64]
 _HUBER = 1.345  # standard deviations
 _SHARE = 0.3  # start of the search: share of the filter in the delay, squared
 _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, in simulations
-_NOISY = 0.05  # share of the light's change: if more is unexplained, it hides the filter
+NOISY = 0.05
+"""Share of the change of light: if more is unexplained, the filter hides and thresholds are low."""
 _STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
 
 
@@ -118,9 +119,9 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
     latency = latency.widened(poles * (slowest - pole.high))
     late = 1e6 * latency.value, pole.value, poles
     unexplained = fit_line(levels, *late).unexplained
-    if unexplained > _NOISY:
+    if unexplained > NOISY:
         pole = Estimate(pole.value, 0.0, slowest)
-    if unexplained > _NOISY or latency.value < 1e-6:  # at its bound, the draws do not vary
+    if unexplained > NOISY or latency.value < 1e-6:  # at its bound, the draws do not vary
         latency = Estimate(latency.value, 0.0, max(latency.high, delay.high - poles * pole.low))
     return MotionResponse(
         photoreceptor=None if not decided else "two_pole" if poles == 2 else "one_pole",
