@@ -9,6 +9,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from eres_render.errors import check_positive
 from eres_render.storage.atomic import write_bytes
 from sensor.model import PHOTORECEPTORS
@@ -161,10 +163,10 @@ def read_rows(path: Path) -> list[Row]:
             raise ResultError(
                 f"{path}, field {name}: found {missing} of {len(table)} rows without a value"
             )
-    columns = (
-        table[name].to_pylist() if name in table.column_names else [_LATER[name]] * len(table)
+    columns = [
+        _plain(table[name]) if name in table.column_names else [_LATER[name]] * len(table)
         for name in _COLUMNS
-    )
+    ]
     rows: list[Row] = []
     collects = gc.isenabled()
     gc.disable()  # rows have no cycles, and looking for some in a million takes as long as all else
@@ -177,6 +179,15 @@ def read_rows(path: Path) -> list[Row]:
         if collects:
             gc.enable()
     return rows
+
+
+def _plain(column: pa.ChunkedArray) -> list[str | int | float]:
+    """Return the values of a column; equal ones are one object, as most of a million are."""
+    coded = column.combine_chunks().dictionary_encode()
+    known = np.empty(len(coded.dictionary), object)
+    known[:] = coded.dictionary.to_pylist()
+    found: list[str | int | float] = known[coded.indices.to_numpy()].tolist()
+    return found
 
 
 def _check_columns(path: Path, schema: pa.Schema) -> None:

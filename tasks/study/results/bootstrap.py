@@ -68,18 +68,23 @@ def _weighted_medians(
     counts: NDArray[np.int64],  # (D, S) multiplicity of each sample in each draw
     of_trainings: NDArray[np.int64],  # (D, T) and of each training
 ) -> NDArray[np.float64]:
+    held = np.zeros((counts.shape[1], of_trainings.shape[1]), np.int64)  # values of each pair
+    for i in range(values.size):
+        held[sample[i], training[i]] += 1
     medians = np.empty(counts.shape[0])
     for draw in range(counts.shape[0]):
+        of_sample, of_training = counts[draw], of_trainings[draw]
         total = 0
-        for i in range(values.size):
-            total += counts[draw, sample[i]] * of_trainings[draw, training[i]]
-        below, i = counts[draw, sample[0]] * of_trainings[draw, training[0]], 0
+        for s in range(of_sample.size):
+            for t in range(of_training.size):
+                total += of_sample[s] * of_training[t] * held[s, t]
+        below, i = of_sample[sample[0]] * of_training[training[0]], 0
         while below <= (total - 1) // 2:
             i += 1
-            below += counts[draw, sample[i]] * of_trainings[draw, training[i]]
+            below += of_sample[sample[i]] * of_training[training[i]]
         lower = values[i]
         while below <= total // 2:
             i += 1
-            below += counts[draw, sample[i]] * of_trainings[draw, training[i]]
+            below += of_sample[sample[i]] * of_training[training[i]]
         medians[draw] = 0.5 * (lower + values[i])
     return medians
