@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import errno
-import importlib
 import itertools
 import logging
 import os
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +18,7 @@ from sensor.formats import aedat3, dsec, evt, evt2, evt3, faery_files, npz, ros_
 from sensor.formats.batching import rebatch
 from sensor.formats.header import Header, Value
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
+from sensor.own_modules import import_own
 
 _log = logging.getLogger(__name__)
 
@@ -220,12 +219,9 @@ def _named(name: str) -> Format:
 
 
 def _own_format(name: str) -> Format:
-    """Import a user's format, also from the working directory, as `python -m` would."""
     module, _, attribute = name.partition(":")
-    if "" not in sys.path and os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
     try:
-        found = getattr(importlib.import_module(module), attribute)
+        found = getattr(import_own(module), attribute)
         made = found if isinstance(found, Format) else found()
     except Exception as error:  # a user's module may raise anything
         raise EventFormatError(f"format {name!r}: {type(error).__name__}: {error}") from error

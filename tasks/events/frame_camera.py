@@ -17,6 +17,7 @@ from eres_render.storage.atomic import write_bytes, write_text
 from sensor.encoding import to_srgb
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
+from tasks.exposures import Exposure, write_exposures
 
 Float64 = NDArray[np.float64]
 
@@ -89,8 +90,9 @@ def write_images(
         on_progress("images", k + 1, len(starts_s))
     edges_us = np.round(1e6 * np.stack([starts_s, starts_s + options.exposure], axis=1))
     exposures_us = (sequence.t_offset_us + edges_us.astype(np.int64)).tolist()
-    rows = [f"{first},{last},{k:06d}.png" for k, (first, last) in enumerate(exposures_us)]
-    write_text(out / "frames.csv", "\n".join(["t_us_start,t_us_end,file", *rows, ""]))
+    write_exposures(
+        out, (Exposure(first, last, f"{k:06d}.png") for k, (first, last) in enumerate(exposures_us))
+    )
     facts = {
         "exposures_us": exposures_us,
         "rate_hz": rate_hz,

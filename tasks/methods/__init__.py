@@ -5,15 +5,14 @@ from __future__ import annotations
 import hashlib
 import importlib
 import inspect
-import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
-from types import ModuleType
 from typing import Any, get_type_hints
 
 from eres_render.errors import nearest
+from sensor.own_modules import import_own
 from tasks.errors import TaskError
 from tasks.methods.networks import digest_of, network, weights_of
 from tasks.registry import TASKS, load
@@ -71,7 +70,7 @@ def load_method(
             "(the name of your own method is package.module:function)"
         )
     module, _, function = listed.get(name, name).partition(":")
-    import_module = importlib.import_module if name in listed else _imported
+    import_module = importlib.import_module if name in listed else import_own
     try:
         found = getattr(import_module(module), function, None)
     except Exception as error:  # a user's module may raise anything
@@ -217,17 +216,10 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
     found = {}
     for name in names:
         if ":" in name:
-            file = inspect.getsourcefile(_imported(name.partition(":")[0]))
+            file = inspect.getsourcefile(import_own(name.partition(":")[0]))
             found[name] = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
         elif name in METHOD_VERSIONS:
             found[name] = str(METHOD_VERSIONS[name])
         if file := weights_of(name, weights):
             found[name] = f"{METHOD_VERSIONS.get(name, 1)} {digest_of(file)}"
     return found
-
-
-def _imported(module: str) -> ModuleType:
-    """Import a user's module, also from the working directory, as `python -m` does."""
-    if "" not in sys.path and os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
-    return importlib.import_module(module)

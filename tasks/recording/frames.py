@@ -11,7 +11,6 @@ The latter two have the start of each exposure, not its end, and need a unit of 
 
 from __future__ import annotations
 
-import csv
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,13 +23,13 @@ from numpy.typing import NDArray
 
 from sensor.time_units import TIME_UNITS
 from tasks.errors import TaskError
+from tasks.exposures import COLUMNS, FILE_NAME, read_exposures
 from tasks.footage import Footage
 from tasks.footage.images import list_images, read_images, times_ns
 from tasks.footage.luminance import Luminance
 
 logger = logging.getLogger(__name__)
 
-_COLUMNS = ["t_us_start", "t_us_end", "file"]
 DARK = 1 / 64
 """Added to the light of frames before the logarithm, in units of white. Below about code 4 of 255,
 a frame is mostly noise."""
@@ -161,12 +160,15 @@ def open_frames(
         raise TaskError(f"{folder}: found no folder of frames")
     if exposure_us is not None and exposure_us < 0:
         raise TaskError(f"exposure-us: found {exposure_us}, expected 0 or more")
-    table, listed = folder / "frames.csv", folder / "images.txt"
+    table, listed = folder / FILE_NAME, folder / "images.txt"
     if table.exists():
         for name, given in (("frames-time-unit", time_unit), ("exposure-us", exposure_us)):
             if given is not None:
                 raise TaskError(f"{table}: found --{name} {given}, expected none, as it states it")
-        return _checked(table, *_read_table(table), encoding)
+        found = read_exposures(folder)
+        files = [folder / one.file for one in found]
+        start, end = [one.start_us for one in found], [one.end_us for one in found]
+        return _checked(table, files, start, end, encoding)
     if listed.exists():
         files, t_us = _read_list(listed, time_unit)
         source = listed
@@ -174,7 +176,7 @@ def open_frames(
         source = folder / "timestamps.txt"
         if not source.exists():
             raise TaskError(
-                f"{folder}: found no times of frames, expected frames.csv ({','.join(_COLUMNS)}), "
+                f"{folder}: found no times of frames, expected {FILE_NAME} ({','.join(COLUMNS)}), "
                 "images.txt or timestamps.txt"
             )
         text = source.read_text(encoding="utf-8", errors="replace")
@@ -197,11 +199,6 @@ def _checked(
     for k, file in enumerate(files):
         if not file.is_file():
             raise TaskError(f"{source}: found {file.name}, for which there is no file {file}")
-        if end[k] < start[k]:
-            raise TaskError(
-                f"{source}, {file.name}: found an exposure from {start[k]} to {end[k]} us, "
-                "expected its end after its start"
-            )
         if k and start[k] <= start[k - 1]:
             raise TaskError(
                 f"{source}, {file.name}: found {start[k]} us after {start[k - 1]} us, expected "
@@ -210,28 +207,6 @@ def _checked(
     if len(files) < 2:
         raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
     return Frames(tuple(files), np.array(start, np.int64), np.array(end, np.int64), encoding)
-
-
-def _read_table(table: Path) -> tuple[list[Path], list[int], list[int]]:
-    with table.open(newline="", encoding="utf-8", errors="replace") as file:
-        rows = [row for row in csv.reader(file) if row]
-    found = [cell.strip() for cell in rows[0]] if rows else []
-    if found != _COLUMNS:
-        raise TaskError(
-            f"{table}: found columns {','.join(found)!r}, expected {','.join(_COLUMNS)}"
-        )
-    files, start, end = [], [], []
-    for k, row in enumerate(rows[1:], start=2):
-        try:
-            first, last, name = row
-            start.append(int(np.int64(int(first))))
-            end.append(int(np.int64(int(last))))
-        except (ValueError, OverflowError):
-            raise TaskError(
-                f"{table}:{k}: found {','.join(row)!r}, expected two whole numbers and a file"
-            ) from None
-        files.append(table.parent / name.strip())
-    return files, start, end
 
 
 def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[int]]:

@@ -23,22 +23,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Camera
-from eres_render.storage.atomic import write_text
 from sensor import Events
 from sensor.formats import FORMATS, Header, read_events, read_header, read_triggers
-from tasks.errors import RigError
+from tasks.errors import RigError, TaskError
+from tasks.exposures import FILE_NAME, Exposure, read_exposures, write_exposures
 from tasks.rig import clock
 from tasks.rig import page as page_files
 from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
 from tasks.rig.page import Page
 from tasks.rig.settings import RigSettings
-from tasks.rig.slider import Slider, read_columns
+from tasks.rig.slider import Slider
 
-FRAMES_NAME = "frames.csv"
 FRAMES_FOLDER = "frames"
-
-_FRAME_COLUMNS = ("t_us_start", "t_us_end", "file")
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,30 +168,16 @@ class Recording:
         RigError
             If the file lacks an exposure, or an exposure ends before it starts.
         """
-        file = self.folder / FRAMES_NAME
-        if not file.exists():
+        if not (self.folder / FILE_NAME).exists():
             return ()
         try:
-            columns = read_columns(file, _FRAME_COLUMNS)
-        except RigError as error:
-            expected = "each frame needs the start and the end of its exposure"
-            raise RigError(f"{error}; {expected}") from None
-        found = []
-        for start, end, name in zip(*(columns[name] for name in _FRAME_COLUMNS), strict=True):
-            try:
-                frame = Frame(int(start), int(end), self.folder / FRAMES_FOLDER / name)
-            except ValueError:
-                raise RigError(
-                    f"{file}: found an exposure from {start!r} to {end!r}, expected whole "
-                    "microseconds"
-                ) from None
-            if frame.t_end_us < frame.t_start_us:
-                raise RigError(
-                    f"{file}: found an exposure from {start} to {end} us, expected an end not "
-                    "before the start"
-                )
-            found.append(frame)
-        return tuple(sorted(found, key=lambda frame: frame.t_us))
+            found = read_exposures(self.folder)
+        except TaskError as error:
+            raise RigError(str(error)) from None
+        frames = [
+            Frame(one.start_us, one.end_us, self.folder / FRAMES_FOLDER / one.file) for one in found
+        ]
+        return tuple(sorted(frames, key=lambda frame: frame.t_us))
 
 
 def write_frames_table(folder: Path, frames: list[Frame]) -> None:
@@ -207,8 +190,8 @@ def write_frames_table(folder: Path, frames: list[Frame]) -> None:
     frames
         The images, in its folder `frames`.
     """
-    lines = [f"{one.t_start_us},{one.t_end_us},{one.file.name}" for one in frames]
-    write_text(folder / FRAMES_NAME, "\n".join([",".join(_FRAME_COLUMNS), *lines]) + "\n")
+    exposures = (Exposure(one.t_start_us, one.t_end_us, one.file.name) for one in frames)
+    write_exposures(folder, exposures)
 
 
 def open_recording(folder: Path) -> Recording:

@@ -1,0 +1,87 @@
+"""`frames.csv`: the exposures of a frame camera's images, on the clock of the events."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from eres_render.storage.atomic import write_text
+from tasks.errors import TaskError
+
+FILE_NAME = "frames.csv"
+COLUMNS = ("t_us_start", "t_us_end", "file")
+
+
+class Exposure(NamedTuple):
+    """Start and end of an exposure, microseconds, and the name of its image."""
+
+    start_us: int
+    end_us: int
+    file: str
+
+
+def write_exposures(folder: Path, exposures: Iterable[Exposure]) -> None:
+    """Write frames.csv into a folder.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    exposures
+        The exposures, in order of time.
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([COLUMNS, *exposures])
+    write_text(folder / FILE_NAME, text.getvalue())
+
+
+def read_exposures(folder: Path) -> list[Exposure]:
+    """Read frames.csv; columns besides its own are ignored.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+
+    Returns
+    -------
+    The exposures, in the order of the file.
+
+    Raises
+    ------
+    TaskError
+        A column is missing, a time is not a whole number of microseconds, an exposure ends before
+        it starts, or an image has no name.
+    """
+    path = folder / FILE_NAME
+    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+        table = csv.reader(file)
+        names = [name.strip() for name in next(table, [])]
+        if missing := [name for name in COLUMNS if name not in names]:
+            raise TaskError(
+                f"{path}: found columns {','.join(names)!r}, without {', '.join(missing)}; each "
+                "frame needs the start and the end of its exposure"
+            )
+        places = [names.index(name) for name in COLUMNS]
+        return [_exposure(f"{path}:{table.line_num}", row, places) for row in table if row]
+
+
+def _exposure(where: str, row: list[str], places: list[int]) -> Exposure:
+    try:
+        first, last, name = (row[place].strip() for place in places)
+        start_us, end_us = (int(np.int64(int(time))) for time in (first, last))
+    except (ValueError, IndexError, OverflowError):
+        name = ""
+    if not name:
+        raise TaskError(f"{where}: found {','.join(row)!r}, expected two whole numbers and a file")
+    if end_us < start_us:
+        raise TaskError(
+            f"{where}, {name}: found an exposure from {start_us} to {end_us} us, expected its end "
+            "after its start"
+        )
+    return Exposure(start_us, end_us, name)
