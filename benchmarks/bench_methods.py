@@ -24,8 +24,9 @@ from process_times import Times, times_now
 
 from sensor import Events, SensorModel, simulate
 from tasks.flow import FlowSample, flow_sample, initial_sigma_px, patch_px
-from tasks.methods import METHODS, load_method
+from tasks.methods import load_method
 from tasks.reconstruction import ReconstructionSample
+from tasks.registry import TASKS
 
 WINDOW_S, C, FRAMES = 0.05, 0.2, 56
 RENDER_PX = 1280
@@ -104,7 +105,7 @@ def reconstruction_kinds() -> Iterator[Kind]:
             return method.image(end_us)
 
         yield Kind("event_integration", f"{width} px", len(events), 0, ei)
-        for name in METHODS["video"]:
+        for name in TASKS["video"].methods:
             if name.startswith("high_pass"):
                 yield Kind(name, f"{width} px", len(events), 0, lambda n=name, f=hf: f(n))
 
@@ -115,7 +116,7 @@ def flow_kinds(patches: int) -> Iterator[Kind]:
         samples = flow_samples(width, patches)
         events = sum(len(sample.t) for sample in samples)
         where = f"{patch_px(width)} px of {width}"
-        for name in METHODS["flow"]:
+        for name in TASKS["flow"].methods:
             if name == "initial_flow":
                 continue
             method = load_method("flow", name)

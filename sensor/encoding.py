@@ -92,8 +92,18 @@ def to_srgb(light: Floats) -> Floats:
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-def _from_srgb(v: Floats) -> Floats:
-    """Decode sRGB, IEC 61966-2-1:1999, section 5.2."""
+def from_srgb(v: Floats) -> Floats:
+    """Decode sRGB, IEC 61966-2-1:1999, section 5.2.
+
+    Parameters
+    ----------
+    v
+        An array of any shape, encoded, from 0 to 1.
+
+    Returns
+    -------
+    The light, from 0 to 1, in the shape of `v`.
+    """
     return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
@@ -103,7 +113,7 @@ def _from_rec709(v: Floats) -> Floats:
 
 
 _DECODERS: dict[str, Callable[[Floats], Floats]] = {
-    "srgb": _from_srgb,
+    "srgb": from_srgb,
     "rec709": _from_rec709,
     "linear": lambda v: v,
 }

@@ -106,7 +106,7 @@ def write_random_scene(
     walls = np.array([-1.0, 1.0])[:, None] * rng.uniform((2.0, 2.0, 1.4), (4.0, 5.0, 2.0), (2, 3))
     free_m = _FREE_M + baseline_m
     light = float(np.exp(rng.uniform(*_LOG_LIGHT)))
-    xml, toml = [], [_toml_head(folder.name)]
+    xml, toml = [], [_TOML.format(title=folder.name, fov_deg=_FOV_DEG, clearance_m=_CLEARANCE_M)]
 
     def add(name: str, charts: Sequence[Chart], distance_m: float) -> None:
         _write_shape(folder / name, charts, distance_m / camera.fx, light, rng)
@@ -132,10 +132,6 @@ def write_random_scene(
     write_text(folder / "camera.txt", tum_text(eye.t_s, eye.T_world))
     write_text(folder / "scene.xml", f'<scene version="3.0.0">\n{"".join(xml)}</scene>\n')
     write_text(folder / "scene.toml", "".join(toml))
-
-
-def _toml_head(title: str) -> str:
-    return _TOML.format(title=title, fov_deg=_FOV_DEG, clearance_m=_CLEARANCE_M)
 
 
 def _place(

@@ -378,13 +378,14 @@ def bakeable_surfaces(mi_scene: mi.Scene, scene: Scene) -> list[mi.Shape]:
     SceneError
         If a shape cannot be baked; the text says why.
     """
-    for shape in surfaces(mi_scene):
+    found = surfaces(mi_scene)
+    for shape in found:
         if reason := reason_not_to_bake(shape):
             raise SceneError(
                 f"{scene.xml_file}: cannot be baked: shape {shape.id()!r} {reason}; path-trace it "
                 "(--integrator path)"
             )
-    return surfaces(mi_scene)
+    return found
 
 
 def reflectance(bsdf: mi.BSDF, scene: Scene) -> Float32:

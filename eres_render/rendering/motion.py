@@ -111,23 +111,6 @@ class Body:
     caster: RayCaster
     box_m: Float64
 
-    def distance(self, origins: Float64, rays: Float64) -> Float64:
-        """Return the distance along rays, all in the object's coordinates.
-
-        Parameters
-        ----------
-        origins
-            (N, 3) or (3,), m.
-        rays
-            (N, 3), of any length.
-
-        Returns
-        -------
-        distance
-            (N,) in units of the rays' lengths; inf where they meet nothing.
-        """
-        return self.caster.distance(origins, rays)
-
 
 def still_and_bodies(
     mi_scene: Any, objects: Sequence[MovingObject]

@@ -312,7 +312,7 @@ class Renderer:
         else:
             of_still = depth_image_motion(path, camera, self.inverse_depth)
         of_bodies = [
-            object_image_motion(path, camera, body.pose, body.box_m, body.distance)
+            object_image_motion(path, camera, body.pose, body.box_m, body.caster.distance)
             for body in self._still_and_bodies[1]
         ]
         if not of_bodies:

@@ -327,7 +327,7 @@ class GroundTruth:
         number = np.zeros(len(rays_cam), np.uint8)
         for k, body in enumerate(self.objects, start=1):
             T_body_cam = np.linalg.inv(body.pose(t_s)) @ T
-            reach = body.distance(T_body_cam[:3, 3], rays_cam @ T_body_cam[:3, :3].T)
+            reach = body.caster.distance(T_body_cam[:3, 3], rays_cam @ T_body_cam[:3, :3].T)
             nearer = reach < distance
             distance = np.where(nearer, reach, distance)
             number[nearer] = k

@@ -117,13 +117,13 @@ def write_truth(
             write(f"objects/{k:03d}_{one.name}.txt", partial(write_text, text=text))
         for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
             depth = truth.depth(t_0, width, height)
-            write(f"depth/{i:06d}.exr", partial(write_depth, depth=depth))
+            write(f"depth/{i:06d}.exr", partial(_write_depth, depth=depth))
             if truth.objects:
                 instances = truth.instances(t_0, width, height)
                 write(f"instances/{i:06d}.png", partial(_write_png, pixels=instances))
             if t_1 is not None:
                 flow = truth.flow(t_0, t_1, width, height)
-                write(f"flow/{i:06d}.exr", partial(write_flow, flow=flow))
+                write(f"flow/{i:06d}.exr", partial(_write_flow, flow=flow))
                 if flow_png:
                     write(f"flow/{i:06d}.png", partial(write_flow_png, flow=flow))
             on_progress("ground truth", i + 1, len(times))
@@ -207,39 +207,11 @@ def window_times(sequence: RadianceSequence, step_s: float) -> Float64:
     return t_s
 
 
-def write_depth(path: Path, depth: NDArray[np.float32]) -> None:
-    """Write depth as an EXR image with the float channel Z.
-
-    Parameters
-    ----------
-    path
-        The EXR file.
-    depth
-        (H, W) z-depth, m.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written.
-    """
+def _write_depth(path: Path, depth: NDArray[np.float32]) -> None:
     _write_float_exr(path, {"Z": depth})
 
 
-def write_flow(path: Path, flow: Flow) -> None:
-    """Write flow as an EXR image: float channels u and v, px, valid and occluded, 0 or 1.
-
-    Parameters
-    ----------
-    path
-        The EXR file.
-    flow
-        The flow.
-
-    Raises
-    ------
-    RenderError
-        If the file cannot be written.
-    """
+def _write_flow(path: Path, flow: Flow) -> None:
     u, v = np.moveaxis(flow.flow_px, 2, 0)
     _write_float_exr(path, {"u": u, "v": v, "valid": flow.valid, "occluded": flow.occluded})
 

@@ -14,7 +14,8 @@ FILE_NAME = "SHA256SUMS"
 
 def sha256(file: Path) -> str:
     """Return the SHA-256 of a file's bytes, 64 hexadecimal digits."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def read_sums(folder: Path) -> dict[str, str]:

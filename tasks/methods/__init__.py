@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import inspect
 import sys
@@ -12,13 +11,11 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from eres_render.errors import nearest
+from eres_render.storage.checksums import sha256
 from sensor.own_modules import import_own
 from tasks.errors import TaskError
 from tasks.methods.networks import digest_of, network, weights_of
 from tasks.registry import TASKS, load
-
-METHODS = {task: spec.methods for task, spec in TASKS.items()}
-"""Place of each method, "module:function", by task and name."""
 
 # Raise a method's number (1 by default) when its results change: studies then recompute the jobs
 # that use the method.
@@ -42,7 +39,7 @@ def load_method(
     task
         Name of the task.
     name
-        Name of the method in `METHODS`, or "package.module:function".
+        Name of the method in `TASKS[task].methods`, or "package.module:function".
     weights
         Files of weights by the names of the methods that need them.
 
@@ -128,7 +125,7 @@ def check_method(
     task
         Name of the task.
     name
-        Name of the method in `METHODS`, or "package.module:function".
+        Name of the method in `TASKS[task].methods`, or "package.module:function".
     weights
         Files of weights by the names of the methods that need them.
     sizes
@@ -186,7 +183,7 @@ def source_file(task: str, name: str) -> str | None:
     task
         Name of the task.
     name
-        Name of the method in `METHODS`, or "package.module:function".
+        Name of the method in `TASKS[task].methods`, or "package.module:function".
 
     Returns
     -------
@@ -217,7 +214,7 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
     for name in names:
         if ":" in name:
             file = inspect.getsourcefile(import_own(name.partition(":")[0]))
-            found[name] = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else ""
+            found[name] = sha256(Path(file)) if file else ""
         elif name in METHOD_VERSIONS:
             found[name] = str(METHOD_VERSIONS[name])
         if file := weights_of(name, weights):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
@@ -10,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from eres_render.errors import nearest
+from eres_render.storage.checksums import sha256
 from sensor.memory import memory_bytes
 from tasks.errors import WeightsError
 from tasks.registry import TASKS, load
 
 _OURS = Path(__file__).parents[1] / "learned" / "weights"  # weights that come with eres
-_CHUNK_BYTES = 1 << 20
 _KEPT = 4  # networks in memory
 
 
@@ -135,11 +134,7 @@ def _loaded(place: str, file: Path, mtime_ns: int, size: int) -> Any:
 
 @lru_cache
 def _digest(file: Path, mtime_ns: int, size: int) -> str:
-    whole = hashlib.sha256()
-    with file.open("rb") as stream:
-        while chunk := stream.read(_CHUNK_BYTES):
-            whole.update(chunk)
-    return whole.hexdigest()
+    return sha256(file)
 
 
 def _version(file: str) -> tuple[Path, int, int]:

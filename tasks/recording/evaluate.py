@@ -125,9 +125,7 @@ def _answers_of_no_motion(scores: Sequence[RecordingScore]) -> list[str]:
     """Return a note on each method most of whose flows are exactly zero."""
     notes = []
     for name in dict.fromkeys(score.method for score in scores):
-        gains = [
-            one.value for one in scores if (one.method, one.metric) == (name, CONTRAST_GAIN.name)
-        ]
+        gains = [one.value for one in scores if (one.method, one.metric) == (name, CONTRAST_GAIN)]
         still = gains.count(1.0)
         if name != TASKS["flow"].baseline and still > len(gains) / 2:
             notes.append(

@@ -284,7 +284,7 @@ class Reference(Protocol):
 class _Tracks:
     """Tracks of corners from the frame at the start of a window to the next one."""
 
-    metric = END_POINT_ERROR.name
+    metric = END_POINT_ERROR
 
     def __init__(self, window: Window, frames: Frames, features: int) -> None:
         k = window.frame
@@ -299,7 +299,7 @@ class _Tracks:
 class _Sharpness:
     """How much sharper the events around corners become when moved back along a flow."""
 
-    metric = CONTRAST_GAIN.name
+    metric = CONTRAST_GAIN
 
     def __init__(self, window: Window, events: Events, start: Start, features: int) -> None:
         self._reach_px = start.reach_px

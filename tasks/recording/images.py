@@ -86,7 +86,7 @@ def score_reconstruction(
             prediction, failure = image_answer("reconstruction", name, answer, before)
             value = psnr_db(prediction, after, log_white=0.0)
             t_us = int(frames.middle_us[k + 1])
-            scores.append(RecordingScore(name, PSNR.name, value, t_us, failure=failure))
+            scores.append(RecordingScore(name, PSNR, value, t_us, failure=failure))
         on_progress("reconstruction", done, len(pairs))
     return scores
 
@@ -149,7 +149,7 @@ def score_video(
             truth = picture(frames.log_light(numbers[t_us]), (height, width), equalization)
             found = picture(log_image, (height, width), equalization)
             value = picture_psnr_db(found, truth)
-            scores.append(RecordingScore(name, PSNR.name, value, t_us, failure=failure))
+            scores.append(RecordingScore(name, PSNR, value, t_us, failure=failure))
 
     seen = 0
     for events in recording.parts():

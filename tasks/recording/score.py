@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tasks.metric import Metric
-
-PSNR = Metric("psnr_db", "PSNR", "dB", higher_is_better=True, negligible=0.1, decimals=2)
-END_POINT_ERROR = Metric(
-    "epe_px", "distance from the tracks of the frames", "px", False, negligible=0.05, decimals=2
-)
-CONTRAST_GAIN = Metric("contrast_gain", "contrast gain", "", True, negligible=0.01, decimals=3)
+PSNR = "psnr_db"
+END_POINT_ERROR = "epe_px"
+"""Distance from the tracks of the frames."""
+CONTRAST_GAIN = "contrast_gain"
 """Contrast of the events moved back along a flow, over that of the unmoved events."""
 
 
@@ -20,8 +17,10 @@ class RecordingScore:
 
     Parameters
     ----------
-    method, metric, value
+    method, value
         As in `tasks.row.Row`.
+    metric
+        `PSNR`, `END_POINT_ERROR` or `CONTRAST_GAIN`.
     t_us
         End of the window, or time of the image, on the clock of the events.
     item

@@ -23,6 +23,7 @@ from sensor.formats import read_events, read_header
 from tasks.errors import RigError
 from tasks.methods.high_pass_filter import HighPassFilter
 from tasks.rig.markers import gray_codes
+from tasks.video import ImageTaker
 
 Float64 = NDArray[np.float64]
 
@@ -102,15 +103,8 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     first_us, last_us = int(parts[0].t_us[0]), int(parts[-1].t_us[-1])
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
     wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
-    images = []
-    for part in parts:
-        while wanted_us and part.t_us[-1] >= wanted_us[0]:
-            t_us = wanted_us.pop(0)
-            before = int(np.searchsorted(part.t_us, t_us))
-            hp.push(part[:before])
-            part = part[before:]
-            images.append(hp.image(t_us))
-        hp.push(part)
+    taker = ImageTaker(hp, wanted_us)
+    images = [image for part in parts for _, image in taker.push(part)]
     yield gray_codes(np.sum(images, axis=0))
     for image in images:
         yield gray_codes(image)

@@ -16,6 +16,7 @@ from eres_render.errors import check_positive
 from eres_render.scene.texture_recipes import TextureRecipe
 from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.settings_reader import read_json
+from sensor.encoding import from_srgb, to_srgb
 from tasks.errors import RigError
 from tasks.rig.settings import PageSettings
 
@@ -199,7 +200,7 @@ def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
         x, y = (_dots(one, page.dot_m) for one in place)
         code = cv2.aruco.generateImageMarker(dictionary, number, side, borderBits=_BORDER_CELLS)
         image[y : y + side, x : x + side] = np.where(code > 0, 1.0, INK / PAPER)
-    return np.round(255 * _srgb(image)).astype(np.uint8)
+    return np.round(255 * to_srgb(image)).astype(np.uint8)
 
 
 def _picture(settings: PageSettings, shape: tuple[int, int], dot_m: float) -> NDArray[np.float32]:
@@ -221,15 +222,9 @@ def _picture(settings: PageSettings, shape: tuple[int, int], dot_m: float) -> ND
     return np.clip(light / max(float(np.percentile(light, 99.9)), 1e-6), INK / PAPER, 1.0)
 
 
-def _srgb(light: NDArray[np.float32]) -> NDArray[np.float32]:
-    # IEC 61966-2-1:1999, section 5.2
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-
-
 def linear(codes: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Return the linear values of 8-bit sRGB codes, 0 to 1."""
-    value = codes / 255.0
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+    return from_srgb(codes / 255.0).astype(np.float64, copy=False)
 
 
 def reflectance(codes: NDArray[np.uint8]) -> NDArray[np.float64]:

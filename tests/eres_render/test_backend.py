@@ -24,7 +24,7 @@ def run_python(code, tmp_path, **environment):
 SELECT = """
 import json, logging
 from dataclasses import asdict
-from eres_render.backend import probe_variants, select_variant
+from eres_render.rendering.backend import probe_variants, select_variant
 logging.basicConfig()
 print(json.dumps([[asdict(v) for v in probe_variants()], select_variant()]))
 """

@@ -10,7 +10,7 @@ from tasks.errors import TaskError
 from tasks.evaluation.scorers.reconstruction import ReconstructionScorer
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Reconstruction
-from tasks.methods import METHODS, load_method
+from tasks.methods import load_method
 from tasks.methods.event_integration import reconstruct
 from tasks.psnr import MOST_PSNR_DB
 from tasks.reconstruction import ReconstructionSample, log_white_level, psnr_db
@@ -92,8 +92,8 @@ def test_white_is_a_high_percentile():
 
 def test_methods_are_found_by_name():
     """Promise: every listed method loads; the error for an unknown one suggests the nearest."""
-    for task, listed in METHODS.items():
-        without_weights = listed.keys() - TASKS[task].networks.keys()
+    for task, spec in TASKS.items():
+        without_weights = spec.methods.keys() - spec.networks.keys()
         assert all(callable(load_method(task, name)) for name in without_weights)
     with pytest.raises(TaskError, match="did you mean 'event_integration'"):
         load_method("reconstruction", "event_integratoin")
