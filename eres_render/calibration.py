@@ -84,8 +84,11 @@ def write_camera(file: Path, camera: Camera, kind: Literal["opencv", "kalibr"] =
     Raises
     ------
     RenderError
-        If k3 is not 0, which Kalibr's model lacks, or the file cannot be written.
+        If the kind is unknown, k3 is not 0, which Kalibr's model lacks, or the file cannot be
+        written.
     """
+    if kind not in ("opencv", "kalibr"):
+        raise RenderError(f"kind: found {kind!r}, expected 'opencv' or 'kalibr'")
     lens = camera.distortion or Distortion()
     center = camera.cx - _FIRST_CENTER_PX, camera.cy - _FIRST_CENTER_PX
     if kind == "opencv":

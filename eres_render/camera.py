@@ -98,6 +98,10 @@ class Camera:
         for (name, low), given in zip(above.items(), (fx, fy, cx, cy), strict=True):
             if given is not None and not low < given < math.inf:
                 raise RenderError(f"Camera.{name}: found {given}, expected ({low:g}, inf)")
+        if not isinstance(distortion, Distortion | None):
+            raise RenderError(
+                f"Camera.distortion: found {distortion!r}, expected Distortion(k1, k2, p1, p2, k3)"
+            )
         if fov_rad is None:
             if fx is None:
                 raise RenderError("Camera: found neither fov_rad nor fx, expected one of them")
@@ -112,8 +116,8 @@ class Camera:
                 f"Camera.fx: found {fx}, expected {fx_of_fov} for fov_rad = {fov_rad}; give one"
             )
         values = {
-            "width": width,
-            "height": height,
+            "width": int(width),
+            "height": int(height),
             "fov_rad": fov_rad,
             "fx": fx,
             "fy": fx if fy is None else fy,
@@ -381,7 +385,7 @@ def _check_size(width: int, height: int) -> None:
     whole = all(isinstance(side, (int, np.integer)) for side in (width, height))
     if not whole or width < 1 or height < 1:
         raise RenderError(
-            f"Camera: found {width}x{height} pixels, expected whole numbers of at least 1"
+            f"Camera: found {width!r} x {height!r} pixels, expected whole numbers of at least 1"
         )
 
 

@@ -13,6 +13,7 @@ from sensor.errors import EventError
 from sensor.model import SensorModel
 
 _DTYPES = {"t_us": np.int64, "x": np.uint16, "y": np.uint16, "p": np.int8}
+_FIRST_US, _LAST_US = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 _STRUCTURED = np.dtype([("x", np.int16), ("y", np.int16), ("t", np.int64), ("p", np.bool_)])
 
 
@@ -163,7 +164,12 @@ class Events:
     def __getitem__(self, part: slice) -> Events:
         """Return a contiguous part of the stream, as views of the same memory."""
         if not isinstance(part, slice) or part.step not in (None, 1):
-            raise TypeError("Events are indexed by slices of step 1; mask the columns for the rest")
+            found = type(part).__name__ if not isinstance(part, slice) else f"{part}"
+            raise TypeError(
+                f"Events: found the index {found}, expected a slice of step 1; "
+                "`events.where(mask)` selects any events, and the columns are `events.t_us`, "
+                "`events.x`, `events.y` and `events.p`"
+            )
         return Events.trusted(*self.columns.part(part), like=self)
 
     def between(self, t_start_us: int, t_end_us: int) -> Events:
@@ -183,14 +189,18 @@ class Events:
         EventError
             A time is not an integer, so it may be in seconds.
         """
-        for name, t_us in (("t_start_us", t_start_us), ("t_end_us", t_end_us)):
-            if not isinstance(t_us, int | np.integer):
-                raise EventError(
-                    f"Events.between: found {name} = {t_us!r}, expected whole microseconds as an "
-                    "integer: round(1e6 * seconds)"
-                )
-        first, last = np.searchsorted(self.t_us, (int(t_start_us), int(t_end_us)))
+        first, last = (
+            self._before(whole_us("Events.between", name, t_us))
+            for name, t_us in (("t_start_us", t_start_us), ("t_end_us", t_end_us))
+        )
         return self[first:last]
+
+    def _before(self, t_us: int) -> int:
+        """Return the number of events before a time."""
+        # Beyond int64 NumPy would compare in float64, which merges times.
+        if t_us > _LAST_US:
+            return len(self)
+        return int(np.searchsorted(self.t_us, np.int64(max(t_us, _FIRST_US))))
 
     def where(self, keep: NDArray[np.bool_]) -> Events:
         """Return a copy of the events that an (N,) mask selects.
@@ -217,9 +227,15 @@ class Events:
         return Events.trusted(t_us.copy(), x.copy(), y.copy(), p.copy(), like=self)
 
     def later(self, shift_us: int) -> Events:
-        """Return the events with a shift added to their times."""
+        """Return the events with a shift added to their times, whole microseconds.
+
+        Raises
+        ------
+        EventError
+            The shift is not an integer, or a time would not fit into int64.
+        """
         t_us, x, y, p = self.columns
-        return Events.trusted(t_us + shift_us, x, y, p, like=self)
+        return Events.trusted(shifted(t_us, shift_us, "Events.later"), x, y, p, like=self)
 
     @classmethod
     def from_structured(
@@ -253,6 +269,10 @@ class Events:
         if array["t"].dtype.kind not in "iu":
             raise EventError(
                 f"Events.from_structured: found t of {array['t'].dtype}, expected integers, us"
+            )
+        if len(array) and int(array["t"].max()) > _LAST_US:
+            raise EventError(
+                f"Events.from_structured: found t = {array['t'].max()}, expected what int64 holds"
             )
         for name in ("x", "y"):
             if array[name].dtype.kind not in "iu":
@@ -288,6 +308,65 @@ class Events:
         pixel = self.y.astype(np.int64) * self.width + self.x
         total = np.bincount(pixel, weights=self.p, minlength=self.width * self.height)
         return total.astype(np.int64).reshape(self.height, self.width)
+
+
+def whole_us(function: str, name: str, t_us: object) -> int:
+    """Return a time as a Python integer.
+
+    Parameters
+    ----------
+    function, name
+        Names of the function and of its parameter, for the error.
+    t_us
+        The time, microseconds.
+
+    Returns
+    -------
+    The same time.
+
+    Raises
+    ------
+    EventError
+        It is not an integer, so it may be in seconds.
+    """
+    if not isinstance(t_us, int | np.integer):
+        raise EventError(
+            f"{function}: found {name} = {t_us!r}, expected whole microseconds as an integer: "
+            "round(1e6 * seconds)"
+        )
+    return int(t_us)
+
+
+def shifted(t_us: NDArray[np.int64], shift_us: int, function: str) -> NDArray[np.int64]:
+    """Return ascending times with a shift added.
+
+    Parameters
+    ----------
+    t_us
+        (N,) the times.
+    shift_us
+        The shift, whole microseconds.
+    function
+        Name of the function, for errors.
+
+    Returns
+    -------
+    (N,) int64
+
+    Raises
+    ------
+    EventError
+        The shift is not an integer, or a time would not fit into int64.
+    """
+    shift = whole_us(function, "shift_us", shift_us)
+    if not len(t_us):
+        return t_us.copy()
+    if not _FIRST_US <= shift + int(t_us[0]) <= shift + int(t_us[-1]) <= _LAST_US:
+        raise EventError(
+            f"{function}: found shift_us = {shift} and times from {t_us[0]} to {t_us[-1]}, "
+            "expected sums that int64 holds"
+        )
+    return t_us + shift
 
 
 def no_events(width: int, height: int, model: SensorModel | None) -> Events:

@@ -14,7 +14,7 @@ from sensor.numbers import real, refusal, whole
 MAX_SIDE_PX = 1 << 16  # event coordinates are uint16
 MAX_RATE_HZ = 1e6  # event times are whole microseconds
 MAX_TIME_S = 9.2e12  # 2^63 us, nearly
-LEAST_THRESHOLD = 1e-9  # a double resolves far smaller steps of log intensity
+LEAST_THRESHOLD, LARGEST_THRESHOLD = 1e-9, 1e6  # a double resolves far smaller steps
 LEAST_FILL_FACTOR = 1e-6
 _CUTOFF_HZ_PER_LUX = 3.0
 
@@ -86,7 +86,9 @@ class SensorModel:
         not depend on the light. With "v2e" it is the radiance of white, and None is the 99.9th
         percentile of the first frame.
     fill_factor
-        Light-sensitive share of the area of a pixel, a square at its center.
+        Light-sensitive share of the area of a pixel, a square at its center. Frames should have at
+        least three samples along a pixel: with one or two, samples that the square covers in equal
+        parts give the mean of the whole pixel.
     threshold_mismatch
         Standard deviation of C over the pixels, log units; 0.02 to 0.03 in Lichtsteiner et al. 2008
         and v2e. The pattern is fixed, and independent for ON and OFF; thresholds are at least
@@ -171,8 +173,9 @@ class SensorModel:
             if name == "contrast_threshold" or self.contrast_threshold_off is not None:
                 check_number(
                     name,
-                    f"a number of at least {LEAST_THRESHOLD:g} (log units; 0.2 is usual)",
-                    lambda C: LEAST_THRESHOLD <= C < math.inf,
+                    f"a number from {LEAST_THRESHOLD:g} to {LARGEST_THRESHOLD:g} (log units; 0.2 "
+                    "is usual)",
+                    lambda C: LEAST_THRESHOLD <= C <= LARGEST_THRESHOLD,
                 )
         check_number(
             "cutoff_hz", "a positive number of Hz, or inf for an ideal pixel", lambda hz: hz > 0

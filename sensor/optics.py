@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor.kernels.radiance import Overlap, integrate_area
+from sensor.model import LEAST_FILL_FACTOR
 from sensor.numbers import refusal
 
 
@@ -91,8 +92,8 @@ def integrate(
     >>> integrate(frame, height=1, width=4)
     array([[0., 2., 2., 0.]])
     """
-    if not 0 < fill_factor <= 1:
-        raise refusal("fill_factor", fill_factor, "a share in (0, 1]")
+    if not LEAST_FILL_FACTOR <= fill_factor <= 1:
+        raise refusal("fill_factor", fill_factor, f"a share from {LEAST_FILL_FACTOR:g} to 1")
     out = np.empty((height, width))
     overlaps = pixel_overlaps(frame.shape, height, width, fill_factor)
     return out if integrate_area(frame, *overlaps, out) else None

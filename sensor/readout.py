@@ -9,7 +9,7 @@ DAVIS (Brandli et al., JSSC 2014) and the row-wise arbitration of later sensors 
 ISSCC 2020):
 
 - An event enters the FIFO when it fires. It is dropped if the FIFO has `fifo_depth` events. Events
-  of the same microsecond enter in the order of (row, column).
+  of the same microsecond enter in the order of the stream, (row, column) for simulated ones.
 - When the bus is free, it serves the row with the oldest waiting event. It sends all waiting events
   of that row together: `row_overhead_s` for the address of the row, then one event every
   `1 / max_rate_hz`, oldest first. Later events of that row wait for its next turn.
@@ -200,7 +200,7 @@ class ReadOut:
     def __init__(self, events: Iterable[Events], readout: Readout) -> None:
         self._source = events
         self._sender = Sender(readout)
-        self._begun = False
+        self._begun = self._ended = False
         self._parts = self._run()
 
     def __iter__(self) -> Iterator[Events]:
@@ -209,8 +209,14 @@ class ReadOut:
         Raises
         ------
         EventError
-            A part differs in size from the one before it, or starts before its end.
+            A part differs in size from the one before it, or starts before its end, or all parts
+            were read before.
         """
+        if self._ended:
+            raise EventError(
+                "ReadOut: found parts that were read before, expected one iteration; keep them in "
+                "a list, or call read_out again"
+            )
         return self._parts
 
     def _run(self) -> Iterator[Events]:
@@ -219,6 +225,7 @@ class ReadOut:
             yield self._sender.push(part)
         if (last := self._sender.finish()) is not None:
             yield last
+        self._ended = True
 
     @property
     def report(self) -> ReadoutReport:
@@ -270,6 +277,8 @@ def read_out(events: Events | Iterable[Events], readout: Readout) -> ReadOut:
     >>> print(sent.report)
     100 events fired, 40 dropped (40 %), 60 delayed, by 30.5 us on average and 60 us at most
     """
+    if not isinstance(readout, Readout):
+        raise refusal("read_out: readout", readout, "a sensor.Readout")
     return ReadOut([events] if isinstance(events, Events) else events, readout)
 
 

@@ -101,6 +101,7 @@ class IntervalHistogram:
         ).astype(np.min_scalar_type(len(self.edges_us)))
         self._last_us = np.full((-(-height // every_row), width), _NEVER)
         self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
+        self._end_us = int(_NEVER)
 
     def add(self, events: Events) -> None:
         """Count the next part of the stream.
@@ -108,7 +109,7 @@ class IntervalHistogram:
         Raises
         ------
         EventError
-            The events are of a sensor of another size.
+            The events are of a sensor of another size, or start before the end of those before.
         """
         width, height = self._last_us.shape[1], len(self._slot_of)
         if (events.width, events.height) != (width, height):
@@ -116,6 +117,14 @@ class IntervalHistogram:
                 f"IntervalHistogram.add: found events of {events.width}x{events.height} px, "
                 f"expected {width}x{height} px"
             )
+        if not len(events):
+            return
+        if events.t_us[0] < self._end_us:
+            raise EventError(
+                f"IntervalHistogram.add: found an event at {events.t_us[0]} us after one at "
+                f"{self._end_us} us, expected parts in order"
+            )
+        self._end_us = int(events.t_us[-1])
         _count_intervals(
             events.columns,
             *self._window_us,

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
+from eres_render.errors import nearest
+from tasks.errors import TaskError
 from tasks.metric import Metric
 
 
@@ -107,7 +109,7 @@ _POSITION_ERROR = Metric(
     *("position_error_mm", "position error", "mm"), False, negligible=0.1, decimals=2, digits=3
 )
 
-TASKS = {
+_TASKS = {
     "reconstruction": TaskSpec(
         title="reconstruction",
         summary="PSNR of the image at the end of the window",
@@ -235,6 +237,14 @@ TASKS = {
         extensions=("photometric_tracking_with_delay",),
     ),
 }
+
+
+class _Tasks(dict[str, TaskSpec]):
+    def __missing__(self, name: str) -> TaskSpec:
+        raise TaskError(f"no task {name!r}, {nearest(name, self)}")
+
+
+TASKS = _Tasks(_TASKS)
 
 
 def load(place: str) -> Any:

@@ -44,6 +44,18 @@ def test_the_page_shows_the_folders_that_there_are():
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_the_page_shows_the_files_at_the_top_of_a_package(package):
+    """Promise: docs/house.md has every module that is in no folder below the package."""
+    tree = (ROOT / "docs" / "house.md").read_text().split("```")[1]
+    part = re.search(rf"^{package}/.*\n((?:  .*\n)+)", tree, re.MULTILINE)[1]
+    shown = {
+        word for line in part.splitlines() for word in re.findall(r"\w+", line.split("   ")[0])
+    }
+    files = {path.stem for path in (ROOT / package).glob("*.py")} - {"__init__"}
+    assert files <= shown, files - shown
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
 def test_packages_import_only_what_lies_below_them(package):
     """tasks -> eres_render, tasks -> sensor; these two import neither each other nor tasks."""
     for path in (ROOT / package).rglob("*.py"):

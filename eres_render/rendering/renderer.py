@@ -7,13 +7,13 @@ import logging
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.camera import Camera, Plane
-from eres_render.errors import RenderError, SceneError, check_spp
+from eres_render.errors import RenderError, SceneError, check_spp, nearest
 from eres_render.progress import Progress, silent
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.clearance import check_clearance
@@ -119,8 +119,11 @@ class Renderer:
     ) -> None:
         if not 0 <= seed < 1 << 32:
             raise RenderError(f"seed: found {seed}, expected 0 to 2^32 - 1")
+        if integrator not in (None, *get_args(Integrator)):
+            hint = nearest(str(integrator), get_args(Integrator))
+            raise RenderError(f"integrator: found {integrator!r}, {hint}")
         self.scene = scene
-        self.seed = seed
+        self.seed = int(seed)
         self.variant = select_variant()
         camera = camera or scene.camera(width)
         # Before all slow work; a baked scene needs more memory, which is checked below.
@@ -562,7 +565,11 @@ def _best_integrator(scene: Scene, variant: str) -> Integrator:
 def _to_world(T_world_cam: Float64) -> Any:
     import mitsuba as mi
 
-    to_world = np.asarray(T_world_cam, dtype=np.float64) @ _CAM_FROM_MITSUBA
+    pose = np.asarray(T_world_cam, dtype=np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        found = pose.tolist() if pose.shape == (4, 4) else f"an array of {pose.shape}"
+        raise RenderError(f"T_world_cam: found {found}, expected one finite pose, (4, 4)")
+    to_world = pose @ _CAM_FROM_MITSUBA
     return mi.ScalarTransform4f(to_world.tolist())
 
 

@@ -105,6 +105,8 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
         )
     if trajectory_file is None:
         return scene
+    if not Path(trajectory_file).is_file():
+        raise SceneError(f"{trajectory_file}: no such file, expected a camera path in TUM's format")
     tum = TumPath("tum", str(Path(trajectory_file).resolve()), _TUM_CLEARANCE_M)
     return dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, path=tum))
 

@@ -97,6 +97,8 @@ class GroundTruth:
     >>> wall = Plane(normal=(0.0, 0.0, 1.0), offset_m=2.0)
     >>> path = path_through([0.0, 1.0], poses)
     >>> truth = GroundTruth(path, Camera(640, 480, fx=500), wall.distance, wall)
+    >>> truth
+    GroundTruth(640x480 px, 1 s)
     >>> depth = truth.depth(0.5, width=64)
     >>> depth.shape, float(depth[24, 32])
     ((48, 64), 2.0)
@@ -119,6 +121,10 @@ class GroundTruth:
         self._distance = distance
         self._recent: dict[tuple[Camera, float], _Seen] = {}
         self._last_rays: tuple[Camera, Float64] | None = None
+
+    def __repr__(self) -> str:
+        size = f"{self._camera.width}x{self._camera.height} px"
+        return f"GroundTruth({size}, {self.trajectory.duration_s:g} s)"
 
     def camera(self, width: int, height: int | None = None) -> Camera:
         """Return the camera at a resolution.

@@ -78,8 +78,8 @@ def write_truth(
     Raises
     ------
     RenderError
-        If the folder holds ground truth or a sequence, cannot be written, or a flow does not fit
-        into a PNG.
+        If times do not increase, the folder holds ground truth or a sequence, cannot be written,
+        or a flow does not fit into a PNG.
 
     Examples
     --------
@@ -96,6 +96,9 @@ def write_truth(
         if side is not None and side < 1:
             raise RenderError(f"{name}: found {side}, expected at least 1 px")
     times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
+    if times.ndim != 1 or not np.all(np.diff(times) > 0):  # NaN is not
+        raise RenderError(f"t_s: found {times.tolist()}, expected increasing times")
+    out_dir = Path(out_dir)
     _make_room(out_dir, overwrite)
     inside = ["depth", "flow", *(["instances", "objects"] if truth.objects else [])]
     folders = [out_dir, *(out_dir / name for name in inside)]

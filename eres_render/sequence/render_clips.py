@@ -35,7 +35,7 @@ from eres_render.storage.locks import locked
 from eres_render.trajectory.frame_times import FrameTimes, adaptive_times, warn_if_far_apart
 
 
-@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+@dataclass(frozen=True, eq=False, slots=True, repr=False, kw_only=True)
 class _ClipInProgress(RadianceSequence):
     """A sequence that renders and writes each missing frame when it is first read.
 

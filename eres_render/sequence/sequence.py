@@ -53,7 +53,7 @@ class Rendered:
         return Rendered(self.frames - before.frames, self.seconds - before.seconds)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class RadianceSequence:
     """A complete sequence on disk; frames are read on demand.
 
@@ -82,6 +82,13 @@ class RadianceSequence:
 
     def __len__(self) -> int:
         return len(self.manifest.t_s)
+
+    def __repr__(self) -> str:
+        made, t_s = self.manifest, self.manifest.t_s
+        return (
+            f"RadianceSequence({len(self)} frames of {made.width}x{self.height} px, {made.scene}, "
+            f"{t_s[0]:g}..{t_s[-1]:g} s, {str(self.folder)!r})"
+        )
 
     def __iter__(self) -> Iterator[Float32]:
         return read_ahead(self.frame, len(self))

@@ -18,7 +18,7 @@ _TURN_TOLERANCE_RAD = 1e-12
 _LEAST_DAMPING = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """A twice continuously differentiable path of poses.
 
@@ -46,6 +46,8 @@ class Trajectory:
     >>> controls = np.tile(np.eye(4), (5, 1, 1))
     >>> controls[:, 0, 3] = [-0.1, 0.0, 0.1, 0.2, 0.3]  # 1 m/s to the right
     >>> path = Trajectory(0.1 * np.arange(-1.0, 4.0), controls)
+    >>> path
+    Trajectory(5 control poses, 0.2 s)
     >>> round(path.duration_s, 6), round(path.mean_speed_mps(0.2), 6)
     (0.2, 1.0)
     >>> path.pose(0.05)[:3, 3].round(6)
@@ -70,11 +72,10 @@ class Trajectory:
                 f"Trajectory.knots_s: found shape {knots.shape}, {knots[:3].tolist()}..., expected "
                 f"{shape[0]} increasing times, the second of them 0"
             )
-        R = self.controls[:, :3, :3]
-        if not np.allclose(R @ np.swapaxes(R, 1, 2), np.eye(3), atol=1e-6):
-            raise TrajectoryError(
-                "Trajectory.controls: found a rotation that is not orthonormal, expected rotations"
-            )
+        _check_rotations("Trajectory.controls", self.controls)
+
+    def __repr__(self) -> str:
+        return f"Trajectory({len(self.controls)} control poses, {self.duration_s:g} s)"
 
     @property
     def duration_s(self) -> float:
@@ -180,6 +181,19 @@ class Trajectory:
         return i, *_cumulative_basis(_evenly_extended(self.knots_s), i, t)
 
 
+def _check_rotations(name: str, T: Float64) -> None:
+    R = T[:, :3, :3]
+    with np.errstate(all="ignore"):  # they may not be finite
+        error = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2))
+        is_rotation = (error < 1e-5) & (np.linalg.det(R) > 0)
+    if not is_rotation.all():
+        k = int(np.argmin(is_rotation))
+        raise TrajectoryError(
+            f"{name}: found {R[k].tolist()} in number {k}, expected a rotation: orthonormal, with "
+            "determinant 1"
+        )
+
+
 def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> Trajectory:
     """Return the spline that passes through given poses at given times.
 
@@ -204,8 +218,8 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     Raises
     ------
     TrajectoryError
-        If there are fewer than two poses, times do not increase, or the camera turns so far between
-        two poses that no spline is found.
+        If there are fewer than two poses, one is not a pose, times do not increase, or the camera
+        turns so far between two poses that no spline is found.
 
     Examples
     --------
@@ -219,11 +233,22 @@ def path_through(t_s: ArrayLike, T_world_cam: Float64, t_offset_us: int = 0) -> 
     >>> round(float(path.velocity(0.5)[0]), 3)  # m/s
     0.2
     """
-    t = np.asarray(t_s, dtype=np.float64)
-    if t.shape != (len(T_world_cam),) or len(t) < 2 or not np.all(np.diff(t) > 0):
+    t, T_world_cam = np.asarray(t_s, dtype=np.float64), np.asarray(T_world_cam, dtype=np.float64)
+    if T_world_cam.ndim != 3 or T_world_cam.shape[1:] != (4, 4):
+        raise TrajectoryError(f"poses: found shape {T_world_cam.shape}, expected (N, 4, 4)")
+    if t.shape != (len(T_world_cam),):
         raise TrajectoryError(
-            f"found {len(T_world_cam)}, expected two or more poses at increasing times"
+            f"times: found shape {t.shape}, expected ({len(T_world_cam)},), one for each pose"
         )
+    if len(t) < 2:
+        raise TrajectoryError(f"found {len(t)}, expected two or more poses")
+    if not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
+        k = int(np.argmin(np.diff(t) > 0))
+        raise TrajectoryError(f"found {t[k + 1]:g} s after {t[k]:g} s, expected increasing times")
+    if not np.isfinite(T_world_cam).all():
+        k = int(np.argmin(np.isfinite(T_world_cam).all(axis=(1, 2))))
+        raise TrajectoryError(f"poses: found {T_world_cam[k].tolist()} as number {k}, not finite")
+    _check_rotations("poses", T_world_cam)
     knots = _evenly_extended(t - t[0])
     extended = _evenly_extended(knots)
     n = len(t)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sensor.errors import EventFormatError
-from sensor.events import Events, no_events
+from sensor.events import Events, no_events, whole_us
 from sensor.formats import dsec
 from sensor.formats.hdf5_file import load_h5py
 
@@ -46,7 +46,6 @@ class DsecReader:
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> import numpy as np
     >>> from sensor import Events
     >>> from sensor.formats import write_events
@@ -55,14 +54,17 @@ class DsecReader:
     >>> p = np.ones(10_000, np.int8)
     >>> write_events("long.h5", Events(t_us, pixel, pixel, p, width=346, height=260))
     10000
-    >>> reader = DsecReader(Path("long.h5"))
+    >>> reader = DsecReader("long.h5")
+    >>> reader
+    DsecReader(10000 events of 346x260 px, 'long.h5')
     >>> reader.between(70_000, 70_100)
     Events(10 of 346x260 px, 70000..70090 us)
     >>> reader.part(0, 3)
     Events(3 of 346x260 px, 0..20 us)
     """
 
-    def __init__(self, path: Path, size: tuple[int, int] | None = None) -> None:
+    def __init__(self, path: str | Path, size: tuple[int, int] | None = None) -> None:
+        path = Path(path)
         path.open("rb").close()  # raises OSError if the file is missing or not readable
         self.path = path
         with named_errors(self.path):
@@ -72,12 +74,16 @@ class DsecReader:
             self._columns = {name[-1]: dsec.integers(self.file, name) for name in names}
             self._ms_to_idx = dsec.integers(self.file, "ms_to_idx")
 
+    def __repr__(self) -> str:
+        size = f"{self.header.width}x{self.header.height} px"
+        return f"DsecReader({len(self)} events of {size}, {str(self.path)!r})"
+
     def __len__(self) -> int:
         return len(self._columns["t"])
 
     def index_at(self, t_us: int) -> int:
-        """Return the number of events before a time."""
-        t_us -= self.header.t_offset_us
+        """Return the number of events before a time, whole microseconds."""
+        t_us = whole_us("DsecReader", "t_us", t_us) - self.header.t_offset_us
         if t_us <= 0:
             return 0
         ms = t_us // 1000
@@ -107,7 +113,7 @@ class DsecReader:
         EventFormatError
             The events are damaged.
         """
-        stop = min(stop, len(self))
+        first, stop, _ = slice(first, stop).indices(len(self))
         if first >= stop:
             return no_events(self.header.width or 0, self.header.height or 0, self.header.model)
         with named_errors(self.path):
@@ -128,6 +134,8 @@ class DsecReader:
 
         Raises
         ------
+        EventError
+            A time is not an integer, so it may be in seconds.
         EventFormatError
             The events are damaged.
         """

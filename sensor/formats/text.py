@@ -57,7 +57,7 @@ _MOST = np.iinfo(np.int64).max
 _MOST_DIGITS = (_MOST - 9) // 10  # another digit still fits into int64
 
 LAST_US, DARKER = range(2)  # entries of the reader's state: last time, p of darker events
-_UNKNOWN = 9
+_UNKNOWN = np.iinfo(np.int64).min  # p of no file
 
 
 @jit

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensor.errors import EventFormatError
+from sensor.events import shifted
 
 _DTYPES = {"t_us": np.int64, "channel": np.uint8, "p": np.int8}
 
@@ -64,8 +65,8 @@ class Triggers:
         return len(self.t_us)
 
     def later(self, shift_us: int) -> Triggers:
-        """Return the triggers with a shift added to their times."""
-        return Triggers(self.t_us + shift_us, self.channel, self.p)
+        """Return the triggers with a shift added to their times; see `Events.later`."""
+        return Triggers(shifted(self.t_us, shift_us, "Triggers.later"), self.channel, self.p)
 
 
 def _no_triggers() -> Triggers:

@@ -45,8 +45,9 @@ def voxel_grid(
         DSEC).
     positions
         (N, 2) columns and rows of the events, px, with fractions, such as DSEC's rectified ones;
-        whole pixels otherwise. Each event then votes for the four pixels around it, too; votes
-        outside the sensor are dropped.
+        whole pixels otherwise. The center of the first pixel is (0, 0), so subtract 0.5 from
+        `Camera.undistorted_positions`. Each event then votes for the four pixels around it, too;
+        votes outside the sensor are dropped.
     normalize
         Whether to bring the entries that are not 0 to mean 0 and standard deviation 1. If they are
         all equal, only the mean is subtracted.
@@ -83,7 +84,9 @@ def voxel_grid(
     grid = np.zeros((bins, events.height, events.width), np.float32)
     if not len(events):
         return grid
-    duration_us = int(events.t_us[-1] - events.t_us[0])
+    duration_us = int(events.t_us[-1]) - int(events.t_us[0])
+    if duration_us > np.iinfo(np.int64).max:
+        raise EventError(f"voxel_grid: found events of {duration_us} us, expected at most 2^63 - 1")
     if convention == "eraft" and duration_us == 0:
         return grid
     bins_per_us = (bins - 1) / max(duration_us, 1)

@@ -94,8 +94,8 @@ class EventDataset:
     1000
     >>> as_grid = partial(voxel_grid, bins=5)
     >>> dataset = EventDataset("recordings", window_us=10_000, transform=as_grid)
-    >>> len(dataset)
-    9
+    >>> dataset
+    EventDataset(9 windows of 1 recording, 32x24 px, targets: none)
     >>> item = dataset[3]
     >>> item["events"].shape, item["window_us"]
     ((5, 24, 32), array([30000, 40000]))
@@ -113,7 +113,7 @@ class EventDataset:
         if window_us is not None and window_events is not None:
             raise TaskError("found window_us and window_events, expected at most one of them")
         for name, value in (("window_us", window_us), ("window_events", window_events)):
-            if value is not None and (not isinstance(value, int) or value < 1):
+            if value is not None and (not isinstance(value, int | np.integer) or value < 1):
                 raise TaskError(f"{name}: found {value!r}, expected a whole number of at least 1")
         self.recordings = find_recordings(Path(folder))
         _check_sizes(self.recordings)
@@ -126,6 +126,14 @@ class EventDataset:
         self._ends = list(accumulate(self._count(one) for one in self.recordings))
         if self._ends[-1] == 0:
             raise TaskError(f"{folder}: found no window of that length in any recording")
+
+    def __repr__(self) -> str:
+        width, height = self.recordings[0].size_px
+        files = len(self.recordings)
+        return (
+            f"EventDataset({len(self)} windows of {files} recording{'s' * (files > 1)}, "
+            f"{width}x{height} px, targets: {', '.join(self.targets) or 'none'})"
+        )
 
     def __len__(self) -> int:
         return self._ends[-1]
@@ -188,6 +196,7 @@ def _check_sizes(recordings: Sequence[Recording]) -> None:
 def _checked_targets(
     recordings: Sequence[Recording], targets: Sequence[str] | None
 ) -> tuple[str, ...]:
+    targets = None if targets is None else tuple(targets)
     unknown = [name for name in targets or () if name not in TARGETS]
     if unknown:
         raise TaskError(f"targets: found {unknown[0]!r}, expected some of {', '.join(TARGETS)}")
@@ -241,11 +250,13 @@ def _frame(recording: Recording, events: Events, t_us: int) -> Item:
     """Return the frame nearest to a time, as the sensor sees it."""
     assert recording.clip is not None
     clip = _clip(recording.clip)
-    origin = _reader(recording.path).header.origin
-    times_us = clip.t_offset_us + np.round(1e6 * clip.t_s / float(origin["speed"])).astype(int)
+    header = _reader(recording.path).header
+    speed = float(header.origin["speed"])
+    times_us = clip.t_offset_us + np.round(1e6 * clip.t_s / speed).astype(int)
     k = nearest(times_us, t_us)
     rows, columns = crop_to_aspect(clip.height, clip.width, events.height, events.width)
-    seen = integrate(clip.frame(k)[rows, columns], events.height, events.width)
+    fill_factor = 1.0 if header.model is None else header.model.fill_factor
+    seen = integrate(clip.frame(k)[rows, columns], events.height, events.width, fill_factor)
     assert seen is not None  # frames are checked as they are read
     return {"frame": seen.astype(np.float32), "frame_us": np.array(times_us[k])}
 

@@ -80,7 +80,9 @@ def find_recordings(folder: Path) -> list[Recording]:
     EventFormatError, SequenceError
         A file or a clip is damaged or unfinished.
     """
-    folder = Path(folder)
+    if not folder.is_dir():
+        there = "a file" if folder.exists() else "no such folder"
+        raise TaskError(f"{folder}: found {there}, expected a folder of recordings")
     clips = _find_clips(folder)
     found, used = [], set()
     for path in sorted(path for path in _below(folder, "*") if path.is_file()):

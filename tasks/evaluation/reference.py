@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
@@ -26,8 +26,8 @@ class ReferenceFrames:
         Poses, depth and flow of their scene.
     dark_level
         Dark level of the sensors, in the frames' unit of radiance.
-    widths
-        Widths of the sensors, px.
+    fill_factors
+        Fill factor of each sensor, by its width in px.
     """
 
     def __init__(
@@ -35,12 +35,12 @@ class ReferenceFrames:
         sequence: RadianceSequence,
         truth: GroundTruth,
         dark_level: float,
-        widths: Iterable[int],
+        fill_factors: Mapping[int, float],
     ) -> None:
         self.sequence = sequence
         self.truth = truth
         self.dark_level = dark_level
-        self.widths = tuple(dict.fromkeys(widths))
+        self.fill_factors = fill_factors
         self._features: dict[tuple[int, int], Features] = {}
         self._pictures: dict[tuple[float, str], NDArray[np.float64]] = {}
 
@@ -72,8 +72,10 @@ class ReferenceFrames:
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
         """(h, w) log intensity at the window's start at each sensor's resolution, by its width."""
-        sizes = {width: (self.truth.camera(width).height, width) for width in self.widths}
-        seen = {width: integrate(self.start, *size) for width, size in sizes.items()}
+        seen = {
+            width: integrate(self.start, self.truth.camera(width).height, width, fill_factor)
+            for width, fill_factor in self.fill_factors.items()
+        }
         return {width: self.log(image) for width, image in seen.items() if image is not None}
 
     def features(self, count: int, seed: int) -> Features:

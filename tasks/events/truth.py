@@ -15,6 +15,7 @@ import numpy as np
 from eres_render import GroundTruth, RadianceSequence, ground_truth, window_times
 from sensor import EventFormatError, SensorModel
 from sensor.formats.hdf5_file import Storage, writable
+from tasks.errors import TaskError
 
 AddTo = Callable[[Path], None]
 
@@ -46,7 +47,17 @@ def truth_to_add(
     Returns
     -------
     The function; it takes the path of the file.
+
+    Raises
+    ------
+    TaskError
+        Times would be less than a microsecond apart.
     """
+    if 0 < step_s < 1e-6 * speed:
+        raise TaskError(
+            f"truth: found a step of {1e6 * step_s / speed:g} us in the time of the events, "
+            "expected at least 1 us, to which times are rounded"
+        )
     truth = ground_truth(sequence)
     size = model.width, model.height
     times_s = window_times(sequence, step_s)

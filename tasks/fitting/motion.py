@@ -23,6 +23,8 @@ _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, 
 NOISY = 0.05
 """Share of the change of light: if more is unexplained, the filter hides and thresholds are low."""
 _STEP_US, _STEP = 2.0, 0.01  # steps for the derivatives
+_LEAST_US = 1.0  # delay of a sensor that is not late
+_EARLY = 0.005  # of the longest delay: events may be so early, as delays are only known so well
 
 
 class MotionResponse(NamedTuple):
@@ -98,7 +100,7 @@ def fit_motion(levels: Levels, coarse: Levels, exposure_us: float = 0.0) -> Moti
         The events are not later than the light, for example because the clocks disagree.
     """
     start_us = best_delay_us(levels)
-    if start_us <= 0:
+    if start_us < -_EARLY * levels.settling_us:
         raise TaskError(
             f"motion: found events {-start_us:.0f} us before their light, expected them after it: "
             "do the clocks of frames and events agree?"
@@ -146,22 +148,23 @@ class _Fit:
     def __init__(self, levels: Levels, poles: int, start_us: float) -> None:
         self._levels, self._poles = levels, poles
         self._on, self._off = (levels.within_blocks(one) for one in (levels.on, levels.off))
+        most_us = 0.5 * levels.settling_us
+        start_us = min(max(start_us, _LEAST_US), most_us)
         line = fit_line(levels, start_us)
         thresholds = math.log(line.on), math.log(line.off)
         at_start = self._left(np.array([start_us, 0.0, *thresholds]))
         self._scale = _HUBER * 1.4826 * float(np.median(np.abs(at_start)))
-        most_us = 0.5 * levels.settling_us
         found = optimize.least_squares(
             self._left,
             [start_us, _SHARE, *thresholds],
             self._slopes,
-            bounds=([1.0, 0.0, -10.0, -10.0], [most_us, 1.0, 5.0, 5.0]),
+            bounds=([_LEAST_US, 0.0, -10.0, -10.0], [most_us, 1.0, 5.0, 5.0]),
             x_scale=[0.1 * start_us, 0.3, 0.1, 0.1],
             loss="huber",
             f_scale=self._scale,
-            xtol=1e-5,
+            xtol=1e-10,  # of the norm of all four, and the delay is thousands of microseconds
             ftol=1e-7,
-            max_nfev=40,
+            max_nfev=100,
         )
         self._x: Float64 = found.x
         self._rest = self._left(self._x)

@@ -137,7 +137,8 @@ def neighbors_together(events: Events, hot: NDArray[np.bool_]) -> float:
     if variance == 0:
         return 0.0
     pairs = (found[:, :, 1:], found[:, :, :-1]), (found[:, 1:], found[:, :-1])
-    return max((float(np.mean(a * b)) / variance for a, b in pairs), key=abs)
+    means = (float(np.mean(a * b)) / variance for a, b in pairs if a.size)  # none in a single row
+    return max(means, key=abs, default=0.0)
 
 
 def _dispersion(counts: NDArray[np.float64]) -> float:

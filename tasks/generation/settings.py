@@ -91,6 +91,8 @@ class DatasetSettings:
     scene_version: int = SCENE_VERSION
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "cutoffs_hz", tuple(float(hz) for hz in self.cutoffs_hz))
+
         def check(name: str, holds: bool, expected: str) -> None:
             if not holds:
                 raise TaskError(f"{name}: found {getattr(self, name)}, expected {expected}")

@@ -35,12 +35,15 @@ class TrueLight:
         Corner frequency of each of the photoreceptor's two poles.
     speed
         Factor by which the scene moves faster than it was rendered.
+    fill_factor
+        Light-sensitive share of the area of a pixel.
     """
 
     sequence: RadianceSequence
     dark_level: float
     cutoff_hz: float
     speed: float
+    fill_factor: float = 1.0
 
     @property
     def t_s(self) -> Float64:
@@ -66,7 +69,7 @@ class TrueLight:
         TaskError
             The frame has values that are negative or not finite.
         """
-        seen = integrate(self.sequence.frame(k), height, width)
+        seen = integrate(self.sequence.frame(k), height, width, self.fill_factor)
         if seen is None:
             raise TaskError(f"frame {k}: found radiance that is negative or not finite")
         return np.log(seen + self.dark_level)

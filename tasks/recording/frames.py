@@ -204,6 +204,11 @@ def _checked(
                 f"{source}, {file.name}: found {start[k]} us after {start[k - 1]} us, expected "
                 "ascending times"
             )
+        if k and start[k] + end[k] <= start[k - 1] + end[k - 1]:
+            raise TaskError(
+                f"{source}, {file.name}: found an exposure from {start[k]} to {end[k]} us, whose "
+                "middle is not after that of the exposure before, expected ascending middles"
+            )
     if len(files) < 2:
         raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
     return Frames(tuple(files), np.array(start, np.int64), np.array(end, np.int64), encoding)

@@ -233,6 +233,8 @@ def _windows(slider: Slider, events: Events, settings: RigEvaluation) -> list[_W
     found: list[_Window] = []
     for t_us in middles_us.tolist():
         speed = abs(float(slider.speed_mps(t_us)))
+        if speed == 0:  # at rest, at the end of a stroke
+            continue
         half_us = round(0.5e6 * settings.travel_m / speed)
         start_us, end_us = t_us - half_us, t_us + half_us
         if start_us < first_us or end_us > last_us:
@@ -430,7 +432,8 @@ def _video_rows(crop: _Crop, windows: list[_Window], settings: RigEvaluation) ->
     for name in settings.video:
         method, _ = ask("video", name, load_method("video", name), *size, crop.contrast_threshold)
         taker = ImageTaker(method, [window.end_us for window in windows])
-        taken = [*taker.push(crop.events), *taker.finish()]
+        steps = (taker.push, crop.events), (taker.finish,)
+        taken = [one for step in steps for one in ask("video", name, *step)[0]]
         for window, truth, (_, answer) in zip(windows, truths, taken, strict=True):
             log_image, failure = image_answer("video", name, answer, blank)
             value = psnr_db(picture(log_image, size[::-1]), truth)

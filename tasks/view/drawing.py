@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sensor.compiling import compiler
 from sensor.events import Columns, Events
+from tasks.errors import TaskError
 
 jit = compiler(Path(__file__).parent)
 
@@ -95,7 +96,17 @@ def draw_events(events: Events, ground: Picture, palette: Palette) -> Picture:
     Returns
     -------
     (height, width, 3) uint8.
+
+    Raises
+    ------
+    TaskError
+        The picture is not of the sensor's size.
     """
+    if ground.shape != (events.height, events.width, 3):
+        raise TaskError(
+            f"draw_events: found a picture of {ground.shape}, expected "
+            f"({events.height}, {events.width}, 3), the sensor's size"
+        )
     picture = ground.copy()
     total = np.zeros(ground.shape[:2], np.int64)
     colors = np.array([palette.darker, palette.brighter], np.float64)

@@ -117,6 +117,8 @@ def test_a_scene_file_without_a_path_and_bad_paths_are_refused(tmp_path):
     xml = write_scene(tmp_path, CAMERA, BALL, SKY)
     with pytest.raises(SceneError, match=r"mine\.xml: has no camera path; give poses in TUM"):
         load_scene(xml).trajectory()
+    with pytest.raises(SceneError, match=r"nowhere\.txt: no such file, expected a camera path"):
+        load_scene(xml, tmp_path / "nowhere.txt")
     file = write_poses(tmp_path, [(3, 0, 0)] * 3, T_S)
     with pytest.raises(TrajectoryError, match=r"poses\.txt: found a path of length 0"):
         load_scene(xml, file).trajectory()

@@ -116,6 +116,12 @@ def test_opencv_reads_what_was_written_and_projects_alike(tmp_path):
     np.testing.assert_allclose(seen.reshape(-1, 2) + 0.5, camera.project(points), atol=1e-9)
 
 
+def test_no_other_kind_of_file_is_written(tmp_path):
+    with pytest.raises(RenderError, match="kind: found 'ros', expected 'opencv' or 'kalibr'"):
+        write_camera(tmp_path / "camera.yaml", Camera(64, 48, fx=60.0), "ros")
+    assert not (tmp_path / "camera.yaml").exists()
+
+
 def test_kalibr_has_no_k3(tmp_path):
     camera = Camera(64, 48, fx=60.0, distortion=Distortion(k3=0.1))
     with pytest.raises(RenderError, match=r"found k3 = 0.1, expected 0 for Kalibr's radtan"):

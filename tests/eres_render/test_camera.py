@@ -71,6 +71,16 @@ def test_a_ray_that_misses_the_plane_is_refused():
         plane.intersect(np.array([0.0, 0.0, 1.0]), up)
 
 
+def test_sizes_of_numpy_are_sizes_and_lists_are_no_lens():
+    """Promise: a camera is stored as JSON and passed to Mitsuba, which take Python's integers."""
+    camera = Camera(np.int64(96), np.uint16(72), 1.0)
+    assert (type(camera.width), type(camera.height)) == (int, int)
+    with pytest.raises(
+        RenderError, match=r"^Camera\.distortion: found \[0\.1, 0, 0, 0\], expected"
+    ):
+        Camera(96, 72, 1.0, distortion=[0.1, 0, 0, 0])
+
+
 @pytest.mark.parametrize("size", [(0, 72), (96, -1), (96.0, 72), (96.5, 72)])
 def test_a_size_is_whole_pixels(size):
     """Promise: an error of ours, also if a camera of that size was made before."""

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import shutil
 import signal
@@ -52,8 +53,25 @@ def uninterrupted(renderer, tmp_path_factory):
     return render_clip(renderer, CLIP, tmp_path_factory.mktemp("whole") / "clip", 0.25)
 
 
+def test_a_sequence_is_one_line(uninterrupted):
+    """Promise: a notebook shows what it is, not all its times and checksums."""
+    shown = repr(uninterrupted)
+    assert re.fullmatch(r"RadianceSequence\(\d+ frames of \d+x\d+ px, \w+, [\d.]+ s, '.*'\)", shown)
+
+
 def frames_equal(a, b):
     return len(a) == len(b) and all(map(np.array_equal, a, b))
+
+
+def test_no_frame_is_rendered_from_what_is_no_pose(dots):
+    """Promise: a pose that is not finite, or several, are refused, and not black or a page of C++
+    types; an unknown integrator has a hint."""
+    renderer, T = Renderer(dots, 16, 1), tilted_pose()
+    for bad in (T * np.nan, T[:3], np.stack([T, T])):
+        with pytest.raises(RenderError, match=r"T_world_cam: found .*, expected one finite pose"):
+            renderer.frame(bad)
+    with pytest.raises(RenderError, match="integrator: found 'pathh', did you mean 'path'"):
+        Renderer(dots, 16, 1, integrator="pathh")
 
 
 @pytest.mark.parametrize("integrator", ["baked", "path"])

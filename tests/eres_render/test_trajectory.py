@@ -11,6 +11,7 @@ from eres_render import (
     Trajectory,
     TrajectoryError,
     load_scene,
+    path_through,
     plane_homography,
     random_path,
 )
@@ -162,5 +163,22 @@ def test_nearly_unit_quaternions_are_normalized(tmp_path):
 def test_rotations_must_be_rotations():
     controls = np.tile(np.eye(4), (4, 1, 1))
     controls[2, 0, 0] = math.sqrt(2)
-    with pytest.raises(TrajectoryError, match="not orthonormal"):
+    with pytest.raises(TrajectoryError, match="in number 2, expected a rotation: orthonormal"):
         Trajectory(0.5 * np.arange(-1, len(controls) - 1), controls)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value"),
+    [(0, 1, 0.5), (1, 1, 1.5), (0, 0, -1.0), (0, 3, np.nan), (2, 2, np.inf)],
+    ids=["sheared", "scaled", "mirrored", "NaN", "infinite"],
+)
+def test_paths_go_through_poses_only(row, column, value):
+    """Promise: a matrix that is no pose is refused with its number, not bent into one."""
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, 0, 3] = [0, 0.1, 0.2, 0.3]
+    assert path_through(range(4), poses.tolist()).duration_s == 3
+    poses[2, row, column] = value
+    with pytest.raises(TrajectoryError, match=r"poses: found .* number 2, (expected a r|not fin)"):
+        path_through(range(4), poses)
+    with pytest.raises(TrajectoryError, match=r"times: found shape \(4,\), expected \(3,\)"):
+        path_through(range(4), poses[:3])

@@ -205,6 +205,10 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
     def look(stage, done, total):
         there.append((tmp_path / "out" / "camera.json").exists())
 
+    for bad in ([0.3, 0.25], [0.25, 0.25], [0.25, np.nan], 0.25):
+        with pytest.raises(RenderError, match=r"t_s: found .*, expected increasing times"):
+            write_truth(truth, tmp_path / "out", bad, 40)
+    assert not (tmp_path / "out").exists()
     options = {"flow_png": True, "on_progress": look}
     files = write_truth(truth, tmp_path / "out", sequence.window_s, 40, **options)
     assert there == [False, False]

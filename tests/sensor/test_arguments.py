@@ -25,6 +25,7 @@ from sensor import (
 from sensor.engine import arguments, group
 from sensor.formats.header import model_from_json, model_to_json
 from sensor.optics import crop_to_aspect
+from sensor.representations import voxel_grid
 
 T_S = [0.0, 0.01]
 MODEL = SensorModel(width=4, height=4)
@@ -333,6 +334,43 @@ def test_a_window_in_seconds_is_refused(name, value):
     with pytest.raises(EventError) as error:
         events.between(**{"t_start_us": 0, "t_end_us": 10, name: value})
     one_line(error, f"Events.between: found {name} = {value!r}, expected whole microseconds")
+
+
+@pytest.mark.parametrize("shift_us", [0.7, 1e6, np.float64(3), "1", None, np.arange(3)])
+def test_a_shift_in_seconds_is_refused(shift_us):
+    """Promise: times stay whole microseconds."""
+    events = simulate(frames(), T_S, MODEL)
+    assert events.later(np.int16(7)).t_us.tolist() == (events.t_us + 7).tolist()
+    with pytest.raises(EventError, match=r"Events\.later: found shift_us = .*, expected whole"):
+        events.later(shift_us)
+
+
+@pytest.mark.parametrize("shift_us", [2**63 - 1, -(2**63), 2**70])
+def test_a_shift_beyond_int64_is_refused(shift_us):
+    """Promise: no time wraps around."""
+    events = simulate(frames(), T_S, MODEL)
+    there = events.later(shift_us // 2**8) if abs(shift_us) < 2**64 else events
+    with pytest.raises(EventError, match="expected sums that int64 holds"):
+        there.later(shift_us)
+    assert len(events[:0].later(shift_us)) == 0
+
+
+def test_windows_are_exact_up_to_the_ends_of_int64():
+    """Promise: times and bounds are compared as integers, not as float64, which merges them."""
+    t_us = np.array([-(2**63), -(2**60) - 1, 2**60 + 1, 2**60 + 3, 2**63 - 1])
+    x = np.zeros(5, np.uint16)
+    events = Events(t_us, x, x, np.ones(5, np.int8), width=1, height=1)
+    bounds = [-(2**70), *(int(t) + k for t in t_us for k in (-1, 0, 1)), 2**70]
+    for first in bounds:
+        for last in bounds:
+            expected = [t for t in t_us.tolist() if first <= t < last]
+            assert events.between(first, last).t_us.tolist() == expected
+    array = np.zeros(1, [("x", "u2"), ("y", "u2"), ("t", "u8"), ("p", "?")])
+    array["t"] = 2**63 + 5
+    with pytest.raises(EventError, match="found t = 9223372036854775813, expected what int64"):
+        Events.from_structured(array, 1, 1)
+    with pytest.raises(EventError, match="voxel_grid: found events of 18446744073709551615 us"):
+        voxel_grid(events, 3)
 
 
 def test_events_are_selected_by_a_mask_only():

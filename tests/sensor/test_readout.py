@@ -34,6 +34,19 @@ def through(events, **kwargs):
     return concatenate(list(parts)), parts.report
 
 
+def test_the_parts_are_read_once_and_the_bus_is_a_readout():
+    """Promise: a second iteration does not look like a stream without events."""
+    events = make([1, 2], [0, 1], [0, 0])
+    parts = read_out(events, Readout(max_rate_hz=1e6, fifo_depth=9))
+    assert len(concatenate(list(parts))) == 2
+    with pytest.raises(EventError, match="found parts that were read before"):
+        list(parts)
+    with pytest.raises(
+        SensorError, match=r"read_out: readout: found 1000000\.0, expected a sensor"
+    ):
+        read_out(events, 1e6)
+
+
 def test_below_capacity_there_is_only_service_time():
     """Physics: events farther apart than the service time do not wait: delay = overhead + 1 / R."""
     rng = np.random.default_rng(0)

@@ -168,3 +168,18 @@ def test_edges_are_the_steepest_pixels_and_blocks_weigh_what_they_hold():
         slopes_by_pixel_size(first, second, 1e-3, 0.1, sizes_px=(2,))
     with pytest.raises(ValueError, match="no room"):
         slopes_by_pixel_size(first[:20, :20], second[:20, :20], 1e-3, 0.1, sizes_px=(1, 19))
+
+
+def test_parts_in_another_order_are_refused():
+    """Promise: no interval is negative."""
+    x = np.zeros(2, np.uint16)
+    late, early = (
+        Events(np.array(t_us), x, x, np.ones(2, np.int8), width=1, height=1)
+        for t_us in ([500, 550], [100, 150])
+    )
+    histogram = IntervalHistogram(1, 1, [10, 100], (0, 1000))
+    histogram.add(late)
+    histogram.add(late[:0])
+    with pytest.raises(EventError, match="found an event at 100 us after one at 550 us"):
+        histogram.add(early)
+    assert histogram.counts.tolist() == [1]

@@ -164,6 +164,18 @@ def test_a_run_without_its_scaling_statistics_makes_them(finished, scene_folder)
     assert file.read_text() == numbers
 
 
+def test_a_run_whose_previews_were_deleted_continues(finished, scene_folder, tmp_path, monkeypatch):
+    """Promise: no job is computed again for its pictures alone, and the report is without them."""
+    out, rows = finished
+    run = tmp_path / "run"
+    shutil.copytree(out, run)
+    shutil.rmtree(run / "previews")
+    monkeypatch.setattr(local, "compute_job", None)
+    assert run_study(tiny_study(scene_folder), run) == rows
+    assert not (run / "previews").exists()
+    write_report(run)
+
+
 def test_highlights_of_another_study_are_made_again(finished, scene_folder, tmp_path, monkeypatch):
     """Promise: films and times between events are of the study whose rows the folder has."""
     out, _ = finished

@@ -15,7 +15,7 @@ import pytest
 from eres_render import SequenceError, ground_truth, load_scene, open_sequence, render_scene
 from event_streams import assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
-from sensor import Events, SensorModel
+from sensor import EventError, Events, SensorModel
 from sensor.formats import load_events, read_header, write_events
 from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import integrate
@@ -54,9 +54,14 @@ def test_any_window_of_a_file(tmp_path):
         for first in edges:
             for last in [*edges, first + 1000]:
                 assert_same(reader.between(first, last), events.between(first, max(first, last)))
+    for part in ((0, -1), (-3, 5000), (-7, -2), (5, 3), (0, 10**9)):
+        assert_same(reader.part(*part), events[slice(*part)])
     empty = tmp_path / "empty.h5"
     write_events(empty, events[:0])
     assert len(DsecReader(empty).between(-9, 9)) == 0
+    for bad in (5000.0, np.float64(0.5), "5000"):
+        with pytest.raises(EventError, match=r"DsecReader: found t_us = .*, expected whole micro"):
+            DsecReader(str(empty)).between(0, bad)
 
 
 def test_windows_of_the_truth(folder):
@@ -89,6 +94,33 @@ def test_windows_of_the_truth(folder):
         assert int(item["frame_us"]) == round(sequence.t_s[nearest] / 2 * 1e6)
     with pytest.raises(IndexError):
         dataset[len(dataset)]
+
+
+def test_steps_of_the_truth_are_at_least_a_microsecond(folder, tmp_path):
+    """Promise: times of the truth differ; a wrong unit does not fill the memory."""
+    clip = open_sequence(folder / "clips" / "clip_000")
+    model = SensorModel(width=8, height=8, dark_level=1e-3 * clip.white_level)
+    with pytest.raises(
+        TaskError, match=r"truth: found a step of 0\.5 us in the time of the events"
+    ):
+        simulate_sequence(
+            clip, model, tmp_path / "0.h5", SimulationOptions(speed=2.0), truth_step_s=1e-6
+        )
+    assert not list(tmp_path.iterdir())
+
+
+def test_frames_are_those_of_the_fill_factor(folder, tmp_path):
+    """Promise: a sensor of which a tenth is sensitive sees the middle of each of its pixels."""
+    clip = open_sequence(folder / "clips" / "clip_000")
+    white = 1e-3 * clip.white_level
+    model = SensorModel(width=8, height=8, dark_level=white, fill_factor=0.1)
+    shutil.copytree(clip.folder, tmp_path / "clip_000")
+    simulate_sequence(clip, model, tmp_path / "0.h5", truth_step_s=0.02)
+    item = EventDataset(tmp_path)[0]
+    nearest = np.argmin(np.abs(1e6 * clip.t_s - item["frame_us"]))
+    seen, whole = (integrate(clip.frame(nearest), 8, 8, share) for share in (0.1, 1.0))
+    np.testing.assert_array_equal(item["frame"], seen.astype(np.float32))
+    assert np.abs(seen - whole).max() > 0.01 * whole.max()
 
 
 def test_a_file_that_is_written_again_is_read_again(tmp_path):
@@ -300,9 +332,23 @@ def test_arguments_are_checked(folder, arguments, said):
 
 
 def test_an_empty_folder_is_an_error(tmp_path):
-    """Promise: a folder without events is named."""
+    """Promise: a folder without events is named, and so are a file and what is not there."""
     with pytest.raises(TaskError, match=r"found no files of events, expected \.h5"):
         EventDataset(tmp_path)
+    with pytest.raises(TaskError, match=r"nowhere: found no such folder, expected a folder of rec"):
+        EventDataset(tmp_path / "nowhere")
+    (tmp_path / "events.h5").touch()
+    with pytest.raises(TaskError, match=r"events\.h5: found a file, expected a folder of record"):
+        EventDataset(tmp_path / "events.h5")
+
+
+def test_any_kind_of_sequence_and_integer_is_taken(folder):
+    """Promise: targets may come from a generator, and lengths from NumPy."""
+    dataset = EventDataset(folder, targets=(name for name in ["flow"]))
+    assert dataset.targets == ("flow",)
+    assert "flow" in dataset[0]
+    window_us = EventDataset(folder, window_us=np.int64(10_000))[0]["window_us"]
+    assert np.ptp(window_us) == 10_000
 
 
 def test_a_file_without_events_does_not_spoil_a_folder(tmp_path):

@@ -22,7 +22,7 @@ from tasks.fitting.motion import fit_motion
 from tasks.fitting.profile_file import write_profile
 from tasks.fitting.response import fit_response
 from tasks.fitting.steps import read_steps
-from tasks.fitting.stillness import counts, fit_noise
+from tasks.fitting.stillness import counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.numerics.estimate import poisson_rate, share
 from tasks.recording.levels import Levels, levels_of
@@ -66,6 +66,16 @@ def test_stillness_gives_back_hot_pixels():
     inside(noise.hot_pixels, 0.01)
     inside(noise.hot_pixel_hz, 50.0)
     inside(noise.shot_noise_hz, 1.0 * 4**-0.5)
+
+
+@pytest.mark.parametrize("size", [(1, 50), (50, 1)])
+def test_a_single_row_of_pixels_is_tested_for_stillness_too(size):
+    """Promise: neighbors in the one direction that has some count."""
+    y, x = np.mgrid[: size[0], : size[1]].reshape(2, -1).astype(np.uint16)
+    t_us = np.repeat(np.array([10, 4_000, 90_000]), x.size)
+    p = np.ones(t_us.size, np.int8)
+    events = Events(t_us, np.tile(x, 3), np.tile(y, 3), p, width=size[1], height=size[0])
+    assert neighbors_together(events, np.zeros(size, np.bool_)) == pytest.approx(1.0)
 
 
 def test_a_stretch_that_is_not_still_is_said(caplog):
@@ -241,6 +251,31 @@ def test_motion_gives_back_cutoff_and_latency(cutoff_hz, latency_s, photorecepto
     thresholds = fit_thresholds(levels, coarse, *late)
     inside(thresholds.on, 0.2)
     inside(thresholds.off, 0.25)
+
+
+def test_a_sensor_without_a_delay_has_no_cutoff_and_no_latency():
+    """Promise: neither the end of the search nor a microsecond of doubt is an error."""
+    levels, coarse = known(moving(0.2, 0.2, 1e-2), 1e-2)
+    found = fit_motion(levels, coarse)
+    assert found.delay_s.value < 1e-4
+    assert found.cutoff_hz.value > 1e3
+    assert np.isinf(found.cutoff_hz.high)
+
+
+def test_the_search_does_not_end_where_it_starts():
+    """Promise: clean light of one frequency gives back the cutoff, not the first guess of the
+    filter's share; there a slow pole hides from a crude end of the search."""
+    t_s = np.arange(0, 0.5, 0.002)
+    base = 0.05 * (1 + np.random.default_rng(0).random((32, 32)))
+    light = (np.exp(1 + np.sin(9 * t + 6 * base / 0.05)) for t in t_s)
+    frames = [(base * one).astype(np.float32) for one in light]
+    model = SensorModel(
+        width=32, height=32, contrast_threshold=0.1, cutoff_hz=50.0, dark_level=1e-3
+    )
+    footage = Footage(Path("light"), t_s, 0, 32, 32, "linear", 1.0, lambda: iter(frames))
+    events = simulate(frames, t_s, model)
+    motion = fit_recording(events, Evidence(light=footage, motion=True)).motion
+    inside(motion.cutoff_hz, 50.0)
 
 
 def test_motion_that_is_too_slow_says_so():

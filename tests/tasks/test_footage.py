@@ -21,7 +21,7 @@ from tasks.events.simulation import SimulationOptions
 from tasks.footage import open_footage
 from tasks.footage.images import list_images
 from tasks.footage.interpolation import interpolated, steps_for
-from tasks.footage.motion import displacements_px
+from tasks.footage.motion import displacements_px, optical_flow
 
 BT709 = np.array([0.2126, 0.7152, 0.0722])
 
@@ -364,6 +364,19 @@ def test_only_motion_that_changes_the_light_counts(tmp_path):
     across = 0.8 * x + 0.6 * y
     stripes = [np.interp(across - 0.8 * k + 9, np.arange(400), profile) for k in range(3)]
     np.testing.assert_allclose(displacements_px(footage_of(tmp_path, stripes)), 0.8, atol=0.3)
+
+
+@pytest.mark.parametrize("size", [(6, 200), (200, 6), (24, 200), (1, 40)])
+def test_frames_of_a_few_rows_have_motion_too(size):
+    """Promise: images of any size have optical flow, in their own pixels."""
+    height, width = size
+    y, x = np.mgrid[:height, :width]
+    along = x if width > height else y
+    light = [127 + 100 * np.sin(0.3 * (along - 2 * k)) for k in range(2)]
+    flow = optical_flow(*(one.astype(np.uint8) for one in light))
+    assert flow.shape == (height, width, 2)
+    middle = flow[height // 4 : 3 * height // 4 + 1, width // 4 : 3 * width // 4 + 1]
+    assert np.median(middle[..., 0 if width > height else 1]) == pytest.approx(2, abs=0.3)
 
 
 def test_frames_in_between_follow_the_motion(tmp_path):

@@ -215,6 +215,12 @@ def test_a_dataset_has_cutoffs_and_no_single_one(tmp_path, eres):
             DatasetSettings(seed=0, seconds=1, width=4, height=4, pixel=pixel)
 
 
+def test_a_list_of_cutoffs_is_a_tuple():
+    """Promise: the same dataset continues, however its cutoffs are given."""
+    settings = DatasetSettings(seed=0, seconds=1.0, width=4, height=4, cutoffs_hz=[200, np.inf])
+    assert settings == dataclasses.replace(settings, cutoffs_hz=(200.0, np.inf))
+
+
 def test_thresholds_stay_near_their_mean():
     settings = DatasetSettings(seed=0, seconds=1.0, width=4, height=4)
     C = [settings.models(k, 1.0)["inf"].contrast_threshold for k in range(400)]

@@ -2,7 +2,7 @@
 
 import math
 import traceback
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -224,6 +224,46 @@ def test_what_is_not_finite_is_a_failure(scene_folder, tmp_path, monkeypatch):
         for name in names:
             assert [row.value for row in mine if row.method == name] == [r.value for r in nothing]
     assert f"{HERE}:flow_0" in page_of(tmp_path / "run")
+
+
+def overwritten(sample):
+    for one in fields(sample):
+        if isinstance(array := getattr(sample, one.name), np.ndarray):
+            array[...] = 1
+    return sample
+
+
+class Overwriting(Blank):
+    def push(self, events: Events):
+        for column in events.columns:
+            column[...] = 1
+
+
+def test_a_method_may_change_what_it_gets(scene_folder, tmp_path, monkeypatch):
+    """Promise: a method that changes its sample in place changes no score of another method, of the
+    baseline or of another sensor."""
+    own = {
+        "reconstruction": image_of(lambda sample: overwritten(sample).log_keyframe),
+        "flow": flow_of(lambda sample: FlowEstimate(overwritten(sample).initial)),
+        "tracking": path_of(lambda sample: TrackingEstimate(overwritten(sample).initial)),
+        "video": Overwriting,
+    }
+    for task, method in own.items():
+        monkeypatch.setitem(globals(), f"overwriting_{task}", method)
+    video = {"duration_s": 0.1, "run_in_s": 0.05}
+
+    def rows_with(out, named):
+        evaluate = Evaluate(
+            reconstruction=Reconstruction(methods=(*named("reconstruction"), "event_integration")),
+            flow=Flow(methods=(*named("flow"), "contrast_maximization"), features=2),
+            tracking=Tracking(methods=(*named("tracking"), "photometric_tracking")),
+            video=Video(methods=(*named("video"), "high_pass_filter"), **video),
+        )
+        study = replace(tiny_study(scene_folder), evaluate=evaluate)
+        return [row for row in run_study(study, tmp_path / out) if ":" not in row.method]
+
+    found = rows_with("with", lambda task: [f"{HERE}:overwriting_{task}"])
+    assert found == rows_with("without", lambda task: [])
 
 
 def test_a_method_of_another_task_is_refused_before_anything_is_rendered(

@@ -97,6 +97,8 @@ def test_methods_are_found_by_name():
         assert all(callable(load_method(task, name)) for name in without_weights)
     with pytest.raises(TaskError, match="did you mean 'event_integration'"):
         load_method("reconstruction", "event_integratoin")
+    with pytest.raises(TaskError, match="no task 'optical_flow', did you mean 'flow'"):
+        load_method("optical_flow", "photometric_flow")
 
 
 @pytest.mark.parametrize(("off", "error"), [(0.4, 0.0), (None, 0.2)])

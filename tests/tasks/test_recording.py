@@ -365,6 +365,15 @@ def ends_before_it_starts(made, folder):
     return ["--frames", frames], "expected its end after its start"
 
 
+def exposure_in_an_exposure(made, folder):
+    frames = made.write_frames(folder / "frames")
+    lines = (frames / "frames.csv").read_text().splitlines()
+    start = int(lines[2].split(",")[0])
+    lines[1] = f"{start - 1},{start + 9_000_000},{lines[1].split(',')[2]}"
+    (frames / "frames.csv").write_text("\n".join(lines))
+    return ["--frames", frames], "whose middle is not after that of the exposure before"
+
+
 def time_beyond_any_clock(made, folder):
     frames = made.write_frames(folder / "frames")
     lines = (frames / "frames.csv").read_text().splitlines()
@@ -397,7 +406,7 @@ def needs_an_image(made, folder):
 
 
 BAD = (wrong_size, other_clock, no_times, no_unit, ends_before_it_starts, missing_file)
-BAD += (time_beyond_any_clock,)
+BAD += (time_beyond_any_clock, exposure_in_an_exposure)
 BAD += (both_shifts, frames_forgotten, short, needs_an_image)
 
 

@@ -20,6 +20,7 @@ from event_streams import make_events, random_events
 from light_scenes import small_carpet_folder
 from sensor import SensorModel
 from sensor.formats import Header, write_events
+from tasks.errors import TaskError
 from tasks.view.clip import ClipFrames
 from tasks.view.drawing import (
     PALETTES,
@@ -86,6 +87,14 @@ def test_events_are_drawn_over_a_picture():
     assert picture[0, 1].tolist() == mixed(COLORS.darker, ground[0, 1].tolist(), 0.65)
     picture[0, 1] = ground[0, 1]
     np.testing.assert_array_equal(picture, ground)
+
+
+@pytest.mark.parametrize("size", [(2, 3), (1, 1), (3, 3)])
+def test_a_picture_of_another_size_is_refused(size):
+    """Promise: no event is drawn outside of the picture, nor at another place in it."""
+    events = make_events([5], [2], [1], [0], 3, 2)
+    with pytest.raises(TaskError, match=r"found a picture of .*, expected \(2, 3, 3\)"):
+        draw_events(events, plain(*size, COLORS.ground), COLORS)
 
 
 def test_light_has_a_gamma_and_ends_at_white():

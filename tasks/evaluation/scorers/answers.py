@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from dataclasses import replace
+from copy import copy
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import Trajectory
+from sensor import Events
 from tasks.cpu_time import cpu_s
 from tasks.errors import MethodError, WeightsError
 from tasks.flow import FlowEstimate
@@ -33,7 +35,8 @@ def ask(
     Parameters
     ----------
     task, name
-        Task and name of the method.
+        Task and name of the method. A user's method gets copies of arrays and events: it may change
+        them in place, and other methods get the same sample.
     function, arguments, options
         What to run.
 
@@ -48,6 +51,8 @@ def ask(
     WeightsError
         Its network cannot run on this sensor or machine.
     """
+    if ":" in name:
+        arguments = tuple(_copied(one) for one in arguments)
     started_s = cpu_s()
     try:
         answer = function(*arguments, **options)
@@ -60,6 +65,19 @@ def ask(
             f"{_place(error, task, name)}{': ' if text else ''}{text}"
         ) from error
     return answer, cpu_s() - started_s
+
+
+def _copied(given: Any) -> Any:
+    """Return events or a sample with arrays of its own; its paths are the same objects."""
+    if isinstance(given, Events):
+        return given.copy()
+    if not is_dataclass(given) or isinstance(given, type):
+        return given
+    copied = copy(given)
+    for one in fields(given):
+        if isinstance(array := getattr(given, one.name), np.ndarray):
+            object.__setattr__(copied, one.name, array.copy())
+    return copied
 
 
 def _place(error: Exception, task: str, name: str) -> str:

@@ -63,7 +63,9 @@ class VideoScorer:
                     f"{model.photoreceptor!r}, expected 'two_pole'"
                 )
             sequence, dark_level = self._reference.sequence, self._reference.dark_level
-            light = TrueLight(sequence, dark_level, model.cutoff_hz, setting.speed)
+            light = TrueLight(
+                sequence, dark_level, model.cutoff_hz, setting.speed, model.fill_factor
+            )
             return {"light": light}
         if name not in TASKS["video"].networks:
             return {}

@@ -55,7 +55,7 @@ class RunFolder:
         return self._rows_of.keys()
 
     def to_do(self) -> list[QueuedJob]:
-        """Return the jobs that the folder lacks, or whose highlights it lacks."""
+        """Return the jobs that the folder lacks, and those whose highlights it lacks."""
         found = []
         for key, job in self._jobs.items():
             is_first = key == self._first[job.scene.name]
@@ -125,23 +125,31 @@ class RunFolder:
         -------
         The rows, in the order of the jobs.
         """
-        files = (self._folder / "previews" / f"{name}.json" for name in self._first)
-        index = chain.from_iterable(read_json(tuple[Any, ...], file, ResultError) for file in files)
-        self._write("previews/index.json", list(index))
+        files = [self._previews_of(name) for name in self._first]
+        if there := [file for file in files if file.exists()]:
+            found = (read_json(tuple[Any, ...], file, ResultError) for file in there)
+            self._write("previews/index.json", list(chain.from_iterable(found)))
         rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
         write_rows(self._folder / "rows.parquet", rows)
         self._write("study.json", study)
         return rows
 
     def _has_highlights(self, job: Job) -> bool:
-        """Return whether the folder has the highlights of a job's scene, made by this job."""
-        name = f"{job.scene.name}.json"
+        """Return whether this job made the highlights of its scene.
+
+        Previews may be deleted: they are the largest files, and take as long to make as the rows.
+        """
+        previews = self._previews_of(job.scene.name)
+        scaling = self._folder / "scaling" / f"{job.scene.name}.json"
         try:
-            read_json(Any, self._folder / "previews" / name, ResultError)
-            found = read_json(Scaling, self._folder / "scaling" / name, ResultError)
+            if previews.exists():
+                read_json(Any, previews, ResultError)
+            return read_json(Scaling, scaling, ResultError).job == job.key
         except ResultError:
             return False
-        return found.job == job.key
+
+    def _previews_of(self, scene_name: str) -> Path:
+        return self._folder / "previews" / f"{scene_name}.json"
 
     def _write(self, name: str, value: Any) -> None:
         write_bytes(self._folder / name, json.dumps(value, indent=1).encode())

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from sensor import Events
 from tasks.errors import RigError
+from tasks.rig.evaluate import RigEvaluation, _windows
 from tasks.rig.settings import SliderSettings
 from tasks.rig.slider import Slider, read_slider, strokes, write_slider
 
@@ -37,6 +39,17 @@ def test_images_are_evenly_spaced_along_the_way():
     assert np.abs(slider.speed_mps(slow)).max() <= 0.25
     with pytest.raises(RigError, match=r"no motion .* of at most 1e-06 m/s"):
         slider.evenly_along(4, 0.0, 40_000.0, max_speed_mps=1e-6)
+
+
+def test_no_window_is_in_a_pause():
+    """Promise: with any number of windows; the middle of the way there and back is a pause."""
+    slider = Slider(np.array([0, 1e6, 2e6 + 0.4, 3e6 + 0.4]), np.array([0, 0.2, 0.2, 0.0]))
+    t_us, x = np.arange(0, 3_000_001, 1000), np.zeros(3001, np.uint16)
+    events = Events(t_us, x, x, np.ones(3001, np.int8), width=1, height=1)
+    for count in (2, 5, 10, 11):
+        found = _windows(slider, events, RigEvaluation(windows=count))
+        assert len(found) == count - count % 2
+        assert all(abs(slider.speed_mps(0.5 * (w.start_us + w.end_us))) > 0.1 for w in found)
 
 
 def test_files_keep_every_digit(tmp_path):
