@@ -385,7 +385,7 @@ def _check_size(width: int, height: int) -> None:
     whole = all(isinstance(side, (int, np.integer)) for side in (width, height))
     if not whole or width < 1 or height < 1:
         raise RenderError(
-            f"Camera: found {width!r} x {height!r} pixels, expected whole numbers of at least 1"
+            f"Camera: found {width!r}x{height!r} pixels, expected whole numbers of at least 1"
         )
 
 
