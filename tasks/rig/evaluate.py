@@ -432,9 +432,9 @@ def _video_rows(crop: _Crop, windows: list[_Window], settings: RigEvaluation) ->
     for name in settings.video:
         method, _ = ask("video", name, load_method("video", name), *size, crop.contrast_threshold)
         taker = ImageTaker(method, [window.end_us for window in windows])
-        steps = (taker.push, crop.events), (taker.finish,)
-        taken = [one for step in steps for one in ask("video", name, *step)[0]]
-        for window, truth, (_, answer) in zip(windows, truths, taken, strict=True):
+        taken, _ = ask("video", name, taker.push, crop.events)
+        left, _ = ask("video", name, taker.finish)
+        for window, truth, (_, answer) in zip(windows, truths, [*taken, *left], strict=True):
             log_image, failure = image_answer("video", name, answer, blank)
             value = psnr_db(picture(log_image, size[::-1]), truth)
             yield _row(crop, window, "video", name, "psnr_db", value, failure=failure)
