@@ -27,7 +27,7 @@ _KALIBR_NAME = re.compile(r"cam\d+", re.ASCII)
 _ROS_MODELS = ("plumb_bob", "rational_polynomial")
 
 
-def read_camera(file: Path, name: str | None = None) -> Camera:
+def read_camera(file: str | Path, name: str | None = None) -> Camera:
     """Read a camera from a file of Kalibr or of OpenCV.
 
     Kalibr's model must be `pinhole`, with the distortion `radtan` or `none`. OpenCV's files have
@@ -50,6 +50,7 @@ def read_camera(file: Path, name: str | None = None) -> Camera:
     RenderError
         If the file cannot be read, a field is missing or wrong, or the lens model is not supported.
     """
+    file = Path(file)
     table = _table(file)
     if "camera_matrix" in table:
         if name is not None:
@@ -68,7 +69,9 @@ def read_camera(file: Path, name: str | None = None) -> Camera:
     return _of_kalibr(table[chosen], f"{file}: {chosen}")
 
 
-def write_camera(file: Path, camera: Camera, kind: Literal["opencv", "kalibr"] = "opencv") -> None:
+def write_camera(
+    file: str | Path, camera: Camera, kind: Literal["opencv", "kalibr"] = "opencv"
+) -> None:
     """Write a camera as OpenCV or Kalibr does.
 
     Parameters
@@ -87,6 +90,7 @@ def write_camera(file: Path, camera: Camera, kind: Literal["opencv", "kalibr"] =
         If the kind is unknown, k3 is not 0, which Kalibr's model lacks, or the file cannot be
         written.
     """
+    file = Path(file)
     if kind not in ("opencv", "kalibr"):
         raise RenderError(f"kind: found {kind!r}, expected 'opencv' or 'kalibr'")
     lens = camera.distortion or Distortion()

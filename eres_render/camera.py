@@ -115,14 +115,14 @@ class Camera:
             raise RenderError(
                 f"Camera.fx: found {fx}, expected {fx_of_fov} for fov_rad = {fov_rad}; give one"
             )
-        values = {
+        values = {  # Python's numbers, for JSON
             "width": int(width),
             "height": int(height),
-            "fov_rad": fov_rad,
-            "fx": fx,
-            "fy": fx if fy is None else fy,
-            "cx": 0.5 * width if cx is None else cx,
-            "cy": 0.5 * height if cy is None else cy,
+            "fov_rad": float(fov_rad),
+            "fx": float(fx),
+            "fy": float(fx if fy is None else fy),
+            "cx": float(0.5 * width if cx is None else cx),
+            "cy": float(0.5 * height if cy is None else cy),
             "distortion": None if distortion == Distortion() else distortion,
         }
         for name, value in values.items():

@@ -95,7 +95,7 @@ _LATER = {  # older files lack these columns
 }
 
 
-def write_rows(path: Path, rows: Iterable[Row]) -> None:
+def write_rows(path: str | Path, rows: Iterable[Row]) -> None:
     """Write rows as Parquet; the file appears only when it is complete.
 
     Parameters
@@ -105,6 +105,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
     rows
         Its rows.
     """
+    path = Path(path)
     import pyarrow as pa  # here, as it would slow down `eres --help`
     import pyarrow.parquet as pq
 
@@ -126,7 +127,7 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
     write_bytes(path, data.getvalue().to_pybytes())
 
 
-def read_rows(path: Path) -> list[Row]:
+def read_rows(path: str | Path) -> list[Row]:
     """Read a Parquet file of rows. Columns missing from older versions get their defaults.
 
     Raises
@@ -137,15 +138,15 @@ def read_rows(path: Path) -> list[Row]:
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from tasks.row import Row, read_rows, write_rows
     >>> condition = dict(width=346, cutoff_hz=200.0, contrast_threshold=0.2, speed=1.0, sample=0)
     >>> score = dict(metric="psnr_db", value=17.7, event_rate_hz=3.1e6)
     >>> row = Row("carpet", "reconstruction", "event_integration", **condition, **score)
-    >>> write_rows(Path("rows.parquet"), [row])
-    >>> read_rows(Path("rows.parquet")) == [row]
+    >>> write_rows("rows.parquet", [row])
+    >>> read_rows("rows.parquet") == [row]
     True
     """
+    path = Path(path)
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -73,7 +73,7 @@ trajectory = "{name}.txt"
 
 
 def write_random_scene(
-    folder: Path,
+    folder: str | Path,
     seed: int | Sequence[int],
     duration_s: float,
     width_px: int,
@@ -99,6 +99,7 @@ def write_random_scene(
     baseline_m
         Distance of a second camera on the same rig, for which space is kept free, m.
     """
+    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     camera = Camera(width_px, width_px, np.deg2rad(_FOV_DEG))

@@ -40,7 +40,7 @@ _VERSION_BEFORE = 3  # of lightmaps that do not say it
 
 
 def bake_scene(
-    scene: Scene, folder: Path | None = None, on_progress: Progress = silent
+    scene: Scene, folder: str | Path | None = None, on_progress: Progress = silent
 ) -> list[Path]:
     """Write one lightmap for each surface.
 
@@ -65,7 +65,7 @@ def bake_scene(
     SceneError
         If the scene has no light or moving objects, or a surface cannot be baked.
     """
-    folder = folder or scene.folder
+    folder = Path(folder) if folder else scene.folder
     settings = scene.settings.bake
     maps = irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
     folder.mkdir(parents=True, exist_ok=True)

@@ -137,7 +137,7 @@ class Renderer:
         baked = self.integrator in ("baked", "baked-full")
         if baked:
             refuse_objects(scene)
-        if baked and scene.settings.path is not None and not has_lightmaps(scene):
+        if baked and scene.has_path and not has_lightmaps(scene):
             # Baking takes minutes, so the path is checked first.
             _check_path(scene, camera, RayCaster(load_mi_scene(scene)), ())
         self._mi_scene: Any
@@ -187,7 +187,7 @@ class Renderer:
                 f"camera: found a lens, {camera.distortion}, and {self.variant} renders pinholes "
                 "only; install LLVM (apt-get install libllvm19)"
             )
-        self.camera, self.spp = camera, spp
+        self.camera, self.spp = camera, int(spp)
         self._kept_positions: tuple[tuple[int, int], Any] | None = None  # and their spp and seed
         self._sensor = mi.load_dict(_mitsuba_camera(camera, spp))
         self._camera_parameters = mi.traverse(self._sensor)
@@ -217,7 +217,7 @@ class Renderer:
         RenderError
             If objects move and no time is given.
         """
-        return self._render(T_world_cam, t_s, self.spp, self.seed if seed is None else seed)
+        return self._render(T_world_cam, t_s, self.spp, self.seed if seed is None else int(seed))
 
     def repeats(
         self,

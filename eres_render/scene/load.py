@@ -13,7 +13,7 @@ from pathlib import Path
 
 from eres_render.errors import SceneError, nearest
 from eres_render.scene.objects import MOST_OBJECTS
-from eres_render.scene.scene import Scene
+from eres_render.scene.scene import GIVEN_CLEARANCE_M, Scene
 from eres_render.scene.settings import (
     CameraSettings,
     FacingPlanePath,
@@ -23,9 +23,9 @@ from eres_render.scene.settings import (
 )
 from eres_render.scene.xml import read_scene_xml
 from eres_render.storage.settings_reader import read_toml
+from eres_render.trajectory.spline import Trajectory
 
 _GROUPS = (".", "variants", "slider")  # folders of packaged scenes; only the first are listed
-_TUM_CLEARANCE_M = 0.01  # for a path of given poses; ten times the near clip of the camera
 
 
 def scene_root() -> Path:
@@ -53,7 +53,9 @@ def list_scenes() -> list[str]:
     return sorted(path.parent.name for path in scene_root().glob("*/scene.toml"))
 
 
-def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = None) -> Scene:
+def load_scene(
+    name_or_path: str | Path, trajectory: str | Path | Trajectory | None = None
+) -> Scene:
     """Read and check a scene.
 
     Parameters
@@ -63,10 +65,10 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
         camera on a slider ("forest", "pebbles", "split_rocks"), path of a folder with a scene.xml
         and a scene.toml, or path of any Mitsuba file (.xml) with exactly one camera, which gives
         the field of view.
-    trajectory_file
-        Poses T_world_cam in TUM format, in place of the path in scene.toml. The camera passes
-        through each pose at its time. Times count from the first pose; the time of that pose is
-        kept as `t_offset_us`; see `path_through`.
+    trajectory
+        A camera path in place of that in scene.toml, or a file of poses T_world_cam in TUM format.
+        The camera passes through each pose of the file at its time. Times count from the first
+        pose; the time of that pose is kept as `t_offset_us`; see `path_through`.
 
     Returns
     -------
@@ -103,11 +105,14 @@ def load_scene(name_or_path: str | Path, trajectory_file: str | Path | None = No
             f"no scene, folder or .xml file named {str(name_or_path)!r}: "
             f"{nearest(str(name_or_path), list_scenes())}"
         )
-    if trajectory_file is None:
+    if trajectory is None:
         return scene
-    if not Path(trajectory_file).is_file():
-        raise SceneError(f"{trajectory_file}: no such file, expected a camera path in TUM's format")
-    tum = TumPath("tum", str(Path(trajectory_file).resolve()), _TUM_CLEARANCE_M)
+    if isinstance(trajectory, Trajectory):
+        settings = dataclasses.replace(scene.settings, path=None)
+        return dataclasses.replace(scene, settings=settings, given_path=trajectory)
+    if not Path(trajectory).is_file():
+        raise SceneError(f"{trajectory}: no such file, expected a camera path in TUM's format")
+    tum = TumPath("tum", str(Path(trajectory).resolve()), GIVEN_CLEARANCE_M)
     return dataclasses.replace(scene, settings=dataclasses.replace(scene.settings, path=tum))
 
 

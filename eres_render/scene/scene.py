@@ -24,6 +24,9 @@ from eres_render.trajectory.tum import read_tum_from_start
 
 BAKE_VERSION = 3  # raise it with every change of the baking code that alters a lightmap
 
+GIVEN_CLEARANCE_M = 0.01
+"""Least distance of a path of given poses from any surface: ten times the near clip, m."""
+
 _POINTS_A_SIDE = 17  # of an image seen through a lens
 
 
@@ -42,6 +45,8 @@ class Scene:
         absolute path.
     files
         All files that scene.xml names: meshes, images, included scene files.
+    given_path
+        A camera path in place of that of `settings`, which then have none.
 
     Examples
     --------
@@ -58,6 +63,7 @@ class Scene:
     settings: SceneToml
     source: str
     files: tuple[Path, ...]
+    given_path: Trajectory | None = None
 
     @property
     def folder(self) -> Path:
@@ -73,6 +79,7 @@ class Scene:
         return digest(
             {
                 "light": self.light_digest,
+                "given path": self.given_path,
                 "settings": dataclasses.replace(
                     self.settings, title="", license="", path=path, objects=self._hashed_objects()
                 ),
@@ -159,8 +166,15 @@ class Scene:
         }
 
     @property
+    def has_path(self) -> bool:
+        """Whether there is a camera path."""
+        return self.given_path is not None or self.settings.path is not None
+
+    @property
     def path_name(self) -> str:
         """The name of the camera path in error messages."""
+        if self.given_path is not None:
+            return f"{self.name}: the given path"
         if isinstance(self.settings.path, TumPath):
             return str(self._tum_file)
         return f"{self.folder / 'scene.toml'}: path"
@@ -176,6 +190,8 @@ class Scene:
     @property
     def min_clearance_m(self) -> float:
         """Least distance of the camera path from any surface, meters."""
+        if self.given_path is not None:
+            return GIVEN_CLEARANCE_M
         path = self.settings.path
         return 0.0 if path is None else path.min_clearance_m
 
@@ -224,6 +240,8 @@ class Scene:
             )
 
     def _unchecked_trajectory(self) -> Trajectory:
+        if self.given_path is not None:
+            return self.given_path
         path, square, plane = self.settings.path, self.settings.plane, self.plane
         if isinstance(path, TumPath):
             t_offset_us, t_s, poses = read_tum_from_start(self._tum_file)
@@ -242,7 +260,7 @@ class Scene:
             )
         if path is None or square is None or plane is None:
             raise SceneError(
-                f"{self.xml_file}: has no camera path; give poses in TUM format with --trajectory"
+                f"{self.xml_file}: has no camera path; give poses in TUM format as the trajectory"
             )
         return random_path(
             facing_plane(plane, square.point_m, path.distance_m),

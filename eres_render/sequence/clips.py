@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from eres_render.errors import RenderError
 from eres_render.scene.scene import Scene
+from eres_render.storage.json_values import use_python_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,7 @@ class Clip:
     t_window_end_s: float
 
     def __post_init__(self) -> None:
+        use_python_numbers(self)
         if not 0 <= self.t_start_s <= self.t_window_start_s < self.t_window_end_s:
             raise RenderError(
                 f"Clip {self.index}: found {self.t_start_s}, {self.t_window_start_s}, "

@@ -89,7 +89,7 @@ class _ClipInProgress(RadianceSequence):
 def clip_in_progress(
     renderer: Renderer,
     clip: Clip,
-    out_dir: Path,
+    out_dir: str | Path,
     max_displacement_px: float,
     compression: Compression = "none",
     on_progress: Progress = silent,
@@ -133,15 +133,15 @@ def clip_in_progress(
     --------
     A sensor sees frames as they are rendered; the folder has them afterwards:
 
-    >>> from pathlib import Path
     >>> from eres_render import Clip, Renderer, clip_in_progress, load_scene, open_sequence
     >>> from sensor import SensorModel, simulate
     >>> renderer = Renderer(load_scene("carpet"), width=64, spp=4)
-    >>> with clip_in_progress(renderer, Clip(0, 0.2, 0.25, 0.3), Path("clip"), 0.5) as frames:
+    >>> with clip_in_progress(renderer, Clip(0, 0.2, 0.25, 0.3), "clip", 0.5) as frames:
     ...     events = simulate(frames, frames.t_s, SensorModel(width=64, height=64))
     >>> len(events) > 0, len(open_sequence("clip")) == len(frames)
     (True, True)
     """
+    out_dir = Path(out_dir)
     t_s = frame_times(renderer.image_motion, clip.marks_s, max_displacement_px)
     manifest = _manifest(renderer, clip, t_s, max_displacement_px)
     with locked(out_dir / ".lock"), ThreadPoolExecutor(1, thread_name_prefix="exr") as writing:
@@ -189,7 +189,7 @@ def _manifest(
         white_level=renderer.white_level,
         spp=renderer.spp,
         seed=renderer.seed,
-        max_displacement_px=max_displacement_px,
+        max_displacement_px=float(max_displacement_px),
         integrator=renderer.integrator,
         variant=renderer.variant,
         mitsuba=version("mitsuba"),
@@ -203,7 +203,7 @@ def _manifest(
 def render_clip(
     renderer: Renderer,
     clip: Clip,
-    out_dir: Path,
+    out_dir: str | Path,
     max_displacement_px: float,
     on_progress: Progress = silent,
     frame_times: FrameTimes = adaptive_times,
@@ -227,10 +227,9 @@ def render_clip(
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from eres_render import Clip, Renderer, load_scene, render_clip
     >>> renderer = Renderer(load_scene("carpet"), width=64, spp=4)
-    >>> sequence = render_clip(renderer, Clip(0, 0.24, 0.25, 0.26), Path("short"), 0.5)
+    >>> sequence = render_clip(renderer, Clip(0, 0.24, 0.25, 0.26), "short", 0.5)
     >>> sequence.window_s, sequence.frame(0).shape
     ((0.25, 0.26), (64, 64))
     """
@@ -243,7 +242,7 @@ def render_clip(
 
 def render_scene(
     scene: Scene,
-    out_dir: Path,
+    out_dir: str | Path,
     *,
     resolution: int = 1280,
     spp: int = 16,
@@ -296,10 +295,9 @@ def render_scene(
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> from eres_render import load_scene, render_scene
     >>> carpet = load_scene("carpet")
-    >>> sequences = render_scene(carpet, Path("clips"), resolution=64, spp=1, samples=1)
+    >>> sequences = render_scene(carpet, "clips", resolution=64, spp=1, samples=1)
     >>> [sequence.folder.name for sequence in sequences]
     ['clip_000']
     """

@@ -63,7 +63,7 @@ def find_profile(name: str | Path) -> Profile:
     raise SensorError(f"profile: found {text!r}; {advice}")
 
 
-def read_profile(file: Path) -> Profile:
+def read_profile(file: str | Path) -> Profile:
     """Read the profile in a TOML file.
 
     Parameters
@@ -89,9 +89,10 @@ def read_profile(file: Path) -> Profile:
     >>> from sensor.profiles import read_profile
     >>> text = 'title = "mine"\\n[threshold_on]\\nvalue = 10\\nunit = "%"\\nsource = "measured"'
     >>> _ = Path("mine.toml").write_text(text)
-    >>> round(read_profile(Path("mine.toml")).known["threshold_on"].value, 4)
+    >>> round(read_profile("mine.toml").known["threshold_on"].value, 4)
     0.0953
     """
+    file = Path(file)
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:

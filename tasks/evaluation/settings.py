@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, Self
 
+from eres_render.storage.json_values import use_python_numbers
 from eres_render.storage.settings_reader import formerly
 from tasks.errors import TaskError
 from tasks.methods import check_method
@@ -344,9 +345,10 @@ class Evaluate(Mapping[str, TaskSettings]):
     """
 
     def __init__(self, **tasks: TaskSettings) -> None:
-        for task in tasks:
+        for task, settings in tasks.items():
             if task not in TASKS:
                 raise TaskError(f"evaluate.{task}: unknown, expected one of {', '.join(TASKS)}")
+            use_python_numbers(settings)
         self._given = tasks
 
     def __getitem__(self, task: str) -> TaskSettings:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict
 from pathlib import Path
 
 import cv2
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from eres_render import RadianceSequence
 from eres_render.progress import Progress, silent
 from eres_render.storage.atomic import write_bytes, write_text
+from eres_render.storage.json_values import json_values
 from sensor.encoding import to_srgb
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
@@ -26,7 +26,7 @@ FILE_NAME = "images.json"
 
 def write_images(
     sequence: RadianceSequence,
-    out: Path,
+    out: str | Path,
     rate_hz: float,
     options: FrameCameraOptions,
     *,
@@ -64,6 +64,7 @@ def write_images(
     TaskError
         A value is out of range, the exposure does not fit, or the folder holds images.
     """
+    out = Path(out)
     options.check()
     if not 0 < rate_hz * options.exposure <= 1:
         raise TaskError(
@@ -98,7 +99,7 @@ def write_images(
         "rate_hz": rate_hz,
         "white_level": sequence.white_level,
         "seed": seed,
-        **{name: value if value < math.inf else "inf" for name, value in asdict(options).items()},
+        **json_values(options),
     }
     write_text(out / FILE_NAME, json.dumps(facts, indent=1) + "\n")
     return len(starts_s)

@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 
 def make_dataset(
     settings: DatasetSettings,
-    out: Path,
+    out: str | Path,
     count: int,
     scheduler: str | None = None,
     on_progress: Progress = silent,
@@ -57,6 +57,7 @@ def make_dataset(
     RenderError, SensorError, OSError
         As rendering and simulation raise them. Finished sequences are kept.
     """
+    out = Path(out)
     if count < 1:
         raise TaskError(f"count: found {count}, expected at least 1")
     claim_folder(settings, out)

@@ -72,7 +72,7 @@ def complete_sequence(
 
 
 def make_sequence(
-    settings: DatasetSettings, number: int, folder: Path, on_progress: Progress = silent
+    settings: DatasetSettings, number: int, folder: str | Path, on_progress: Progress = silent
 ) -> None:
     """Make or finish a sequence; existing frames are kept.
 
@@ -91,6 +91,7 @@ def make_sequence(
     on_progress
         Called with the stage and the share of the work that is done, from 0 to 1.
     """
+    folder = Path(folder)
     name = f"random-{settings.seed}-{number:06d}"
     end_s = settings.warm_up_s + settings.seconds
     seed, baseline_m = [settings.seed, number], settings.baseline_m

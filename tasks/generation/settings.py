@@ -14,6 +14,7 @@ import numpy as np
 from eres_render.errors import check_positive, check_spp
 from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
 from eres_render.storage.atomic import write_text
+from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
 from sensor.model import SensorModel
 from tasks.errors import TaskError
@@ -91,6 +92,7 @@ class DatasetSettings:
     scene_version: int = SCENE_VERSION
 
     def __post_init__(self) -> None:
+        use_python_numbers(self)
         object.__setattr__(self, "cutoffs_hz", tuple(float(hz) for hz in self.cutoffs_hz))
 
         def check(name: str, holds: bool, expected: str) -> None:
@@ -200,7 +202,7 @@ def claim_folder(settings: DatasetSettings, out: Path) -> None:
 def _table(settings: DatasetSettings) -> dict[str, Any]:
     """Return the settings as values for JSON: lists, and infinity as a text."""
     settled = dataclasses.replace(settings, pixel=settings.pixel.settled())
-    table: dict[str, Any] = _plain(dataclasses.asdict(settled))
+    table: dict[str, Any] = json_values(settled)
     return table
 
 
@@ -210,13 +212,5 @@ def _with_photoreceptor(table: dict[str, Any]) -> dict[str, Any]:
     if "poles" not in pixel:
         return table
     photoreceptor = "two_pole" if pixel.pop("poles") == 2 else "one_pole"
-    defaults = _plain(dataclasses.asdict(IDEAL_PIXEL.settled()))
+    defaults = json_values(IDEAL_PIXEL.settled())
     return {**table, "pixel": {**defaults, **pixel, "photoreceptor": photoreceptor}}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _plain(one) for name, one in value.items()}
-    if isinstance(value, tuple):
-        return [_plain(one) for one in value]
-    return "inf" if value == math.inf else value

@@ -127,7 +127,7 @@ class Frames:
 
 
 def open_frames(
-    folder: Path,
+    folder: str | Path,
     *,
     time_unit: str | None = None,
     exposure_us: int | None = None,
@@ -156,6 +156,7 @@ def open_frames(
     TaskError
         The folder has no times, a file is missing or damaged, or the times do not ascend.
     """
+    folder = Path(folder)
     if not folder.is_dir():
         raise TaskError(f"{folder}: found no folder of frames")
     if exposure_us is not None and exposure_us < 0:

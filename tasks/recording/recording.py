@@ -56,7 +56,7 @@ class Recording:
 
 
 def open_recording(
-    path: Path, *, format: str | None = None, reading: Reading = AS_STORED
+    path: str | Path, *, format: str | None = None, reading: Reading = AS_STORED
 ) -> Recording:
     """Open a file of events; reads all of it once, for its times and number of events.
 
@@ -80,6 +80,7 @@ def open_recording(
     TaskError
         The file has no events.
     """
+    path = Path(path)
     parts = reading.parts(path, format)
     header = read_header(path, format=format).with_size(reading.size)
     first_us, last_us, count = 0, 0, 0

@@ -72,7 +72,7 @@ def image_times_us(recording: Recording, options: VideoOptions) -> list[int]:
 
 def write_video(
     recording: Recording,
-    out: Path,
+    out: str | Path,
     options: VideoOptions,
     *,
     contrast_threshold: float = 0.2,
@@ -111,6 +111,7 @@ def write_video(
     TaskError
         An option is out of range, or the folder exists.
     """
+    out = Path(out)
     check_method("video", options.method, weights, [recording.size])
     if options.method in TASKS["video"].diagnostics:
         raise TaskError(

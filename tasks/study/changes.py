@@ -14,7 +14,7 @@ from tasks.registry import TASKS
 from tasks.study.settings import Study
 
 
-def with_scenes(study: Study, scenes: Sequence[str], trajectory: Path | None = None) -> Study:
+def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | None = None) -> Study:
     """Return a study of other scenes.
 
     Parameters

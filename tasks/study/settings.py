@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 from eres_render.errors import nearest
+from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import FloatOrInf
 from sensor.model import Photoreceptor, SensorModel
 from sensor.optics import crop_to_aspect
@@ -60,6 +61,9 @@ class Render:
     samples: int | None = None
     seed: int = field(default=0, metadata=MAY_BE_ZERO)
     height: int | None = None
+
+    def __post_init__(self) -> None:
+        use_python_numbers(self)
 
     def height_at(self, width: int) -> int:
         """Return the height of a sensor of this width, px."""
@@ -138,6 +142,7 @@ class Simulate:
     same_lens: bool | None = None
 
     def __post_init__(self) -> None:
+        use_python_numbers(self)
         readings = sorted(self.photoreceptors, key=lambda name: name != "two_pole")
         object.__setattr__(self, "photoreceptors", tuple(readings))
         if min(self.illuminance_lux or (0.0,)) <= 0:  # not given, or for `Study` to refuse
@@ -427,15 +432,5 @@ def check_compares(study: Study) -> None:
 
 def to_json(study: Study) -> dict[str, Any]:
     """Return the study as plain JSON values; inf becomes "inf"."""
-    return _plain(study)
-
-
-def _plain(value: Any) -> Any:
-    if is_dataclass(value):
-        named = {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
-        return {k: v for k, v in named.items() if k not in _LEFT_OUT_IF_NOT_GIVEN or v}
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return "inf" if isinstance(value, float) and math.isinf(value) else value
+    values: dict[str, Any] = json_values(study, optional=_LEFT_OUT_IF_NOT_GIVEN)
+    return values

@@ -17,7 +17,7 @@ from tasks.study.sensors import read_sensor
 from tasks.study.settings import Simulate, Study
 
 
-def read_study(file: Path) -> Study:
+def read_study(file: str | Path) -> Study:
     """Read a study.
 
     The tables and fields are those of `Study`. A field that is left out has its default, but
@@ -37,10 +37,11 @@ def read_study(file: Path) -> Study:
     >>> from pathlib import Path
     >>> from tasks.study.study_file import read_study
     >>> _ = Path("small.toml").write_text('scenes = ["carpet"]')
-    >>> study = read_study(Path("small.toml"))
+    >>> study = read_study("small.toml")
     >>> study.name, study.scenes
     ('small', ('carpet',))
     """
+    file = Path(file)
     table = {"name": file.stem, **read_toml(dict[str, Any], file, StudyError)}
     if isinstance(table.get("simulate"), dict):
         table["simulate"] = _simulate(table["simulate"], file)

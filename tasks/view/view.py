@@ -36,11 +36,11 @@ _WITHOUT = {  # options of a look that a kind of file does not have
 
 
 def view(
-    paths: Sequence[Path],
-    out: Path | None,
+    paths: Sequence[str | Path],
+    out: str | Path | None,
     look: Look,
     *,
-    over: Path | None = None,
+    over: str | Path | None = None,
     show: Show = "frames",
     reading: Reading = AS_STORED,
     format: str | None = None,
@@ -86,11 +86,12 @@ def view(
     >>> events = Events(t_us, x, x, np.ones(100, np.int8), width=100, height=100)
     >>> write_events("diagonal.h5", events)
     100
-    >>> view([Path("diagonal.h5")], Path("diagonal.png"), Look(window=20.0, at=0.03))
+    >>> view(["diagonal.h5"], "diagonal.png", Look(window=20.0, at=0.03))
     >>> Path("diagonal.png").stat().st_size > 0
     True
     """
     look.check()
+    out = None if out is None else Path(out)
     kind = ".rrd" if out is None else out.suffix.lower()
     if kind not in KINDS:
         raise TaskError(f"{out}: found extension {kind!r}, expected one of {', '.join(KINDS)}")
@@ -100,8 +101,9 @@ def view(
     if out is not None:
         check_new(out, overwrite)
     clip = None if over is None else open_sequence(over)
+    files = [Path(path) for path in paths]
     subject = open_subject(
-        paths, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
+        files, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
     )
     if kind == ".rrd":
         write_recording(out, subject.sources, _times(subject, look, kind), on_progress)

@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from eres_render import Renderer, SceneError, TrajectoryError, load_scene, render_scene
+from eres_render import (
+    Renderer,
+    SceneError,
+    TrajectoryError,
+    ground_truth,
+    load_scene,
+    path_through,
+    render_scene,
+)
 from eres_render.rendering.backend import select_variant
 from eres_render.rendering.load import load_mi_scene
 from eres_render.scene.xml import read_scene_xml
@@ -28,6 +36,34 @@ def test_the_camera_passes_through_the_given_poses_at_their_times(tmp_path):
     frame = Renderer(scene, 32, 4).frame(scene.trajectory().pose(0.3))
     assert frame[0, 0] == 1  # the sky
     assert 0.2 < frame[16, 16] < 0.9  # the ball, gray by default
+
+
+def test_a_path_that_was_made_in_python_is_rendered(tmp_path):
+    """Promise: it gives the frames and the ground truth of the same path from a file; another path
+    is another scene; one that comes too near a surface is refused."""
+    xml = write_scene(tmp_path, CAMERA, BALL, SKY)
+    from_file = load_scene(xml, write_poses(tmp_path, POSITIONS_M, T_S))
+    path = from_file.trajectory()
+    given = load_scene(xml, path)
+    assert (given.duration_s, given.light_digest) == (path.duration_s, from_file.light_digest)
+    assert given.digest != load_scene(xml).digest
+    slower = path_through(2 * path.knots_s[1:-1], path.pose(path.knots_s[1:-1]))
+    assert load_scene(xml, slower).digest != given.digest == load_scene(xml, path).digest
+
+    found, expected = (
+        render_scene(scene, tmp_path / name, resolution=16, spp=1, samples=1)[0]
+        for name, scene in (("given", given), ("file", from_file))
+    )
+    assert found.t_offset_us == 10_000_000
+    np.testing.assert_array_equal(found.t_s, expected.t_s)
+    np.testing.assert_array_equal(found.frame(5), expected.frame(5))
+    depths = [ground_truth(one).depth(one.t_s[-1], 16) for one in (found, expected)]
+    np.testing.assert_array_equal(*depths)
+
+    poses = np.array([look_at(p, (0, 0, 0), UP) for p in ((3, 0, 0), (0, 0.1, 0), (0, 3, 0))])
+    through = load_scene(xml, path_through([0.0, 0.7, 1.1], poses))
+    with pytest.raises(TrajectoryError, match=r"mine: the given path: at t = .* shape 'ball'"):
+        _ = Renderer(through, 8, 1).trajectory
 
 
 @pytest.mark.parametrize(

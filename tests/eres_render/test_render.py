@@ -16,6 +16,7 @@ import pytest
 
 from another_process import run_python
 from eres_render import (
+    Camera,
     Clip,
     Renderer,
     RenderError,
@@ -342,6 +343,26 @@ def test_a_full_disk_ends_the_render_and_leaves_nothing_half_written(
     assert list((clip / "frames").iterdir()) == []
     assert json.loads((clip / "manifest.json").read_text())["complete"] is False
     assert frames_equal(render_clip(renderer, CLIP, clip, 0.25), uninterrupted)
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path, small_carpet):
+    """Promise: sizes, seeds and times that were computed give the same frames, and files that are
+    read again."""
+    whole, real = np.int64, np.float64
+    shape = {"resolution": whole(16), "spp": whole(4), "seed": whole(3), "samples": whole(1)}
+    (made,) = render_scene(small_carpet, tmp_path / "clips", max_displacement_px=real(2.0), **shape)
+    renderer = Renderer(small_carpet, 16, 4, seed=3)
+    poses = renderer.trajectory.pose(made.t_s)
+    np.testing.assert_allclose(made.frame(0), renderer.frame(poses[0]), rtol=1e-3)
+    np.testing.assert_array_equal(
+        renderer.frame(poses[0], seed=whole(5)), renderer.frame(poses[0], seed=5)
+    )
+    clip = Clip(whole(2), real(0.24), np.float32(0.25), real(0.26))
+    sequence = render_clip(renderer, clip, str(tmp_path / "clip"), np.float32(2.0))
+    assert sequence.window_s == (0.25, 0.26)
+    camera = Camera(whole(16), whole(12), fx=np.float32(20.0), cy=whole(5))
+    tilted = Renderer(small_carpet, spp=1, camera=camera)
+    assert render_clip(tilted, clip, tmp_path / "tilted", 2.0).camera == Camera(16, 12, fx=20, cy=5)
 
 
 def test_render_scene_makes_one_folder_per_clip(tmp_path, small_carpet):

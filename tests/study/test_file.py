@@ -1,12 +1,16 @@
 """A study from a TOML file: read completely, or refused with file and field."""
 
+import json
 import math
 
+import numpy as np
 import pytest
 
+from eres_render import load_scene
 from sensor import cutoff_in_light
 from tasks.errors import StudyError
-from tasks.study.config import Evaluate, Study
+from tasks.study.config import Evaluate, Render, Simulate, Study, Tracking, to_json
+from tasks.study.run.jobs import jobs_of
 from tasks.study.study_file import read_study
 
 
@@ -49,6 +53,43 @@ def test_light_stands_for_cutoffs(tmp_path):
     text = 'scenes = ["carpet"]\n[simulate]\nilluminance_lux = [67, 17]'
     cutoffs_hz = read_study(written(tmp_path, text)).simulate.cutoffs_hz
     assert cutoffs_hz == (cutoff_in_light(67), cutoff_in_light(17))
+
+
+def test_settings_made_with_numpy_are_those_of_a_file(tmp_path):
+    """Promise: they are checked, stored and named as Python's numbers are."""
+    text = """
+    scenes = ["carpet"]
+    [render]
+    resolution = 256
+    seed = 3
+    [simulate]
+    widths = [64, 128]
+    cutoffs_hz = [inf, 200]
+    speeds = [1, 2]
+    [evaluate.tracking]
+    methods = ["photometric_tracking"]
+    sigmas_mm = [5, 10]
+    """
+    made = Study(
+        name="mine",
+        scenes=("carpet",),
+        render=Render(resolution=np.int64(256), seed=np.int32(3)),
+        simulate=Simulate(
+            widths=np.array([64, 128]),
+            cutoffs_hz=(np.float64(np.inf), np.float32(200)),
+            speeds=np.array([1.0, 2.0]),
+        ),
+        evaluate=Evaluate(
+            tracking=Tracking(methods=("photometric_tracking",), sigmas_mm=np.array([5.0, 10.0]))
+        ),
+    )
+    read = read_study(written(tmp_path, text))
+    assert made == read
+    assert json.dumps(to_json(made)) == json.dumps(to_json(read))
+    carpet = load_scene("carpet")
+    assert [job.key for job in jobs_of(made, carpet)] == [job.key for job in jobs_of(read, carpet)]
+    with pytest.raises(StudyError, match=r"render\.seed: found -1, expected 0 or more"):
+        Study(name="mine", scenes=("carpet",), render=Render(seed=np.int64(-1)))
 
 
 def test_old_words_are_read(tmp_path):

@@ -26,7 +26,7 @@ from tasks.generation import sequence
 from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
 from tasks.generation.estimate import estimate
-from tasks.generation.settings import DatasetSettings
+from tasks.generation.settings import DatasetSettings, claim_folder
 
 OPTIONS = [
     *("--seconds", 0.03, "--resolution", 32, "--cutoffs", "inf", 200, "--truth", 0.01),
@@ -219,6 +219,14 @@ def test_a_list_of_cutoffs_is_a_tuple():
     """Promise: the same dataset continues, however its cutoffs are given."""
     settings = DatasetSettings(seed=0, seconds=1.0, width=4, height=4, cutoffs_hz=[200, np.inf])
     assert settings == dataclasses.replace(settings, cutoffs_hz=(200.0, np.inf))
+
+
+def test_a_dataset_continues_with_numbers_of_numpy(tmp_path):
+    """Promise: settings that were computed are those of a dataset begun with Python's numbers."""
+    settings = DatasetSettings(seed=3, seconds=1.0, width=64, height=48, cutoffs_hz=(50.0, np.inf))
+    claim_folder(settings, tmp_path)
+    computed = {"seed": np.int64(3), "width": np.int64(64), "cutoffs_hz": np.array([50.0, np.inf])}
+    claim_folder(dataclasses.replace(settings, **computed), tmp_path)
 
 
 def test_thresholds_stay_near_their_mean():

@@ -84,7 +84,7 @@ SECTIONS = (
 """Sections of a report, in order."""
 
 
-def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
+def write_report(run_dir: str | Path, sections: Sequence[Section] = SECTIONS) -> Path:
     """Write ``report.html``, ``tables.csv`` and ``figures/tradeoff_METHOD.png`` and ``.svg``.
 
     Each other photoreceptor of the run has its own ``tables_NAME.csv``.
@@ -110,6 +110,7 @@ def write_report(run_dir: Path, sections: Sequence[Section] = SECTIONS) -> Path:
         A file is missing or damaged, rows contradict each other, or the report exceeds
         `MAX_BYTES`.
     """
+    run_dir = Path(run_dir)
     run = read_run(run_dir)
     collected = [(section, section.data(run)) for section in sections]
     shown = [(section, data) for section, data in collected if data is not None]

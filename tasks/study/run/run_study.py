@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 def run_study(
     study: Study,
-    out: Path,
+    out: str | Path,
     scheduler: str | None = None,
     on_progress: Progress = silent,
     *,
@@ -68,6 +68,7 @@ def run_study(
     RenderError, SensorError, OSError
         As the stages raise them. Files under their final names are complete even then.
     """
+    out = Path(out)
     with open_scheduler(scheduler) as computing:
         _check_methods(study)
         scenes = _scenes(study)
