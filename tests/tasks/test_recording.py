@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from event_streams import make_events
 from moving_texture import texture_in_motion
 from recordings import SIZE, STEP, C, make_recording
 from sensor import Events, SensorModel, simulate
@@ -15,6 +16,7 @@ from sensor.formats import write_events
 from tasks.errors import TaskError
 from tasks.flow import flow_sample
 from tasks.methods.contrast_maximization import EVEN_OFFSET_PX, Contrast
+from tasks.methods.contrast_maximization.contrast import _EXPOSURES
 from tasks.recording.clock import estimate_shift
 from tasks.recording.evaluate import _thresholds, evaluate_recording
 from tasks.recording.flow_windows import spread
@@ -567,6 +569,27 @@ def test_windows_are_spread_evenly():
     found = spread(range(1000), 20)
     assert len(set(found)) == 20
     assert set(np.diff(found)) == {50}
+
+
+@pytest.mark.parametrize("offset_px", [0.0, EVEN_OFFSET_PX])
+@pytest.mark.parametrize("flow", [(0.0, 0.0), (2.3, -1.1)])
+def test_evenly_spread_events_have_no_contrast(flow, offset_px):
+    """Promise: the image that is subtracted is theirs at every flow, on the grid and off it."""
+    side, count = 9, _EXPOSURES
+    t_us, row, column = (one.ravel() for one in np.mgrid[500 : 1000 * count : 1000, :side, :side])
+    sample = flow_sample(
+        make_events(t_us, column, row, np.ones(t_us.size), side, side),
+        *(0, 1000 * count),
+        log_image=np.zeros((side, side)),
+        contrast_threshold=0.2,
+        center_px=np.full(2, 0.5 * side),
+        side_px=side,
+        initial=np.zeros(2),
+        initial_sigma_px=1.0,
+    )
+    contrast = Contrast(sample, 4.0, offset_px=offset_px)
+    assert len(contrast.patch.exposure_t) == count
+    assert contrast(np.array(flow)) < 1e-20
 
 
 def test_off_the_grid_zero_flow_is_not_sharper():

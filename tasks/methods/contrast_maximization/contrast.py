@@ -39,8 +39,8 @@ class Patch(NamedTuple):
     exposure_t: NDArray[np.float64]  # (E,) times from mid-window at which the patch is sampled
     width: int  # of the patch, px
     height: int
-    far_x: int  # width of the margin, px
-    far_y: int
+    left: float  # position of the patch in the image at mid-window
+    top: float
     by_gradient: bool  # whether the objective is "gradient"
     around_even: bool  # whether the image without texture is subtracted
 
@@ -101,8 +101,8 @@ class Contrast:
             (np.arange(exposures) + 0.5) / exposures - REFERENCE_TIME,
             width,
             height,
-            far_x,
-            far_y,
+            far_x + offset_px,
+            far_y + offset_px,
             *_OBJECTIVES[objective],
         )
         votes, across, blurred = np.zeros((3, height + 2 * far_y, width + 2 * far_x))
@@ -194,8 +194,8 @@ def _subtract_even_events(patch, vx, vy, work):
     width, height, exposures = patch.width, patch.height, patch.exposure_t.size
     x0, y0, fx, fy = work.corner[0], work.corner[1], work.part[0], work.part[1]
     for k in range(exposures):
-        left = patch.far_x - vx * patch.exposure_t[k]
-        top = patch.far_y - vy * patch.exposure_t[k]
+        left = patch.left - vx * patch.exposure_t[k]
+        top = patch.top - vy * patch.exposure_t[k]
         x0[k], y0[k] = int(left), int(top)
         fx[k], fy[k] = left - x0[k], top - y0[k]
     share = patch.t.size / (width * height) / exposures
