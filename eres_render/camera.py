@@ -413,8 +413,13 @@ class Plane:
     offset_m: float
 
     def __post_init__(self) -> None:
-        if not math.isclose(math.hypot(*self.normal), 1.0, abs_tol=1e-9):
-            raise RenderError(f"Plane.normal: found {self.normal}, expected a vector of length 1")
+        normal = tuple(map(float, self.normal))
+        if len(normal) != 3 or not math.isclose(math.hypot(*normal), 1.0, abs_tol=1e-9):
+            raise RenderError(f"Plane.normal: found {normal}, expected a vector of length 1")
+        object.__setattr__(
+            self, "normal", normal
+        )  # not an array, which is neither hashed nor equal
+        object.__setattr__(self, "offset_m", float(self.offset_m))
 
     def distance(self, origin: Float64, direction: Float64) -> Float64:
         """Return how far rays run to the plane.

@@ -19,8 +19,8 @@ _WINDOW = ("window_start_us", "window_end_us")  # entries of an origin on the cl
 
 
 def convert(
-    source: Path,
-    out: Path,
+    source: str | Path,
+    out: str | Path,
     *,
     format: str | None = None,
     input_format: str | None = None,
@@ -59,6 +59,7 @@ def convert(
         Both are the same file, `out` exists and may not be replaced, both kinds of shift are given,
         or the shift is too large.
     """
+    source, out = Path(source), Path(out)
     if shift_us and from_start:
         raise TaskError("found shift_us and from_start, expected at most one of them")
     if abs(shift_us) >= _MAX_SHIFT_US:

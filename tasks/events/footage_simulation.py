@@ -31,7 +31,7 @@ _LOST = np.array([[1, 0.09, 0.15], [2, 0.26, 0.40], [4, 0.46, 0.62], [8, 0.65, 0
 def simulate_footage(
     footage: Footage,
     model: SensorModel,
-    out: Path,
+    out: str | Path,
     options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
     interpolate: str | None = None,
@@ -68,6 +68,7 @@ def simulate_footage(
         The file exists, the sensor is finer than the frames, or `interpolate` is neither a number
         from 1 to 1000 nor "auto".
     """
+    out = Path(out)
     check_new(out, options.overwrite)
     steps = _steps(interpolate)
     rows, columns = crop_to_aspect(footage.height, footage.width, model.height, model.width)

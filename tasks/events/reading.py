@@ -34,7 +34,7 @@ class Reading:
     sort: bool = False
     topic: str | None = None
 
-    def parts(self, path: Path, format: str | None) -> Iterator[Events]:
+    def parts(self, path: str | Path, format: str | None) -> Iterator[Events]:
         """Read a file.
 
         Parameters

@@ -137,7 +137,7 @@ def sensor_for(
 def simulate_sequence(
     sequence: RadianceSequence,
     model: SensorModel,
-    out: Path,
+    out: str | Path,
     options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
     truth_step_s: float | None = None,
@@ -180,6 +180,7 @@ def simulate_sequence(
     TaskError
         The file exists, or its format cannot store ground truth or an IMU.
     """
+    out = Path(out)
     check_new(out, options.overwrite)
     speed = options.speed
     warn_if_short(sequence, model.cutoff_hz, speed)
@@ -236,7 +237,7 @@ def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value
 def simulate_frames(
     frames: Frames,
     model: SensorModel,
-    out: Path,
+    out: str | Path,
     options: SimulationOptions = AS_IN_THE_FRAMES,
     *,
     origin: Mapping[str, Value],
@@ -274,6 +275,7 @@ def simulate_frames(
     TaskError
         The file exists.
     """
+    out = Path(out)
     check_new(out, options.overwrite)
     facts = {
         **origin,

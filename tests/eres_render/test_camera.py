@@ -71,6 +71,14 @@ def test_a_ray_that_misses_the_plane_is_refused():
         plane.intersect(np.array([0.0, 0.0, 1.0]), up)
 
 
+def test_planes_with_equal_normals_are_equal():
+    """Promise: a normal from NumPy's arithmetic makes the same plane, also as a key."""
+    up = (0.0, 0.0, 1.0)
+    assert {Plane(np.array(up), np.float64(2.0)): 1} == {Plane(up, 2.0): 1}
+    with pytest.raises(RenderError, match=r"Plane\.normal: found \(1\.0,\), expected a vector"):
+        Plane((1.0,), 0.0)
+
+
 def test_sizes_of_numpy_are_sizes_and_lists_are_no_lens():
     """Promise: a camera is stored as JSON and passed to Mitsuba, which take Python's integers."""
     camera = Camera(np.int64(96), np.uint16(72), 1.0)
