@@ -156,7 +156,9 @@ def common_boxes(
 
 
 def _inside(box: Box, quad_px: Float64) -> Box:
-    """Return the part of a box within a quadrangle, (4, 2) clockwise from the top left."""
+    """Return the part of a box within a quadrangle, (4, 2) clockwise from any corner."""
+    # A camera may be rolled by a quarter or half turn, so the corner at its top left is looked for.
+    quad_px = np.roll(quad_px, -int(np.argmin(quad_px.sum(axis=1))), axis=0)
     (left_a, top_a), (right_a, top_b), (right_b, bottom_b), (left_b, bottom_a) = quad_px
     found = Box(
         max(box.left, int(np.ceil(max(left_a, left_b) - 1e-6))),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from eres_render import open_sequence
 from eres_render.trajectory.tum import read_tum
@@ -218,11 +219,13 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     assert median["high_pass_filter"] > median["blank"]
 
 
-def test_common_field_of_two_distances(recording, frames_solved):
+@pytest.mark.parametrize("quarter_turns", [0, 1, 2, 3])
+def test_common_field_of_two_distances(recording, frames_solved, quarter_turns):
     """Promise: the far camera's box shows no more of the page than the near camera's, and at most
-    two pixels less on each side."""
+    two pixels less on each side, also if it is mounted upright or upside down."""
     near = frames_solved.pose.pose()
-    far = type(near)(near.R_world_cam, near.origin_m - [0, 0, 0.1], near.direction)
+    roll = Rotation.from_euler("z", 90 * quarter_turns, degrees=True).as_matrix()
+    far = type(near)(near.R_world_cam @ roll, near.origin_m - [0, 0, 0.1], near.direction)
     camera = recording.camera
     boxes = common_boxes([camera, camera], [near, far], frames_solved.x_m)
     for x in frames_solved.x_m:
