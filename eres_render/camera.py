@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eres_render.distortion import Distortion
 from eres_render.errors import RenderError
@@ -156,7 +156,7 @@ class Camera:
         """The (3, 3) matrix from camera coordinates to homogeneous pixels, without distortion."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
-    def project(self, points_cam: Float64) -> Float64:
+    def project(self, points_cam: ArrayLike) -> Float64:
         """Project points to the image, with the lens's distortion.
 
         Parameters
@@ -184,7 +184,7 @@ class Camera:
             return seen * (self.fx, self.fy) + (self.cx, self.cy)
         return (self.fx, self.fy) * points_cam[..., :2] / points_cam[..., 2:] + (self.cx, self.cy)
 
-    def rays(self, points_px: Float64) -> Float64:
+    def rays(self, points_px: ArrayLike) -> Float64:
         """Return the directions in which pixels look, through the lens.
 
         Parameters
@@ -203,7 +203,7 @@ class Camera:
             xy = self.distortion.undistort(xy)
         return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
-    def distort(self, pinhole_px: Float64) -> Float64:
+    def distort(self, pinhole_px: ArrayLike) -> Float64:
         """Map pixels of a pinhole with the same `K` to the pixels where the lens shows the same.
 
         Parameters
@@ -222,7 +222,7 @@ class Camera:
         xy = (pinhole_px - (self.cx, self.cy)) / (self.fx, self.fy)
         return self.distortion.distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
 
-    def undistort(self, points_px: Float64) -> Float64:
+    def undistort(self, points_px: ArrayLike) -> Float64:
         """Map pixels to those where a pinhole with the same `K` shows the same.
 
         Parameters
@@ -421,7 +421,7 @@ class Plane:
         )  # not an array, which is neither hashed nor equal
         object.__setattr__(self, "offset_m", float(self.offset_m))
 
-    def distance(self, origin: Float64, direction: Float64) -> Float64:
+    def distance(self, origin: ArrayLike, direction: ArrayLike) -> Float64:
         """Return how far rays run to the plane.
 
         Parameters
@@ -436,12 +436,13 @@ class Plane:
         distance
             (...) in units of the directions' lengths; inf for rays that do not run toward it.
         """
+        origin, direction = np.asarray(origin), np.asarray(direction)
         n = np.asarray(self.normal)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.asarray((self.offset_m - origin @ n) / (direction @ n))
         return np.where(distance > 0, distance, np.inf)
 
-    def intersect(self, origin: Float64, direction: Float64) -> Float64:
+    def intersect(self, origin: ArrayLike, direction: ArrayLike) -> Float64:
         """Return where rays meet the plane.
 
         Parameters
@@ -464,7 +465,8 @@ class Plane:
         distance = self.distance(origin, direction)
         if not np.all(np.isfinite(distance)):
             raise RenderError("Plane.intersect: found a ray that does not run toward the plane")
-        return origin + distance[..., None] * direction
+        points: Float64 = np.asarray(origin) + distance[..., None] * np.asarray(direction)
+        return points
 
 
 def plane_homography(

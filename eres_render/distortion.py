@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from eres_render.errors import RenderError
 
@@ -82,7 +82,7 @@ class Distortion:
         """
         return _reach(self)
 
-    def distort(self, xy: Float64) -> Float64:
+    def distort(self, xy: ArrayLike) -> Float64:
         """Return where a lens shows directions.
 
         Parameters
@@ -98,7 +98,7 @@ class Distortion:
         x, y = np.moveaxis(np.asarray(xy, np.float64), -1, 0)
         return np.stack(_bent(x, y, self)[:2], axis=-1)
 
-    def undistort(self, distorted: Float64) -> Float64:
+    def undistort(self, distorted: ArrayLike) -> Float64:
         """Return the directions that a lens shows at given places, to 1e-12, by Newton's method.
 
         Parameters
