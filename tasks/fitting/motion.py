@@ -18,7 +18,7 @@ from tasks.recording.threshold import best_delay_us, fit_line
 Float64 = NDArray[np.float64]
 
 _HUBER = 1.345  # standard deviations
-_SHARE = 0.3  # start of the search: share of the filter in the delay, squared
+_SHARES = (0.3, 0.9)  # starts of searches, which may end apart: the filter in the delay, squared
 _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, in simulations
 NOISY = 0.05
 """Share of the change of light: if more is unexplained, the filter hides and thresholds are low."""
@@ -154,19 +154,22 @@ class _Fit:
         thresholds = math.log(line.on), math.log(line.off)
         at_start = self._left(np.array([start_us, 0.0, *thresholds]))
         self._scale = _HUBER * 1.4826 * float(np.median(np.abs(at_start)))
-        found = optimize.least_squares(
-            self._left,
-            [start_us, _SHARE, *thresholds],
-            self._slopes,
-            bounds=([_LEAST_US, 0.0, -10.0, -10.0], [most_us, 1.0, 5.0, 5.0]),
-            x_scale=[0.1 * start_us, 0.3, 0.1, 0.1],
-            loss="huber",
-            f_scale=self._scale,
-            xtol=1e-10,  # of the norm of all four, and the delay is thousands of microseconds
-            ftol=1e-7,
-            max_nfev=100,
-        )
-        self._x: Float64 = found.x
+        searches = [
+            optimize.least_squares(
+                self._left,
+                [start_us, share, *thresholds],
+                self._slopes,
+                bounds=([_LEAST_US, 0.0, -10.0, -10.0], [most_us, 1.0, 5.0, 5.0]),
+                x_scale=[0.1 * start_us, 0.3, 0.1, 0.1],
+                loss="huber",
+                f_scale=self._scale,
+                xtol=1e-10,  # of the norm of all four, and the delay is thousands of microseconds
+                ftol=1e-7,
+                max_nfev=100,
+            )
+            for share in _SHARES
+        ]
+        self._x: Float64 = min(searches, key=lambda search: search.cost).x
         self._rest = self._left(self._x)
         _, self._tile = np.unique(levels.tile, return_inverse=True)
 
