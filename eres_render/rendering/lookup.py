@@ -34,6 +34,7 @@ NEAR_M = 1e-3
 _MOST_ROOM = 4  # pixels of the pinhole for one of the lens
 _BANDS_A_THREAD = 8  # of rows: traced pixels cost nothing here, so rows differ in cost
 # Costs of looking up, in traced samples: see benchmarks/bench_small_images.py.
+_FEWEST_SAMPLES = 340_000  # of a frame; Dr.Jit's threads wait as long as it takes to trace these
 _SAMPLES_A_FRAME = 100_000
 _SAMPLES_AN_EDGE = 10
 _SAMPLES_A_PIXEL = 3
@@ -125,7 +126,7 @@ class LookUp:
         of_pinhole = lens.columns * lens.rows
         # A lens bends the sides of pixels, which a single row or column does not show.
         is_thin = len(lens.corners) > 0 and min(camera.width, camera.height) == 1
-        if of_pinhole > _MOST_ROOM * pixels or is_thin:
+        if of_pinhole > _MOST_ROOM * pixels or is_thin or spp * pixels < _FEWEST_SAMPLES:
             return False
         saved = spp * pixels - _SAMPLES_A_PIXEL * of_pinhole
         return saved >= _SAMPLES_A_FRAME + _SAMPLES_AN_EDGE * len(self._surfaces.edges)
