@@ -416,9 +416,8 @@ class Plane:
         normal = tuple(map(float, self.normal))
         if len(normal) != 3 or not math.isclose(math.hypot(*normal), 1.0, abs_tol=1e-9):
             raise RenderError(f"Plane.normal: found {normal}, expected a vector of length 1")
-        object.__setattr__(
-            self, "normal", normal
-        )  # not an array, which is neither hashed nor equal
+        # An array has no hash, and == gives an array.
+        object.__setattr__(self, "normal", normal)
         object.__setattr__(self, "offset_m", float(self.offset_m))
 
     def distance(self, origin: ArrayLike, direction: ArrayLike) -> Float64:

@@ -260,7 +260,8 @@ class Scene:
             )
         if path is None or square is None or plane is None:
             raise SceneError(
-                f"{self.xml_file}: has no camera path; give poses in TUM format as the trajectory"
+                f"{self.xml_file}: has no camera path; give poses in TUM format (--trajectory), or "
+                "a Trajectory in Python"
             )
         return random_path(
             facing_plane(plane, square.point_m, path.distance_m),

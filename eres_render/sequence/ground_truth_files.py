@@ -92,7 +92,6 @@ def write_truth(
     >>> sorted(str(file.relative_to("truth")) for file in files)
     ['camera.json', 'depth/000000.exr', 'depth/000001.exr', 'flow/000000.exr', 'poses.txt']
     """
-    out_dir = Path(out_dir)
     for name, side in (("width", width), ("height", height)):
         if side is not None and side < 1:
             raise RenderError(f"{name}: found {side}, expected at least 1 px")

@@ -11,12 +11,12 @@ import numpy as np
 
 
 def use_python_numbers(settings: Any) -> None:
-    """Replace NumPy's numbers in the fields of a dataclass by Python's, and arrays by tuples.
+    """Replace NumPy's numbers in the fields of a dataclass by Python's, arrays and lists by tuples.
 
     Parameters
     ----------
     settings
-        An instance of a dataclass, which may be frozen.
+        An instance of a dataclass, which may be frozen and hold others.
 
     Examples
     --------
@@ -33,14 +33,17 @@ def use_python_numbers(settings: Any) -> None:
     Settings(width=64, cutoffs_hz=(50.0, 200.0))
     """
     for one in fields(settings):
-        value = getattr(settings, one.name)
-        if isinstance(value, np.generic):
-            object.__setattr__(settings, one.name, value.item())
-        elif isinstance(value, np.ndarray):
-            object.__setattr__(settings, one.name, tuple(value.tolist()))
-        elif type(value) is tuple:
-            plain = (v.item() if isinstance(v, np.generic) else v for v in value)
-            object.__setattr__(settings, one.name, tuple(plain))
+        object.__setattr__(settings, one.name, _with_python_numbers(getattr(settings, one.name)))
+
+
+def _with_python_numbers(value: Any) -> Any:
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if type(value) in (list, tuple):  # not a NamedTuple
+        return tuple(map(_with_python_numbers, value))
+    if is_dataclass(value) and not isinstance(value, type):
+        use_python_numbers(value)
+    return value
 
 
 def json_values(value: object, optional: Collection[str] = ()) -> Any:
@@ -53,7 +56,7 @@ def json_values(value: object, optional: Collection[str] = ()) -> Any:
     value
         The settings.
     optional
-        Names of fields that are left out of dataclasses if they are None or empty.
+        Names of fields that are left out of dataclasses if they are None, False, 0 or empty.
 
     Returns
     -------

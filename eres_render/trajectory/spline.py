@@ -61,6 +61,9 @@ class Trajectory:
     t_offset_us: int = 0
 
     def __post_init__(self) -> None:
+        for name in ("knots_s", "controls"):
+            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+        object.__setattr__(self, "t_offset_us", int(self.t_offset_us))
         shape = self.controls.shape
         if len(shape) != 3 or shape[0] < 4 or shape[1:] != (4, 4):
             raise TrajectoryError(

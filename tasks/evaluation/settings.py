@@ -348,7 +348,8 @@ class Evaluate(Mapping[str, TaskSettings]):
         for task, settings in tasks.items():
             if task not in TASKS:
                 raise TaskError(f"evaluate.{task}: unknown, expected one of {', '.join(TASKS)}")
-            use_python_numbers(settings)
+            if settings:  # None stands for the default
+                use_python_numbers(settings)
         self._given = tasks
 
     def __getitem__(self, task: str) -> TaskSettings:

@@ -96,9 +96,9 @@ def write_images(
     )
     facts = {
         "exposures_us": exposures_us,
-        "rate_hz": rate_hz,
+        "rate_hz": float(rate_hz),
         "white_level": sequence.white_level,
-        "seed": seed,
+        "seed": int(seed),
         **json_values(options),
     }
     write_text(out / FILE_NAME, json.dumps(facts, indent=1) + "\n")

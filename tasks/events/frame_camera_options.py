@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from eres_render.errors import check_positive
+from eres_render.storage.json_values import use_python_numbers
 from tasks.errors import TaskError
 
 
@@ -26,6 +27,9 @@ class FrameCameraOptions:
     exposure: float = 0.005
     full_well: float = 10_000.0
     read_noise: float = 10.0
+
+    def __post_init__(self) -> None:
+        use_python_numbers(self)
 
     def check(self) -> None:
         """Refuse impossible values.

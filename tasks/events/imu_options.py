@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
+from eres_render.storage.json_values import use_python_numbers
 from tasks.errors import TaskError
 
 
@@ -33,6 +34,9 @@ class ImuOptions:
     gyroscope_walk: float = 1.9393e-5
     accelerometer_noise: float = 2.0e-3
     accelerometer_walk: float = 3.0e-3
+
+    def __post_init__(self) -> None:
+        use_python_numbers(self)
 
     def check(self) -> None:
         """Refuse impossible values.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from eres_render import RadianceSequence
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
+from eres_render.storage.json_values import use_python_numbers
 from sensor import Events, Readout, ReadoutReport, SensorModel, read_out, stream
 from sensor.formats import find_format, write_events
 from sensor.formats.header import Value
@@ -76,6 +77,7 @@ class SimulationOptions:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
+        use_python_numbers(self)
         check_positive("speed", self.speed, TaskError, "a positive factor")
 
 

@@ -18,7 +18,8 @@ from tasks.recording.threshold import best_delay_us, fit_line
 Float64 = NDArray[np.float64]
 
 _HUBER = 1.345  # standard deviations
-_SHARES = (0.3, 0.9)  # starts of searches, which may end apart: the filter in the delay, squared
+# Shares of the filter in the delay, squared, from which searches start; they may end apart.
+_SHARES = (0.3, 0.9)
 _PIXELS = 0.05  # of a time constant: effect of thresholds that differ by 10 %, in simulations
 NOISY = 0.05
 """Share of the change of light: if more is unexplained, the filter hides and thresholds are low."""

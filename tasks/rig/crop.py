@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
@@ -40,6 +41,7 @@ FILE_NAME = "crop.json"
 EVENTS_NAME = "events.h5"
 
 _POSITIONS = 33  # positions of the slider at which fields are compared
+_MOST_ROLL_DEG = 20  # beyond, little is left of a box in a rolled box
 _POSES_US = 1000  # time between two written poses and homographies
 
 
@@ -132,11 +134,20 @@ def common_boxes(
     Raises
     ------
     RigError
-        If the cameras have no field in common.
+        If the cameras have no field in common, or one is rolled against another by more than 20
+        degrees, other than upside down: the sides of its box would not be those of the others.
     """
     both = list(zip(cameras, poses, strict=True))
     depths = [abs(pose.at(np.mean(x_m))[2, 3]) / camera.fx for camera, pose in both]
     nearest = int(np.argmin(depths))
+    for pose in poses:
+        right = poses[nearest].R_world_cam[:, :2].T @ pose.R_world_cam[:, 0]
+        roll_deg = math.degrees(math.atan2(right[1], right[0]))
+        if _MOST_ROLL_DEG < abs(roll_deg) < 180 - _MOST_ROLL_DEG:
+            raise RigError(
+                f"crop: found a camera rolled by {roll_deg:.0f} degrees against the nearest one, "
+                f"expected at most {_MOST_ROLL_DEG}, or upside down"
+            )
     positions = np.linspace(*x_m, _POSITIONS).tolist()
     full = Box(0, 0, cameras[nearest].width, cameras[nearest].height)
     field = full
@@ -157,7 +168,7 @@ def common_boxes(
 
 def _inside(box: Box, quad_px: Float64) -> Box:
     """Return the part of a box within a quadrangle, (4, 2) clockwise from any corner."""
-    # A camera may be rolled by a quarter or half turn, so the corner at its top left is looked for.
+    # A camera may be upside down, so the corner at its top left is looked for.
     quad_px = np.roll(quad_px, -int(np.argmin(quad_px.sum(axis=1))), axis=0)
     (left_a, top_a), (right_a, top_b), (right_b, bottom_b), (left_b, bottom_a) = quad_px
     found = Box(

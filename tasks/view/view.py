@@ -36,7 +36,7 @@ _WITHOUT = {  # options of a look that a kind of file does not have
 
 
 def view(
-    paths: Sequence[str | Path],
+    paths: str | Path | Sequence[str | Path],
     out: str | Path | None,
     look: Look,
     *,
@@ -52,7 +52,7 @@ def view(
     Parameters
     ----------
     paths
-        Files of events, and folders of rendered clips.
+        Files of events, and folders of rendered clips; or one of them.
     out
         The file: .mp4, .gif, .webp, .png, .html or .rrd; None opens the Rerun viewer.
     look
@@ -86,7 +86,7 @@ def view(
     >>> events = Events(t_us, x, x, np.ones(100, np.int8), width=100, height=100)
     >>> write_events("diagonal.h5", events)
     100
-    >>> view(["diagonal.h5"], "diagonal.png", Look(window=20.0, at=0.03))
+    >>> view("diagonal.h5", "diagonal.png", Look(window=20.0, at=0.03))
     >>> Path("diagonal.png").stat().st_size > 0
     True
     """
@@ -101,7 +101,7 @@ def view(
     if out is not None:
         check_new(out, overwrite)
     clip = None if over is None else open_sequence(over)
-    files = [Path(path) for path in paths]
+    files = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     subject = open_subject(
         files, look, over=clip, show=show, reading=reading, format=format, on_progress=on_progress
     )

@@ -77,7 +77,7 @@ def test_settings_made_with_numpy_are_those_of_a_file(tmp_path):
         simulate=Simulate(
             widths=np.array([64, 128]),
             cutoffs_hz=(np.float64(np.inf), np.float32(200)),
-            speeds=np.array([1.0, 2.0]),
+            speeds=[np.float64(1), 2.0],
         ),
         evaluate=Evaluate(
             tracking=Tracking(methods=("photometric_tracking",), sigmas_mm=np.array([5.0, 10.0]))

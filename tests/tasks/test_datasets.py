@@ -115,7 +115,8 @@ def test_frames_are_those_of_the_fill_factor(folder, tmp_path):
     white = 1e-3 * clip.white_level
     model = SensorModel(width=8, height=8, dark_level=white, fill_factor=0.1)
     shutil.copytree(clip.folder, tmp_path / "clip_000")
-    simulate_sequence(clip, model, tmp_path / "0.h5", truth_step_s=0.02)
+    options = SimulationOptions(seed=np.int64(1))  # a number that was computed
+    simulate_sequence(clip, model, str(tmp_path / "0.h5"), options, truth_step_s=0.02)
     item = EventDataset(tmp_path)[0]
     nearest = np.argmin(np.abs(1e6 * clip.t_s - item["frame_us"]))
     seen, whole = (integrate(clip.frame(nearest), 8, 8, share) for share in (0.1, 1.0))

@@ -8,7 +8,7 @@ import pytest
 
 from eres_render import render_scene
 from sensor import to_linear
-from tasks.events.frame_camera import developed, exposed, frame_weights
+from tasks.events.frame_camera import developed, exposed, frame_weights, write_images
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.recording.frames import open_frames
 
@@ -51,6 +51,17 @@ def test_noise_is_that_of_photons_and_of_the_readout():
         electrons = 400 * to_linear(codes, "srgb").astype(np.float64)
         assert electrons.mean() == pytest.approx(400 * level, rel=0.01)
         assert electrons.var() == pytest.approx(400 * level + 144, rel=0.05)
+
+
+def test_numbers_of_numpy_are_numbers(small_carpet, tmp_path):
+    """Promise: rates, seeds and options that were computed are stored as Python's."""
+    clips = render_scene(small_carpet, tmp_path / "clips", resolution=16, spp=1, samples=1)
+    stored = []
+    for name, real, whole in (("plain", float, int), ("numpy", np.float64, np.int64)):
+        options = FrameCameraOptions(exposure=real(0.005), full_well=whole(2000))
+        write_images(clips[0], str(tmp_path / name), whole(100), options, seed=whole(3))
+        stored.append((tmp_path / name / "images.json").read_text())
+    assert stored[0] == stored[1]
 
 
 def test_any_sequence_has_images(small_carpet, tmp_path, eres):

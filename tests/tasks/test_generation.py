@@ -20,6 +20,7 @@ from sensor.formats import load_events, read_header
 from tasks import DISTRIBUTION
 from tasks.datasets import EventDataset
 from tasks.errors import TaskError
+from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.imu_options import ImuOptions
 from tasks.events.sensor_options import PixelOptions
 from tasks.generation import sequence
@@ -225,8 +226,9 @@ def test_a_dataset_continues_with_numbers_of_numpy(tmp_path):
     """Promise: settings that were computed are those of a dataset begun with Python's numbers."""
     settings = DatasetSettings(seed=3, seconds=1.0, width=64, height=48, cutoffs_hz=(50.0, np.inf))
     claim_folder(settings, tmp_path)
-    computed = {"seed": np.int64(3), "width": np.int64(64), "cutoffs_hz": np.array([50.0, np.inf])}
-    claim_folder(dataclasses.replace(settings, **computed), tmp_path)
+    computed = {"seed": np.int64(3), "width": np.array(64), "cutoffs_hz": np.array([50.0, np.inf])}
+    camera = FrameCameraOptions(full_well=np.float32(10_000))
+    claim_folder(dataclasses.replace(settings, camera=camera, **computed), tmp_path)
 
 
 def test_thresholds_stay_near_their_mean():

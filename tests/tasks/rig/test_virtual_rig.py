@@ -219,13 +219,27 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     assert median["high_pass_filter"] > median["blank"]
 
 
-@pytest.mark.parametrize("quarter_turns", [0, 1, 2, 3])
-def test_common_field_of_two_distances(recording, frames_solved, quarter_turns):
-    """Promise: the far camera's box shows no more of the page than the near camera's, and at most
-    two pixels less on each side, also if it is mounted upright or upside down."""
+def rolled(near, roll_deg):
+    """Return the pose of a camera 0.1 m farther away, rolled around its axis."""
+    roll = Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
+    return type(near)(near.R_world_cam @ roll, near.origin_m - [0, 0, 0.1], near.direction)
+
+
+@pytest.mark.parametrize("roll_deg", [-135, -45, 90])
+def test_cameras_on_their_sides_are_refused(recording, frames_solved, roll_deg):
+    """Promise: widths of crops are sides of the same field; the text says how far it is rolled."""
     near = frames_solved.pose.pose()
-    roll = Rotation.from_euler("z", 90 * quarter_turns, degrees=True).as_matrix()
-    far = type(near)(near.R_world_cam @ roll, near.origin_m - [0, 0, 0.1], near.direction)
+    cameras, poses = [recording.camera] * 2, [near, rolled(near, roll_deg)]
+    with pytest.raises(RigError, match=f"camera rolled by {roll_deg} degrees against the nearest"):
+        common_boxes(cameras, poses, frames_solved.x_m)
+
+
+@pytest.mark.parametrize("roll_deg", [0, 180])
+def test_common_field_of_two_distances(recording, frames_solved, roll_deg):
+    """Promise: the far camera's box shows no more of the page than the near camera's, and at most
+    two pixels less on each side, also if it is mounted upside down."""
+    near = frames_solved.pose.pose()
+    far = rolled(near, roll_deg)
     camera = recording.camera
     boxes = common_boxes([camera, camera], [near, far], frames_solved.x_m)
     for x in frames_solved.x_m:
@@ -239,6 +253,7 @@ def test_common_field_of_two_distances(recording, frames_solved, quarter_turns):
         pixel_m = 0.24 / camera.fx
         assert np.all(low > left - 0.01 * pixel_m - 3 * pixel_m * 0.02)
         assert np.all(low < left + 3 * pixel_m)
+        assert np.all(high < right + 0.01 * pixel_m + 3 * pixel_m * 0.02)
         assert np.all(high > right - 3 * pixel_m)
 
 
