@@ -15,7 +15,7 @@ demo: .venv/.ready .venv/.llvm
 	$(BIN)/eres study --preset quick --out $(RUN)
 
 # Two files at a time: each may hold a scene of a gigabyte.
-test: .venv/.dev .venv/.llvm .venv/.chromium .venv/.learned
+test: .venv/.bytecode .venv/.llvm .venv/.chromium
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/.dev .venv/.llvm
@@ -56,7 +56,7 @@ clean:
 	@touch $@
 
 .venv/.dev: .venv/.ready
-	@$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile --editable '.[dev]'
 	@touch $@
 
 # The smallest build of PyTorch. Where pip does not find it, the tests of networks are skipped.
@@ -67,6 +67,11 @@ TORCH := torch==2.13.0+cpu
 	@$(BIN)/pip install --quiet --disable-pip-version-check --no-compile \
 	  '$(TORCH)' --editable '.[learned]' || \
 	  echo "eres: no $(TORCH) could be installed; the tests of networks are skipped"
+	@touch $@
+
+# All packages at once, on all cores; otherwise each process of the tests would compile them anew.
+.venv/.bytecode: .venv/.learned
+	@$(BIN)/python -m compileall -q -j 0 .venv/lib >/dev/null || true  # some packages have templates
 	@touch $@
 
 .venv/.docs: .venv/.ready
