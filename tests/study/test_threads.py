@@ -25,7 +25,7 @@ study = Study(
         tracking=Tracking(
             methods=("photometric_tracking", "photometric_tracking_with_delay"),
             sigmas_mm=(20.0,),
-            max_delay_us=40_000,
+            max_delay_us=35_000,
         ),
         video=Video(methods=("high_pass_filter",), duration_s=0.1, run_in_s=0.05),
     ),
