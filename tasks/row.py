@@ -105,10 +105,10 @@ def write_rows(path: str | Path, rows: Iterable[Row]) -> None:
     rows
         Its rows.
     """
-    path = Path(path)
     import pyarrow as pa  # here, as it would slow down `eres --help`
     import pyarrow.parquet as pq
 
+    path = Path(path)
     schema = pa.schema(
         pa.field(name, pa.type_for_alias(kind), nullable=False) for name, kind in _COLUMNS.items()
     )
@@ -146,10 +146,10 @@ def read_rows(path: str | Path) -> list[Row]:
     >>> read_rows("rows.parquet") == [row]
     True
     """
-    path = Path(path)
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    path = Path(path)
     try:
         data = pa.BufferReader(path.read_bytes())
         table = pq.ParquetFile(data, page_checksum_verification=True).read()

@@ -303,7 +303,8 @@ def test_a_worker_of_other_code_or_scenes_is_refused(
         toml = edited / "scene.toml"
         toml.write_text(toml.read_text().replace("seed = ", "seed = 1"))
         patch.setattr(
-            cluster_module, "load_scene", lambda source: replace(load_scene(edited), source=source)
+            *(cluster_module, "load_scene"),
+            lambda source, path: replace(load_scene(edited, path), source=source),
         )
         assert refusal(study).startswith(f"scene {scene_folder}: found files of digest ")
     assert not list((tmp_path / "run").rglob("*.parquet"))

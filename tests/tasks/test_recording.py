@@ -571,15 +571,12 @@ def test_windows_are_spread_evenly():
     assert set(np.diff(found)) == {50}
 
 
-@pytest.mark.parametrize("offset_px", [0.0, EVEN_OFFSET_PX])
-@pytest.mark.parametrize("flow", [(0.0, 0.0), (2.3, -1.1)])
-def test_evenly_spread_events_have_no_contrast(flow, offset_px):
-    """Promise: the image that is subtracted is theirs at every flow, on the grid and off it."""
-    side, count = 9, _EXPOSURES
-    t_us, row, column = (one.ravel() for one in np.mgrid[500 : 1000 * count : 1000, :side, :side])
-    sample = flow_sample(
-        make_events(t_us, column, row, np.ones(t_us.size), side, side),
-        *(0, 1000 * count),
+def whole_sensor(events, end_us):
+    """The events of a square sensor as the patch of a flow, from 0 on, started without motion."""
+    side = events.width
+    return flow_sample(
+        events,
+        *(0, end_us),
         log_image=np.zeros((side, side)),
         contrast_threshold=0.2,
         center_px=np.full(2, 0.5 * side),
@@ -587,6 +584,16 @@ def test_evenly_spread_events_have_no_contrast(flow, offset_px):
         initial=np.zeros(2),
         initial_sigma_px=1.0,
     )
+
+
+@pytest.mark.parametrize("offset_px", [0.0, EVEN_OFFSET_PX])
+@pytest.mark.parametrize("flow", [(0.0, 0.0), (2.3, -1.1)])
+def test_evenly_spread_events_have_no_contrast(flow, offset_px):
+    """Promise: the image that is subtracted is theirs at every flow, on the grid and off it."""
+    side, count = 9, _EXPOSURES
+    t_us, row, column = (one.ravel() for one in np.mgrid[500 : 1000 * count : 1000, :side, :side])
+    events = make_events(t_us, column, row, np.ones(t_us.size), side, side)
+    sample = whole_sensor(events, 1000 * count)
     contrast = Contrast(sample, 4.0, offset_px=offset_px)
     assert len(contrast.patch.exposure_t) == count
     assert contrast(np.array(flow)) < 1e-20
@@ -599,16 +606,7 @@ def test_off_the_grid_zero_flow_is_not_sharper():
     count, side = 20_000, 61
     t_us = np.sort(rng.integers(0, 10_000, count))
     x, y = rng.integers(0, side, (2, count)).astype(np.uint16)
-    sample = flow_sample(
-        Events(t_us, x, y, np.ones(count, np.int8), side, side),
-        *(0, 10_000),
-        log_image=np.zeros((side, side)),
-        contrast_threshold=0.2,
-        center_px=np.full(2, 0.5 * side),
-        side_px=side,
-        initial=np.zeros(2),
-        initial_sigma_px=1.0,
-    )
+    sample = whole_sensor(Events(t_us, x, y, np.ones(count, np.int8), side, side), 10_000)
     around = 3 * np.stack([np.cos(a := np.linspace(0.2, 6.2, 12)), np.sin(a)], axis=1)
     gains = {}
     for offset_px in (0.0, EVEN_OFFSET_PX):

@@ -135,12 +135,10 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
 def _as_found_here(job: Job, key: str) -> Job:
     """Return the job with this machine's scene; refuse it if the scene or a method differs."""
     check_methods(job.evaluate)
-    scene = load_scene(job.scene.source)
+    scene = load_scene(job.scene.source, job.scene.given_path)
     path = job.scene.settings.path
     if isinstance(path, TumPath):  # may be the study's; the digest has the file's content
         scene = replace(scene, settings=replace(scene.settings, path=path))
-    if job.scene.given_path is not None:
-        scene = load_scene(job.scene.source, job.scene.given_path)
     if scene.digest != job.scene.digest:  # the client computed it before it pickled the scene
         raise StudyError(
             f"scene {job.scene.source}: found files of digest {scene.digest[:12]}, expected "
