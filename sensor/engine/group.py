@@ -28,7 +28,7 @@ from sensor.kernels.advance import (
 from sensor.kernels.comparator import outside_refractory
 from sensor.kernels.packing import FULL
 from sensor.kernels.photoreceptor import STEP, photoreceptor_step
-from sensor.kernels.radiance import BAD, Light, integrate_area, light_of, log_of_block
+from sensor.kernels.radiance import BAD, Light, integrate_area, light_on_pixels, log_of_block
 from sensor.memory import MEMORY
 from sensor.model import SensorModel
 from sensor.optics import pixel_overlaps
@@ -235,4 +235,4 @@ def _light(
             f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
             "exists; give dark_level a positive value, or None"
         )
-    return light_of(radiance.reshape(len(chunk), -1), dark)
+    return light_on_pixels(radiance.reshape(len(chunk), -1), dark)

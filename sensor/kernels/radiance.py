@@ -24,7 +24,7 @@ class Light(NamedTuple):
     dark: float  # I_dark
 
 
-def light_of(radiance: NDArray[np.floating], dark: float) -> Light:
+def light_on_pixels(radiance: NDArray[np.floating], dark: float) -> Light:
     """Return the light on the pixels.
 
     Parameters

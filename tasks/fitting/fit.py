@@ -19,7 +19,7 @@ from tasks.fitting.response import Response, fit_response
 from tasks.fitting.stillness import HOT, Noise, counts, fit_noise, neighbors_together
 from tasks.footage import Footage
 from tasks.recording.frames import Frames
-from tasks.recording.levels import busiest, every_second, levels_of, light_of
+from tasks.recording.levels import busiest, every_second, levels_of, light_between
 from tasks.recording.threshold import FittedThresholds, best_delay_us, fit_thresholds
 
 DARK_SHARES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 0.1)
@@ -231,7 +231,7 @@ def _in_motion(events: Events, evidence: Evidence, found: Found, on_progress: Pr
     exposure_us = 0.0
     if evidence.frames is not None:
         frames = busiest([events], evidence.frames)
-        lights = [light_of(one) for one in (frames, frames.every_second())]
+        lights = [light_between(one) for one in (frames, frames.every_second())]
         exposure_us = float(np.max(frames.end_us - frames.start_us))
     else:
         assert evidence.light is not None

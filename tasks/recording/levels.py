@@ -77,7 +77,7 @@ def busiest(parts: Iterable[Events], frames: Frames) -> Frames:
     return frames.some(np.arange(start, start + length + 1))
 
 
-def light_of(frames: Frames) -> Footage:
+def light_between(frames: Frames) -> Footage:
     """Return the light along the motion of the image, in steps of at most half a pixel.
 
     Parameters

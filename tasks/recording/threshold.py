@@ -11,7 +11,7 @@ from scipy import optimize
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, bootstrap
 from tasks.recording.frames import DARK, Frames
-from tasks.recording.levels import Levels, busiest, levels_of, light_of
+from tasks.recording.levels import Levels, busiest, levels_of, light_between
 from tasks.recording.pairs import PairSums
 from tasks.recording.recording import Recording, cut
 
@@ -99,7 +99,7 @@ def fit_recording(recording: Recording, frames: Frames) -> FittedThresholds:
     window_us = int(kept.middle_us[0]), int(kept.middle_us[-1])
     events = next(cut(recording.parts(), [window_us]))
     both = kept, kept.every_second()
-    levels, coarse = (levels_of(events, light_of(one), DARK) for one in both)
+    levels, coarse = (levels_of(events, light_between(one), DARK) for one in both)
     return fit_thresholds(levels, coarse, best_delay_us(levels))
 
 

@@ -28,7 +28,7 @@ class Light(NamedTuple):
     illuminance_lux: float = 0.0
 
 
-def light_of(illuminance_lux: float) -> Light:
+def light_at(illuminance_lux: float) -> Light:
     """Return the light of an illuminance in lux; inf is light for ideal pixels."""
     if math.isinf(illuminance_lux):
         return Light(math.inf)

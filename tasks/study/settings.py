@@ -15,7 +15,7 @@ from sensor.optics import crop_to_aspect
 from tasks.errors import StudyError
 from tasks.evaluation.settings import MAY_BE_ZERO, Evaluate
 from tasks.registry import TASKS
-from tasks.study.sensors import Light, StudySensor, bus_of, light_of, plain_sensor, with_pixels
+from tasks.study.sensors import Light, StudySensor, bus_of, light_at, plain_sensor, with_pixels
 
 if TYPE_CHECKING:
     from sensor import Readout
@@ -161,7 +161,7 @@ class Simulate:
         """The lights on the scene."""
         if self.illuminance_lux is None:
             return tuple(map(Light, self.cutoffs_hz))
-        return tuple(map(light_of, self.illuminance_lux))
+        return tuple(map(light_at, self.illuminance_lux))
 
     @property
     def readout(self) -> Readout | None:
