@@ -1,19 +1,26 @@
-"""The progress bar of the command line."""
+"""Progress on the command line: a bar in a terminal, lines in a log."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from eres_render.progress import Progress as OnProgress
 
+_LINE_EVERY_S = 60.0
+
 
 @contextmanager
 def progress_bar(console: Console) -> Iterator[OnProgress]:
-    """Draw stage, elapsed time and time left; draw nothing without a terminal."""
+    """Show stage, elapsed time and time left: as a bar, or without a terminal as lines."""
+    if not console.is_terminal:
+        yield _Lines(console)
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -21,8 +28,7 @@ def progress_bar(console: Console) -> Iterator[OnProgress]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    shown = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
-    with shown as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=None)
 
         def update(stage: str, done: float, total: float, /) -> None:
@@ -32,3 +38,31 @@ def progress_bar(console: Console) -> Iterator[OnProgress]:
             bar.update(task, description=stage, completed=done)
 
         yield update
+
+
+class _Lines:
+    """Prints a line a minute, and none about work that takes less."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._start_s = self._printed_s = time.monotonic()
+        self._found = self._done = 0.0
+        self._total: float | None = None
+
+    def __call__(self, stage: str, done: float, total: float, /) -> None:
+        now_s = time.monotonic()
+        if total != self._total or done < self._done:  # another stage has another pace
+            self._total, self._found, self._start_s = total, done, now_s
+        self._done = done
+        if now_s - self._printed_s < _LINE_EVERY_S:
+            return
+        self._printed_s = now_s
+        elapsed_s = now_s - self._start_s
+        line = f"{stage}: {_clock(elapsed_s)} elapsed"
+        if done > self._found:
+            line += f", {_clock(elapsed_s * (total - done) / (done - self._found))} left"
+        self._console.print(line, soft_wrap=True)
+
+
+def _clock(seconds: float) -> str:
+    return str(timedelta(seconds=round(seconds)))

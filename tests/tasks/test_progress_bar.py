@@ -1,0 +1,46 @@
+"""Progress on the command line."""
+
+import io
+import time
+
+import pytest
+from rich.console import Console
+
+from tasks.cli.progress_bar import progress_bar
+
+
+@pytest.fixture
+def lines(monkeypatch):
+    """Return a function that reports progress to a log: (second, stage, done, total) each."""
+
+    def written(*reports):
+        file = io.StringIO()
+        now_s = [0.0]
+        monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
+        with progress_bar(Console(file=file, width=20)) as on_progress:
+            for now_s[0], stage, done, total in reports:
+                on_progress(stage, done, total)
+        return file.getvalue().splitlines()
+
+    return written
+
+
+def test_a_log_has_a_line_a_minute_with_the_time_left(lines):
+    """Promise: hours of work in a log or a batch job say how far they are; short work is quiet."""
+    halves = [(30.0 * k, "carpet", k, 100) for k in range(5)]
+    assert lines(*halves[:2]) == []
+    assert lines(*halves) == [
+        "carpet: 0:01:00 elapsed, 0:49:00 left",
+        "carpet: 0:02:00 elapsed, 0:48:00 left",
+    ]
+
+
+def test_time_left_counts_what_this_start_did(lines):
+    """Promise: what an earlier start or another stage did does not change the pace."""
+    resumed = (0.0, "5/10 jobs: rocks", 5, 10), (60.0, "6/10 jobs: rocks", 6, 10)
+    assert lines(*resumed) == ["6/10 jobs: rocks: 0:01:00 elapsed, 0:04:00 left"]
+    stages = (0.0, "baking", 9, 10), (100.0, "rendering", 0, 4), (160.0, "rendering", 2, 4)
+    assert lines(*stages) == [
+        "rendering: 0:00:00 elapsed",
+        "rendering: 0:01:00 elapsed, 0:01:00 left",
+    ]
