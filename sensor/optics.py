@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from sensor.errors import SensorError
 from sensor.kernels.radiance import Overlap, integrate_area
 from sensor.model import LEAST_FILL_FACTOR
 from sensor.numbers import refusal
@@ -57,7 +58,7 @@ def integrate(
     height: int,
     width: int,
     fill_factor: float = 1.0,
-) -> NDArray[np.float64] | None:
+) -> NDArray[np.float64]:
     """Average radiance over each pixel of a sensor that sees the whole frame.
 
     Applies the separable box filter k of Eq. (3) before the logarithm. The mean of the frame is
@@ -74,13 +75,13 @@ def integrate(
 
     Returns
     -------
-    (height, width) float64 in the unit of the frame, or None if any radiance is negative or not
-    finite. Rows of samples that no pixel sees are not read.
+    (height, width) float64 in the unit of the frame.
 
     Raises
     ------
     SensorError
-        The fill factor is not a share.
+        The fill factor is not a share, or radiance is negative or not finite. Rows of samples that
+        no pixel sees are not read.
 
     Examples
     --------
@@ -96,7 +97,9 @@ def integrate(
         raise refusal("fill_factor", fill_factor, f"a share from {LEAST_FILL_FACTOR:g} to 1")
     out = np.empty((height, width))
     overlaps = pixel_overlaps(frame.shape, height, width, fill_factor)
-    return out if integrate_area(frame, *overlaps, out) else None
+    if not integrate_area(frame, *overlaps, out):
+        raise SensorError("frame: found radiance that is negative or not finite")
+    return out
 
 
 def pixel_overlaps(

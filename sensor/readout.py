@@ -221,11 +221,13 @@ class ReadOut:
 
     def _run(self) -> Iterator[Events]:
         self._begun = True
-        for part in self._source:
-            yield self._sender.push(part)
-        if (last := self._sender.finish()) is not None:
-            yield last
-        self._ended = True
+        try:
+            for part in self._source:
+                yield self._sender.push(part)
+            if (last := self._sender.finish()) is not None:
+                yield last
+        finally:
+            self._ended = True
 
     @property
     def report(self) -> ReadoutReport:

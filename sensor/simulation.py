@@ -129,7 +129,7 @@ def simulate_bank(
 ) -> list[Events]:
     """Simulate the events of several sensors that see the same frames.
 
-    Sensors of equal size and dark level share the area integration and the logarithm.
+    Sensors of equal size, fill factor and dark level share the area integration and the logarithm.
 
     Parameters
     ----------

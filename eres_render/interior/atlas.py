@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.interior.uv_charts import Chart
+from eres_render.storage.atomic import write_bytes
 from eres_render.textures.fractal_noise import Float32
 
 CELL_M = 0.02
@@ -93,7 +94,7 @@ def _write_mesh(
     faces = np.empty(len(triangles), dtype=[("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, triangles
     text = "\n".join([*header, "end_header", ""])
-    file.write_bytes(text.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
+    write_bytes(file, text.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
 
 
 def layout(charts: Sequence[Chart], columns: int) -> Atlas:

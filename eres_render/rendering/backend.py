@@ -68,6 +68,7 @@ mean = float(__import__("numpy").asarray(mi.render(scene)).mean())
 assert 0.4 < mean < 0.6, f"a gray floor under a white sky came out as {mean}, expected 0.5"
 """
 _PROBE_LIMIT_S = 180.0
+_OUT_OF_MEMORY = ("out of memory", "MemoryError", "bad_alloc")
 
 
 @dataclass(frozen=True, slots=True)
@@ -217,7 +218,10 @@ def _probe(name: str) -> VariantVerdict:
         )
         works, reason, lasting = run.returncode == 0, "", run.returncode != -signal.SIGKILL
         if not works:
-            reason = _last_words(run.stderr + run.stdout) or f"exit status {run.returncode}"
+            output = run.stderr + run.stdout
+            reason = _last_words(output) or f"exit status {run.returncode}"
+            # A machine that is full now may not be full the next time.
+            lasting &= not any(words in output for words in _OUT_OF_MEMORY)
     except subprocess.TimeoutExpired:
         works, reason, lasting = False, f"no answer within {_PROBE_LIMIT_S:g} s", False
     return VariantVerdict(name, works, round(time.perf_counter() - start, 3), reason, lasting)

@@ -29,7 +29,7 @@ def check_clearance(
 ) -> None:
     """Refuse a path that crosses a surface, enters a solid, or comes too near to a surface.
 
-    Rays start from places along the path, at most half the clearance apart (2000 places at most),
+    Rays start from places along the path, at most half the clearance apart (2000 steps at most),
     in 512 directions and to the next place. Objects thinner than the gaps between the rays are
     missed unless the path crosses them.
 

@@ -13,6 +13,7 @@ import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import quote, unquote
 
 import cv2
 import numpy as np
@@ -66,9 +67,11 @@ def bake_scene(
         If the scene has no light or moving objects, or a surface cannot be baked.
     """
     folder = Path(folder) if folder else scene.folder
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".lightmaps.", dir=folder):
+        pass  # where nothing can be written, say so before minutes of work
     settings = scene.settings.bake
     maps = irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
-    folder.mkdir(parents=True, exist_ok=True)
     state = {_DIGEST_ATTRIBUTE: scene.light_digest, _VERSION_ATTRIBUTE: str(BAKE_VERSION)}
     with tempfile.TemporaryDirectory(prefix=".lightmaps.", dir=folder) as unfinished:
         written = [Path(unfinished) / _lightmap_name(shape_id) for shape_id in maps]
@@ -114,7 +117,7 @@ def lightmaps(scene: Scene, on_progress: Progress = silent) -> dict[str, Float32
         cached = _cached_lightmaps(scene)
         with locked(cached.with_name(f"{cached.name}.lock")):
             files = _lightmap_files(scene) or _bake_into_cache(scene, on_progress)
-    return {path.stem.removeprefix("lightmap_"): read_luminance(path) for path in files}
+    return {unquote(path.stem.removeprefix("lightmap_")): read_luminance(path) for path in files}
 
 
 def _bake_into_cache(scene: Scene, on_progress: Progress) -> list[Path]:
@@ -136,7 +139,7 @@ def has_lightmaps(scene: Scene) -> bool:
 def _lightmap_files(scene: Scene) -> list[Path]:
     """Return the files of the first folder with lightmaps of this state of the scene."""
     for folder in (scene.folder, _cached_lightmaps(scene)):
-        files = [path for path in sorted(folder.glob(_lightmap_name("*"))) if _is_of(path, scene)]
+        files = [path for path in sorted(folder.glob("lightmap_*.exr")) if _is_of(path, scene)]
         if files:
             return files
     return []
@@ -155,7 +158,7 @@ def _cached_lightmaps(scene: Scene) -> Path:
 
 
 def _lightmap_name(shape_id: str) -> str:
-    return f"lightmap_{shape_id}.exr"
+    return f"lightmap_{quote(shape_id, safe='')}.exr"  # an id may have a slash
 
 
 def baked_scene(scene: Scene, on_progress: Progress = silent) -> tuple[mi.Scene, set[str]]:

@@ -33,7 +33,7 @@ class PlacedObjects:
     Raises
     ------
     SceneError
-        If a shape of an object is not a mesh, or of a kind that Mitsuba cannot move.
+        If a shape of an object is an instance or part of a group, or Mitsuba cannot move its kind.
     """
 
     def __init__(self, mi_scene: Any, objects: Sequence[MovingObject], scene_file: object) -> None:

@@ -162,6 +162,8 @@ def _check(settings: SceneToml, file: Path) -> None:
             refuse(
                 "path.kind", repr(path.kind), "another kind, or a [plane] for the camera to face"
             )
+    if isinstance(path, TumPath) and not (file.parent / path.file).is_file():
+        refuse("path.file", repr(path.file), "an existing file")
     if isinstance(path, WaypointsPath) and len(path.waypoints) < 2:
         refuse("path.waypoints", len(path.waypoints), "two or more")
     if plane is not None:

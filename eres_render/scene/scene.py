@@ -36,6 +36,8 @@ class Scene:
 
     Parameters
     ----------
+    name
+        Name of the scene's folder or file.
     xml_file
         The scene in Mitsuba's own format.
     settings

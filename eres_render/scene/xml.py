@@ -132,8 +132,15 @@ class _Reader:
         self.open.pop()
 
     def _filled_in(self, value: str) -> str:
-        """Replace `$parameter` by its value, except for those given from outside."""
-        return re.sub(r"\$(\w+)", lambda m: self._value(m[1], m[0]), value)
+        """Replace `$parameter` by its value, except for those given from outside.
+
+        Mitsuba takes the longest name that fits: `$dir_a.png` may have the parameter `dir`.
+        """
+        names = sorted({*self.given, *self.parameters}, key=len, reverse=True)
+        if not names:
+            return value
+        known = "|".join(map(re.escape, names))
+        return re.sub(rf"\$({known})", lambda m: self._value(m[1], m[0]), value)
 
     def _value(self, name: str, unchanged: str) -> str:
         return unchanged if name in self.given else self.parameters.get(name, unchanged)

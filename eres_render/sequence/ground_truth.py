@@ -349,6 +349,8 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
     ------
     SceneError
         If the scene is missing, or its surfaces have changed since the sequence was rendered.
+    TrajectoryError
+        If the path of an object cannot be read.
 
     Examples
     --------

@@ -21,13 +21,14 @@ def sha256(file: Path) -> str:
 def read_sums(folder: Path) -> dict[str, str]:
     """Return the digests by path within the folder; an empty dict if the file does not exist.
 
-    A last line that a killed render left incomplete is ignored.
+    A last line that a killed render left incomplete is ignored, as are damaged lines.
     """
     try:
-        lines = (folder / FILE_NAME).read_text(encoding="utf-8").splitlines(keepends=True)
+        text = (folder / FILE_NAME).read_text(encoding="utf-8", errors="replace")
     except OSError:
         return {}
-    pairs = (line.rstrip("\n").split("  ", 1) for line in lines if line.endswith("\n"))
+    lines = (line for line in text.splitlines(keepends=True) if line.endswith("\n"))
+    pairs = (line.rstrip("\n").split("  ", 1) for line in lines)
     return {name: digest for digest, name in (pair for pair in pairs if len(pair) == 2)}
 
 

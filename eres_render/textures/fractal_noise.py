@@ -40,7 +40,7 @@ def fractal_noise(
     """
     height, width = shape
     total = np.zeros(shape, dtype=np.float32)
-    size_px, amplitude, variance = float(coarsest_px), 1.0, 0.0
+    size_px, amplitude, variance = float(max(coarsest_px, finest_px)), 1.0, 0.0
     while size_px >= finest_px:
         rows = max(2, round(height / (size_px * stretch)))
         columns = max(2, round(width / size_px))

@@ -123,7 +123,7 @@ def unlit_bed(width_px: int, height_px: int, texel_m: float, seed: int) -> tuple
 def _radii(shape: tuple[int, int], largest_px: float, rng: np.random.Generator) -> Float32:
     """Return the radii of the stones to try, in texels, from large to small."""
     area = shape[0] * shape[1]
-    octaves = []
+    octaves = [np.empty(0, np.float32)]
     top = largest_px
     while top > _SMALLEST_PX:
         low = max(top / 2, _SMALLEST_PX)

@@ -277,11 +277,7 @@ def adaptive_times(
                 )
                 step_s = high
                 if high < _LEAST_STEP_S:
-                    raise RenderError(
-                        f"path: found an image that moves {max_displacement_px:g} px within "
-                        f"{high:.1g} s at {t:g} s, expected frames at least {_LEAST_STEP_S:g} s "
-                        "apart; are the times of the poses in seconds?"
-                    )
+                    raise _too_fast(max_displacement_px, high, t)
             times.append(mark_s if mark_s - (t + high) < _TIME_RESOLUTION_S else t + high)
     return np.array(times)
 
@@ -318,12 +314,23 @@ def paced_times(
         dt = min(_INSTANT_S, 0.5 * float(t_s[1] - t_s[0]))
         starts = [*t_s[:-1].tolist(), end_s - dt]
         speed = np.array([motion(t, t + dt) for t in starts]) / dt
+        least_s = max_displacement_px / float(speed.max()) if speed.any() else math.inf
+        if not least_s >= _LEAST_STEP_S:
+            raise _too_fast(max_displacement_px, least_s, float(t_s[speed.argmax()]))
         steps = np.maximum(speed[:-1], speed[1:]) * np.diff(t_s)
         moved_px = np.concatenate([[0.0], np.cumsum(steps)])
         count = max(1, math.ceil(moved_px[-1] / max_displacement_px))
         inner = np.arange(1, count) * (moved_px[-1] / count)
         parts += [np.interp(inner, moved_px, t_s), np.array([end_s])]
     return np.concatenate(parts)
+
+
+def _too_fast(moved_px: float, within_s: float, t_s: float) -> RenderError:
+    return RenderError(
+        f"path: found an image that moves {moved_px:g} px within {within_s:.1g} s at {t_s:g} s, "
+        f"expected frames at least {_LEAST_STEP_S:g} s apart; are the times of the poses in "
+        "seconds?"
+    )
 
 
 def _check(marks_s: Sequence[float], max_displacement_px: float) -> None:

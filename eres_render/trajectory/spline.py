@@ -39,7 +39,7 @@ class Trajectory:
 
     Examples
     --------
-    Four control poses a tenth of a second apart; the path starts at the second:
+    Five control poses a tenth of a second apart; the path starts at the second:
 
     >>> import numpy as np
     >>> from eres_render import Trajectory

@@ -71,12 +71,12 @@ def checked_speeds(speeds: Sequence[float] | None, count: int) -> list[float]:
 
 
 def checked_seed(seed: int) -> int:
-    """Return the seed. The limit is that of NumPy's generators and of event files."""
+    """Return the seed, or raise; the limit is that of NumPy's generators and of event files."""
     return _within("seed", seed, 0, _LARGEST_SEED, "an integer in 0..2^63 - 1")
 
 
 def checked_threads(threads: int | None) -> int:
-    """Return the number of threads; None is one for each core."""
+    """Return the number of threads, or raise; None is one for each core."""
     if threads is None:
         return len(os.sched_getaffinity(0))
     expected = f"an integer in 1..{_MOST_THREADS}, or None for one per core"

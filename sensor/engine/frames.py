@@ -131,6 +131,8 @@ class FrameReader:
             self._array = frames
             first = frames[0]
         else:
+            if not isinstance(frames, Iterable):
+                raise refusal("frames", frames, "an array (F, H, W), or images (H, W) one by one")
             self._rest = iter(frames)
             try:
                 first = np.asarray(next(self._rest))

@@ -229,9 +229,11 @@ def _light(
         frames = zip(chunk, radiance, strict=True)
         if not all(apply(lambda pair: integrate_area(pair[0], *overlaps, pair[1]), frames)):
             refuse_bad_radiance(chunk, index)
-    if dark == 0 and not (least := float(radiance.min())) >= _LEAST_LIGHT:
+    if dark == 0 and not float(radiance.min()) >= _LEAST_LIGHT:
+        refuse_bad_radiance(chunk, index)
+        f, y, x = np.unravel_index(radiance.argmin(), radiance.shape)
         raise SensorError(
-            f"frame {index} or one soon after: found a pixel of radiance {least:g}, "
+            f"frame {index + f}, pixel x={x} y={y}: found radiance {radiance[f, y, x]:g}, "
             f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
             "exists; give dark_level a positive value, or None"
         )

@@ -28,7 +28,7 @@ class DsecReader:
     """A DSEC file that stays open, for windows in any order.
 
     Only the chunks of 65536 events that overlap a window are read. After a fork, HDF5 files must be
-    opened again.
+    opened again. `close`, or a `with` statement, closes the file.
 
     Parameters
     ----------
@@ -70,9 +70,23 @@ class DsecReader:
         with named_errors(self.path):
             self.header = dsec.read_header(path).with_size(size)
             self.file = load_h5py().File(path, "r")
-            names = [f"events/{name}" for name in ("t", "x", "y", "p")]
-            self._columns = {name[-1]: dsec.integers(self.file, name) for name in names}
-            self._ms_to_idx = dsec.integers(self.file, "ms_to_idx")
+            try:
+                names = [f"events/{name}" for name in ("t", "x", "y", "p")]
+                self._columns = {name[-1]: dsec.integers(self.file, name) for name in names}
+                self._ms_to_idx = dsec.integers(self.file, "ms_to_idx")
+            except BaseException:
+                self.close()
+                raise
+
+    def __enter__(self) -> DsecReader:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
 
     def __repr__(self) -> str:
         size = f"{self.header.width}x{self.header.height} px"
@@ -82,7 +96,15 @@ class DsecReader:
         return len(self._columns["t"])
 
     def index_at(self, t_us: int) -> int:
-        """Return the number of events before a time, whole microseconds."""
+        """Return the number of events before a time, whole microseconds.
+
+        Raises
+        ------
+        EventError
+            The time is not a whole number.
+        EventFormatError
+            The file is damaged.
+        """
         t_us = whole_us("DsecReader", "t_us", t_us) - self.header.t_offset_us
         if t_us <= 0:
             return 0

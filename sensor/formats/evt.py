@@ -59,7 +59,7 @@ from sensor.formats.header import (
 )
 from sensor.formats.triggers import NO_TRIGGERS, Triggers
 
-logger = logging.getLogger(__name__)
+_log = logging.getLogger(__name__)
 
 MAX_SIDE_PX = 1 << 11  # coordinates have 11 bits
 MAX_TIME_US = 1 << 40  # 12.7 days; up to there, EVT3's words of the clock take 1 MiB
@@ -446,7 +446,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
                 )
     held = int(state[HELD])
     if held:
-        logger.warning(
+        _log.warning(
             "%s: the clock steps back by up to %d us at %d words of events, which get the time of "
             "the event before them",
             *(path, state[STEP_BACK_US], held),
@@ -458,7 +458,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
             "header says; the file is truncated or damaged"
         )
     if skipped:
-        logger.warning(
+        _log.warning(
             "%s: skipped %d events before the first time and row of the stream", path, skipped
         )
 

@@ -68,9 +68,10 @@ class Header:
     def __post_init__(self) -> None:
         for name in ("width", "height"):
             side = getattr(self, name)
-            if side is not None and not 1 <= side <= MAX_SIDE_PX:
+            whole = side is None or isinstance(side, int | np.integer)
+            if not whole or (side is not None and not 1 <= side <= MAX_SIDE_PX):
                 raise EventFormatError(
-                    f"{name}: found {side}, expected a sensor's side in 1..{MAX_SIDE_PX} px"
+                    f"{name}: found {side!r}, expected a sensor's side in 1..{MAX_SIDE_PX} px"
                 )
         if not isinstance(self.t_offset_us, int | np.integer):
             raise EventFormatError(

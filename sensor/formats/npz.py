@@ -56,7 +56,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
     path
         The new file.
     header
-        Size, model, origin and start of the clock.
+        Size, model and origin.
     parts
         Consecutive parts of one stream.
 

@@ -51,6 +51,8 @@ class Triggers:
     def __post_init__(self) -> None:
         for name, dtype in _DTYPES.items():
             column = getattr(self, name)
+            if not isinstance(column, np.ndarray):
+                raise EventFormatError(f"triggers, {name}: found {column!r}, expected an array")
             if column.dtype != dtype or column.shape != (len(self.t_us),):
                 raise EventFormatError(
                     f"triggers, {name}: found {column.dtype} of shape {column.shape}, expected "

@@ -257,7 +257,6 @@ def _frame(recording: Recording, events: Events, t_us: int) -> Item:
     rows, columns = crop_to_aspect(clip.height, clip.width, events.height, events.width)
     fill_factor = 1.0 if header.model is None else header.model.fill_factor
     seen = integrate(clip.frame(k)[rows, columns], events.height, events.width, fill_factor)
-    assert seen is not None  # frames are checked as they are read
     return {"frame": seen.astype(np.float32), "frame_us": np.array(times_us[k])}
 
 

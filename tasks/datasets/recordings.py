@@ -138,26 +138,25 @@ def _find_clips(folder: Path) -> dict[tuple[Any, ...], Path]:
 
 
 def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
-    reader = DsecReader(path)
     origin = read_header(path).origin
-    if "window_start_us" in origin and "window_end_us" in origin:
-        window_us = int(origin["window_start_us"]), int(origin["window_end_us"])
-    else:
-        last = len(reader) - 1
-        window_us = 0, 0
-        if last >= 0:
-            first_us, last_us = (int(reader.part(k, k + 1).t_us[0]) for k in (0, last))
-            window_us = first_us, last_us + 1
-    with named_errors(path):
-        truth = reader.file.get("truth", {})
-        times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
-        targets = [name for name, place in TRUTH.items() if place in truth]
+    with DsecReader(path) as reader:
+        if "window_start_us" in origin and "window_end_us" in origin:
+            window_us = int(origin["window_start_us"]), int(origin["window_end_us"])
+        else:
+            last = len(reader) - 1
+            window_us = 0, 0
+            if last >= 0:
+                first_us, last_us = (int(reader.part(k, k + 1).t_us[0]) for k in (0, last))
+                window_us = first_us, last_us + 1
+        with named_errors(path):
+            truth = reader.file.get("truth", {})
+            times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
+            targets = [name for name, place in TRUTH.items() if place in truth]
+        first, stop = (reader.index_at(t_us) for t_us in window_us)
+        size_px = int(reader.header.width or 0), int(reader.header.height or 0)
     clip = clips.get(tuple(origin.get(name) for name in _ORIGIN))
     if clip is not None:
         targets.insert(0, "frame")
-    first, stop = (reader.index_at(t_us) for t_us in window_us)
-    reader.file.close()
-    size_px = int(reader.header.width or 0), int(reader.header.height or 0)
     return Recording(path, window_us, (first, stop), times, clip, tuple(targets), size_px)
 
 

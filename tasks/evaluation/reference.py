@@ -72,11 +72,12 @@ class ReferenceFrames:
     @cached_property
     def log_images(self) -> dict[int, NDArray[np.float64]]:
         """(h, w) log intensity at the window's start at each sensor's resolution, by its width."""
-        seen = {
-            width: integrate(self.start, self.truth.camera(width).height, width, fill_factor)
+        return {
+            width: self.log(
+                integrate(self.start, self.truth.camera(width).height, width, fill_factor)
+            )
             for width, fill_factor in self.fill_factors.items()
         }
-        return {width: self.log(image) for width, image in seen.items() if image is not None}
 
     def features(self, count: int, seed: int) -> Features:
         """Return features at the window's start, in pixels of the frames.

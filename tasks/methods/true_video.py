@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eres_render import RadianceSequence
-from sensor import Events
+from sensor import Events, SensorError
 from sensor.kernels.photoreceptor import photoreceptor_step
 from sensor.optics import integrate
 from tasks.errors import TaskError
@@ -69,9 +69,10 @@ class TrueLight:
         TaskError
             The frame has values that are negative or not finite.
         """
-        seen = integrate(self.sequence.frame(k), height, width, self.fill_factor)
-        if seen is None:
-            raise TaskError(f"frame {k}: found radiance that is negative or not finite")
+        try:
+            seen = integrate(self.sequence.frame(k), height, width, self.fill_factor)
+        except SensorError as error:
+            raise TaskError(f"number {k}: {error}") from error
         return np.log(seen + self.dark_level)
 
 

@@ -204,6 +204,17 @@ def test_folders_of_a_path_element_come_before_the_scene_and_start_at_its_file(t
     assert read_scene_xml(xml).files[-1] == tmp_path / "b" / "near" / "skin.exr"
 
 
+def test_a_parameter_is_the_longest_name_that_fits(tmp_path):
+    """Promise: as in Mitsuba, `$dir_color.png` is the parameter `dir` and then `_color.png`."""
+    for name in ("wood_color.png", "oak.png"):
+        (tmp_path / name).write_bytes(b"")
+    values = '<default name="dir" value="wood"/><default name="dir_other" value="oak"/>'
+    for name, file in (("$dir_color.png", "wood_color.png"), ("$dir_other.png", "oak.png")):
+        skin = f'<texture type="bitmap"><string name="filename" value="{name}"/></texture>'
+        xml = write_scene(tmp_path, CAMERA, values, skin)
+        assert read_scene_xml(xml).files == (tmp_path / file,)
+
+
 def test_light_that_half_floats_round_visibly_is_said(tmp_path, caplog):
     """Promise: a dim scene renders, with a warning that says how dim it is."""
     lamp = '<emitter type="constant"><rgb name="radiance" value="0.001"/></emitter>'

@@ -396,6 +396,25 @@ def test_shapes_without_an_id_are_baked_too(tmp_path):
     )
 
 
+def test_an_id_with_a_slash_has_a_file_of_its_own(tmp_path):
+    """Promise: Mitsuba takes any id, and each shape finds its lightmap again."""
+    folder = small_carpet_folder(tmp_path / "slash")
+    xml = (folder / "scene.xml").read_text()
+    (folder / "scene.xml").write_text(xml.replace(' id="carpet"', ' id="floor/a b"'))
+    (file,) = bake.bake_scene(load_scene(folder))
+    assert file.parent == folder
+    assert set(bake.lightmaps(load_scene(folder))) == {"floor/a b"}
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path, monkeypatch):
+    """Promise: minutes of baking are not lost at their end."""
+    monkeypatch.setattr(bake, "irradiance_maps", lambda *_: pytest.fail("baked first"))
+    (tmp_path / "file").write_text("")
+    scene = load_scene(small_carpet_folder(tmp_path / "mine"))
+    with pytest.raises(OSError, match="file"):
+        bake.bake_scene(scene, tmp_path / "file" / "maps")
+
+
 def test_a_broken_scene_xml_is_named(tmp_path):
     folder = small_carpet_folder(tmp_path / "broken")
     (folder / "scene.xml").write_text('<scene version="3.0.0"><shape type="rectangel"/></scene>')

@@ -58,11 +58,12 @@ def test_senseless_requests_are_refused(motion):
         adaptive_times(motion, (0.3, 0.2), 0.5)
 
 
+@pytest.mark.parametrize("times", [adaptive_times, paced_times])
 @pytest.mark.parametrize("px_per_s", [1e9, 1e12])
-def test_an_image_that_is_too_fast_for_frames_is_refused(px_per_s):
+def test_an_image_that_is_too_fast_for_frames_is_refused(times, px_per_s):
     """Promise: an error, not frames too far apart nor an endless search; poses in nanoseconds."""
     with pytest.raises(RenderError, match="path: found an image that moves"):
-        adaptive_times(lambda a, b: px_per_s * (b - a), (0.0, 1e-3), 0.5)
+        times(lambda a, b: px_per_s * (b - a), (0.0, 1e-3), 0.5)
 
 
 def test_paced_times_keep_the_limit_too(motion):

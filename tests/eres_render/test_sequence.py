@@ -125,6 +125,16 @@ def test_checksums_are_those_of_sha256sum(folder):
         open_sequence(folder)
 
 
+def test_damaged_checksums_are_an_error_that_names_the_frame(folder):
+    """Promise: bytes that are no text lose their line, not the program."""
+    sums = folder / "SHA256SUMS"
+    damaged = bytearray(sums.read_bytes())
+    damaged[damaged.index(b"000001.exr")] = 0xFF
+    sums.write_bytes(damaged)
+    with pytest.raises(SequenceError, match=r"SHA256SUMS: found no line for frames/000001\.exr"):
+        open_sequence(folder)
+
+
 def test_the_path_between_the_frames_is_kept(folder):
     path = open_sequence(folder).trajectory
     assert path.duration_s == pytest.approx(0.2)

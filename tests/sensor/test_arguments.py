@@ -162,6 +162,12 @@ def test_what_is_no_model_is_refused(model):
     one_line(error, f"models[1]: found a {name}, expected a SensorModel")
 
 
+@pytest.mark.parametrize("frames", [None, 3])
+def test_what_is_no_frames_is_refused(frames):
+    with pytest.raises(SensorError, match=f"^frames: found {frames}, expected an array"):
+        simulate(frames, T_S, MODEL)
+
+
 @pytest.mark.parametrize("models", [MODEL, None, 3])
 def test_models_are_several(models):
     with pytest.raises(SensorError, match=r"^models: found .*, expected a list of SensorModel"):

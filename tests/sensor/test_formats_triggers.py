@@ -137,6 +137,11 @@ def test_invalid_triggers(columns, said):
         make_triggers(*columns)
 
 
+def test_triggers_are_arrays():
+    with pytest.raises(EventFormatError, match=r"triggers, t_us: found \[12\], expected an array"):
+        Triggers([12], [0], [1])
+
+
 def test_a_damaged_entry_is_named(tmp_path):
     """Promise: npz names the entry of triggers that is missing."""
     events = make_events([1], [2], [3], [1])

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import reference_sensor
+from sensor import SensorError
 from sensor.optics import area_weights, integrate
 
 
@@ -33,3 +34,12 @@ def test_mean_is_conserved_at_the_papers_ratio():
     frame = np.random.default_rng(2).gamma(0.3, 5.0, (1280, 1280)).astype(np.float32)
     mean = frame.mean(dtype=np.float64)
     assert abs(integrate(frame, 346, 346).mean() / mean - 1) < 1e-6
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+def test_what_is_no_light_is_refused(value):
+    """Promise: an error, not a picture without the pixel."""
+    frame = np.ones((4, 4))
+    frame[1, 2] = value
+    with pytest.raises(SensorError, match="found radiance that is negative or not finite"):
+        integrate(frame, 2, 2)

@@ -47,6 +47,16 @@ def test_the_parts_are_read_once_and_the_bus_is_a_readout():
         read_out(events, 1e6)
 
 
+def test_parts_that_failed_are_not_empty_the_second_time():
+    """Promise: after an error the parts are gone, and say it."""
+    bus = Readout(max_rate_hz=1e6, fifo_depth=1)
+    sent = read_out([make([5, 9]), make([3, 4])], bus)
+    with pytest.raises(EventError, match="begins at 3 us"):
+        list(sent)
+    with pytest.raises(EventError, match="read before, expected one iteration"):
+        list(sent)
+
+
 def test_below_capacity_there_is_only_service_time():
     """Physics: events farther apart than the service time do not wait: delay = overhead + 1 / R."""
     rng = np.random.default_rng(0)

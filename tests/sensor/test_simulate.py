@@ -292,6 +292,16 @@ def test_sensor_finer_than_frames_and_black_scenes_are_refused(scene):
         simulate_bank(frames, t_s, [])
 
 
+@pytest.mark.parametrize(("value", "said"), [(np.nan, "radiance nan"), (-1.0, "radiance -1")])
+def test_bad_radiance_is_named_without_a_dark_level(scene, value, said):
+    """Promise: frame and pixel, also where the sensor has the frames' size and no dark level."""
+    frames, t_s = scene
+    frames = frames.copy()
+    frames[3, 2, 1] = value
+    with pytest.raises(SensorError, match=f"frame 3, pixel x=1 y=2: found {said}"):
+        simulate(frames, t_s, model(48, dark_level=0.0))
+
+
 def test_events_refuse_what_is_not_an_event_stream():
     """Promise: the constructor of `Events` checks dtype, shape, range and order."""
     t = np.array([1, 2, 3])

@@ -16,7 +16,7 @@ from eres_render import SequenceError, ground_truth, load_scene, open_sequence, 
 from event_streams import assert_same, make_events, random_events
 from light_scenes import small_carpet_folder
 from sensor import EventError, Events, SensorModel
-from sensor.formats import load_events, read_header, write_events
+from sensor.formats import Header, load_events, read_header, write_events
 from sensor.formats.dsec_reader import DsecReader
 from sensor.optics import integrate
 from sensor.representations import voxel_grid
@@ -62,6 +62,23 @@ def test_any_window_of_a_file(tmp_path):
     for bad in (5000.0, np.float64(0.5), "5000"):
         with pytest.raises(EventError, match=r"DsecReader: found t_us = .*, expected whole micro"):
             DsecReader(str(empty)).between(0, bad)
+
+
+def test_a_file_is_closed_after_use_and_after_damage(tmp_path):
+    """Promise: a file can be replaced; a size is whole pixels."""
+    path = tmp_path / "a.h5"
+    write_events(path, random_events(9))
+    with DsecReader(path) as reader:
+        assert len(reader) == 9
+    assert not reader.file
+    with h5py.File(path, "r+") as file:
+        del file["ms_to_idx"]
+    with pytest.raises(EventError, match=r"a\.h5: .*ms_to_idx"):
+        DsecReader(path)
+    with h5py.File(path, "r+"):  # fails while it is open for reading
+        pass
+    with pytest.raises(EventError, match=r"width: found 346\.0, expected a sensor's side"):
+        Header(346.0, 260)
 
 
 def test_windows_of_the_truth(folder):
