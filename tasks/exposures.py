@@ -82,6 +82,6 @@ def _exposure(where: str, row: list[str], places: list[int]) -> Exposure:
     if end_us < start_us:
         raise TaskError(
             f"{where}, {name}: found an exposure from {start_us} to {end_us} us, expected its end "
-            "after its start"
+            "not before its start"
         )
     return Exposure(start_us, end_us, name)

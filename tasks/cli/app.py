@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import docstring_parser
-import tyro
 from tyro.conf import Positional, arg
 from tyro.extras import SubcommandApp
 
@@ -33,7 +32,7 @@ def commands(functions: Iterable[Callable[..., Any]], *, overview: bool) -> Subc
     -------
     The application.
     """
-    app = tyro.extras.SubcommandApp()
+    app = SubcommandApp()
     for function in functions:
         described = docstring_parser.parse(function.__doc__ or "")
         for argument in described.params:  # tyro would keep the source's line breaks

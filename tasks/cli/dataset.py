@@ -65,7 +65,7 @@ def dataset(
     count
         Number of sequences.
     seconds
-        Length of each sequence.
+        Length of each sequence after its warm-up, seconds.
     seed
         Seed of the dataset.
     sensor
@@ -79,7 +79,7 @@ def dataset(
         Mean of the contrast thresholds, log units; each sequence has its own. By default that of
         the profile, or 0.2.
     threshold_deviation
-        Standard deviation of the contrast threshold over the sequences.
+        Standard deviation of the contrast threshold over the sequences, log units.
     spp
         Samples per pixel: 1, 4, 9, 16, ...
     max_displacement

@@ -57,7 +57,8 @@ def simulate(
         Width of the sensor, px, instead of a camera. Footage needs neither: by default the sensor
         has the footage's size.
     threshold
-        Contrast threshold, log units; 0.2 by default.
+        Contrast threshold of ON and OFF events, log units; by default that of the profile or the
+        camera, or 0.2.
     speed
         Factor by which the scene moves faster than in the frames.
     seed

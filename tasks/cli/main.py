@@ -63,7 +63,7 @@ def _name(group: ModuleType) -> str:
     return group.__name__.rpartition(".")[2]
 
 
-_RESUMING = "render", "study", "dataset", "train"
+_RESUMING = "render", "study", "dataset", "rig render", "train reconstruction", "train flow"
 
 
 class _ToTerminal(logging.Handler):
@@ -101,7 +101,8 @@ def main() -> None:
     except MemoryError as error:
         _fail(f"out of memory: {error}; choose a lower resolution")
     except KeyboardInterrupt:
-        resumes = not {*_RESUMING}.isdisjoint(sys.argv[1:2])
+        begun = {*sys.argv[1:2], " ".join(sys.argv[1:3])}
+        resumes = not begun.isdisjoint(_RESUMING)
         how = "; the same command continues after the completed parts" if resumes else ""
         terminal.err.print(f"stopped{how}", highlight=False)
         sys.exit(130)

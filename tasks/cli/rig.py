@@ -252,8 +252,8 @@ def solve(
     scale
         Estimate the scale of the slider's encoder.
     corner_bias
-        Estimate how far corners appear shifted toward the middle of their markers, as in images of
-        log intensity.
+        Estimate how far corners appear shifted away from the middle of their markers, px; negative
+        is toward it, as in images of log intensity.
     max_rms
         Largest root mean square of the residuals, px; more is an error.
     overwrite
@@ -406,6 +406,7 @@ def evaluate(
     )
     with progress_bar(terminal.err) as on_progress:
         rows = evaluate_rig(crops, settings, on_progress=on_progress)
+    file.unlink(missing_ok=True)  # rows that are there are of the study beside them
     write_recorded(out, crops, asdict(settings))
     write_rows(file, rows)
     groups: dict[tuple[str, ...], list[float]] = {}

@@ -188,7 +188,9 @@ def _show_claims(*runs: Path) -> None:
         Status.NOT_MEASURED: Text("not measured", "dim"),
     }
     readings = scores_of_run(*runs)
-    judged = judge_readings(read_config(runs[0]), readings, read_scaling(runs[0] / "scaling"))
+    config = read_config(runs[0])
+    scaling = read_scaling(runs[0] / "scaling", config.get("jobs"))
+    judged = judge_readings(config, readings, scaling)
     verdicts, found = next(iter(judged.values())), next(iter(readings.values()))
     if not verdicts:
         terminal.out.print("none of the paper's claims is about these sensors, lights and methods")

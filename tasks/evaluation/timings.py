@@ -23,7 +23,7 @@ class MethodTimings:
     width
         Width of the sensors, px.
     estimates
-        Number of answers: images, patches or paths.
+        Number of answers: images, flows, patches or paths.
     events
         Number of events that the method got, over all answers.
     cpu_s, median_cpu_s
@@ -56,7 +56,7 @@ class JobTimings:
     cores
         Number of cores.
     frames, resolution, spp
-        Number of frames that were read, their side in px, and samples per pixel.
+        Number of frames that were read, their width in px, and samples per pixel.
     reading_s
         Time spent waiting for frames to be read or written, not rendered.
     sensors

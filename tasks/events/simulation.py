@@ -67,7 +67,7 @@ class SimulationOptions:
     Raises
     ------
     TaskError
-        The speed is not positive.
+        The speed is not positive, or the seed is negative or larger than 2^63 - 1.
     """
 
     speed: float = 1.0
@@ -79,6 +79,8 @@ class SimulationOptions:
     def __post_init__(self) -> None:
         use_python_numbers(self)
         check_positive("speed", self.speed, TaskError, "a positive factor")
+        if not 0 <= self.seed < 1 << 63:
+            raise TaskError(f"seed: found {self.seed}, expected an integer in 0..2^63 - 1")
 
 
 AS_IN_THE_FRAMES = SimulationOptions()

@@ -203,10 +203,10 @@ def fit(events: Events, evidence: Evidence, on_progress: Progress = silent) -> F
     if evidence.still_s is not None:
         start_us, end_us = (int(events.t_us[0]) + round(1e6 * one) for one in evidence.still_s)
         if end_us > events.t_us[-1] + 1:
-            seconds = 1e-6 * float(events.t_us[-1] - events.t_us[0])
+            seconds = 1e-6 * int(events.t_us[-1] - events.t_us[0])
             raise TaskError(
                 f"still: found an end of {evidence.still_s[1]:g} s, expected at most "
-                f"{seconds:g} s, the length of the recording"
+                f"{seconds:.6f} s, the length of the recording"
             )
         quiet = events.between(start_us, end_us)
         noise = fit_noise(*counts(quiet), 1e-6 * (end_us - start_us))

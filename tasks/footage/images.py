@@ -129,6 +129,13 @@ def _check_complete(files: list[Path]) -> None:
     if len(counts) < len(files):
         return
     steps = np.diff(counts)
+    falls = np.flatnonzero(steps <= 0)
+    if falls.size:
+        before, after = files[falls[0]], files[falls[0] + 1]
+        raise TaskError(
+            f"{after.parent}: found {after.name} after {before.name}, expected numbers that rise, "
+            f"or a {_TIMES}"
+        )
     wide = np.flatnonzero(steps > np.min(steps))
     if wide.size:
         before, after = files[wide[0]], files[wide[0] + 1]

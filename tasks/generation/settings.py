@@ -16,6 +16,7 @@ from eres_render.random_scenes.random_scene import VERSION as SCENE_VERSION
 from eres_render.storage.atomic import write_text
 from eres_render.storage.json_values import json_values, use_python_numbers
 from eres_render.storage.settings_reader import read_json
+from sensor.errors import SensorError
 from sensor.model import SensorModel
 from tasks.errors import TaskError
 from tasks.events.frame_camera_options import USUAL_CAMERA, FrameCameraOptions
@@ -122,6 +123,14 @@ class DatasetSettings:
         check("images_hz", fits, "above 0, and exposures that do not overlap")
         if self.pixel.cutoff is not None or self.pixel.illuminance is not None:
             raise TaskError("pixel: found a cutoff or an illuminance, expected cutoffs_hz")
+        check("truth_step_s", self.truth_step_s >= 1e-6, "at least a microsecond")
+        whole_s = self.warm_up_s + self.seconds
+        fits = rate_hz is None or self.camera.exposure <= whole_s
+        check("camera", fits, f"an exposure of at most {whole_s:g} s, the length of a sequence")
+        try:
+            self.models(0, 1.0)
+        except SensorError as error:
+            raise TaskError(str(error)) from error
 
     @property
     def warm_up_s(self) -> float:

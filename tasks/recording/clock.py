@@ -110,9 +110,11 @@ def on_one_clock(
     found = estimate_shift(recording, frames)
     if shift_us is None:
         if found is None:
+            tried = "shift of the frames between -20 and 20 ms that fits the events best"
+            if not inside(recording, frames, REACH_US):
+                tried = "two frames in a row that are 20 ms or more within the events"
             raise TaskError(
-                f"{recording.path}: found no shift of the frames between -20 and 20 ms that fits "
-                "the events best; give it with --frames-shift-us"
+                f"{recording.path}: found no {tried}; give the shift with --frames-shift-us"
             )
         notes.append(
             f"frames: {_ms(found.shift_us)} as estimated; events then leave "

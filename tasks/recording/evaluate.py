@@ -17,7 +17,12 @@ from tasks.recording.images import score_reconstruction, score_video
 from tasks.recording.options import USUAL_FLOW, FlowOptions
 from tasks.recording.recording import Recording
 from tasks.recording.score import CONTRAST_GAIN, RecordingScore
-from tasks.recording.threshold import Thresholds, fit_recording
+from tasks.recording.threshold import (
+    ANY_THRESHOLDS,
+    Thresholds,
+    fit_recording,
+    stored_thresholds,
+)
 from tasks.recording.worth import worth_of_events
 from tasks.registry import TASKS
 
@@ -26,7 +31,6 @@ _NEEDED = {  # data that a recording does not have, by task
 }
 _WITH_DELAY = "photometric_flow_with_delay"  # not by default: clocks and exposures hide the delay
 _FROM_ZERO = "initial_flow"  # not by default for dense flow: it is the same as zero_flow
-_ANY_THRESHOLD = 0.2  # log units, if nothing is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,14 +185,14 @@ def _thresholds(
     if given is not None:
         check_positive("threshold", given, TaskError)
         return Thresholds(given, given)
-    model = recording.header.model
-    if model is not None:
-        on, off = model.contrast_threshold, model.off_threshold
+    stored = stored_thresholds(recording)
+    if stored is not None:
+        on, off = stored
         said = f"threshold: {on:g}" if on == off else f"thresholds: ON {on:g}, OFF {off:g}"
         notes.append(f"{said}, from the file")
-        return Thresholds(on, off)
+        return stored
     if frames is None:
-        return Thresholds(_ANY_THRESHOLD, _ANY_THRESHOLD)
+        return ANY_THRESHOLDS
     if task == "reconstruction":
         worth, unexplained = worth_of_events(recording, frames)
         notes.append(

@@ -1,4 +1,4 @@
-"""Options of `eres evaluate` and `eres video` for files of events."""
+"""Options of `eres evaluate`, `eres fit` and `eres video` for files of events."""
 
 from __future__ import annotations
 

@@ -49,6 +49,16 @@ class Thresholds(NamedTuple):
         return self.on * found.on - self.off * found.off
 
 
+ANY_THRESHOLDS = Thresholds(0.2, 0.2)
+"""Where nothing is known of the camera."""
+
+
+def stored_thresholds(recording: Recording) -> Thresholds | None:
+    """Return the thresholds of the sensor in a file of simulated events, None if there is none."""
+    model = recording.header.model
+    return None if model is None else Thresholds(model.contrast_threshold, model.off_threshold)
+
+
 class FittedThresholds(NamedTuple):
     """Contrast thresholds with their intervals, at one dark level.
 

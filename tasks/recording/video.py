@@ -23,6 +23,7 @@ from tasks.recording.calibration import Calibration
 from tasks.recording.images import network_options
 from tasks.recording.options import VideoOptions
 from tasks.recording.recording import Recording
+from tasks.recording.threshold import ANY_THRESHOLDS, stored_thresholds
 from tasks.registry import TASKS
 from tasks.video import EQUALIZATIONS, ImageTaker, picture
 
@@ -75,7 +76,7 @@ def write_video(
     out: str | Path,
     options: VideoOptions,
     *,
-    contrast_threshold: float = 0.2,
+    contrast_threshold: float | None = None,
     calibration: Calibration | None = None,
     weights: Mapping[str, str] | None = None,
     overwrite: bool = False,
@@ -92,7 +93,8 @@ def write_video(
     options
         The images to make.
     contrast_threshold
-        C, log units. It scales the log intensity of the images before they are stretched.
+        C, log units, by which methods scale log intensity; by default that of the sensor in the
+        file, or 0.2.
     calibration
         Lens, whose distortion is removed from the images.
     weights
@@ -166,13 +168,15 @@ def _images(
     recording: Recording,
     options: VideoOptions,
     times_us: list[int],
-    contrast_threshold: float,
+    contrast_threshold: float | None,
     weights: Mapping[str, str] | None,
     on_progress: Progress,
 ) -> Iterator[NDArray[np.floating]]:
     width, height = recording.size
     name = options.method
     start: Any = load_method("video", name, weights)
+    if contrast_threshold is None:
+        contrast_threshold = (stored_thresholds(recording) or ANY_THRESHOLDS).mean
     options_of_network = network_options(name, times_us)
     method, _ = ask("video", name, start, width, height, contrast_threshold, **options_of_network)
     taker = ImageTaker(method, times_us)

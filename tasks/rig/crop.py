@@ -149,8 +149,7 @@ def common_boxes(
                 f"expected at most {_MOST_ROLL_DEG}, or upside down"
             )
     positions = np.linspace(*x_m, _POSITIONS).tolist()
-    full = Box(0, 0, cameras[nearest].width, cameras[nearest].height)
-    field = full
+    field = Box(0, 0, cameras[nearest].width, cameras[nearest].height)
     for camera, pose in both:
         whole = Box(0, 0, camera.width, camera.height)
         for x in positions:
@@ -255,9 +254,11 @@ def crop(
         raise RigError("crop: found no range of slider positions that all recordings share")
     cameras = [one.camera for one in recordings]
     boxes = common_boxes(cameras, [one.pose.pose() for one in solved], x_m)
-    folders = []
-    for k, (recording, solution, box) in enumerate(zip(recordings, solved, boxes, strict=True)):
-        folder = out / recording.folder.resolve().name
+    folders = [out / recording.folder.resolve().name for recording in recordings]
+    for folder in folders:
+        check_new(folder / FILE_NAME, overwrite)
+    for k, recording in enumerate(recordings):
+        solution, box, folder = solved[k], boxes[k], folders[k]
         camera = recording.camera.cropped(box.left, box.top, box.width, box.height)
         cropped = Cropped(
             scene=recording.settings.page.picture,
@@ -272,15 +273,15 @@ def crop(
             pose=solution.pose,
             latency_ms=solution.latency_ms,
         )
-        _write(folder, recording, cropped, overwrite)
-        folders.append(folder)
+        _write(folder, recording, cropped)
         on_progress("cropping", k + 1, len(recordings))
     return folders
 
 
-def _write(folder: Path, recording: Recording, cropped: Cropped, overwrite: bool) -> None:
+def _write(folder: Path, recording: Recording, cropped: Cropped) -> None:
+    """Write a crop; a folder without its last file, crop.json, is none."""
     folder.mkdir(parents=True, exist_ok=True)
-    check_new(folder / EVENTS_NAME, overwrite)
+    (folder / FILE_NAME).unlink(missing_ok=True)
     page = recording.page
     codes = read_page_image(recording.folder / page_files.IMAGE_NAME, page)
     page_files.write_page(folder / page_files.FILE_NAME, page)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.errors import RigError
@@ -71,10 +73,14 @@ def detect(
     Raises
     ------
     RigError
-        If the recording lacks the frames or the threshold that the source needs, the blur is
-        negative or as wide as the image, or no marker is found.
+        If the recording lacks the frames or the threshold that the source needs, the number of
+        images or the threshold is not positive, the blur is negative or as wide as the image, or no
+        marker is found.
     """
     page, camera = recording.page, recording.camera
+    check_positive("images", images, RigError)
+    if contrast_threshold is not None:
+        check_positive("threshold", contrast_threshold, RigError)
     if not 0 <= blur_px < camera.width:
         raise RigError(
             f"blur: found {blur_px:g} px, expected 0 or more, below the image's width of "
@@ -82,7 +88,7 @@ def detect(
         )
     finder = detector(page.dictionary, len(page.markers_m), camera.width)
     if refinement is not None:
-        finder = type(finder)(finder.dictionary, finder.count, refinement, finder.enlarged)
+        finder = replace(finder, refinement=refinement)
     if source == "frame":
         pictures = _frames(recording, images, max_speed_mps)
     else:

@@ -100,8 +100,12 @@ class RigEvaluation:
     def __post_init__(self) -> None:
         for name in ("windows", "features", "travel_m", "initial_sigma_mm"):
             check_positive(name, getattr(self, name), RigError)
-        if self.cutoff_hz is not None:
-            check_positive("cutoff_hz", self.cutoff_hz, RigError)
+        for name in ("cutoff_hz", "contrast_threshold"):
+            if getattr(self, name) is not None:
+                check_positive(name, getattr(self, name), RigError)
+        for name in ("initial_sigma_px", "seed"):
+            if not getattr(self, name) >= 0:
+                raise RigError(f"{name}: found {getattr(self, name)}, expected at least 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +165,8 @@ def evaluate_rig(
     ------
     RigError
         If there are no crops, the contrast threshold is not known, no window has constant speed,
-        no speed is common to all distances, or a camera has lens distortion and tracking is scored.
+        no speed is common to all distances, there is nothing to score, or a camera has lens
+        distortion and tracking is scored.
     """
     if not folders:
         raise RigError("crops: found no folder, expected those of `eres rig crop`")
@@ -180,6 +185,11 @@ def evaluate_rig(
             on_progress("evaluating", k + (n + 1) / len(windows), len(crops))
         rows += _video_rows(crop, windows, settings)
         found.append(rows)
+    if not any(found):
+        raise RigError(
+            "crops: found nothing to score: no task, no corners in the picture, or windows too "
+            "close to the ends of the slider's readings for tracking"
+        )
     return in_cells(found)
 
 

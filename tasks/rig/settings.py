@@ -207,6 +207,11 @@ class RigSettings:
     def __post_init__(self) -> None:
         if (self.camera is None) == (self.camera_file is None):
             raise RigError("expected either camera or camera_file")
+        if self.camera_file is not None and Path(self.camera_file).name != self.camera_file:
+            raise RigError(
+                f"camera_file: found {self.camera_file!r}, expected the name of a file beside "
+                "rig.toml"
+            )
 
     def camera_in(self, folder: Path) -> Camera:
         """Return the camera.

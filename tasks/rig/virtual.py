@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 
 import cv2
@@ -23,7 +24,7 @@ from tasks.rig import page as page_files
 from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
 from tasks.rig.bundle import RigPose
-from tasks.rig.calibration import on_page, write_truth
+from tasks.rig.calibration import TRUTH_NAME, on_page, write_truth
 from tasks.rig.page import PAPER, Page, draw, lay_out, reflectance
 from tasks.rig.recording import FRAMES_FOLDER, Frame, write_frames_table
 from tasks.rig.settings import RigSettings, SliderSettings, read_rig
@@ -137,7 +138,8 @@ def render_rig(
     Raises
     ------
     RigError
-        If the rig has no slider, the depth is not positive, or the camera does not face the page.
+        If the rig has no slider, the depth is not positive, the camera does not face the page, or
+        the folder has the recording of another rig or depth.
     """
     settings = read_rig(rig_file)
     if settings.slider is None:
@@ -149,13 +151,12 @@ def render_rig(
     slider = strokes(settings.slider)
     pose = true_pose(settings, settings.slider, page, depth_m)
     camera = settings.camera_in(rig_file.parent)
+    _check_same(out, page, slider, pose)
     write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
     if settings.camera_file is not None:
         write_camera(out / settings.camera_file, camera)
-    page_files.write_page(out / page_files.FILE_NAME, page)
     page_files.write_print(out / page_files.IMAGE_NAME, codes, page)
-    slider_files.write_slider(out / slider_files.FILE_NAME, slider)
-    write_truth(out, pose)
+    _write_facts(out, page, slider, pose)
     write_page_scene(out / "scene", page, codes, camera, slider, pose)
     light = render_scene(
         load_scene(out / "scene"),
@@ -170,6 +171,27 @@ def render_rig(
     )[0]
     _write_frames(out, light, slider, images, frame_camera, seed)
     return light
+
+
+def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
+    """Refuse the folder of another recording, whose light and events would get a false truth."""
+    if not (out / TRUTH_NAME).exists():
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        _write_facts(Path(folder), page, slider, pose)
+        for file in Path(folder).iterdir():
+            found = out / file.name
+            if not found.exists() or found.read_bytes() != file.read_bytes():
+                raise RigError(
+                    f"{found}: found that of another rig or depth, expected a new folder, or the "
+                    "same rig and depth to continue"
+                )
+
+
+def _write_facts(folder: Path, page: Page, slider: Slider, pose: RigPose) -> None:
+    page_files.write_page(folder / page_files.FILE_NAME, page)
+    slider_files.write_slider(folder / slider_files.FILE_NAME, slider)
+    write_truth(folder, pose)
 
 
 def write_page_scene(

@@ -92,6 +92,8 @@ def open_subject(
             "found rendered clips, expected format, size, time-unit and sort only with files of "
             "events"
         )
+    if not files and over is not None:
+        raise TaskError("over: found only rendered clips, expected files of events to draw over it")
     headers = {path: _header(path, reading.size, format) for path in files}
     beside_clips = len(files) < len(paths)
     speeds = {

@@ -174,6 +174,10 @@ def test_a_run_whose_previews_were_deleted_continues(finished, scene_folder, tmp
     assert run_study(tiny_study(scene_folder), run) == rows
     assert not (run / "previews").exists()
     write_report(run)
+    (run / "previews").mkdir()
+    shutil.copy(out / "previews" / "index.json", run / "previews")  # all but the list were deleted
+    assert run_study(tiny_study(scene_folder), run) == rows
+    write_report(run)
 
 
 def test_highlights_of_another_study_are_made_again(finished, scene_folder, tmp_path, monkeypatch):

@@ -105,6 +105,15 @@ def test_numbers_survive_the_disk(tmp_path: Path) -> None:
         read_scaling(tmp_path)
 
 
+def test_statistics_of_another_study_are_left_out(tmp_path: Path) -> None:
+    """Promise: a second study that was stopped in the folder of a finished one changes nothing."""
+    write_made(tmp_path)
+    stored = json.loads((tmp_path / "carpet.json").read_text())
+    (tmp_path / "carpet.json").write_text(json.dumps({**stored, "job": "of another"}))
+    assert read_scaling(tmp_path, ["own"]) == {}
+    assert set(read_scaling(tmp_path, ["of another"])) == {"carpet"}
+
+
 def section_of(folder: Path) -> str:
     """Return the section of a run on the carpet, with its numbers in `folder` / scaling."""
     run = FinishedRun(folder, [Scores(paper_rows(scenes=("carpet",)))], {}, {})

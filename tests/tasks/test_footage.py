@@ -301,6 +301,18 @@ def test_folders_are_checked(tmp_path):
         open_footage(folder, fps=1)
 
 
+@pytest.mark.parametrize("names", [("a1", "a2", "b1", "b2"), ("shot12-59-59", "shot13-00-00")])
+def test_numbers_that_fall_are_refused_by_name(tmp_path, names):
+    """Promise: two series in one folder are no gap between neighbors of one series."""
+    (tmp_path / "in").mkdir()
+    for name, image in zip(names, pictures(len(names)), strict=True):
+        cv2.imwrite(str(tmp_path / "in" / f"{name}.png"), image)
+    fall = len(names) // 2
+    said = f"found {names[fall]}.png after {names[fall - 1]}.png, expected numbers that rise"
+    with pytest.raises(TaskError, match=said):
+        open_footage(tmp_path / "in", fps=1)
+
+
 def test_a_truncated_jpeg_is_refused(tmp_path):
     """Trap: decoders fill the rest of such an image with gray."""
     folder = write_folder(tmp_path / "in", pictures(2, 200, 200), ".jpg")

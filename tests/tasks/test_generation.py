@@ -195,6 +195,10 @@ def test_two_processes_do_not_make_the_same_dataset(made, eres):
         (["--stereo", 0.4], "baseline_m: found 0.4, expected above 0 and at most 0.3 m"),
         (["--imu", 0], "imu: found 0 Hz"),
         (["--images", 300], "images_hz: found 300.0, expected above 0, and exposures"),
+        (["--resolution", 0], "width: found 0"),
+        (["--threshold", "inf"], "contrast_threshold: found inf"),
+        (["--truth", 1e-7], "truth_step_s: found 1e-07, expected at least a microsecond"),
+        (["--images", 1, "--seconds", 0.002], "an exposure of at most"),
     ],
 )
 def test_senseless_options_are_refused(tmp_path, eres, options, found):

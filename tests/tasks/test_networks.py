@@ -23,10 +23,12 @@ from sensor import Events, SensorModel
 from sensor.representations import voxel_grid
 from tasks.dense_flow import DenseFlowSample, flow_at
 from tasks.errors import TaskError, WeightsError
+from tasks.evaluation.evaluate import _method_timings
 from tasks.evaluation.scorers.dense_flow import DenseFlowScorer
 from tasks.evaluation.scorers.video import VideoScorer
 from tasks.evaluation.sequence import evaluate_sequence
 from tasks.evaluation.settings import DenseFlow, Video
+from tasks.flow import Features
 from tasks.methods import code_of, load_method, task_of
 from tasks.methods.e2vid import E2vid
 from tasks.methods.eraft import estimate as estimate_eraft
@@ -358,6 +360,19 @@ def test_dense_flow_keeps_the_events_of_two_windows_only():
     kept, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert kept < 5 * 13 * size  # bytes of five parts
+
+
+def test_one_flow_of_a_sensor_is_one_estimate():
+    """Promise: its time and its events count once, not once for each feature."""
+    scorer = object.__new__(DenseFlowScorer)
+    scorer._setting = SimpleNamespace(model=SimpleNamespace(width=W), start_us=0, end_us=9)
+    scorer._task = DenseFlow(methods=("zero_flow", "initial_flow"))
+    points = np.array([[2.2, 3.1], [9.4, 2.6], [6.0, 7.7]])
+    scorer._features = Features(W, H, points, np.ones((3, 2)), np.zeros((3, 2)))
+    scorer._before, scorer._during = [stream(0)], [stream(1)]
+    timings = _method_timings((W, "dense_flow", score) for score in scorer.scores())
+    events = len(stream(0)) + len(stream(1))
+    assert [(one.estimates, one.events) for one in timings] == [(1, events)] * 2
 
 
 # Oracles

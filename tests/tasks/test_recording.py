@@ -364,7 +364,7 @@ def ends_before_it_starts(made, folder):
     lines = (frames / "frames.csv").read_text().splitlines()
     lines[2] = "9000,8000,010.png"
     (frames / "frames.csv").write_text("\n".join(lines))
-    return ["--frames", frames], "expected its end after its start"
+    return ["--frames", frames], "expected its end not before its start"
 
 
 def exposure_in_an_exposure(made, folder):
@@ -503,6 +503,24 @@ def test_images_are_those_of_the_filter(made, recording, tmp_path, eres):
     filter = HighPassFilter(*SIZE, 0.2)
     filter.push(made.events.between(0, 30_000))
     expected = np.round(255 * picture(filter.image(30_000), SIZE[::-1], "none"))
+    found = cv2.imread(str(tmp_path / "a" / "000000.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_images_have_the_threshold_of_the_file(tmp_path, eres):
+    """Promise: a method scales log intensity by the sensor's C, the mean of ON and OFF."""
+    from tasks.methods.high_pass_filter import HighPassFilter
+    from tasks.video import picture
+
+    model = SensorModel(width=16, height=12, contrast_threshold=0.4, contrast_threshold_off=0.6)
+    t_s = np.arange(60) * 1e-3
+    phase = np.linspace(0, 3, 16)[None, :] + np.linspace(0, 2, 12)[:, None]
+    events = simulate(np.exp(2 * np.sin(60 * t_s[:, None, None] + phase)), t_s, model)
+    write_events(tmp_path / "own.h5", events)
+    eres("video", tmp_path / "own.h5", "--out", tmp_path / "a", "--fps", 100, "--start", 0.04)
+    filter = HighPassFilter(16, 12, 0.5)
+    filter.push(events.between(0, 40_000))
+    expected = np.round(255 * picture(filter.image(40_000), (12, 16), "none"))
     found = cv2.imread(str(tmp_path / "a" / "000000.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(found, expected)
 

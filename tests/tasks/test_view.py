@@ -404,6 +404,7 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
         ),
         (["{clip}", "--out", "{tmp}/o.html"], "found a rendered clip, expected files of events"),
         (["--out", "{tmp}/o.mp4"], "found no sources"),
+        (["{clip}", "--over", "{clip}", "--out", "{tmp}/o.mp4"], "over: found only rendered clips"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(eres, tmp_path, recording, clip, args, text):

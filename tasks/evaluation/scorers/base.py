@@ -1,4 +1,4 @@
-"""From events to scores, one file for each task.
+"""What a scorer is, and its scores.
 
 A scorer belongs to one sensor. It takes in the sensor's events batch by batch, keeps what its task
 needs, and turns that into scores at the end.

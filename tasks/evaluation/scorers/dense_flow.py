@@ -69,6 +69,7 @@ class DenseFlowScorer:
                     error_px,
                     item=item,
                     failure=estimate.failure,
-                    events=len(before) + len(during) if item == 0 else 0,  # the same for all
-                    cpu_s=cpu_s / len(features),
+                    events=len(before) + len(during),
+                    cpu_s=cpu_s,
+                    copied=item > 0,  # one answer for all features
                 )

@@ -90,7 +90,8 @@ class VideoScorer:
     def scores(self) -> Iterator[Score]:
         """Yield one score for each image and method."""
         for name, taker in self._takers.items():
-            taken, _ = ask("video", name, taker.finish)
+            taken, cpu_s = ask("video", name, taker.finish)
+            self._cpu_s[name] += cpu_s
             self._score(name, taken)
         yield from self._scores
 

@@ -118,7 +118,7 @@ _starts: WeakKeyDictionary[TrackingSample, _Start] = WeakKeyDictionary()
 
 
 def _start_of(sample: TrackingSample) -> _Start:
-    """Return the start that both methods share; that of the latest sample is kept."""
+    """Return the start that both methods share; it is kept as long as its sample."""
     if sample not in _starts:
         problem, failure = problem_of(sample, knots_us(sample.initial)[1])
         levels = (

@@ -121,7 +121,7 @@ class FinishedRun:
             scene: replace(
                 one, intervals=tuple(replace(i, cutoff_hz=self._light_of(i)) for i in one.intervals)
             )
-            for scene, one in read_scaling(self.folder / "scaling").items()
+            for scene, one in read_scaling(self.folder / "scaling", self.config.get("jobs")).items()
         }
 
     @cached_property

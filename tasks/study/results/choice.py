@@ -192,13 +192,13 @@ def answered(choices: Choices) -> list[tuple[float, float]]:
     """Return (cutoff in Hz, speed) of the conditions that an answer names, in order.
 
     They are every light at the lowest speed, from most to least light, and the least light at the
-    highest speed. Only conditions that all scenes have count.
+    highest speed. Only conditions that all scenes have count, or all if there are none.
     """
     conditions = [
         {(cutoff, speed) for place, cutoff, speed in choices if place == scene}
         for scene in dict.fromkeys(scene for scene, _, _ in choices)
     ]
-    common = set.intersection(*conditions)
+    common = set.intersection(*conditions) or set.union(*conditions)
     slowest = min(speed for _, speed in common)
     lights = sorted((one for one in common if one[1] == slowest), reverse=True)
     return list(dict.fromkeys([*lights, min(common, key=lambda one: (one[0], -one[1]))]))

@@ -21,7 +21,7 @@ class Lead:
     Attributes
     ----------
     scene, cutoff_hz, speed
-        Condition, as in `tasks.study.results.scores.Condition`.
+        Condition, as in `tasks.study.results.cells.Condition`.
     widths
         Widths of the two sensors, px, the finest first.
     found

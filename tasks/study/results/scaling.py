@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,8 +101,15 @@ class Scaling:
         return list(dict.fromkeys((one.cutoff_hz, one.speed) for one in self.intervals))
 
 
-def read_scaling(folder: Path) -> dict[str, Scaling]:
+def read_scaling(folder: Path, jobs: Collection[str] | None = None) -> dict[str, Scaling]:
     """Read the statistics of all scenes in a folder; empty if the folder is missing.
+
+    Parameters
+    ----------
+    folder
+        The folder `scaling` of a run.
+    jobs
+        Keys of the run's jobs, if they are known. What a job of another study measured is left out.
 
     Raises
     ------
@@ -109,4 +117,4 @@ def read_scaling(folder: Path) -> dict[str, Scaling]:
         A file is damaged; the error names it.
     """
     found = (read_json(Scaling, file, ResultError) for file in sorted(folder.glob("*.json")))
-    return {scaling.scene: scaling for scaling in found}
+    return {one.scene: one for one in found if jobs is None or one.job in ("", *jobs)}

@@ -129,6 +129,8 @@ class RunFolder:
         if there := [file for file in files if file.exists()]:
             found = (read_json(tuple[Any, ...], file, ResultError) for file in there)
             self._write("previews/index.json", list(chain.from_iterable(found)))
+        else:  # they may be deleted
+            (self._folder / "previews" / "index.json").unlink(missing_ok=True)
         rows = list(chain.from_iterable(self._rows_of[key] for key in self._jobs))
         write_rows(self._folder / "rows.parquet", rows)
         self._write("study.json", study)

@@ -17,7 +17,7 @@ from sensor import SensorModel
 from sensor.formats import load_events, write_events
 from sensor.profiles import read_profile
 from tasks.cli import main
-from tasks.errors import RigError
+from tasks.errors import RigError, TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
 from tasks.rig.bundle import Unknowns
@@ -33,6 +33,7 @@ from tasks.rig.detect import detect
 from tasks.rig.evaluate import RigEvaluation, evaluate_rig
 from tasks.rig.markers import Detections
 from tasks.rig.recording import open_recording
+from tasks.rig.settings import read_rig
 from tasks.rig.virtual import render_rig
 from tasks.row import read_rows
 
@@ -217,6 +218,66 @@ def test_crops_and_scores(folder, recording, frames_solved, tmp_path):
     }
     assert median["contrast_maximization"] < median["initial_flow"]
     assert median["high_pass_filter"] > median["blank"]
+
+
+def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_path):
+    """Promise: a stopped crop is made again without --overwrite, and is not scored; a finished one
+    is refused before anything is written."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    calibration, out = read_calibration(file), tmp_path / "crops"
+    (made,) = crop([recording], calibration, out)
+    with pytest.raises(TaskError, match=r"crop.json: exists already"):
+        crop([recording], calibration, out)
+    (made / "crop.json").unlink()
+    with pytest.raises(RigError, match="found no crop"):
+        evaluate_rig([out], RigEvaluation())
+    crop([recording], calibration, out)
+    assert (made / "crop.json").exists()
+
+
+def test_rows_are_asked_for(recording, frames_solved, tmp_path):
+    """Promise: an evaluation of nothing is an error, not an empty table."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    crop([recording], read_calibration(file), tmp_path / "crops")
+    with pytest.raises(RigError, match="found nothing to score"):
+        evaluate_rig([tmp_path / "crops"], RigEvaluation(flow=(), video=(), tracking=()))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"seed": -1}, "seed: found -1"),
+        ({"contrast_threshold": 0.0}, "contrast_threshold: found 0"),
+        ({"initial_sigma_px": -1.0}, "initial_sigma_px: found -1"),
+    ],
+)
+def test_senseless_evaluations_are_refused(options, said):
+    with pytest.raises(RigError, match=said):
+        RigEvaluation(**options)
+
+
+def test_another_depth_does_not_change_the_truth_of_a_recording(folder, tmp_path):
+    """Promise: truth, readings and page beside the light are those that it was rendered with."""
+    (tmp_path / "near").mkdir()
+    for name in ("truth.json", "page.json", "slider.csv"):
+        shutil.copy(folder / name, tmp_path / "near")
+    before = (folder / "truth.json").read_bytes()
+    with pytest.raises(RigError, match=r"truth.json: found that of another rig or depth"):
+        render_rig(
+            *(folder.parent / "rig.toml", tmp_path / "near", DEPTH_M + 0.1),
+            frame_camera=FrameCameraOptions(),
+        )
+    assert (tmp_path / "near" / "truth.json").read_bytes() == before
+
+
+def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
+    """Promise: `eres rig render` copies it, and never over the user's own."""
+    text = RIG[RIG.index("[page]") :]
+    (tmp_path / "rig.toml").write_text(f'camera_file = "{tmp_path}/lens.yaml"\n{text}')
+    with pytest.raises(RigError, match=r"camera_file: found .*expected the name of a file beside"):
+        read_rig(tmp_path / "rig.toml")
 
 
 def rolled(near, roll_deg):

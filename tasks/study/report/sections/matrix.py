@@ -80,13 +80,13 @@ class Matrix:
 
 
 def matrix(run: FinishedRun) -> Matrix:
-    """Return the answers of a run: the main methods at the speeds that all of them have."""
+    """Return the answers of a run: the main methods at the speeds that all have, or else at any."""
     scores = run.scores
     series = [one for one in run.series if is_main(one)] or run.firsts
     cutoffs_hz = sorted({hz for one in series for hz in scores.cutoffs_hz(one)}, reverse=True)
     widths = sorted({width for one in series for width in scores.widths(one)})
     every = [{*scores.speeds(one, scene)} for one in series for scene in scores.scenes(one)]
-    speeds = sorted(set.intersection(*every)) or sorted(set.union(*every))[:1]
+    speeds = sorted(set.intersection(*every) or set.union(*every))
     blocks = {}
     for scene in run.scenes:
         rows = {
