@@ -16,7 +16,7 @@ def main() -> None:
     folder = Path(sys.argv[1])
     for seed, (name, piece) in enumerate(PIECES.items()):
         atlas, k = piece.atlas(), piece.texels_per_cell
-        atlas.write_ply(folder / f"{name}.ply")
+        (folder / f"{name}.ply").write_bytes(atlas.ply())
         print(f"[textures.{name}]")
         print(f'kind = "{name}"')
         print(f"size_px = {atlas.columns * k}")

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eres_render.interior.uv_charts import Chart
-from eres_render.storage.atomic import write_bytes
 from eres_render.textures.fractal_noise import Float32
 
 CELL_M = 0.02
@@ -63,8 +61,8 @@ class Atlas:
             texels[top : top + shape[0], left : left + shape[1]] = painted
         return np.clip(texels, 0.02, 0.9, out=texels)
 
-    def write_ply(self, file: Path) -> None:
-        """Write the charts as one binary PLY mesh with normals and texture coordinates."""
+    def ply(self) -> bytes:
+        """Return the charts as one binary PLY mesh with normals and texture coordinates."""
         vertices, triangles, first = [], [], 0
         for chart, at in zip(self.charts, self.places, strict=True):
             rows, columns = chart.points.shape[:2]
@@ -78,15 +76,14 @@ class Atlas:
             c, d = number[1:, :-1][chart.solid], number[1:, 1:][chart.solid]
             triangles += [np.stack([a, c, b], axis=-1), np.stack([b, c, d], axis=-1)]
             first += rows * columns
-        _write_mesh(file, np.concatenate(vertices), np.concatenate(triangles))
+        return _ply(np.concatenate(vertices), np.concatenate(triangles))
 
 
-def _write_mesh(
-    file: Path,
+def _ply(
     vertices: NDArray[np.float64],  # (N, 8) x y z nx ny nz u v
     triangles: NDArray[np.int64],  # (M, 3)
-) -> None:
-    """Write a binary little-endian PLY."""
+) -> bytes:
+    """Return the bytes of a binary little-endian PLY."""
     names = ("x", "y", "z", "nx", "ny", "nz", "u", "v")
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
     header += [f"property float {name}" for name in names]
@@ -94,7 +91,7 @@ def _write_mesh(
     faces = np.empty(len(triangles), dtype=[("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, triangles
     text = "\n".join([*header, "end_header", ""])
-    write_bytes(file, text.encode() + vertices.astype("<f4").tobytes() + faces.tobytes())
+    return text.encode() + vertices.astype("<f4").tobytes() + faces.tobytes()
 
 
 def layout(charts: Sequence[Chart], columns: int) -> Atlas:

@@ -19,7 +19,7 @@ from eres_render.interior.uv_charts import Chart, moved
 from eres_render.random_scenes.paint import random_painter
 from eres_render.random_scenes.paths import Poses, camera_path, object_path, path_times
 from eres_render.random_scenes.solids import random_solid, room
-from eres_render.storage.atomic import write_text
+from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.exr import write_luminance
 from eres_render.trajectory.tum import tum_text
 
@@ -181,6 +181,6 @@ def _write_shape(
     atlas: Atlas = layout(charts, round(np.sqrt(area_m2) / CELL_M))
     most = np.sqrt(_MOST_TEXELS / (atlas.rows * atlas.columns))
     texels_per_cell = int(np.clip(CELL_M / texel_m, 1, min(most, _MOST_CELL_TEXELS)))
-    atlas.write_ply(stem.with_suffix(".ply"))
+    write_bytes(stem.with_suffix(".ply"), atlas.ply())
     reflectance = atlas.paint(texels_per_cell, int(rng.integers(1 << 32)))
     write_luminance(stem.with_suffix(".exr"), light * reflectance)

@@ -143,7 +143,7 @@ def test_a_scene_of_meshes_is_found_bakeable(tmp_path, monkeypatch):
     """Mitsuba ends the process if a program asks a mesh for its UV after its scene is deleted."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
     folder = small_carpet_folder(tmp_path / "mesh")
-    PIECES["stool"].atlas().write_ply(folder / "stool.ply")
+    (folder / "stool.ply").write_bytes(PIECES["stool"].atlas().ply())
     xml = (folder / "scene.xml").read_text()
     stool = """<shape type="ply" id="stool"><string name="filename" value="stool.ply"/>
         <bsdf type="diffuse"><rgb name="reflectance" value="0.4"/></bsdf></shape></scene>"""

@@ -206,7 +206,7 @@ def test_light_below_what_float64_holds_is_refused_without_a_dark_level(light):
     """Promise: the sensor refuses a logarithm without correct digits; a dark level restores
     them."""
     frames = np.array([1.0, light])[:, None, None]
-    with pytest.raises(SensorError, match=r"found a pixel of radiance .*dark_level"):
+    with pytest.raises(SensorError, match=r"frame 1, pixel x=0 y=0: found radiance .*dark_level"):
         simulate(frames, [0.0, 1e-3], SensorModel(width=1, height=1, dark_level=0.0))
     assert len(simulate(frames, [0.0, 1e-3], SensorModel(width=1, height=1, dark_level=0.01))) == 23
 

@@ -111,6 +111,10 @@ def read_scaling(folder: Path, jobs: Collection[str] | None = None) -> dict[str,
     jobs
         Keys of the run's jobs, if they are known. What a job of another study measured is left out.
 
+    Returns
+    -------
+    The statistics by the names of the scenes.
+
     Raises
     ------
     ResultError
