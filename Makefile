@@ -18,7 +18,7 @@ demo: .venv/.ready .venv/.llvm
 test: .venv/.bytecode .venv/.llvm .venv/.chromium
 	$(BIN)/pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
-test-slow: .venv/.dev .venv/.llvm
+test-slow: .venv/.bytecode .venv/.llvm .venv/.chromium
 	$(BIN)/pytest -q -m slow
 
 docs: .venv/.docs
@@ -45,7 +45,7 @@ bench: .venv/.dev .venv/.llvm
 	$(BIN)/python benchmarks/bench_tracking.py
 
 clean:
-	rm -rf .venv runs build
+	rm -rf .venv build  # never runs: they take hours
 
 .venv/.ready: pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv || { \

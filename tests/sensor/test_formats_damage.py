@@ -85,8 +85,9 @@ def test_flipped_bits_give_an_error_or_valid_events(name, flips, whole, tmp_path
 @EVERY
 @FUZZ
 @given(data=st.binary(max_size=400), keep=st.integers(0, 400))
-def test_garbage_is_refused(name, data, keep, whole, tmp_path):
-    """Promise: random bytes, alone or after a file's valid start, do no harm."""
+def test_garbage_gives_an_error_or_valid_events(name, data, keep, whole, tmp_path):
+    """Promise: random bytes, alone, after a valid start or after a whole file, give an error that
+    names the file, or valid events."""
     _, files = whole
     outcome(tmp_path, name, data)
     outcome(tmp_path, name, files[name][:keep] + data)

@@ -133,7 +133,7 @@ def _rule_text(found: Mapping[Series, Choices], base: BaseSpeeds) -> str:
     text = (
         f"The smallest width in px with a median within {near} of the best, by light and speed. "
         '"None": even the best width does not beat doing nothing by more than that. '
-        "One entry in a line of several scenes is that of each of them."
+        "A single entry in a row with several scenes holds for all of them."
     )
     if any(choice and choice.paper for choices in found.values() for choice in choices.values()):
         text += " *Paper*: the same rule on the paper's medians, not compared with doing nothing."
