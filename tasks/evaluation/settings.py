@@ -173,7 +173,7 @@ class Flow(TaskSettings):
 
     def score_s(self, width: int) -> float:
         patches = self.features * (1 + self.native_patch)
-        return 0.014 * _share(width) * len(self.methods) * patches
+        return 0.0155 * _share(width) * len(self.methods) * patches
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -255,7 +255,7 @@ class Tracking(TaskSettings):
         return self.max_delay_us if estimated else 0
 
     def score_s(self, width: int) -> float:
-        us_per_event = 3.8  # at any width, as all get up to max_events
+        us_per_event = 4.2  # at any width, as all get up to max_events
         return 1e-6 * us_per_event * self.max_events * len(self.methods) * len(self.sigmas_mm)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
@@ -317,7 +317,7 @@ class Video(NetworkSettings):
 
     def score_s(self, width: int) -> float:
         scored = self.images * (1 + len(self.other_equalizations or ()))
-        seconds = 0.3 * _share(width) * len(self.methods) * scored
+        seconds = 0.33 * _share(width) * len(self.methods) * scored
         if "e2vid" in self.methods:
             seconds += (
                 _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or _WINDOW_S)

@@ -1,7 +1,8 @@
 """Estimate frames, disk and time of jobs before they start.
 
-The estimate is rough, as image motion and event rates are known only afterwards. The constants come
-from the paper preset on two cores of a virtual AMD EPYC server, with LLVM and looked-up light.
+The estimate is rough, as image motion and event rates are known only afterwards. The constants
+are between those of the paper preset on two cores of a virtual AMD EPYC server and of a virtual
+Intel Xeon server, which needs a quarter more, with LLVM and looked-up light.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from tasks.study.run.jobs import Job
 _IMAGE_MOTION_PX_S = 700  # mean at base speed, fastest part of a 1280 px image, scenes with depth
 _PARTS = 8  # of a stretch of a planar scene, over which the image motion is summed
 _DISK_BYTES_PER_PX = 2.01  # of a half-float EXR, uncompressed
-_RENDER_SAMPLES_PER_S = 360e6  # both cores together, with writing the frames
+_RENDER_SAMPLES_PER_S = 330e6  # both cores together, with writing the frames
 # One core, per pixel, frame, sensor and speed; with collecting. With v2e pixels differ in poles.
-_SIMULATE_NS_PER_PX = {"two_pole": 7, "one_pole": 7, "v2e": 23}
+_SIMULATE_NS_PER_PX = {"two_pole": 8, "one_pole": 8, "v2e": 26}
 _CORES_MEASURED_ON = 2
 
 
