@@ -24,7 +24,7 @@ from tasks.study.results.scores import Scores
 
 ROOT = Path(__file__).parents[2]
 RUN = ROOT / "docs" / "results" / "paper"
-PAGE = "Before.\n\n<!-- answer: {} -->\nold\n<!-- end of answer --> After."
+PAGE = "Before.\n\n<!-- answer: {} -->\nformer text\n<!-- end of answer --> After."
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_pages_are_rewritten_or_left_as_they_are(tmp_path: Path) -> None:
             "Before.\n\n<!-- answer: overview, of a run -->\n\nThe smallest width in px"
         )
         assert text.endswith("|\n\n<!-- end of answer --> After.")
-        assert "old" not in text
+        assert "former text" not in text
         assert text.count("| reconstruction by event integration, carpet |") == 1
     for content, fault in (
         ("Nothing.\n", "found no answer block, expected <!-- answer: overview -->"),

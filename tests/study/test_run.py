@@ -264,7 +264,7 @@ def test_run_again_computes_nothing(finished, scene_folder, monkeypatch):
 
 
 def test_the_cost_of_the_paper_preset_is_foretold_within_a_fifth():
-    """Promise: on the machine of the stored run, whose jobs took most of its 1 h 53 min."""
+    """Promise: on the machine of the stored run, whose jobs took most of its 2 h 30 min."""
     study = preset("paper")
     work = [job for name in study.scenes for job in jobs_of(study, load_scene(name))]
     jobs = read_timings(DOCS / "results" / "paper" / "costs")
