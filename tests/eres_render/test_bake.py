@@ -57,6 +57,7 @@ def test_a_panel_lights_the_floor_as_the_double_integral_over_it_says(tmp_path):
     np.testing.assert_allclose(baked, expected, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_light_goes_round_an_integrating_sphere(tmp_path):
     """A lamp in a sphere that reflects half: E = E_direct / (1 - 0.5 (1 - lamp's share))."""
     folder = edit_scene(tmp_path / "sphere")
@@ -76,6 +77,7 @@ def test_light_goes_round_an_integrating_sphere(tmp_path):
     np.testing.assert_allclose(wall, expected, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_cells_under_a_solid_take_their_neighbors_light(tmp_path):
     """A box without a bottom stands on half of the floor: no darkness leaks out under it."""
     folder = edit_scene(tmp_path / "box")
@@ -106,6 +108,7 @@ def test_cells_under_a_solid_take_their_neighbors_light(tmp_path):
     np.testing.assert_array_equal(floor[:, 4:], np.repeat(floor[:, 3:4], 4, axis=1))
 
 
+@pytest.mark.slow
 def test_what_is_seen_through_an_open_side_is_black_and_hides_the_light_behind(tmp_path):
     """A box open below hangs 1 m over the floor, 2 m wide, under a sky of radiance 1.
 
@@ -139,6 +142,7 @@ def test_what_is_seen_through_an_open_side_is_black_and_hides_the_light_behind(t
     np.testing.assert_allclose(floor[4, 4], np.pi * (1 - form_factor), rtol=0.03)
 
 
+@pytest.mark.slow
 def test_a_scene_of_meshes_is_found_bakeable(tmp_path, monkeypatch):
     """Mitsuba ends the process if a program asks a mesh for its UV after its scene is deleted."""
     monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
@@ -249,6 +253,7 @@ def test_an_image_coarser_than_its_lightmap_is_not_blurred(tmp_path, texels):
     assert_baked_as_traced(open_scene(tmp_path / "coarse", image_floor("noise.png"), cell_m=0.2))
 
 
+@pytest.mark.slow
 def test_a_mirrored_mesh_has_its_front_where_its_normals_point(tmp_path):
     """Promise: a floor mirrored by a negative scale is lit from above, as it is with paths."""
     (tmp_path / "mirrored").mkdir()
@@ -264,6 +269,7 @@ def test_a_mirrored_mesh_has_its_front_where_its_normals_point(tmp_path):
     np.testing.assert_allclose(traced, 0.5, rtol=0.02)
 
 
+@pytest.mark.slow
 def test_a_cylinder_is_baked(tmp_path):
     """Promise: a shape with the same stretch everywhere has a lightmap of its size."""
     shape = (

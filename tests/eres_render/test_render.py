@@ -153,6 +153,7 @@ def test_white_is_a_property_of_the_scene_not_of_the_clip(renderer, small_carpet
     assert 0.5 < renderer.white_level / frame.max() < 2
 
 
+@pytest.mark.slow
 def test_a_scalar_machine_does_the_whole_job(tmp_path):
     """Without LLVM: scalar rendering with the packaged lightmap agrees with this machine."""
     code = (

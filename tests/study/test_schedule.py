@@ -98,6 +98,7 @@ def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
             assert (there / file.relative_to(tmp_path / "here")).read_bytes() == file.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_its_job_only(cluster, scene_folder, tmp_path):
     """Promise: after SIGKILL in the middle of a job, others continue, and the rows are the same."""
     study = tiny_study(scene_folder, seed=1, samples=3)

@@ -145,6 +145,7 @@ def test_a_sensor_that_sees_a_part_of_the_frames_has_the_same_lens(tmp_path):
     assert {one.name: one.distance for one in job.settings(1.0)} == {"": 2.0, "portrait": 1.0}
 
 
+@pytest.mark.slow
 def test_tracking_has_the_distance_of_each_width(tmp_path):
     """Promise: events, poses and lens of each distance belong together: from 5 mm off, tracking
     ends within 1 mm near and 3 mm from twice as far; doing nothing is the same at both."""

@@ -262,6 +262,7 @@ def test_a_sensor_without_a_delay_has_no_cutoff_and_no_latency():
     assert np.isinf(found.cutoff_hz.high)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("photoreceptor", ["two_pole", "one_pole"])
 def test_the_search_does_not_end_where_it_starts(photoreceptor):
     """Promise: clean light of one frequency gives back cutoff and poles, not the first guess of the
@@ -286,6 +287,7 @@ def test_the_search_does_not_end_where_it_starts(photoreceptor):
     assert motion.photoreceptor == photoreceptor
 
 
+@pytest.mark.slow
 def test_motion_that_is_too_slow_says_so():
     """Promise: where the filter is far faster than the light changes, the delay is known, and the
     cutoff has no upper end."""

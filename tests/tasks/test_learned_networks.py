@@ -565,6 +565,7 @@ def test_e2vid_in_a_command_and_in_a_study(small_carpet, saved, tmp_path, eres):
     assert "torch" in json.loads((tmp_path / "run" / "environment.json").read_text())
 
 
+@pytest.mark.slow
 def test_the_networks_of_eres_run_on_recordings(tmp_path):
     """Promise: with the weights that come with eres, on a recording of another program: images at
     the frames' times, dense flow from two windows, and a folder of images."""

@@ -130,6 +130,7 @@ def made_with(folder):
     return json.loads((folder / "training.json").read_text())["made_with"]
 
 
+@pytest.mark.slow
 def test_a_change_of_code_is_said(run, tmp_path, caplog, eres):
     """Promise: a training that other code continues warns of it once, and its card names both
     commits; starts that left nothing, and a finished training, are not mixed."""

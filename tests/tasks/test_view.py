@@ -423,7 +423,7 @@ def test_a_damaged_file_leaves_no_video(eres, tmp_path, monkeypatch):
     write_events(file, random_events(3000, 16, 12, mean_us=50.0))
     monkeypatch.setattr("tasks.view.subject.span_of", lambda *_: Span(0, 150_000, 3000))
     file.write_text(file.read_text() + "not an event\n")
-    code, _, err = eres("view", file, "--out", out)
+    code, _, err = eres("view", file, "--out", out, "--height", 48)
     assert (code, "events.txt" in err) == (1, True)
     assert [p.name for p in tmp_path.iterdir()] == ["events.txt"]
 
