@@ -178,6 +178,23 @@ def test_each_scene_has_its_answers_and_speeds(tmp_path: Path) -> None:
     assert len(found) == 3 * 3 * 3
 
 
+def test_the_answer_is_at_the_speeds_of_most_methods(tmp_path: Path) -> None:
+    """Promise: a method at a speed of its own, 10, has no column of dashes, nor have the others;
+    two methods at different speeds say where the study has no score."""
+
+    def found(*rows: Row) -> dict[tuple[str, str, str], Told]:
+        return answers_of(html_of(tmp_path, [*rows]))
+
+    images, flow = (task_rows(one, scenes=["carpet"]) for one in (EI, CM))
+    fast = [replace(row, speed=10.0) for row in flow if row.speed == 1.0]
+    video = task_rows(HF, scenes=["carpet"])
+    assert {*found(*images, *video, *fast)} == {*found(*images, *video)}
+    one = [row for row in images if row.speed == 1.0]
+    told = found(*one, *fast)
+    assert told["carpet", "Reconstruction", "ideal, 9 m/s"] == ("–", "not in this study", "")
+    assert told["carpet", "Optical flow", "ideal, 9 m/s"].width != "–"
+
+
 def test_the_answer_is_in_the_words_of_the_study(tmp_path: Path) -> None:
     """Promise: title and kicker are question and name of the study, and a scene of the user's own
     has its speeds in m/s, from study.json; without a question the title asks in general."""

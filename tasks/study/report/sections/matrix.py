@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -80,13 +81,14 @@ class Matrix:
 
 
 def matrix(run: FinishedRun) -> Matrix:
-    """Return the answers of a run: the main methods at the speeds that all have, or else at any."""
+    """Return the answers of a run: the main methods at the speeds that all have, or else most."""
     scores = run.scores
     series = [one for one in run.series if is_main(one)] or run.firsts
     cutoffs_hz = sorted({hz for one in series for hz in scores.cutoffs_hz(one)}, reverse=True)
     widths = sorted({width for one in series for width in scores.widths(one)})
-    every = [{*scores.speeds(one, scene)} for one in series for scene in scores.scenes(one)]
-    speeds = sorted(set.intersection(*every) or set.union(*every))
+    pairs = [(one, scene) for one in series for scene in scores.scenes(one)]
+    counts = Counter(speed for pair in pairs for speed in scores.speeds(*pair))
+    speeds = sorted(speed for speed in counts if counts[speed] == max(counts.values()))
     blocks = {}
     for scene in run.scenes:
         rows = {
@@ -96,7 +98,7 @@ def matrix(run: FinishedRun) -> Matrix:
                 for speed in speeds
             ]
             for one in series
-            if scene in scores.scenes(one)
+            if {*speeds} & {*scores.speeds(one, scene)}
         }
         blocks[scene] = Block([speed_label(scene, one, run.base_speeds) for one in speeds], rows)
     metrics = dict.fromkeys(TASKS[one.task].metric for one in series)
@@ -126,7 +128,8 @@ def _answer(
     where = f"{cutoff_label(cutoff_hz)}, {speed_label(scene, speed, run.base_speeds)}"
     choice = choose(run.scores, series, *at)
     if choice is None:
-        missing = Shown(MISSING, "samples are missing")
+        asked = any((c.scene, c.cutoff_hz, c.speed) == at for c in run.scores.conditions(series))
+        missing = Shown(MISSING, "samples are missing" if asked else "not in this study")
         return Answer(where, [missing] * (1 + len(capacities_hz())))
     rates_hz = choice.event_rates_hz
 
