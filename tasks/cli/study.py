@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from rich.table import Column
 from rich.text import Text
@@ -15,6 +15,9 @@ from tasks.cli import terminal
 from tasks.cli.app import OtherRuns, RunFolder, WeightsFiles
 from tasks.cli.table import Table
 from tasks.errors import ResultError, StudyError
+
+if TYPE_CHECKING:
+    from tasks.study.report.finished_run import FinishedRun
 
 _AS_IN_STUDY = arg(help_behavior_hint="(default: the study's)")
 
@@ -93,6 +96,7 @@ def study(
     )
     from tasks.study.config import preset as find_preset
     from tasks.study.report import write_report
+    from tasks.study.report.finished_run import read_run
     from tasks.study.run import run_study
     from tasks.study.study_file import read_study
 
@@ -117,9 +121,10 @@ def study(
     check_compares(asked)
     with progress_bar(terminal.err) as on_progress:
         run_study(asked, out, scheduler, on_progress, mix=mix)
-    _show_scores(out)
-    _show_claims(out)
-    terminal.out.print(f"\nreport: {write_report(out)}", soft_wrap=True)
+    run = read_run(out)
+    _show_scores(run)
+    _show_claims(run)
+    terminal.out.print(f"\nreport: {write_report(run)}", soft_wrap=True)
 
 
 def report(run: RunFolder) -> None:
@@ -142,29 +147,36 @@ def claims(run: RunFolder, others: OtherRuns = ()) -> None:
     others
         Further runs of the study, with other weights.
     """
-    _show_claims(run, *others)
+    from eres_render.storage.settings_reader import read_json
+    from tasks.provenance import differing_software
+    from tasks.study.report.finished_run import read_run
+
+    _show_claims(read_run(run, *others))
+    files = [one / "environment.json" for one in (run, *others)]
+    environments = [read_json(dict[str, str], file, ResultError) for file in files]
+    if differing := differing_software(environments):
+        listed = "; ".join(f"{name} {values}" for name, values in differing.items())
+        terminal.out.print(f"The runs differ in more than weights: {listed}", highlight=False)
 
 
-def _show_scores(run: Path) -> None:
+def _show_scores(run: FinishedRun) -> None:
     """Print the main methods' scores at the base speed, next to the paper's."""
     from tasks.cli.comparison import to_rich
     from tasks.study.results.comparison import main_tables
-    from tasks.study.results.run_files import read_config, scores_of_run
-    from tasks.study.results.words import PACKAGED, join_words, photoreceptor_label
+    from tasks.study.results.words import join_words, photoreceptor_label
 
-    (scores, *others), *readings = scores_of_run(run).values()
-    base = read_config(run).get("base_m_per_s", {})
+    scores, *further = run.found
     for table in main_tables(scores):
-        terminal.out.print(to_rich(table, {**PACKAGED, **base}), crop=False)
-    if others:
-        named = join_words([f"{other.contrast_threshold:g}" for other in others])
+        terminal.out.print(to_rich(table, run.base_speeds), crop=False)
+    if further:
+        named = join_words([f"{other.contrast_threshold:g}" for other in further])
         terminal.out.print(
             f"contrast threshold {scores.contrast_threshold:g}; those of {named} are in the report "
             "and in tables.csv",
             highlight=False,
         )
-    if readings:
-        words = [photoreceptor_label(one[0].photoreceptor) for one in readings]
+    if run.others:
+        words = [photoreceptor_label(name) for name in run.others]
         terminal.out.print(
             f"photoreceptor: {photoreceptor_label(scores.photoreceptor)}; what changes with "
             f"{join_words(words)} is in the report",
@@ -172,13 +184,9 @@ def _show_scores(run: Path) -> None:
         )
 
 
-def _show_claims(*runs: Path) -> None:
-    from eres_render.storage.settings_reader import read_json
-    from tasks.provenance import differing_software
-    from tasks.study.claims.judge import changed_verdicts, judge_readings
+def _show_claims(run: FinishedRun) -> None:
+    from tasks.study.claims.judge import changed_verdicts
     from tasks.study.claims.verdict import Status, threshold_note
-    from tasks.study.results.run_files import read_config, scores_of_run
-    from tasks.study.results.scaling import read_scaling
     from tasks.study.results.words import photoreceptor_label
 
     marks = {
@@ -187,15 +195,10 @@ def _show_claims(*runs: Path) -> None:
         Status.UNDECIDED: Text("undecided", "yellow"),
         Status.NOT_MEASURED: Text("not measured", "dim"),
     }
-    readings = scores_of_run(*runs)
-    config = read_config(runs[0])
-    scaling = read_scaling(runs[0] / "scaling", config.get("jobs"))
-    judged = judge_readings(config, readings, scaling)
-    verdicts, found = next(iter(judged.values())), next(iter(readings.values()))
-    if not verdicts:
+    if not run.verdicts:
         terminal.out.print("none of the paper's claims is about these sensors, lights and methods")
         return
-    for verdict in verdicts:
+    for verdict in run.verdicts:
         likeness = f" ({verdict.likeness})" if verdict.likeness else ""
         number, title = f"\n{verdict.number:2} ", f": {verdict.title}{likeness}"
         terminal.out.print(Text.assemble(number, marks[verdict.status], title), soft_wrap=True)
@@ -203,19 +206,14 @@ def _show_claims(*runs: Path) -> None:
         table.add_row("   ours", verdict.ours)
         table.add_row("   paper", verdict.paper)
         terminal.out.print(table, crop=False)
-    counts = Counter(verdict.status for verdict in verdicts)
+    counts = Counter(verdict.status for verdict in run.verdicts)
     counted = [Text.assemble(mark, f": {counts[status]}") for status, mark in marks.items()]
     terminal.out.print(Text("\n") + Text(", ").join(counted))
-    joined = runs if len(runs) > 1 else ()
-    files = [one / "environment.json" for one in joined]
-    environments = [read_json(dict[str, str], file, ResultError) for file in files]
-    if differing := differing_software(environments):
-        listed = "; ".join(f"{name} {values}" for name, values in differing.items())
-        terminal.out.print(f"The runs differ in more than weights: {listed}", highlight=False)
-    if note := threshold_note(found):
+    if note := threshold_note(run.found):
         terminal.out.print(note, highlight=False)
-    for name in [*judged][1:]:
-        changed = changed_verdicts({"": verdicts, name: judged[name]})
+    judged = run.verdicts_by_photoreceptor
+    for name in run.others:
+        changed = changed_verdicts({"": run.verdicts, name: judged[name]})
         named = [Text.assemble(f"{there.number} ", marks[there.status]) for _, there in changed]
         said = Text(", ").join(named) if named else Text("no verdict changes")
         terminal.out.print(Text(f"With {photoreceptor_label(name)}: ") + said)

@@ -2,7 +2,6 @@
 
 import ast
 import io
-import json
 import sys
 import tempfile
 from pathlib import Path
@@ -11,13 +10,13 @@ from types import SimpleNamespace
 import pytest
 from rich.table import Table
 
+from finished_runs import make_run
 from light_scenes import small_carpet_folder
 from study_rows import EI, EPF, EPPT, nothing_rows, paper_rows
 from tasks import cli
 from tasks.cli import terminal
 from tasks.evaluation import convergence
 from tasks.rig.calibration import SolvedRecording, StoredPose
-from tasks.row import write_rows
 
 ROOT = Path(__file__).parents[2]
 SCREENS = {"40": (40, True), "80": (80, True), "pipe": (80, False)}
@@ -60,7 +59,6 @@ def clip(tmp_path_factory):
 @pytest.fixture(scope="module")
 def finished_run(tmp_path_factory):
     """A run with a method of long name next to the paper's, with all data of its tables."""
-    folder = tmp_path_factory.mktemp("run")
     rows = [row for series in (EI, EPF, EPPT) for row in paper_rows(series, samples=3)]
     rows += paper_rows(EPF, samples=3, method=OWN)
     numbers = {}
@@ -68,9 +66,8 @@ def finished_run(tmp_path_factory):
         numbers.setdefault((row.task, row.method, row.variant, row.scene, row.width), {})[
             row.cutoff_hz, row.speed, row.sample, row.item
         ] = row
-    write_rows(folder / "rows.parquet", [r for cells in numbers.values() for r in cells.values()])
-    (folder / "study.json").write_text(json.dumps({"render": {"spp": 16}}))
-    return folder
+    rows = [row for cells in numbers.values() for row in cells.values()]
+    return make_run(tmp_path_factory.mktemp("run"), rows)
 
 
 def run(*args, screen="80"):
@@ -108,7 +105,7 @@ def every_table(clip, finished_run, screen):
         for name, function in fast.items():
             patch.setattr(convergence, name, function)
         patch.setattr("tasks.study.run.run_study", lambda *_, **__: [])
-        patch.setattr("tasks.study.report.write_report", lambda run: run / "report.html")
+        patch.setattr("tasks.study.report.write_report", lambda run: run.folder / "report.html")
         patch.setattr(
             "tasks.rig.recording.open_recording", lambda path: SimpleNamespace(folder=path)
         )

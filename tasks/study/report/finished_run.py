@@ -191,19 +191,31 @@ class FinishedRun:
         return f"data:image/{path.suffix[1:]};base64,{content}"
 
 
-def read_run(folder: Path) -> FinishedRun:
+def read_run(folder: Path, *others: Path) -> FinishedRun:
     """Read the folder of a finished run.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    others
+        Folders of runs of the same study with other weights of its networks; their scores join
+        those of the first, and all else is that of the first.
+
+    Returns
+    -------
+    The run.
 
     Raises
     ------
     ResultError
-        A file is missing or damaged, or all rows are do-nothing rows.
+        A file is missing or damaged, all rows are do-nothing rows, or as `scores_of_run` raises it.
     """
-    (_, found), *others = scores_of_run(folder).items()
+    (_, found), *further = scores_of_run(folder, *others).items()
     environment = read_json(dict[str, str], folder / "environment.json", ResultError)
     config = read_config(folder)
     if not found[0].series():
         raise ResultError(
             f"{folder / 'rows.parquet'}: found only do-nothing rows, expected rows of a method"
         )
-    return FinishedRun(folder, found, environment, config, dict(others))
+    return FinishedRun(folder, found, environment, config, dict(further))

@@ -84,18 +84,18 @@ SECTIONS = (
 """Sections of a report, in order."""
 
 
-def write_report(run_dir: str | Path, sections: Sequence[Section] = SECTIONS) -> Path:
+def write_report(run: str | Path | FinishedRun, sections: Sequence[Section] = SECTIONS) -> Path:
     """Write ``report.html``, ``tables.csv`` and ``figures/tradeoff_METHOD.png`` and ``.svg``.
 
     Each other photoreceptor of the run has its own ``tables_NAME.csv``.
 
     Parameters
     ----------
-    run_dir
-        Folder of a run. It holds ``rows.parquet``, ``environment.json`` (strings by name) and
-        ``study.json`` (resolved configuration). It can also hold ``previews/`` (``index.json``, PNG
-        and WebP files), ``scaling/`` (a JSON and a PNG file per scene) and ``costs/`` (a JSON file
-        per job).
+    run
+        A run that was read, or its folder. It holds ``rows.parquet``, ``environment.json`` (strings
+        by name) and ``study.json`` (resolved configuration). It can also hold ``previews/``
+        (``index.json``, PNG and WebP files), ``scaling/`` (a JSON and a PNG file per scene) and
+        ``costs/`` (a JSON file per job).
     sections
         Sections of the page, in order; append your own to `SECTIONS`.
 
@@ -110,28 +110,27 @@ def write_report(run_dir: str | Path, sections: Sequence[Section] = SECTIONS) ->
         A file is missing or damaged, rows contradict each other, or the report exceeds
         `MAX_BYTES`.
     """
-    run_dir = Path(run_dir)
-    run = read_run(run_dir)
+    run = run if isinstance(run, FinishedRun) else read_run(Path(run))
     collected = [(section, section.data(run)) for section in sections]
     shown = [(section, data) for section, data in collected if data is not None]
     template = TEMPLATES.get_template("page.html")
     page = template.render(colors=COLORS, run=run, sections=shown).encode()
     if len(page) > MAX_BYTES:
         raise ResultError(
-            f"{run_dir}: found {len(page) / 1e6:.1f} MB of report, expected at most "
+            f"{run.folder}: found {len(page) / 1e6:.1f} MB of report, expected at most "
             f"{MAX_BYTES / 1e6:.0f}; list fewer previews in previews/index.json"
         )
     others = {f"tables_{name}": found for name, found in run.others.items()}
     for name, found in {"tables": run.found, **others}.items():
         tables = [comparison_table(one, series) for one in found for series in one.series()]
-        write_bytes(run_dir / f"{name}.csv", to_csv(tables).encode())
+        write_bytes(run.folder / f"{name}.csv", to_csv(tables).encode())
     for name in {f"tables_{one}" for one in PHOTORECEPTORS} - others.keys():
-        (run_dir / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
+        (run.folder / f"{name}.csv").unlink(missing_ok=True)  # that the run no longer has
     for series in filter(is_main, run.series):
         plots = tradeoff_plots(run.scores, series, run.bus_hz, run.base_speeds)
         for kind, image in figure_files(plots).items():
             name = re.sub(r"\W+", "_", series.method)
-            write_bytes(run_dir / "figures" / f"tradeoff_{name}.{kind}", image)
-    report = run_dir / "report.html"
+            write_bytes(run.folder / "figures" / f"tradeoff_{name}.{kind}", image)
+    report = run.folder / "report.html"
     write_bytes(report, page)
     return report
