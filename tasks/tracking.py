@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,7 +149,7 @@ def path_at(
     return Trajectory(knots_s, pose(start_s + knots_s))
 
 
-def perturbed(path: Trajectory, sigma_m: float, seed: int) -> Trajectory:
+def perturbed(path: Trajectory, sigma_m: float, seed: int | Sequence[int]) -> Trajectory:
     """Add Gaussian noise to the positions of a path's control poses.
 
     Parameters
@@ -159,7 +159,7 @@ def perturbed(path: Trajectory, sigma_m: float, seed: int) -> Trajectory:
     sigma_m
         Standard deviation per component.
     seed
-        Seed of the noise.
+        Seed of the noise, as for `numpy.random.default_rng`.
 
     Returns
     -------

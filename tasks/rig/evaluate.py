@@ -417,7 +417,7 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
         camera=crop.camera,
         plane=PLANE,
         T_0=pose(np.zeros(1))[0],
-        initial=perturbed(truth, sigma_m, settings.seed + window.sample),
+        initial=perturbed(truth, sigma_m, [settings.seed, window.sample]),
         initial_sigma_m=sigma_m,
         max_events=200_000,
     )

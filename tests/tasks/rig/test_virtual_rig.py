@@ -245,6 +245,20 @@ def test_rows_are_asked_for(recording, frames_solved, tmp_path):
         evaluate_rig([tmp_path / "crops"], RigEvaluation(flow=(), video=(), tracking=()))
 
 
+def test_seeds_of_evaluations_share_no_initial_paths(recording, frames_solved, tmp_path):
+    """Promise: evaluations with seeds 0 and 1 are independent; the second began with the path of
+    the first one's next window."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    crop([recording], read_calibration(file), tmp_path / "crops")
+    options = {"windows": 3, "flow": (), "video": (), "tracking": ("initial_path",)}
+    first, second = (
+        evaluate_rig([tmp_path / "crops"], RigEvaluation(seed=k, **options)) for k in (0, 1)
+    )
+    errors_mm = {round(row.value, 6) for row in (*first, *second)}
+    assert len(errors_mm) == len(first) + len(second) >= 4
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
