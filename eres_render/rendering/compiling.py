@@ -1,14 +1,19 @@
-"""Compile kernels with Numba, and never run an outdated one."""
+"""Compile kernels with Numba once among all processes, and never run an outdated one."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+
+from eres_render.errors import RenderError
+from eres_render.storage.locks import locked
 
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
@@ -18,6 +23,7 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
 
     Numba caches a compiled function until its own file changes. A kernel contains the code of the
     kernels that it calls, so the cache of each depends on all files with kernels in their folder.
+    Of several processes that need a kernel, one compiles it and the others wait for it.
 
     Parameters
     ----------
@@ -39,6 +45,27 @@ def compiler(folder: Path, **options: Any) -> Callable[[_Kernel], _Kernel]:
             kept: Any = found
             index = kept._cache._cache_file
             index._source_stamp = (index._source_stamp, stamp)
+            _compile_once(kept)
         return found
 
     return compiled
+
+
+def _compile_once(kernel: Any) -> None:
+    """Let one process at a time compile a kernel; the next finds it in the cache.
+
+    Without the lock, two processes that write to Numba's cache at once may store the code of one
+    signature as that of another.
+    """
+    compile_or_load = kernel.compile
+    lock = Path(f"{kernel._cache._cache_file._index_path}.lock")
+
+    def compile_alone(signature: Any) -> Any:
+        # Numba's lock first: a thread that compiles a caller holds it and waits for the file's.
+        with global_compiler_lock, ExitStack() as held:
+            if not kernel._compiling_counter:  # of a kernel that calls itself, it is held
+                with suppress(RenderError):  # where the cache cannot be written
+                    held.enter_context(locked(lock))
+            return compile_or_load(signature)
+
+    kernel.compile = compile_alone

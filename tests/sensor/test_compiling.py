@@ -93,6 +93,7 @@ print(two(), sum(two.stats.cache_misses.values()))
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("folder", [SENSOR, RENDER], indirect=True)
 def test_one_process_compiles_and_the_others_wait(folder, variables, tmp_path):
     """Promise: of processes that call a kernel at once, with an empty cache, one compiles it."""
     (folder / "callee.py").write_text(CALLEE.format(1))
