@@ -120,7 +120,7 @@ def read(path: Path, header: Header, *, sort: bool = False) -> Iterator[Events]:
         The file is truncated or damaged, has events of two cameras, or the events are not a valid
         stream.
     """
-    none = no_events(header.width or 0, header.height or 0, header.model)
+    none = no_events(*header.size, header.model)
     yield from batching.in_order(_packets(path, none), none, sort=sort)
 
 

@@ -246,7 +246,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         A dataset is missing, damaged, or has a wrong type or length, or the events are not a valid
         stream.
     """
-    width, height = header.width or 0, header.height or 0
+    width, height = header.size
     with _opened(path) as file:
         columns = {name: integers(file, f"events/{name}") for name in _COLUMNS}
         length = len(columns["t"])
@@ -339,7 +339,8 @@ def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: H
     EventFormatError
         A value is out of range, or times run backwards.
     """
-    limits = {"t": 1 << 62, "x": header.width or 0, "y": header.height or 0, "p": 2}
+    width, height = header.size
+    limits = {"t": 1 << 62, "x": width, "y": height, "p": 2}
     for name, limit in limits.items():
         column = values[name]
         least, most = int(column.min()), int(column.max())
@@ -355,8 +356,7 @@ def checked(values: dict[str, np.ndarray], start: int, offset_us: int, header: H
             values["x"].astype(np.uint16),
             values["y"].astype(np.uint16),
             (2 * values["p"].astype(np.int8) - 1).astype(np.int8),
-            header.width or 0,
-            header.height or 0,
+            *header.size,
             header.model,
         )
     except EventError as error:

@@ -137,7 +137,7 @@ class DsecReader:
         """
         first, stop, _ = slice(first, stop).indices(len(self))
         if first >= stop:
-            return no_events(self.header.width or 0, self.header.height or 0, self.header.model)
+            return no_events(*self.header.size, self.header.model)
         with named_errors(self.path):
             values = {name: column[first:stop] for name, column in self._columns.items()}
             return dsec.checked(values, first, self.header.t_offset_us, self.header)

@@ -128,7 +128,7 @@ def write(path: Path, header: Header, parts: Iterable[Events], codec: Codec) -> 
         The sensor has more than 2048 pixels per side, a time is outside [0, 2^40) us, or a trigger
         is on a channel that the format lacks.
     """
-    width, height = header.width or 0, header.height or 0
+    width, height = header.size
     if max(width, height) > MAX_SIDE_PX:
         raise EventFormatError(
             f"{codec.name} has 11 bits for a coordinate: found a sensor of {width}x{height} px, "
@@ -414,7 +414,7 @@ def read(path: Path, header: Header, codec: Codec) -> Iterator[Events]:
         A word is unknown, an event is outside the sensor or earlier than the one before it, the
         last word is truncated, or the number of events differs from that in the header.
     """
-    width, height = header.width or 0, header.height or 0
+    width, height = header.size
     size = np.dtype(codec.word).itemsize
     none = no_events(width, height, header.model)
     state = _new_state()

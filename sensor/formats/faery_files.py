@@ -133,7 +133,7 @@ def read(path: Path, header: Header, kind: str, *, sort: bool = False) -> Iterat
     EventFormatError
         faery is not installed or cannot read the file, or the events are not a valid stream.
     """
-    none = no_events(header.width or 0, header.height or 0, header.model)
+    none = no_events(*header.size, header.model)
     yield from batching.in_order(_packets(path, none, kind), none, sort=sort)
 
 

@@ -87,6 +87,22 @@ class Header:
                     "an integer or a finite number"
                 )
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Return width and height of the sensor, pixels.
+
+        Raises
+        ------
+        EventFormatError
+            The file does not store them; see `with_size`.
+        """
+        if self.width is None or self.height is None:
+            raise EventFormatError(
+                "the file does not store the sensor's size; give it (size=(width, height), "
+                "--size WIDTH HEIGHT)"
+            )
+        return self.width, self.height
+
     def with_size(self, size: tuple[int, int] | None) -> Header:
         """Return the header with a size from the user, for files that do not store it.
 
@@ -95,14 +111,12 @@ class Header:
         EventFormatError
             There is no size, or the user's size differs from that of the file.
         """
+        if size is None:
+            _ = self.size
+            return self
         if self.width is None or self.height is None:
-            if size is None:
-                raise EventFormatError(
-                    "the file does not store the sensor's size; give it (size=(width, height), "
-                    "--size WIDTH HEIGHT)"
-                )
             return dataclasses.replace(self, width=size[0], height=size[1])
-        if size is not None and tuple(size) != (self.width, self.height):
+        if tuple(size) != self.size:
             raise EventFormatError(
                 f"found a size of {self.width}x{self.height}, expected {size[0]}x{size[1]} as given"
             )

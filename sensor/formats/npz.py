@@ -214,7 +214,7 @@ def read(path: Path, header: Header) -> Iterator[Events]:
         A column is missing, damaged, or has a wrong dtype or length, or the events are not a valid
         stream.
     """
-    width, height = header.width or 0, header.height or 0
+    width, height = header.size
     with _opened(path) as archive, ExitStack() as stack:
         entries = {}
         length = None

@@ -158,7 +158,7 @@ def read(
         The file is damaged, the topic is unknown or not given, or the events are not a valid
         stream.
     """
-    none = no_events(header.width or 0, header.height or 0, header.model)
+    none = no_events(*header.size, header.model)
     yield from batching.in_order(_messages(path, none, topic), none, sort=sort)
 
 

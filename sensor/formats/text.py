@@ -467,7 +467,7 @@ def read(
     """
     start = _read_start(path)
     power = _power(path, start, time_unit)
-    none = no_events(header.width or 0, header.height or 0, header.model)
+    none = no_events(*header.size, header.model)
     parts = _parts(path, start, power, sort, none)
     yield none
     yield from batching.by_time(parts) if sort else parts

@@ -153,7 +153,7 @@ def _open(path: Path, clips: dict[tuple[Any, ...], Path]) -> Recording:
             times = tuple(int(t_us) for t_us in truth["t_us"][:]) if "t_us" in truth else ()
             targets = [name for name, place in TRUTH.items() if place in truth]
         first, stop = (reader.index_at(t_us) for t_us in window_us)
-        size_px = int(reader.header.width or 0), int(reader.header.height or 0)
+        size_px = reader.header.size
     clip = clips.get(tuple(origin.get(name) for name in _ORIGIN))
     if clip is not None:
         targets.insert(0, "frame")
