@@ -41,9 +41,7 @@ class Recording:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the sensor, px."""
-        assert self.header.width is not None
-        assert self.header.height is not None
-        return self.header.width, self.header.height
+        return self.header.size
 
     @property
     def event_rate_hz(self) -> float:

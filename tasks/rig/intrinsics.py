@@ -223,8 +223,7 @@ def intrinsics(
     views_px, found_in = [], []
     sizes = set()
     for k, path in enumerate(paths):
-        header = read_header(path).with_size(size)
-        sizes.add((header.width, header.height))
+        sizes.add(read_header(path).with_size(size).size)
         if len(sizes) > 1:
             raise RigError(
                 f"{path}: found a sensor of another size than before, expected the same size"
@@ -237,5 +236,5 @@ def intrinsics(
                 break
         on_progress("looking for the board", k + 1, len(paths))
     width, height = sizes.pop() if sizes else (0, 0)
-    camera, sigmas, rms_px = calibrate(views_px, board, width or 0, height or 0)
+    camera, sigmas, rms_px = calibrate(views_px, board, width, height)
     return Intrinsics(camera, sigmas, rms_px, tuple(found_in))

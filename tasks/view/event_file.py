@@ -48,9 +48,7 @@ class EventSource:
     @property
     def size(self) -> tuple[int, int]:
         """Width and height of the sensor, px."""
-        assert self.header.width is not None
-        assert self.header.height is not None
-        return self.header.width, self.header.height
+        return self.header.size
 
     @property
     def title(self) -> str:
