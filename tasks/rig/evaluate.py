@@ -23,7 +23,6 @@ from sensor.events import concatenate
 from sensor.formats import read_events, read_header
 from tasks.errors import RigError
 from tasks.evaluation.scorers.answers import ask, flow_answer, image_answer, path_answer
-from tasks.evaluation.scorers.flow import NATIVE_PATCH
 from tasks.flow import (
     INITIAL_SIGMA_PX,
     MARGIN_PX,
@@ -46,6 +45,7 @@ from tasks.rig.page import Page, read_page_image, reflectance
 from tasks.rig.slider import Slider
 from tasks.row import Row
 from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
+from tasks.variants import NATIVE_PATCH, sigma_variant
 from tasks.video import ImageTaker, picture
 
 Float64 = NDArray[np.float64]
@@ -430,7 +430,7 @@ def _tracking_rows(crop: _Crop, window: _Window, settings: RigEvaluation) -> Ite
         lost = moved and not succeeded(estimate, error_mm, initial_mm)
         yield _row(
             *(crop, window, "tracking", name, "position_error_mm", error_mm),
-            variant=f"sigma {settings.initial_sigma_mm:g} mm",
+            variant=sigma_variant(settings.initial_sigma_mm),
             failure=estimate.failure or ("ended far off" if lost else ""),
         )
 

@@ -13,8 +13,7 @@ from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Flow
 from tasks.flow import flow_sample, initial_sigma_px, patch_mask, patch_px, rnepe_px
 from tasks.methods import load_method
-
-NATIVE_PATCH = "61 px patch"
+from tasks.variants import NATIVE_PATCH
 
 
 class FlowScorer:

@@ -20,6 +20,7 @@ from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Tracking
 from tasks.methods import load_method
 from tasks.tracking import path_at, perturbed, position_error_mm, succeeded, tracking_sample
+from tasks.variants import sigma_variant
 
 _PIXELS_PER_EVENT = 2  # keep the events of so many random pixels per event that a method may get
 
@@ -91,7 +92,7 @@ class TrackingScorer:
                 yield Score(
                     name,
                     error_mm,
-                    variant=f"sigma {sigma_mm:g} mm",
+                    variant=sigma_variant(sigma_mm),
                     failure=failure,
                     events=len(sample.t_us),
                     cpu_s=cpu_s,

@@ -20,6 +20,7 @@ from tasks.methods.e2vid import even_window_us
 from tasks.methods.true_video import TrueLight
 from tasks.psnr import psnr_db
 from tasks.registry import TASKS
+from tasks.variants import equalization_variant
 from tasks.video import ImageTaker, picture
 
 
@@ -29,7 +30,8 @@ class VideoScorer:
     def __init__(self, reference: ReferenceFrames, setting: Setting, task: Video) -> None:
         self._reference, self._task = reference, task
         others = task.other_equalizations or ()
-        self._equalizations = {"": task.equalization, **{f"equalization {e}": e for e in others}}
+        named = {equalization_variant(name): name for name in others}
+        self._equalizations = {"": task.equalization, **named}
         model = setting.model
         size_and_C = model.width, model.height, model.contrast_threshold
         start_s, end_s = reference.sequence.window_s

@@ -22,6 +22,7 @@ from tasks.study.claims.statistics import (
 )
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import IDEAL_MARGIN_IN_CAPTION_DB, SPEEDS, WIDTHS
+from tasks.variants import equalization_variant
 
 EVENT_INTEGRATION = Series("reconstruction", "event_integration", "psnr_db")
 HIGH_PASS = Series("video", "high_pass_filter", "psnr_db")
@@ -169,8 +170,8 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
     _fine_then_coarse(
         *("High-pass filter", "The high-pass filter", HIGH_PASS),
         {"method": "high_pass_filter_no_event_decay"},
-        {"variant": "equalization none"},
-        {"variant": "equalization clahe"},
+        {"variant": equalization_variant("none")},
+        {"variant": equalization_variant("clahe")},
     ),
     _fine_then_coarse("E2VID", "E2VID", E2VID, *_OTHER_VIDEO),
     SceneClaim(

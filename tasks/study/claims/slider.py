@@ -33,11 +33,11 @@ from tasks.study.results.slider import (
     light_label,
 )
 from tasks.study.results.words import join_words
+from tasks.variants import NATIVE_PATCH, sigma_variant
 
 _MIDDLE, _FULL = (width for width, _ in FIELD_PX[-2:])
 _FAST_M_PER_S = SPEEDS_M_PER_S[-1]
 _FAST = round(_FAST_M_PER_S / BASE_SPEED_M_PER_S, 9)
-_NATIVE_PATCH = "61 px patch"
 
 
 class _Compared(NamedTuple):
@@ -169,8 +169,8 @@ class RecordedSliderClaim(SliderClaim):
 
 def _judged(scores: Scores, tracking: Series | None) -> dict[Series, bool]:
     """Return the series to print, and whether each of them decides."""
-    native = PHOTOMETRIC._replace(variant=_NATIVE_PATCH)
-    papers_start = TRACKING._replace(variant=f"sigma {PAPER_SIGMA_MM:g} mm")
+    native = PHOTOMETRIC._replace(variant=NATIVE_PATCH)
+    papers_start = TRACKING._replace(variant=sigma_variant(PAPER_SIGMA_MM))
     every = [one for one in (PHOTOMETRIC, native, tracking, papers_start) if one is not None]
     return {one: one in (PHOTOMETRIC, tracking) for one in every if one in scores.series()}
 

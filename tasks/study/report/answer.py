@@ -24,7 +24,6 @@ from tasks.study.report.finished_run import FinishedRun, read_run
 from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.choice import Choice, Choices, answered, choose_all
 from tasks.study.results.metrics import Series
-from tasks.study.results.perturbation import sigma_mm
 from tasks.study.results.words import (
     MISSING,
     PACKAGED,
@@ -34,6 +33,7 @@ from tasks.study.results.words import (
     photoreceptor_label,
     speed_label,
 )
+from tasks.variants import sigma_mm
 
 _PAGE_WIDTH = 100
 _BLOCK = re.compile(r"(<!-- answer: (\w+)\b.*?-->\n).*?(<!-- end of answer -->)", re.DOTALL)

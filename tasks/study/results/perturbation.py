@@ -7,7 +7,6 @@ perturbation is a variant of the task, and a study can run several.
 from __future__ import annotations
 
 import math
-import re
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +14,11 @@ from numpy.typing import NDArray
 from tasks.registry import TASKS
 from tasks.study.results.metrics import Series
 from tasks.study.results.scores import Scores, base_speed
+from tasks.variants import sigma_mm
 
 TRACKING = Series("tracking", "photometric_tracking", "position_error_mm")
 REQUIRED_SUCCESS = 0.8
 """Claims are judged at the largest perturbation with at least this share of successes."""
-
-
-def sigma_mm(variant: str) -> float | None:
-    """Return the standard deviation in mm of a variant such as "sigma 2 mm"; None for others."""
-    found = re.fullmatch(r"sigma ([0-9.]+) mm", variant)
-    return float(found[1]) if found else None
 
 
 def sweep(scores: Scores, method: str) -> list[Series]:

@@ -9,9 +9,10 @@ from tasks.study.report.plot import Line, Panel, Plot, Point, plot, width_keys
 from tasks.study.report.table import Table, Text, cutoff_text, width_texts
 from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
-from tasks.study.results.perturbation import TRACKING, sigma_mm, sweep
+from tasks.study.results.perturbation import TRACKING, sweep
 from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import MISSING, share_text
+from tasks.variants import sigma_mm
 
 
 def sweeps(scores: Scores) -> dict[str, list[Series]]:
