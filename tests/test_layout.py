@@ -92,6 +92,7 @@ WINGS = {
     "sensor.formats": set(),
     "sensor.profiles": set(),
     "sensor.representations": set(),
+    "sensor.statistics": set(),
     "eres_render.storage": set(),
     "eres_render.trajectory": set(),
     "eres_render.textures": set(),
