@@ -54,3 +54,19 @@ def test_the_page_has_the_numbers_of_claim_23(run: str, claim: int) -> None:
     """Promise: what `eres claims` prints about the run."""
     verdict = judge_all(scores_of(run), {}, TRAINING_CLAIMS[claim : claim + 1])[0]
     assert verdict.ours in (DOCS / "learned.md").read_text()
+
+
+def test_the_page_has_what_training_at_night_brings_with_each_seed() -> None:
+    """Promise: the difference of the twins' medians, with seed 0 and with seed 1."""
+    page, seeds = (DOCS / "learned.md").read_text(), [scores_of("twins"), scores_of("twins_1")]
+    all_light, ideal_light, _ = RUNS["twins"]
+
+    def gain_db(scores: Scores, where: Condition) -> float:
+        return scores.cell(all_light, where).median - scores.cell(ideal_light, where).median
+
+    for scene in seeds[1].scenes(all_light):
+        for hz in seeds[1].cutoffs_hz(all_light):
+            where = [Condition(scene, width, hz, 1.0) for width in WIDTHS]
+            cells = [" / ".join(f"{gain_db(one, at):+.2f}" for one in seeds) for at in where]
+            line = f"| {scene} | {cutoff_label(hz)} | {' | '.join(cells)} |\n"
+            assert line.replace("-", "−") in page
