@@ -151,10 +151,11 @@ def claims(run: RunFolder, others: OtherRuns = ()) -> None:
     from tasks.provenance import differing_software
     from tasks.study.report.finished_run import read_run
 
-    _show_claims(read_run(run, *others))
-    files = [one / "environment.json" for one in (run, *others)]
+    joined = read_run(run, *others)
+    _show_claims(joined)
+    files = [one / "environment.json" for one in others]
     environments = [read_json(dict[str, str], file, ResultError) for file in files]
-    if differing := differing_software(environments):
+    if differing := differing_software([joined.environment, *environments]):
         listed = "; ".join(f"{name} {values}" for name, values in differing.items())
         terminal.out.print(f"The runs differ in more than weights: {listed}", highlight=False)
 
