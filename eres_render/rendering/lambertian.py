@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 _PROBES = 1 << 12  # points of a surface at which its UV coordinates are tried
 _UV_TOLERANCE = 1e-3  # of the surface's size
+_LINES = 64  # rows, and columns, of an image in which a step is looked for first
 
 
 def surfaces(mi_scene: mi.Scene) -> list[mi.Shape]:
@@ -76,26 +77,35 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
 
 
 def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
-    """Return whether a material's image is interpolated, where that shows most."""
+    """Return whether a material's image is interpolated, where that shows most in some lines."""
     import drjit as dr
     import mitsuba as mi
 
-    colored = image.shape[2] == 3  # the reflectance is its luminance in every variant
-    gray = (image @ LUMINANCE if colored else image[:, :, 0]).astype(np.float32)
-    across, down = (np.abs(np.diff(gray, axis=axis)) for axis in (1, 0))
-    right = int(across.max(initial=0.0) >= down.max(initial=0.0))
-    steps = across if right else down
-    if not steps.any():
+    for every in (1 + min(image.shape[:2]) // _LINES, 1):
+        across = np.abs(np.diff(_gray(image[::every]), axis=1))
+        down = np.abs(np.diff(_gray(image[:, ::every]), axis=0))
+        right = int(across.max(initial=0.0) >= down.max(initial=0.0))
+        steps = across if right else down
+        if steps.any():
+            break
+    else:
         return True
     row, column = map(int, np.unravel_index(int(np.argmax(steps)), steps.shape))
-    rows, columns = gray.shape
+    row, column = (every * row, column) if right else (row, every * column)
+    rows, columns, _ = image.shape
     si = dr.zeros(mi.SurfaceInteraction3f)
     u, v = column + 0.5 + 0.25 * right, row + 0.75 - 0.25 * right  # at a quarter of the step
     si.uv = mi.Point2f(u / columns, v / rows)
     si.wi = mi.Vector3f(0, 0, 1)
     found = float(np.asarray(bsdf.eval_diffuse_reflectance(si)).ravel()[0])
-    before, after = float(gray[row, column]), float(gray[row + 1 - right, column + right])
+    before, after = map(float, _gray(image[[row, row + 1 - right], [column, column + right]]))
     return abs(found - (0.75 * before + 0.25 * after)) < 0.05 * abs(after - before)
+
+
+def _gray(image: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return the reflectance of pixels (..., channels), their luminance in every variant."""
+    gray = image @ LUMINANCE if image.shape[-1] == 3 else image[..., 0]
+    return gray.astype(np.float32)
 
 
 def _has_own_uv(shape: mi.Shape, sample: Any, found: Any) -> bool:

@@ -376,7 +376,7 @@ def test_lightmaps_of_another_state_of_the_scene_are_baked_again(tmp_path, monke
                 '<string name="filter_type" value="nearest"/></texture></bsdf></shape>',
                 "has an image that is not interpolated bilinearly",
             )
-            for name in ("columns", "rows")
+            for name in ("columns", "rows", "speck")
         ),
     ],
 )
@@ -384,6 +384,9 @@ def test_what_cannot_be_baked_is_named(tmp_path, shape, reason):
     folder = small_carpet_folder(tmp_path / "mixed")
     cv2.imwrite(str(folder / "columns.png"), np.array([[0, 255], [0, 255]], np.uint8))
     cv2.imwrite(str(folder / "rows.png"), np.array([[0, 0], [255, 255]], np.uint8))
+    speck = np.zeros((200, 300), np.uint8)
+    speck[101, 203] = 255  # in none of the lines that are looked at first
+    cv2.imwrite(str(folder / "speck.png"), speck)
     xml = (folder / "scene.xml").read_text()
     (folder / "scene.xml").write_text(xml.replace("</scene>", f"{shape}</scene>"))
     with pytest.raises(SceneError, match=f"cannot be baked: shape 'it' .*{reason}.*; path-trace"):
