@@ -61,9 +61,7 @@ save, IndexDataCacheFile.save = IndexDataCacheFile.save, save_alone
 FIRST = (
     "sensor/test_simulate.py",
     "eres_render/test_scenes.py",
-    "study/test_schedule.py",
     "tasks/test_cli_light.py",
-    "tasks/test_full_disk.py",
     "tasks/test_view.py",  # the last of all by name
     "tasks/test_training.py",
     "study/test_run.py",

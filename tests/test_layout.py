@@ -1,6 +1,7 @@
 """The code follows the rules of docs/house.md: allowed imports, and their costs."""
 
 import ast
+import functools
 import importlib
 import re
 import subprocess
@@ -14,8 +15,10 @@ PACKAGES = {"eres_render", "sensor", "tasks"}
 ALLOWED = {"sensor": set(), "eres_render": set(), "tasks": {"eres_render", "sensor"}}
 
 
+@functools.cache
 def imports(path):
     """Return (top-level name, whether at module level) of each import of a file."""
+    found = []
     tree = ast.parse(path.read_text())
     for node in ast.walk(tree):
         names = []
@@ -25,7 +28,8 @@ def imports(path):
             assert node.level == 0, f"{path}: relative import"
             names = [node.module]
         for name in names:
-            yield name.split(".")[0], node in tree.body
+            found.append((name.split(".")[0], node in tree.body))
+    return found
 
 
 def test_the_page_shows_the_folders_that_there_are():

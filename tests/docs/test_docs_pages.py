@@ -25,12 +25,14 @@ def sensors(tmp_path_factory):
     return folder, follow("sensors.md", folder)
 
 
+@pytest.mark.slow
 def test_the_quick_start_leads_to_scores_next_to_those_of_doing_nothing(quick_start):
     _, said = quick_start
     for method in ("event_integration", "no_events", "photometric_flow", "initial_flow"):
         assert re.search(rf"^\s*{method}\s", said, re.MULTILINE), method
 
 
+@pytest.mark.slow
 def test_the_quick_start_converts_every_event(quick_start):
     folder, _ = quick_start
     assert len(load_events(folder / "events.raw")) == len(load_events(folder / "events.h5")) > 100

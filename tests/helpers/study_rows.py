@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 from tasks.registry import TASKS
 from tasks.row import Row
-from tasks.study.claims.judge import judge_all
+from tasks.study.claims.judge import CLAIMS, judge_all
 from tasks.study.claims.verdict import Verdict
 from tasks.study.results.metrics import Series
 from tasks.study.results.paper import BASE_SPEED_M_PER_S, CUTOFFS_HZ, SPEEDS, WIDTHS, published
@@ -74,8 +74,9 @@ def paper_rows(
 
 
 def verdict(number: int, rows: list[Row]) -> Verdict:
-    """Return the verdict on a claim."""
-    return next(v for v in judge_all(rows, {}) if v.number == number)
+    """Return the verdict on a claim; on the first of those that share a number."""
+    found, *_ = judge_all(rows, {}, [claim for claim in CLAIMS if claim.number == number])
+    return found
 
 
 def nothing_rows(rows: Iterable[Row], value: float) -> list[Row]:

@@ -32,6 +32,7 @@ def of_the_paper() -> dict[str, str]:
     return answers_of(RUN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md", "docs/results.md"])
 def test_what_the_pages_say_is_what_the_run_says(of_the_paper: dict[str, str], page: str) -> None:
     """Promise: README and docs have the exact answers of docs/results/paper; if not, `make answers`

@@ -164,6 +164,7 @@ def test_a_run_without_its_scaling_statistics_makes_them(finished, scene_folder)
     assert file.read_text() == numbers
 
 
+@pytest.mark.slow
 def test_a_run_whose_previews_were_deleted_continues(finished, scene_folder, tmp_path, monkeypatch):
     """Promise: no job is computed again for its pictures alone, and the report is without them."""
     out, rows = finished

@@ -73,6 +73,7 @@ def one_worker():
         yield cluster
 
 
+@pytest.mark.slow
 def test_workers_make_the_same_run(cluster, scene_folder, tmp_path):
     """Promise: rows and pictures equal those of a local run, byte by byte, in every task.
 
@@ -162,6 +163,7 @@ def random_moments(folder, count):
     return [partial(moment, rng.uniform(0, 1.5)) for _ in range(count)]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_killed_resumes_to_the_same_rows(scene_folder, tmp_path, monkeypatch):
     """Promise: a run killed in mid-render and between two jobs ends with the same rows."""
     study = tiny_study(scene_folder, seed=2)

@@ -19,6 +19,8 @@ from light_scenes import small_carpet_folder
 from sensor import SensorModel
 from sensor.formats import write_events
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 NOTES = ("1 job to do: ", "jit_kernel_write(): ")  # a study's cost; Dr.Jit on a cache of its own
 
@@ -107,7 +109,6 @@ def test_no_room_for_events(events, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
 def test_no_room_for_truth(sequence, tmp_path, eres):
     """Promise: a file of events with truth that does not fit does not appear, made or copied."""
     whole, out = tmp_path / "whole" / "out.h5", tmp_path / "out.h5"

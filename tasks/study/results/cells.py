@@ -57,12 +57,12 @@ class Cell:
         """Whether no expected value is missing; only complete cells have medians."""
         return len(self.values) == self.expected > 0
 
-    @property
+    @cached_property
     def samples(self) -> int:
         """Number of samples."""
         return len(np.unique(self.sample))
 
-    @property
+    @cached_property
     def trainings(self) -> int:
         """Number of runs that differ in the weights of networks."""
         return int(self.training.max()) + 1
