@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 
 _PROBES = 1 << 12  # points of a surface at which its UV coordinates are tried
 _UV_TOLERANCE = 1e-3  # of the surface's size
-_LINES = 64  # rows, and columns, of an image in which a step is looked for first
+_LINES = 64  # rows, and columns, of an image in which a clear step is looked for first
+_CLEAR = 1e-2  # reflectance
 
 
 def surfaces(mi_scene: mi.Scene) -> list[mi.Shape]:
@@ -77,7 +78,7 @@ def reason_not_to_bake(shape: mi.Shape) -> str:
 
 
 def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
-    """Return whether a material's image is interpolated, where that shows most in some lines."""
+    """Return whether a material's image is interpolated, where that shows."""
     import drjit as dr
     import mitsuba as mi
 
@@ -86,9 +87,9 @@ def _is_bilinear(bsdf: mi.BSDF, image: NDArray[np.floating]) -> bool:
         down = np.abs(np.diff(_gray(image[:, ::every]), axis=0))
         right = int(across.max(initial=0.0) >= down.max(initial=0.0))
         steps = across if right else down
-        if steps.any():
+        if steps.max(initial=0.0) > _CLEAR:
             break
-    else:
+    if not steps.any():
         return True
     row, column = map(int, np.unravel_index(int(np.argmax(steps)), steps.shape))
     row, column = (every * row, column) if right else (row, every * column)

@@ -384,7 +384,7 @@ def test_what_cannot_be_baked_is_named(tmp_path, shape, reason):
     folder = small_carpet_folder(tmp_path / "mixed")
     cv2.imwrite(str(folder / "columns.png"), np.array([[0, 255], [0, 255]], np.uint8))
     cv2.imwrite(str(folder / "rows.png"), np.array([[0, 0], [255, 255]], np.uint8))
-    speck = np.zeros((200, 300), np.uint8)
+    speck = np.random.default_rng(0).integers(0, 2, (200, 300)).astype(np.uint8)
     speck[101, 203] = 255  # in none of the lines that are looked at first
     cv2.imwrite(str(folder / "speck.png"), speck)
     xml = (folder / "scene.xml").read_text()
