@@ -133,7 +133,7 @@ def reflected(grid: Tensor, multiple: int) -> Tensor:
     height, width = grid.shape[-2:]
     more = (-width % multiple, -height % multiple)
     sides = [side for total in more for side in ((total + 1) // 2, total // 2)]
-    return functional.pad(grid, sides, mode="reflect")
+    return functional.pad(grid, sides, mode="reflect") if any(sides) else grid
 
 
 def load(file: Path) -> E2vid:

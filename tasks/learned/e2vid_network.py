@@ -17,6 +17,8 @@ from torch.nn import functional
 State = tuple[Tensor, ...]
 """Memory of one encoder: hidden and cell state of an LSTM, or the hidden state of a GRU."""
 
+_BAND = 1 << 20  # values of the gates that become a memory at a time
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class E2vidOptions:
@@ -102,7 +104,7 @@ class _UNetRecurrent(nn.Module):
         self.pred = _Conv(joined * base, 1, 1, norm=norm)
 
     def forward(self, grid: Tensor, states: Sequence[State]) -> tuple[Tensor, list[State]]:
-        x = head = functional.relu(self.head(grid))
+        x = head = functional.relu_(self.head(grid))
         new: list[State] = []
         for encoder, state in zip(self.encoders, states, strict=True):
             new.append(encoder(x, state))
@@ -110,7 +112,7 @@ class _UNetRecurrent(nn.Module):
         for block in self.resblocks:
             x = block(x)
         for decoder, (hidden, *_) in zip(self.decoders, reversed(new), strict=True):
-            x = functional.relu(decoder(self._join(x, hidden)))
+            x = functional.relu_(decoder(self._join(x, hidden)))
         return torch.sigmoid(self.pred(self._join(x, head))), new
 
     def _join(self, x: Tensor, skip: Tensor) -> Tensor:
@@ -177,7 +179,7 @@ class _Encoder(nn.Module):
         self.recurrent_block = _ConvLSTM(out) if recurrent == "convlstm" else _ConvGRU(out)
 
     def forward(self, x: Tensor, state: State) -> State:
-        new: State = self.recurrent_block(functional.relu(self.conv(x)), state)
+        new: State = self.recurrent_block(functional.relu_(self.conv(x)), state)
         return new
 
 
@@ -189,10 +191,23 @@ class _ConvLSTM(nn.Module):
     def forward(self, x: Tensor, state: State) -> State:
         # The memory keeps the precision of the weights even if convolutions use less.
         hidden, cell = state or 2 * (torch.zeros_like(x, dtype=self.Gates.weight.dtype),)
-        gates = self.Gates(torch.cat([x, hidden.to(x.dtype)], dim=1)).to(cell.dtype)
-        take, keep, out, candidate = gates.chunk(4, dim=1)
-        cell = torch.sigmoid(keep) * cell + torch.sigmoid(take) * torch.tanh(candidate)
-        return torch.sigmoid(out) * torch.tanh(cell), cell
+        gates = self.Gates(torch.cat([x, hidden.to(x.dtype)], dim=1))
+        if torch.is_grad_enabled():
+            return _remember(gates, cell)
+        # By bands of rows: new memory for nine images at once costs more than the arithmetic.
+        new = torch.empty_like(cell), torch.empty_like(cell)
+        rows = max(1, _BAND // (gates.shape[1] * gates.shape[3]))
+        for parts in zip(*(one.split(rows, dim=2) for one in (*new, gates, cell)), strict=True):
+            for target, found in zip(parts[:2], _remember(*parts[2:]), strict=True):
+                target.copy_(found)
+        return new
+
+
+def _remember(gates: Tensor, cell: Tensor) -> State:
+    """Return the hidden and the cell state of an LSTM after its gates."""
+    take, keep, out, candidate = gates.to(cell.dtype).chunk(4, dim=1)
+    cell = torch.sigmoid(keep) * cell + torch.sigmoid(take) * torch.tanh(candidate)
+    return torch.sigmoid(out) * torch.tanh(cell), cell
 
 
 class _ConvGRU(nn.Module):
@@ -220,5 +235,5 @@ class _ResidualBlock(nn.Module):
         self.conv2 = nn.Conv2d(channels, channels, 3, padding=1, bias=bias)
 
     def forward(self, x: Tensor) -> Tensor:
-        y = functional.relu(self.bn1(self.conv1(x)))
-        return functional.relu(x + self.bn2(self.conv2(y)))
+        y = functional.relu_(self.bn1(self.conv1(x)))
+        return functional.relu_(x + self.bn2(self.conv2(y)))

@@ -38,6 +38,7 @@ from torch.nn import functional  # noqa: E402
 
 from tasks.cpu_time import cpu_s  # noqa: E402
 from tasks.learned import cpu, e2vid, eraft  # noqa: E402
+from tasks.learned import e2vid_network as e2vid_network_file  # noqa: E402
 from tasks.learned.correlation import Correlation  # noqa: E402
 from tasks.learned.e2vid_network import E2vidOptions, E2VIDRecurrent  # noqa: E402
 from tasks.learned.eraft_network import ERAFT, cells, padded  # noqa: E402
@@ -189,6 +190,19 @@ def test_e2vids_images_are_those_of_its_padded_windows(monkeypatch):
     found = np.exp(method.image(100_000))
     np.testing.assert_allclose(found, expected[0, 0, 1:, 1:-1], atol=1e-6)
     assert np.ptp(found) > 0.1
+
+
+def test_a_memory_by_bands_of_rows_is_that_of_all_rows_at_once(monkeypatch):
+    """Promise: without gradients bands of rows, the last one shorter, give the same memory."""
+    torch.manual_seed(0)
+    lstm = e2vid_network_file._ConvLSTM(8)
+    x, state = torch.randn(1, 8, 37, 20), (torch.randn(1, 8, 37, 20), torch.randn(1, 8, 37, 20))
+    whole = lstm(x, state)
+    monkeypatch.setattr(e2vid_network_file, "_BAND", 5 * 32 * 20)
+    with torch.inference_mode():
+        banded = lstm(x, state)
+    for one, other in zip(whole, banded, strict=True):
+        torch.testing.assert_close(one.detach(), other, rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("width", ["128", "240", "346", "640", "1280"])
