@@ -258,6 +258,14 @@ def test_numbers_are_like_the_papers_if_it_is_within_our_intervals() -> None:
     assert verdict(3, alone).likeness == "numbers unlike the paper's"
     elsewhere = [replace(r, contrast_threshold=0.3) for r in paper_rows()]
     assert verdict(3, elsewhere).likeness == ""
+    # Claim 8 has its numbers, 8 and 6 times, in words alone.
+    for by_day, like in ((6.0, "like"), (5.0, "unlike")):
+
+        def rate(width: int, cutoff_hz: float, by_day: float = by_day) -> float:
+            return 1.0 if width < 1280 else 8.0 if math.isinf(cutoff_hz) else by_day
+
+        rows = paper_rows(rate=rate, scenes=("carpet",))
+        assert verdict(8, rows).likeness == f"numbers {like} the paper's"
 
 
 def test_a_margin_that_shrinks_below_zero_fails_claim_9() -> None:

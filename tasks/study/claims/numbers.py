@@ -204,6 +204,8 @@ class Number:
         The claim holds if the statistic lies above or below this bound. Give one of them, or none.
     below_on
         Scenes where the statistic must lie below the bound `above`.
+    in_words
+        The paper's number, if it is in the paper's text and not in its tables.
     unit
         Unit to print; None for that of the metric.
     decimals, sign
@@ -215,6 +217,7 @@ class Number:
     above: float | None = None
     below: float | None = None
     below_on: tuple[str, ...] = ()
+    in_words: float | None = None
     unit: str | None = None
     decimals: int = 2
     sign: str = "+"
@@ -243,6 +246,8 @@ class Number:
         at_its_threshold = on.scores.contrast_threshold == paper.scores.contrast_threshold
         if ours.low is None or not at_its_threshold:
             return None
+        if self.in_words is not None:
+            return ours.includes(self.in_words)
         try:
             paper.require(self.statistic.cells)
             return ours.includes(estimated(self.statistic, paper).value)

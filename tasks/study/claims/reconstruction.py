@@ -144,8 +144,8 @@ RECONSTRUCTION_CLAIMS: tuple[Claim, ...] = (
         "events, so each pixel fires more.",
         series=EVENT_INTEGRATION,
         numbers={
-            "ideal": _times(event_rate(1280, IDEAL) / event_rate(640, IDEAL), above=4),
-            "day": _times(event_rate(1280, DAY) / event_rate(640, DAY), above=4),
+            "ideal": _times(event_rate(1280, IDEAL) / event_rate(640, IDEAL), above=4, in_words=8),
+            "day": _times(event_rate(1280, DAY) / event_rate(640, DAY), above=4, in_words=6),
         },
         text="ideal {ideal}, day {day}",
         paper="ideal about 8 times, day about 6 times",

@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from tasks.study.report.plot import COLORS, Axis, Limit, Panel, Plot
 
 _BEYOND = "#b3261e"
+_SHADE = 0.09  # opacity over white
+_SHADED = "#f8ebeb"  # that color
 _STYLE = {
     "font.size": 9,
     "axes.titlesize": 9,
@@ -86,7 +88,7 @@ def _draw(axes: Axes, name: str, plot: Plot, panel: Panel) -> None:
         axes.axhline(at, color=COLORS["ink"][0], linestyle="--", linewidth=1)
     if panel.references:
         legend = axes.legend(axes.lines[:1], [panel.reference_label], borderpad=0.1)
-        legend.set_loc("upper right" if below else "lower right")
+        legend.set_loc("upper left" if below else "lower left")
     if plot.limit is not None:
         axes.axvline(plot.limit.x, color=_BEYOND, linewidth=1)
     for key, line in zip(plot.keys, panel.lines, strict=True):
@@ -108,21 +110,21 @@ def _plain(text: str) -> str:
 
 
 def _shade(axes: Axes, limit: Limit, *, below: bool) -> None:
-    """Shade what is above a limit; its label is next to that of doing nothing."""
+    """Shade what is above a limit; its label is in the shade, at the end of doing nothing."""
     low, high = axes.get_xlim()
-    axes.axvspan(limit.x, high, color=_BEYOND, alpha=0.09, linewidth=0)
+    axes.axvspan(limit.x, high, color=_BEYOND, alpha=_SHADE, linewidth=0)
     axes.set_xlim(low, high)
     axes.annotate(
         limit.label,
         (limit.x, 1 if below else 0),
-        (-2, -18 if below else 18),
+        (2, -3 if below else 3),
         xycoords=("data", "axes fraction"),
         textcoords="offset points",
         rotation=90,
-        ha="right",
         va="top" if below else "bottom",
         fontsize=7,
         color=_BEYOND,
+        bbox={"color": _SHADED, "pad": 1},  # over the line of doing nothing
     )
 
 
