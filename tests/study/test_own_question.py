@@ -244,7 +244,9 @@ GALLERY = """<scene version="3.0.0">
 
 
 def own_study(folder: Path) -> Study:
-    """A Mitsuba file with a path, a slow bus, a flat sensor, lux and m/s."""
+    """A Mitsuba file with a path, lux and m/s; a flat sensor on a slow bus, one on a slow bus with
+    an endless queue, one with noise, and one with an OFF threshold that is twice its ON threshold.
+    """
     (folder / "gallery.xml").write_text(GALLERY)
     (folder / "poses.txt").write_text(POSES)
     text = f"""
@@ -258,7 +260,12 @@ def own_study(folder: Path) -> Study:
     max_displacement_px = 1.0
     [simulate]
     widths = [32]
-    sensors = [{{name = "flat", width = 60, height = 30, bus = 0.002, fifo = 50}}]
+    sensors = [
+      {{name = "flat", width = 60, height = 30, bus = 0.002, fifo = 50}},
+      {{name = "late", width = 40, bus = 0.002, fifo = 1_000_000}},
+      {{name = "noisy", width = 36, leak = 20, hot_pixels = 0.05, hot_pixel_rate = 500}},
+      {{name = "apart", width = 34, threshold_off = 0.4}},
+    ]
     illuminance_lux = [inf, 100]
     speeds_m_s = [0.5]
     photoreceptors = ["two_pole", "v2e"]
@@ -287,6 +294,9 @@ def test_rows_say_what_was_asked(rows) -> None:
     m/s a factor of 2."""
     assert {(r.sensor, r.width, r.bus_mev_s) for r in rows} == {
         ("", 32, math.inf),
+        ("apart", 34, math.inf),
+        ("noisy", 36, math.inf),
+        ("late", 40, 0.002),
         ("flat", 60, 0.002),
     }
     assert {(r.cutoff_hz, r.illuminance_lux) for r in rows} == {(math.inf, 0.0), (300.0, 100.0)}
@@ -311,6 +321,37 @@ def test_what_a_bus_drops_does_not_reach_the_methods(rows) -> None:
     assert gains[0] < 0.5 * gains[1]
 
 
+def in_ideal_light(rows: list[Row], sensor: str) -> tuple[float, float, set[float]]:
+    """Return the gain of reconstruction by events, events of a pixel per second, drops."""
+    found = {r.method: r for r in rows if r.sensor == sensor and math.isinf(r.cutoff_hz)}
+    gain = found["event_integration"].value - found["no_events"].value
+    rate_hz = {r.event_rate_hz / r.width**2 for r in found.values()}
+    return gain, *rate_hz, {r.dropped for r in found.values()}
+
+
+def test_events_that_a_bus_delays_do_not_reach_the_methods_in_time(rows) -> None:
+    """Physics: a queue without end drops nothing, but 2000 events/s leave the sensor after the
+    window: the pixels fire as those of a sensor without a bus, and the image gains little."""
+    gain, rate_hz, drops = in_ideal_light(rows, "late")
+    free_gain, free_rate_hz, _ = in_ideal_light(rows, "")
+    assert drops == {0.0}
+    assert rate_hz == pytest.approx(free_rate_hz, rel=0.1)
+    assert 0.0 < gain < 0.2 * free_gain
+
+
+def test_a_noisy_sensor_and_one_with_two_thresholds_are_simulated_and_scored(rows) -> None:
+    """Physics: a leak of 20 Hz and 5 % of the pixels at 500 Hz add up to 45 events a second to a
+    pixel. With twice the OFF threshold a pixel that goes back and forth fires half as often or
+    less, and the image, integrated with both thresholds, still gains."""
+    free_gain, free_rate_hz, _ = in_ideal_light(rows, "")
+    gain, rate_hz, _ = in_ideal_light(rows, "noisy")
+    assert 20.0 < rate_hz - free_rate_hz < 45.0
+    assert 0.0 < gain < free_gain
+    gain, rate_hz, _ = in_ideal_light(rows, "apart")
+    assert rate_hz < 0.55 * free_rate_hz
+    assert 0.25 * free_gain < gain < free_gain
+
+
 def test_words_are_those_of_the_question(rows) -> None:
     """Promise: tables say lux, m/s and the sensor's name, not Hz and factors."""
     (scores,) = by_photoreceptor(rows)["two_pole"]
@@ -320,7 +361,7 @@ def test_words_are_those_of_the_question(rows) -> None:
     assert [speed_label("gallery", speed) for speed in scores.speeds(series)] == ["0.5 m/s"]
     (table,) = main_tables(scores)
     labels = [line_label(line, series) for line in table.blocks[0].lines]
-    assert labels[:2] == ["32 px", "flat, 60 px"]
+    assert labels[:5] == ["32 px", "apart, 34 px", "noisy, 36 px", "late, 40 px", "flat, 60 px"]
     assert all(e.paper is None for line in table.blocks[0].lines for e in line.entries)
 
 
@@ -329,7 +370,7 @@ def test_the_page_says_lux_for_every_sensor(run) -> None:
     page = page_of(run)
     assert "100 lux" in page
     assert "flat, 60 px" in page
-    assert re.search(r"share of a window's events that it lost: flat \d+", page)
+    assert re.search(r"share of a window's events that it lost: late 0\s%, flat \d+", page)
     assert 'id="bus"' not in page
     assert '"name": "flat"' in page
     with (run / "tables.csv").open() as file:
@@ -410,4 +451,4 @@ def test_sensors_of_two_shapes_are_one_job(run):
     assert sorted(file.stem for file in (run / "costs").iterdir()) == sorted(jobs)
     for one in read_timings(run / "costs", jobs):
         assert one.frames == 2 * one.rendered_frames > 0  # read for each shape
-        assert one.sensors == 2 * (1 + 2)  # ideal, and 100 lux with both photoreceptors
+        assert one.sensors == 5 * (1 + 2)  # ideal, and 100 lux with both photoreceptors
