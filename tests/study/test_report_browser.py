@@ -18,6 +18,7 @@ pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
 )
 PHONE, DESK, WALL = (390, 844), (1280, 2000), (1920, 1080)
+STORED = sorted((Path(__file__).parents[2] / "docs" / "results").glob("*/report.html"))
 OPEN_ALL = "document.querySelectorAll('details').forEach((one) => (one.open = true))"
 
 # The focused element and whether its focus is visible; null after all had the focus.
@@ -87,7 +88,7 @@ def assert_tables_fill_the_page(page: sync_api.Page, size: tuple[int, int]) -> N
     if size == PHONE:
         assert tables == boxes
         said = "getComputedStyle(document.querySelector('.matrix td'), '::before').content"
-        assert page.evaluate(said) == '"ideal, 0.9 m/s"'
+        assert ", " in page.evaluate(said)
 
 
 @pytest.mark.parametrize(
@@ -104,21 +105,41 @@ def assert_tables_fill_the_page(page: sync_api.Page, size: tuple[int, int]) -> N
 def test_it_opens_without_complaint_and_network(
     chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str
 ) -> None:
-    """Promise: no error or warning, no foreign address, nothing wider than the window, tables as
-    wide as the page, and every text has the contrast of WCAG AA, with all parts unfolded."""
+    marks = open_whole(chromium, report, size, scheme)
+    assert marks == 45
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [PHONE, DESK, WALL], ids=str)
+@pytest.mark.parametrize("stored", STORED, ids=[one.parent.name for one in STORED])
+def test_the_stored_reports_open_too(
+    chromium: sync_api.Browser, stored: Path, size: tuple[int, int]
+) -> None:
+    """Promise: so do those of whole studies, of the slider's prints and of networks."""
+    assert open_whole(chromium, stored, size, "dark" if size == DESK else "light") > 0
+
+
+def open_whole(chromium: sync_api.Browser, report: Path, size: tuple[int, int], scheme: str) -> int:
+    """Open a report with all parts unfolded, and return the number of marks in its plots.
+
+    Promise: no error or warning, no foreign address, nothing wider than the window, tables as wide
+    as the page, and every text has the contrast of WCAG AA.
+    """
     viewport = dict(zip(("width", "height"), size, strict=True))
     page = chromium.new_page(viewport=viewport, color_scheme=scheme, is_mobile=size == PHONE)
     complaints, addresses = watched(page), set()
     page.on("request", lambda request: addresses.add(request.url))
     page.goto(report.as_uri())
     page.evaluate(OPEN_ALL)
-    page.wait_for_function("document.querySelectorAll('.plots:not([hidden]) .mark').length === 45")
+    page.wait_for_selector(".plots:not([hidden]) .mark", state="attached")
     assert {url for url in addresses if not url.startswith("data:")} == {report.as_uri()}
     assert page.evaluate("document.documentElement.scrollWidth") == size[0]
     assert page.evaluate(LOW_CONTRAST) == []
     assert_tables_fill_the_page(page, size)
+    marks = page.locator(".plots:not([hidden]) .mark").count()
     page.close()
     assert complaints == []
+    return marks
 
 
 def test_tab_reaches_everything(page: sync_api.Page) -> None:

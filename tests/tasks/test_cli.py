@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tasks import provenance
 from tasks.cli.main import _ToTerminal
 
 COMMANDS = [
@@ -30,8 +31,10 @@ COMMANDS = [
 
 
 def test_version_and_lists(eres):
-    """Promise: --version, scenes and methods print to stdout."""
-    assert eres("--version")[1].startswith("eres 0.")
+    """Promise: --version, scenes and methods print to stdout; a version has commit and Mitsuba."""
+    said = eres("--version")[1]
+    assert re.fullmatch(r"eres \d+\.\d+\.\d+ \([^()]+\), Mitsuba \d+\.\d+\.\d+\n", said)
+    assert provenance.code() in said
     code, out, _ = eres("scenes")
     assert (code, "carpet" in out, "0.9 m/s" in out) == (0, True, True)
     assert "event_integration" in eres("methods")[1]
