@@ -27,7 +27,9 @@ def scores(nothing_db: float) -> Scores:
                 value = 12.0 + (gain_db if math.isinf(cutoff_hz) else -gain_db)
                 rate = speed * width**3
                 rows.append(Row("rocks", "reconstruction", "event_integration", *at, value, rate))
-                rows.append(Row("rocks", "reconstruction", "no_events", *at, nothing_db, 0.0))
+                rows.append(
+                    Row("rocks", "reconstruction", "no_events", *at, nothing_db + 1e-3 * speed, 0.0)
+                )
     return Scores(rows)
 
 
@@ -41,7 +43,8 @@ def test_the_files_are_whole_and_the_same_each_time() -> None:
 
 
 def test_the_label_of_doing_nothing_is_clear_of_marks() -> None:
-    """Below, amid and above the scores: no mark within 4 points of the label's box."""
+    """Below, amid and above the scores: no mark within 4 points of the label's box. Scores that
+    differ by less than is shown are named once."""
     for nothing_db in (8.0, 9.0, 12.0, 16.0):
         drawn = figure(tradeoff_plots(scores(nothing_db), EI, BUS_HZ))
         drawn.draw_without_rendering()

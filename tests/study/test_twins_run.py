@@ -1,5 +1,6 @@
 """docs/learned.md has the scores of the stored runs of our networks on scenes."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -7,8 +8,10 @@ import pytest
 from tasks.row import read_rows
 from tasks.study.claims.judge import judge_all
 from tasks.study.claims.training import TRAINING_CLAIMS
+from tasks.study.claims.verdict import Status
 from tasks.study.results.cells import Condition
 from tasks.study.results.metrics import Series
+from tasks.study.results.run_files import scores_of_run
 from tasks.study.results.scores import Scores
 from tasks.study.results.words import cutoff_label
 
@@ -70,3 +73,22 @@ def test_the_page_has_what_training_at_night_brings_with_each_seed() -> None:
             cells = [" / ".join(f"{gain_db(one, at):+.2f}" for one in seeds) for at in where]
             line = f"| {scene} | {cutoff_label(hz)} | {' | '.join(cells)} |\n"
             assert line.replace("-", "−") in page
+
+
+def test_the_page_has_the_verdict_on_both_seeds_together() -> None:
+    """Promise: undecided, with the leads at night and what training at night brings."""
+    page = " ".join((DOCS / "learned.md").read_text().split())
+    folders = (DOCS / "results" / run for run in ("twins", "twins_1"))
+    (scores,) = scores_of_run(*folders)["two_pole"]
+    (verdict,) = judge_all(scores, {}, TRAINING_CLAIMS[:1])
+    assert verdict.status is Status.UNDECIDED
+    for scene in verdict.ours.splitlines():
+        (lead, *_), gains = (
+            re.findall(rf"{words} ([+−].*?\]) dB", scene)
+            for words in ("lead of 1280 px", "over the twin")
+        )
+        at_night, at_100_hz, _ = gains
+        assert lead in page
+        assert at_100_hz in page
+        if scene.startswith("carpet"):
+            assert at_night in page

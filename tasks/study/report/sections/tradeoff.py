@@ -93,7 +93,8 @@ def _panel(scores: Scores, series: Series, scene: str, cutoff_hz: float, base: B
         lines.append(Line([p for at in where if (p := score_point(scores, series, at, base))]))
         idle = [scores.baseline(series, at).median for at in where]
         baselines |= {round(median, 3) for median in idle if median is not None}
-    texts = [TASKS[series.task].metric.text(score) for score in sorted(baselines)]
+    as_text = TASKS[series.task].metric.text
+    texts = list(dict.fromkeys(as_text(score) for score in sorted(baselines)))
     if len(texts) > 3:
         texts = [f"{texts[0]} to {texts[-1]}"]
     label = f"{TASKS[series.task].label(TASKS[series.task].baseline)} {', '.join(texts)}"
