@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple, Self
 from eres_render.storage.json_values import use_python_numbers
 from eres_render.storage.settings_reader import formerly
 from tasks.errors import TaskError
+from tasks.evaluation.costs import IMAGE_SCORE_S, answer_s, paths_s, share_of_1280, window_s
 from tasks.methods import check_method
 from tasks.methods.e2vid import WINDOW_US
 from tasks.methods.networks import check_kept, network
@@ -105,17 +106,6 @@ class NetworkSettings(TaskSettings):
     weights: dict[str, str] | None = None
 
 
-_E2VID_S = 6.4  # core seconds of a window at 1280 px, as measured for docs/learned.md
-_OURS_S = 2.2  # with half as many channels
-_ERAFT_S = 19.0  # of a pair of windows
-_OUR_FLOW_S = 6.1  # with a quarter of the channels
-
-
-def _share(width: int) -> float:
-    """Return a sensor's pixels over those at 1280 px; scoring time is proportional to it."""
-    return width**2 / 1280**2
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reconstruction(TaskSettings):
     """Image reconstruction, at the end of each clip's window.
@@ -133,7 +123,7 @@ class Reconstruction(TaskSettings):
     upsampling: Literal["nearest", "bilinear", "bicubic"] = "bicubic"
 
     def score_s(self, width: int) -> float:
-        return 0.01 * _share(width) * len(self.methods)
+        return IMAGE_SCORE_S * len(self.methods)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,7 +163,8 @@ class Flow(TaskSettings):
 
     def score_s(self, width: int) -> float:
         patches = self.features * (1 + self.native_patch)
-        return 0.0155 * _share(width) * len(self.methods) * patches
+        one_s = sum(answer_s("flow", method) for method in self.methods)
+        return one_s * share_of_1280(width) * patches
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -205,9 +196,8 @@ class DenseFlow(NetworkSettings):
         return {Stretches(windows_before=1): self}
 
     def score_s(self, width: int) -> float:
-        ours = sum(name.startswith("our_") for name in self.methods)
-        others = len({*self.methods} - {"zero_flow", "initial_flow"}) - ours
-        return (ours * _OUR_FLOW_S + others * _ERAFT_S) * _share(width)
+        one_s = sum(answer_s("dense_flow", method) for method in self.methods)
+        return one_s * share_of_1280(width)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,8 +245,8 @@ class Tracking(TaskSettings):
         return self.max_delay_us if estimated else 0
 
     def score_s(self, width: int) -> float:
-        us_per_event = 4.2  # at any width, as all get up to max_events
-        return 1e-6 * us_per_event * self.max_events * len(self.methods) * len(self.sigmas_mm)
+        starts = len(self.sigmas_mm)
+        return sum(paths_s(method, self.max_events, starts) for method in self.methods)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""
@@ -316,14 +306,11 @@ class Video(NetworkSettings):
         return round((self.duration_s - self.run_in_s) / self.every_s)
 
     def score_s(self, width: int) -> float:
-        scored = self.images * (1 + len(self.other_equalizations or ()))
-        seconds = 0.33 * _share(width) * len(self.methods) * scored
-        if "e2vid" in self.methods:
-            seconds += (
-                _E2VID_S * _share(width) * self.duration_s / (self.e2vid_window_s or _WINDOW_S)
-            )
-        ours = sum(name.startswith("our_") for name in self.methods)
-        return seconds + ours * _OURS_S * _share(width) * self.duration_s / _WINDOW_S
+        windows = self.duration_s / (self.e2vid_window_s or _WINDOW_S)
+        images_s = self.images * sum(answer_s("video", method) for method in self.methods)
+        further = self.images * len(self.methods) * len(self.other_equalizations or ())
+        windows_s = windows * sum(window_s(method) for method in self.methods)
+        return (images_s + windows_s + further * IMAGE_SCORE_S) * share_of_1280(width)
 
     def trial(self, methods: tuple[str, ...], window_s: float) -> Self:
         """As `TaskSettings.trial`."""

@@ -1,5 +1,6 @@
 """A study on many machines gives the same rows for any workers, even if some of them die."""
 
+import itertools
 import logging
 import os
 import pickle
@@ -38,6 +39,7 @@ from tasks.study.run import cluster as cluster_module
 from tasks.study.run import local as local_module
 from tasks.study.run import run_study
 from tasks.study.run.compute import ComputedJob
+from tasks.study.run.estimate import estimate_job
 from tasks.study.run.jobs import QueuedJob, jobs_of
 from tasks.study.run.scheduler import open_scheduler
 
@@ -223,14 +225,19 @@ def nothing_computed(job, on_progress, *, with_highlights):
 
 
 def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
-    """Promise: progress counts parts of a job here, whole jobs on workers; it is complete at the
-    end."""
+    """Promise: progress counts parts of a job here, whole jobs on workers, each job with its
+    estimated time, so that the time left follows the machine; it is complete at the end."""
     for module in (cluster_module, local_module):
         monkeypatch.setattr(module, "compute_job", nothing_computed)
     jobs = queued_jobs(scene_folder)
+    estimates = [estimate_job(queued.job) for queued in jobs]
+    ends = list(itertools.accumulate((one.core_s for one in estimates), initial=0.0))
+    halves = [start + one.frames_s / 2 for start, one in zip(ends, estimates, strict=False)]
+    order = sorted(range(len(jobs)), key=lambda k: round(estimates[k].core_s), reverse=True)
+    sums = list(itertools.accumulate((estimates[k].core_s for k in order), initial=0.0))
     for address, expected in (
-        (None, [0, 0.35, 1, 1.35, 2, 2.35, 3]),
-        (one_worker.scheduler_address, [0, 1, 2, 3]),
+        (None, [*itertools.chain.from_iterable(zip(ends, halves, strict=False)), ends[-1]]),
+        (one_worker.scheduler_address, sums),
     ):
         said = []
         with open_scheduler(address) as computing:

@@ -225,8 +225,7 @@ def _validate(problem: Problem, progress: Progress, place: torch.device, folder:
 
 def _in_words(progress: Progress, problem: Problem) -> str:
     """Describe the progress of a training in one line."""
-    rate = progress.step / progress.seconds
-    said = [f"step {progress.step}, {rate:.2f} steps/s"]
+    said = [f"step {progress.step}"]
     if progress.curve:
         row = progress.curve[-1]
         said.append(f"loss {row['loss']:.4f}")

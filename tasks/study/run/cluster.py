@@ -21,7 +21,7 @@ from tasks.evaluation.settings import check_methods
 from tasks.methods import METHOD_VERSIONS
 from tasks.study.config import STAGE_VERSIONS
 from tasks.study.run.compute import ComputedJob, compute_job
-from tasks.study.run.estimate import estimate_work
+from tasks.study.run.estimate import estimate_job
 from tasks.study.run.jobs import Job, QueuedJob
 
 if TYPE_CHECKING:
@@ -55,22 +55,25 @@ class Cluster:
         """As `Scheduler.compute`."""
         from distributed import as_completed
 
-        queued_of = {self._submit(queued): queued for queued in jobs}
-        on_progress(f"workers: {self.worker_count()}", 0, len(jobs))
-        for done, future in enumerate(as_completed(queued_of, loop=self._client.loop), start=1):
+        lengths_s = {queued.key: estimate_job(queued.job).core_s for queued in jobs}
+        queued_of = {self._submit(queued, lengths_s[queued.key]): queued for queued in jobs}
+        done_s, total_s = 0.0, sum(lengths_s.values())
+        on_progress(f"workers: {self.worker_count()}", done_s, total_s)
+        for future in as_completed(queued_of, loop=self._client.loop):
             queued = queued_of.pop(future)
             yield queued, _result(future, queued.job)
             future.release()
-            on_progress(f"workers: {self.worker_count()}", done, len(jobs))
+            done_s += lengths_s[queued.key]
+            on_progress(f"workers: {self.worker_count()}", done_s, total_s)
 
-    def _submit(self, queued: QueuedJob) -> Future:
+    def _submit(self, queued: QueuedJob, length_s: float) -> Future:
         return self._client.submit(
             _entry(),
             _order(queued),
             _versions(),
             key=f"eres-{queued.key}-{'highlights' if queued.with_highlights else 'rows'}",
             # The longest first, so that none is last.
-            priority=round(estimate_work([queued.job], cores=1).seconds),
+            priority=round(length_s),
             retries=_RETRIES,
         )
 

@@ -15,16 +15,45 @@ from itertools import pairwise
 import numpy as np
 
 from eres_render.trajectory.frame_times import plane_image_motion
+from tasks.registry import TASKS
 from tasks.study.run.frame_cache import limit_bytes
 from tasks.study.run.jobs import Job
 
-_IMAGE_MOTION_PX_S = 700  # mean at base speed, fastest part of a 1280 px image, scenes with depth
+_IMAGE_MOTION_PX_S = 900  # at base speed, where a 1280 px image of the room moves fastest
 _PARTS = 8  # of a stretch of a planar scene, over which the image motion is summed
 _DISK_BYTES_PER_PX = 2.01  # of a half-float EXR, uncompressed
-_RENDER_SAMPLES_PER_S = 330e6  # both cores together, with writing the frames
+# One core, per pixel of a frame, with writing it, and per sample; a plane has fewer edges.
+_RENDER_NS_ON_PLANE = (17, 3.4)
+_RENDER_NS_WITH_DEPTH = (70, 5.2)
 # One core, per pixel, frame, sensor and speed; with collecting. With v2e pixels differ in poles.
-_SIMULATE_NS_PER_PX = {"two_pole": 8, "one_pole": 8, "v2e": 26}
-_CORES_MEASURED_ON = 2
+_SIMULATE_NS_PER_PX = {"two_pole": 8.5, "one_pole": 8.5, "v2e": 27}
+
+
+@dataclass(frozen=True, slots=True)
+class JobEstimate:
+    """Estimated work of one job, with every frame rendered.
+
+    Parameters
+    ----------
+    frames
+        Their number.
+    frame_bytes
+        Their size.
+    frames_s
+        Core seconds while there are frames: rendering, simulating, and methods with a state.
+    samples_s
+        Core seconds after that: the other methods, and scores.
+    """
+
+    frames: int
+    frame_bytes: float
+    frames_s: float
+    samples_s: float
+
+    @property
+    def core_s(self) -> float:
+        """Core seconds of the whole job."""
+        return self.frames_s + self.samples_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,19 +100,40 @@ def estimate_work(jobs: Sequence[Job], cores: int) -> WorkEstimate:
     -------
     The estimate.
     """
-    frames = [_frames(job) for job in jobs]
-    pixels = [job.render.resolution * job.render.height_at(job.render.resolution) for job in jobs]
-    seconds = 0.0
-    for job, n, px in zip(jobs, frames, pixels, strict=True):
-        seconds += n * px * job.render.spp / _RENDER_SAMPLES_PER_S * _CORES_MEASURED_ON
-        for sensor, _, model in job.simulate.models(job.render):
-            kind = model.photoreceptor if math.isfinite(model.cutoff_hz) else "two_pole"
-            ns_per_px = _SIMULATE_NS_PER_PX[kind]
-            one_s = n * sensor.width * sensor.height * 1e-9 * ns_per_px
-            one_s += sum(task.score_s(sensor.width) for task in job.evaluate.values())
-            seconds += len(job.simulate.speeds) * one_s
-    size = sum(n * px * _DISK_BYTES_PER_PX for n, px in zip(frames, pixels, strict=True))
-    return WorkEstimate(len(jobs), sum(frames), size, seconds / cores)
+    found = [estimate_job(job) for job in jobs]
+    frames, size = sum(one.frames for one in found), sum(one.frame_bytes for one in found)
+    return WorkEstimate(len(jobs), frames, size, sum(one.core_s for one in found) / cores)
+
+
+def estimate_job(job: Job) -> JobEstimate:
+    """Estimate the work of one job.
+
+    Parameters
+    ----------
+    job
+        The job.
+
+    Returns
+    -------
+    The estimate.
+    """
+    render, frames = job.render, _frames(job)
+    px = render.resolution * render.height_at(render.resolution)
+    ns_px, ns_sample = _RENDER_NS_WITH_DEPTH if job.scene.plane is None else _RENDER_NS_ON_PLANE
+    frames_s = 1e-9 * frames * px * (ns_px + ns_sample * render.spp)
+    samples_s = 0.0
+    speeds = len(job.simulate.speeds)
+    for sensor, _, model in job.simulate.models(render):
+        kind = model.photoreceptor if math.isfinite(model.cutoff_hz) else "two_pole"
+        pixel_frames = speeds * frames * sensor.width * sensor.height
+        frames_s += 1e-9 * pixel_frames * _SIMULATE_NS_PER_PX[kind]
+        for task, settings in job.evaluate.items():
+            score_s = speeds * settings.score_s(sensor.width)
+            if TASKS[task].sample is None:  # events are pushed to its methods
+                frames_s += score_s
+            else:
+                samples_s += score_s
+    return JobEstimate(frames, frames * px * _DISK_BYTES_PER_PX, frames_s, samples_s)
 
 
 def _frames(job: Job) -> int:

@@ -10,10 +10,8 @@ from eres_render.rendering.backend import select_variant
 from tasks.provenance import environment
 from tasks.study.run.compile_ahead import compiling_ahead
 from tasks.study.run.compute import ComputedJob, compute_job
+from tasks.study.run.estimate import JobEstimate, estimate_job
 from tasks.study.run.jobs import QueuedJob
-
-# Start of each stage and its share of a job's time; only for the progress bar.
-_STAGES = {"simulating": (0.0, 0.7), "scoring": (0.7, 0.3)}
 
 
 class ThisProcess:
@@ -33,16 +31,33 @@ class ThisProcess:
     ) -> Iterator[tuple[QueuedJob, ComputedJob]]:
         """As `Scheduler.compute`."""
         tasks = [each for queued in jobs for each in queued.job.evaluate.items()]
+        estimates = [estimate_job(queued.job) for queued in jobs]
+        total_s = sum(one.core_s for one in estimates)
+        before_s = 0.0
         with compiling_ahead(tasks):
-            for k, queued in enumerate(jobs):
-
-                def on_job(stage: str, done: float, of: float, /, k: int = k) -> None:
-                    begin, share = _STAGES.get(stage, (0.0, 0.0))
-                    on_progress(
-                        f"{stage} {done:g}/{of:g}", k + begin + share * done / of, len(jobs)
-                    )
-
-                on_progress(f"loading {queued.job.scene.name}", k, len(jobs))
+            for queued, estimate in zip(jobs, estimates, strict=True):
+                on_progress(f"loading {queued.job.scene.name}", before_s, total_s)
+                on_job = _within(on_progress, estimate, before_s, total_s)
                 computed = compute_job(queued.job, on_job, with_highlights=queued.with_highlights)
+                before_s += estimate.core_s
                 yield queued, computed
-        on_progress("done", len(jobs), len(jobs))
+        on_progress("done", total_s, total_s)
+
+
+def _within(
+    on_progress: Progress, estimate: JobEstimate, before_s: float, total_s: float
+) -> Progress:
+    """Return what reports the stages of a job among all jobs."""
+    stages = {
+        "simulating": (0.0, estimate.frames_s),
+        "scoring": (estimate.frames_s, estimate.samples_s),
+    }
+    reached_s = before_s  # sensors of another shape go through the stages again
+
+    def on_job(stage: str, done: float, of: float, /) -> None:
+        nonlocal reached_s
+        begin_s, length_s = stages.get(stage, (0.0, 0.0))
+        reached_s = max(reached_s, before_s + begin_s + length_s * done / of)
+        on_progress(f"{stage} {done:g}/{of:g}", reached_s, total_s)
+
+    return on_job

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from tasks.errors import StudyError
 from tasks.evaluation.settings import check_methods
 from tasks.row import Row
 from tasks.study.config import Study, to_json
-from tasks.study.run.estimate import estimate_work
+from tasks.study.run.estimate import estimate_job, estimate_work
 from tasks.study.run.jobs import Job, QueuedJob, jobs_of, trials
 from tasks.study.run.run_folder import RunFolder
 from tasks.study.run.scheduler import Scheduler, open_scheduler
@@ -82,9 +82,12 @@ def run_study(
             new = trials(study, jobs, [work[key] for key in folder.finished])
             _try_own_methods(new, computing, on_progress)
         folder.describe(resolved)
-        counted = _counted(on_progress, len(work) - len(to_do), len(work))
+        lacking = {queued.key for queued in to_do}
+        finished = [job for key, job in work.items() if key not in lacking]
+        counted = _Counted(on_progress, finished, len(to_do))
         for queued, computed in computing.compute(to_do, counted):
             folder.keep(queued, computed)
+            counted.one_is_finished()
     return folder.finish(resolved)
 
 
@@ -149,14 +152,32 @@ def _try_own_methods(jobs: list[Job], computing: Scheduler, on_progress: Progres
         return
     _log.info("trying your own methods on one sample first")
     queued = [QueuedJob(job, job.key, False) for job in jobs]
-    for _ in computing.compute(queued, _counted(on_progress, 0, len(jobs))):
+    for _ in computing.compute(queued, _Counted(on_progress, [], len(jobs))):
         pass  # the study does not keep these scores
 
 
-def _counted(on_progress: Progress, found: int, total: int) -> Progress:
-    """Report progress among all jobs, of which `found` were done before."""
+class _Counted:
+    """Progress among all jobs of a run, of which earlier starts finished some.
 
-    def counted(stage: str, done: float, of: float, /) -> None:
-        on_progress(f"{found + int(done)}/{total} jobs: {stage}", found + done, total)
+    Parameters
+    ----------
+    on_progress
+        Called with the number of finished jobs before each text.
+    finished
+        Jobs that were done before.
+    to_do
+        Number of the others; `one_is_finished` counts them.
+    """
 
-    return counted
+    def __init__(self, on_progress: Progress, finished: Sequence[Job], to_do: int) -> None:
+        self._on_progress = on_progress
+        self._found_s = sum(estimate_job(job).core_s for job in finished)
+        self._done, self._total = len(finished), len(finished) + to_do
+
+    def one_is_finished(self) -> None:
+        """Count a job."""
+        self._done += 1
+
+    def __call__(self, stage: str, done: float, total: float, /) -> None:
+        text = f"{self._done}/{self._total} jobs: {stage}"
+        self._on_progress(text, self._found_s + done, self._found_s + total)

@@ -39,7 +39,7 @@ class Scheduler(Protocol):
         jobs
             The jobs.
         on_progress
-            Called with a text, the number of finished jobs, with fractions, and the total.
+            Called with a text, and the estimated core seconds of what is done and of all jobs.
 
         Returns
         -------
