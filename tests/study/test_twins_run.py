@@ -1,6 +1,8 @@
 """docs/learned.md has the scores of the stored runs of our networks on scenes."""
 
 import re
+import runpy
+import sys
 from pathlib import Path
 
 import pytest
@@ -73,6 +75,17 @@ def test_the_page_has_what_training_at_night_brings_with_each_seed() -> None:
             cells = [" / ".join(f"{gain_db(one, at):+.2f}" for one in seeds) for at in where]
             line = f"| {scene} | {cutoff_label(hz)} | {' | '.join(cells)} |\n"
             assert line.replace("-", "−") in page
+
+
+@pytest.mark.parametrize("run", RUNS)
+def test_the_page_has_our_networks_next_to_the_paper_s(
+    run: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Promise: what benchmarks/beside_paper.py prints about the run."""
+    script = DOCS.parent / "benchmarks" / "beside_paper.py"
+    monkeypatch.setattr(sys, "argv", [str(script), str(DOCS / "results" / run)])
+    runpy.run_path(str(script), run_name="__main__")
+    assert capsys.readouterr().out in (DOCS / "learned.md").read_text()
 
 
 def test_the_page_has_the_verdict_on_both_seeds_together() -> None:
