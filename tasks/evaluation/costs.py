@@ -44,7 +44,17 @@ def share_of_1280(width: int) -> float:
 
 
 def answer_s(task: str, method: str) -> float:
-    """Return the core seconds of one answer at 1280 px; a method of the user's own is average."""
+    """Return the time of one answer.
+
+    Parameters
+    ----------
+    task, method
+        Names as in `TASKS`; a method of the user's own takes the mean of the others.
+
+    Returns
+    -------
+    Core seconds at 1280 px.
+    """
     known = _ANSWER_S[task]
     if method in _FREE or method in _WINDOW_S:
         return 0.0
@@ -57,7 +67,21 @@ def window_s(method: str) -> float:
 
 
 def paths_s(method: str, max_events: int, starts: int) -> float:
-    """Return the core seconds of one path from each start, from up to this number of events."""
+    """Return the time of one path from each start.
+
+    Parameters
+    ----------
+    method
+        Name of a method of tracking.
+    max_events
+        Largest number of events that it gets.
+    starts
+        Number of starts, of which one is the nearest.
+
+    Returns
+    -------
+    Core seconds, at any width.
+    """
     if method in _FREE:
         return 0.0
     fixed_s, event_s = _PATH_S.get(method, _PATH_S["photometric_tracking"])
