@@ -119,7 +119,7 @@ def stills_of(out: Path, width: int, depth_m: float) -> None:
     settings = read_rig(out / "rig.toml")
     assert settings.slider is not None
     page, slider = lay_out(settings.page), strokes(settings.slider)
-    codes = draw(page, settings.page)
+    codes = draw(page, settings.page, out)
     pose, camera = true_pose(settings, settings.slider, page, depth_m), settings.camera_in(out)
     write_page(out / "page.json", page)
     write_print(out / "page.png", codes, page)

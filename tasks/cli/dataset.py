@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -103,17 +103,22 @@ def dataset(
 
     if sensor is not None and resolution is not None:
         raise TaskError("sensor, resolution: found both, expected at most one of them")
+    settled = pixel.settled()
     if resolution is not None:
         width = height = resolution
     else:
         model = find_sensor(sensor or "davis346").model
         width, height = model.width, model.height
+        if pixel.fill_factor is None:
+            settled = replace(settled, fill_factor=model.fill_factor)
     profile = NO_PROFILE if pixel.profile is None else find_profile(pixel.profile)
     if cutoffs is None:
         cutoff_hz = profile.number("cutoff")
         cutoffs = (math.inf if cutoff_hz is None else cutoff_hz,)
     if threshold is None:
         threshold = profile.number("threshold_on") or 0.2
+    elif pixel.threshold_off is None:  # as in `eres simulate`, one threshold for both
+        settled = replace(settled, threshold_off=None)
     settings = DatasetSettings(
         seed=seed,
         seconds=seconds,
@@ -122,7 +127,7 @@ def dataset(
         cutoffs_hz=cutoffs,
         threshold=threshold,
         threshold_deviation=threshold_deviation,
-        pixel=pixel.settled(),
+        pixel=settled,
         imu=imu,
         baseline_m=stereo,
         images_hz=images,

@@ -48,7 +48,7 @@ def page(rig: _RigFile, out: Path, overwrite: bool = False) -> None:
     for file in files:
         check_new(file, overwrite)
     found = lay_out(settings)
-    image = draw(found, settings)
+    image = draw(found, settings, rig.parent)
     for file in sorted({out, out.with_name(IMAGE_NAME)}):
         write_print(file, image, found)
     write_page(out.with_name(FILE_NAME), found)

@@ -13,7 +13,7 @@ from sensor.model import Photoreceptor
 from tasks.errors import TaskError
 from tasks.numerics.estimate import Estimate, bootstrap
 from tasks.recording.levels import Levels
-from tasks.recording.threshold import best_delay_us, fit_line
+from tasks.recording.threshold import best_delay_us, fit_line, misfit
 
 Float64 = NDArray[np.float64]
 
@@ -152,6 +152,8 @@ class _Fit:
         most_us = 0.5 * levels.settling_us
         start_us = min(max(start_us, _LEAST_US), most_us)
         line = fit_line(levels, start_us)
+        if not min(line.on, line.off) > 0:  # NaN as well
+            raise misfit()
         thresholds = math.log(line.on), math.log(line.off)
         at_start = self._left(np.array([start_us, 0.0, *thresholds]))
         self._scale = _HUBER * 1.4826 * float(np.median(np.abs(at_start)))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -11,6 +13,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageOps
+from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
 from eres_render.storage.exr import read_channels
 from sensor.time_units import TIME_UNITS
@@ -23,6 +27,8 @@ _KINDS = {
 # Decoders return part of the image of a truncated file, so its end is checked.
 _ENDS = {"png": b"IEND", "jpeg": b"\xff\xd9"}
 _END_BYTES = 1 << 12
+_EXTRA_SAMPLES, _BITS_PER_SAMPLE = 338, 258  # tags of TIFF
+_BIG_TIFF = b"+"
 _WHOLE = r"\d+"
 _NUMBERS = _WHOLE, r"\d+(?:\.\d+)?"
 
@@ -68,10 +74,24 @@ def _parts(file: Path, number: str = _WHOLE) -> list[str]:
 
 
 def has_transparency(file: Path) -> bool:
-    """Return whether a file is a PNG with an alpha channel, which `read_images` leaves out."""
+    """Return whether a PNG or TIFF file has an alpha channel, which `read_images` leaves out."""
+    kind = _KINDS[file.suffix.lower()]
+    if kind == "tiff":
+        return bool(_tiff_tags(file).get(_EXTRA_SAMPLES))
     with file.open("rb") as data:
         header = data.read(26)
-    return header[:8] == b"\x89PNG\r\n\x1a\n" and header[25:26] in (b"\x04", b"\x06")
+    return kind == "png" and header[25:26] in (b"\x04", b"\x06")
+
+
+def _tiff_tags(file: Path) -> ImageFileDirectory_v2:
+    """Return the tags of a TIFF file's first image; none if it is no such file."""
+    tags = ImageFileDirectory_v2()
+    with file.open("rb") as data, suppress(SyntaxError, struct.error):
+        head = data.read(8)
+        tags = ImageFileDirectory_v2(head + data.read(8) if head[2:3] == _BIG_TIFF else head)
+        data.seek(tags.next)
+        tags.load(data)
+    return tags
 
 
 def times_ns(
@@ -206,8 +226,10 @@ def _read(file: Path) -> NDArray[np.generic]:
         return _checked(file, _read_exr(file))
     data = file.read_bytes()
     end = _ENDS.get(kind, b"")
-    image = None
-    if end in data[-_END_BYTES:]:
+    image: NDArray[np.generic] | None = None
+    if kind == "tiff" and _is_straight(file):
+        image = _read_straight(file)
+    elif end in data[-_END_BYTES:]:
         # Bit depth and colors as stored, without alpha, rotated by the EXIF orientation.
         image = cv2.imdecode(
             np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR
@@ -219,6 +241,22 @@ def _read(file: Path) -> NDArray[np.generic]:
     if image.dtype not in (np.uint8, np.uint16, np.float32):
         raise TaskError(f"{file}: found {image.dtype}, expected 8 or 16 bits, or 32-bit floats")
     return _checked(file, image if image.ndim == 2 else image[..., ::-1])
+
+
+def _is_straight(file: Path) -> bool:
+    """Return whether a TIFF file has 8-bit colors and alpha, apart: OpenCV would multiply them."""
+    tags = _tiff_tags(file)
+    return tags.get(_EXTRA_SAMPLES) == (2,) and set(tags.get(_BITS_PER_SAMPLE, ())) == {8}
+
+
+def _read_straight(file: Path) -> NDArray[np.uint8] | None:
+    """Return blue, green and red as stored, or gray; None if the file is damaged."""
+    try:
+        with Image.open(file) as opened:
+            image = np.asarray(ImageOps.exif_transpose(opened))
+    except (OSError, SyntaxError):
+        return None
+    return image[..., 0] if image.shape[2] == 2 else image[..., 2::-1]
 
 
 def _read_exr(file: Path) -> NDArray[np.float32]:

@@ -59,7 +59,7 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
         shown = [
             packet.pts
             for packet in container.demux(stream)
-            if packet.size and not packet.is_discard
+            if packet.size and not packet.is_discard and _is_shown(packet, stream.codec.name)
         ]
         step = Fraction(stream.time_base) if stream.time_base else None
     if len(shown) < 2:
@@ -72,6 +72,14 @@ def times_ns(path: Path, fps: float | None) -> list[int]:
     if len(set(times)) < len(times):
         raise TaskError(f"{path}: found two frames at the same time, expected --fps")
     return [round(t * step * 10**9) for t in times]
+
+
+def _is_shown(packet: Any, codec: str) -> bool:
+    """Return whether a packet has a picture to show: VP8's reference frames may be for others.
+
+    They have a packet of their own, and bit 4 of its first byte is 0 (RFC 6386, Section 9.1).
+    """
+    return codec != "vp8" or bool(bytes(packet)[0] & 0x10)
 
 
 def read_frames(path: Path, count: int) -> Iterator[NDArray[np.generic]]:

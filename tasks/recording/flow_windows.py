@@ -9,6 +9,7 @@ around each corner of that image.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -185,9 +186,9 @@ def _check(options: FlowOptions) -> None:
     """Refuse options that are too small."""
     for name, least in (("window_ms", 1e-3), ("windows", 1), ("features", 1), ("patch_px", 3)):
         value = getattr(options, name)
-        if not value >= least:
+        if not least <= value < math.inf:
             said = name.replace("_", "-")
-            raise TaskError(f"{said}: found {value:g}, expected at least {least:g}")
+            raise TaskError(f"{said}: found {value:g}, expected a number of at least {least:g}")
     if options.search_px is not None:
         check_positive("search-px", options.search_px, TaskError)
 

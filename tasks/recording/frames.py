@@ -131,7 +131,7 @@ def open_frames(
     *,
     time_unit: str | None = None,
     exposure_us: int | None = None,
-    encoding: str = "srgb",
+    encoding: str | None = None,
 ) -> Frames:
     """Open a folder of frames.
 
@@ -145,7 +145,8 @@ def open_frames(
         Length of all exposures, for files that do not state it; without it, exposures are taken as
         instants, with a warning.
     encoding
-        Transfer function of the stored numbers, see `sensor.to_linear`.
+        Transfer function of the stored numbers, see `sensor.to_linear`; "srgb" by default, and
+        "linear" for floats.
 
     Returns
     -------
@@ -154,7 +155,8 @@ def open_frames(
     Raises
     ------
     TaskError
-        The folder has no times, a file is missing or damaged, or the times do not ascend.
+        The folder has no times, a file is missing or damaged, the times do not ascend, or floats
+        have another encoding than "linear".
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -195,7 +197,7 @@ def open_frames(
 
 
 def _checked(
-    source: Path, files: Sequence[Path], start: list[int], end: list[int], encoding: str
+    source: Path, files: Sequence[Path], start: list[int], end: list[int], encoding: str | None
 ) -> Frames:
     for k, file in enumerate(files):
         if not file.is_file():
@@ -212,7 +214,17 @@ def _checked(
             )
     if len(files) < 2:
         raise TaskError(f"{source}: found {len(files)} frames, expected two or more")
-    return Frames(tuple(files), np.array(start, np.int64), np.array(end, np.int64), encoding)
+    times_us = np.array(start, np.int64), np.array(end, np.int64)
+    return Frames(tuple(files), *times_us, _encoding(files[0], encoding))
+
+
+def _encoding(first: Path, given: str | None) -> str:
+    """Return the encoding of images like the first."""
+    if next(read_images([first])).dtype.kind != "f":
+        return given or "srgb"
+    if given not in (None, "linear"):
+        raise TaskError(f"{first}: found floats with encoding {given}, expected linear")
+    return "linear"
 
 
 def _read_list(listed: Path, time_unit: str | None) -> tuple[list[Path], list[int]]:

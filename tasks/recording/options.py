@@ -62,7 +62,7 @@ class FrameOptions:
                 self.frames,
                 time_unit=self.frames_time_unit,
                 exposure_us=self.exposure_us,
-                encoding=self.encoding or "srgb",
+                encoding=self.encoding,
             )
         for name in _FOR_FRAMES:
             if getattr(self, name) != getattr(NO_FRAMES, name):

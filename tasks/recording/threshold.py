@@ -196,6 +196,14 @@ def _solved(total: NDArray[np.float64]) -> NDArray[np.float64]:
     return solution
 
 
+def misfit() -> TaskError:
+    """Return the error of events from which no thresholds follow."""
+    return TaskError(
+        "thresholds: found changes of the light that do not fit the events, expected frames on "
+        "the clock of the events, and light that rises and falls"
+    )
+
+
 def fit_thresholds(
     levels: Levels, coarse: Levels, delay_us: float = 0.0, pole_s: float = 0.0, poles: int = 2
 ) -> FittedThresholds:
@@ -229,10 +237,7 @@ def fit_thresholds(
     found = fit_line(levels, delay_us, pole_s, poles)
     both = bootstrap(found.sums, _solved)
     if not all(one.low > 0 for one in both):
-        raise TaskError(
-            "thresholds: found changes of the light that do not fit the events, expected frames on "
-            "the clock of the events, and light that rises and falls"
-        )
+        raise misfit()
     half = fit_line(coarse, delay_us, pole_s, poles)
     C_on, C_off = (
         one.widened(_PIXELS * one.value + abs(other - one.value)).raised(found.unexplained)

@@ -113,7 +113,7 @@ def write_video(
     TaskError
         An option is out of range, or the folder exists.
     """
-    out = Path(out)
+    out = Path(out).resolve()
     check_method("video", options.method, weights, [recording.size])
     if options.method in TASKS["video"].diagnostics:
         raise TaskError(
@@ -140,9 +140,13 @@ def write_video(
             (unfinished / f"{k:06}.png").write_bytes(cv2.imencode(".png", codes)[1].tobytes())
         lines = ["# unit: us", *map(str, times_us)]
         (unfinished / TIMES).write_text("\n".join(lines) + "\n", encoding="utf-8")
-        if out.exists():
-            shutil.rmtree(out)
-        unfinished.rename(out)
+        if out.exists():  # it may be a mount point, or the folder in which a shell is
+            for file in out.iterdir():
+                file.unlink()
+            for file in sorted(unfinished.iterdir(), key=lambda file: file.name == TIMES):
+                shutil.move(file, out / file.name)
+        else:
+            unfinished.rename(out)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     return len(times_us)

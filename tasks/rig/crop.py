@@ -28,6 +28,7 @@ from sensor.formats import write_events
 from tasks.errors import RigError
 from tasks.events.overwriting import check_new
 from tasks.rig import page as page_files
+from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
 from tasks.rig.bundle import RigPose
 from tasks.rig.calibration import Calibration, StoredPose, on_page
@@ -240,7 +241,7 @@ def crop(
     ------
     RigError
         If there is no recording, one has no solution, the pages differ, two recordings have the
-        same name, or there is no common field.
+        same name, there is no common field, or a crop would be written into a recording.
     """
     if not recordings:
         raise RigError("crop: found no recording, expected at least one folder")
@@ -256,6 +257,8 @@ def crop(
     boxes = common_boxes(cameras, [one.pose.pose() for one in solved], x_m)
     folders = [out / recording.folder.resolve().name for recording in recordings]
     for folder in folders:
+        if (folder / rig_files.FILE_NAME).exists():
+            raise RigError(f"{folder}: found a recording, expected another --out for its crop")
         check_new(folder / FILE_NAME, overwrite)
     for k, recording in enumerate(recordings):
         solution, box, folder = solved[k], boxes[k], folders[k]

@@ -16,6 +16,7 @@ from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.errors import RigError
 from tasks.methods.high_pass_filter import HighPassFilter
+from tasks.recording.threshold import Thresholds
 from tasks.rig.markers import Detections, Refinement, Source, detector, gray_codes
 from tasks.rig.page import linear
 from tasks.rig.recording import Recording
@@ -141,26 +142,28 @@ def _frames(recording: Recording, images: int, max_speed_mps: float) -> Pictures
 
 
 class _Integration:
-    """Event integration: a first frame in log light, plus C for each event since.
+    """Event integration: a first frame in log light, plus C of its polarity for each event since.
 
     After an event the light goes on in its direction, by C / 2 on average before the next one: that
     is added too, or edges would be late by the time in which they change the light by C / 2.
     """
 
-    def __init__(self, log_frame: Float64, from_us: int, contrast_threshold: float) -> None:
-        self._log_image, self._from_us, self._C = log_frame.copy(), from_us, contrast_threshold
-        self._last = np.zeros(log_frame.shape)  # polarity of each pixel's last event
+    def __init__(self, log_frame: Float64, from_us: int, thresholds: Thresholds) -> None:
+        self._log_image, self._from_us, self._C = log_frame.copy(), from_us, thresholds
+        self._last = np.zeros(log_frame.shape)  # change of each pixel's light in its last event
 
     def push(self, events: Events) -> None:
         later = events[int(np.searchsorted(events.t_us, self._from_us)) :]
         if len(later):
-            self._log_image += self._C * later.polarity_sum()
+            changes = np.where(later.p > 0, self._C.on, -self._C.off)
             pixel = later.y.astype(np.int64) * later.width + later.x
+            sums = np.bincount(pixel, changes, minlength=self._log_image.size)
+            self._log_image += sums.reshape(self._log_image.shape)
             seen, from_end = np.unique(pixel[::-1], return_index=True)
-            self._last.ravel()[seen] = later.p[::-1][from_end]
+            self._last.ravel()[seen] = changes[::-1][from_end]
 
     def image(self, t_us: int) -> Float64:
-        return self._log_image + 0.5 * self._C * self._last
+        return self._log_image + 0.5 * self._last
 
 
 def _from_events(
@@ -177,22 +180,28 @@ def _from_events(
         method = HighPassFilter(camera.width, camera.height, _ANY_THRESHOLD)
     else:
         _need_frames(recording)
-        model = recording.header.model
-        if contrast_threshold is None and model is not None:
-            contrast_threshold = model.contrast_threshold
-        if contrast_threshold is None:
-            raise RigError(
-                f"{recording.events_file}: found no contrast threshold, expected --threshold C"
-            )
+        thresholds = _thresholds(recording, contrast_threshold)
         frame = recording.frames[0]
         light = linear(frame.codes(camera))
-        method = _Integration(np.log(light + _DARK), frame.t_us, contrast_threshold)
+        method = _Integration(np.log(light + _DARK), frame.t_us, thresholds)
     first_us, last_us = _span(recording)
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())
     for part in recording.events():
         yield from taker.push(part)
     yield from taker.finish()
+
+
+def _thresholds(recording: Recording, given: float | None) -> Thresholds:
+    """Return the given threshold for both polarities, or those of the file's sensor."""
+    if given is not None:
+        return Thresholds(given, given)
+    model = recording.header.model
+    if model is None:
+        raise RigError(
+            f"{recording.events_file}: found no contrast threshold, expected --threshold C"
+        )
+    return Thresholds(model.contrast_threshold, model.off_threshold)
 
 
 def _span(recording: Recording) -> tuple[float, float]:

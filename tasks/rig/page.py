@@ -171,7 +171,7 @@ def _places_between(low: int, high: int, side: int, pitch: int) -> NDArray[np.in
     return start + pitch * np.arange(count)
 
 
-def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
+def draw(page: Page, settings: PageSettings, folder: Path) -> NDArray[np.uint8]:
     """Draw a page as it is sent to the printer.
 
     Parameters
@@ -180,6 +180,8 @@ def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
         Its layout.
     settings
         Its picture.
+    folder
+        Folder of rig.toml, to which the path of an image file is relative.
 
     Returns
     -------
@@ -193,7 +195,8 @@ def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
     """
     image = np.ones((_dots(page.height_m, page.dot_m), _dots(page.width_m, page.dot_m)), np.float32)
     left, top, right, bottom = (_dots(edge, page.dot_m) for edge in page.picture_m)
-    image[top:bottom, left:right] = _picture(settings, (bottom - top, right - left), page.dot_m)
+    shape = bottom - top, right - left
+    image[top:bottom, left:right] = _picture(settings, folder, shape, page.dot_m)
     side = _dots(page.marker_m, page.dot_m)
     dictionary = markers(page.dictionary)
     for number, place in enumerate(page.markers_m):
@@ -203,18 +206,21 @@ def draw(page: Page, settings: PageSettings) -> NDArray[np.uint8]:
     return np.round(255 * to_srgb(image)).astype(np.uint8)
 
 
-def _picture(settings: PageSettings, shape: tuple[int, int], dot_m: float) -> NDArray[np.float32]:
+def _picture(
+    settings: PageSettings, folder: Path, shape: tuple[int, int], dot_m: float
+) -> NDArray[np.float32]:
     """Return a linear picture that is 1 at its 99.9th percentile and above."""
     if settings.picture in PICTURES:
         kind, magnification = PICTURES[settings.picture]
         recipe = TextureRecipe(kind, shape[1], magnification * dot_m, settings.seed, shape[0])
         light = recipe.make()
     else:
-        codes = cv2.imread(settings.picture, cv2.IMREAD_GRAYSCALE)
+        file = folder / settings.picture
+        codes = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
         if codes is None:
             raise RigError(
-                f"picture: found {settings.picture!r}, expected an image file or one of "
-                f"{', '.join(PICTURES)}"
+                f"{folder}: picture: found no image {settings.picture!r} beside rig.toml, expected "
+                f"one, or {', '.join(PICTURES)}"
             )
         light = cv2.resize(
             linear(np.asarray(codes, np.uint8)), shape[::-1], interpolation=cv2.INTER_AREA

@@ -26,7 +26,8 @@ class PageSettings:
     width_m, height_m
         Size of the page, m.
     picture
-        A procedural picture (`tasks.rig.page.PICTURES`), or the path of an image file.
+        A procedural picture (`tasks.rig.page.PICTURES`), or the path of an image file,
+        relative to the folder of rig.toml.
     picture_width_m, picture_height_m
         Size of the picture in the middle of the page, m.
     marker_m

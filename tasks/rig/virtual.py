@@ -147,14 +147,16 @@ def render_rig(
     check_positive("depth", depth_m, RigError, "a positive number of meters")
     frame_camera.check()
     page = lay_out(settings.page)
-    codes = draw(page, settings.page)
+    codes = draw(page, settings.page, rig_file.parent)
     slider = strokes(settings.slider)
     pose = true_pose(settings, settings.slider, page, depth_m)
     camera = settings.camera_in(rig_file.parent)
     _check_same(out, page, slider, pose)
     write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
     if settings.camera_file is not None:
-        write_camera(out / settings.camera_file, camera)
+        copy = out / settings.camera_file
+        if copy.resolve() != (rig_file.parent / settings.camera_file).resolve():
+            write_camera(copy, camera)
     page_files.write_print(out / page_files.IMAGE_NAME, codes, page)
     _write_facts(out, page, slider, pose)
     write_page_scene(out / "scene", page, codes, camera, slider, pose)

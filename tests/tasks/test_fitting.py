@@ -307,6 +307,14 @@ def test_events_before_their_light_are_refused():
         fit_motion(*known(late, 1e-2))
 
 
+def test_motion_of_events_that_do_not_fit_is_refused():
+    """Promise: inverted polarity is an error in one line."""
+    events = moving(0.2, 0.2, 1e-2)
+    wrong = Events(events.t_us, events.x, events.y, -events.p, WIDTH, HEIGHT)
+    with pytest.raises(TaskError, match="found changes of the light that do not fit the events"):
+        fit_motion(*known(wrong, 1e-2))
+
+
 def flashes(cutoff_hz, latency_s, photoreceptor="two_pole", steps=8):
     """Return the events of a flashing light, and the times of its rises in us."""
     half_s = 1.6 / cutoff_hz

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
 
 from eres_render.storage.exr import write_luminance
 from sensor import SensorModel, simulate, to_linear
@@ -116,6 +117,24 @@ def test_gray_and_transparent_images_have_the_same_light(tmp_path):
         np.testing.assert_allclose(
             list(open_footage(folder, fps=1)), to_linear(gray, "srgb"), rtol=1e-6
         )
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
+def test_colors_of_a_tiff_are_those_beside_its_alpha(tmp_path, caplog, mode):
+    """Promise: as in PNG, hidden pixels count as they are stored, and that is said; a file that
+    ends early is refused by name."""
+    gray = pictures(2)[..., 0]
+    for k, one in enumerate(gray):
+        alpha = np.where(np.arange(one.shape[1]) % 2, 128, 0) * np.ones_like(one)
+        bands = [one] * (len(mode) - 1) + [alpha.astype(np.uint8)]
+        Image.merge(mode, [Image.fromarray(band) for band in bands]).save(tmp_path / f"{k}.tif")
+    footage = open_footage(tmp_path, fps=1)
+    np.testing.assert_allclose(list(footage), to_linear(gray, "srgb"), rtol=1e-6)
+    assert "transparency is left out" in caplog.text
+    file = tmp_path / "1.tif"
+    file.write_bytes(file.read_bytes()[:600])
+    with pytest.raises(TaskError, match=r"1.tif: found 600 bytes that are not a complete TIFF"):
+        list(footage)
 
 
 def test_floats_are_linear(tmp_path):
@@ -335,6 +354,25 @@ def test_videos_are_checked(tmp_path):
         open_footage(video, time_unit="s")
     video.write_bytes(video.read_bytes()[: video.stat().st_size // 2])
     assert 2 <= len(list(open_footage(video))) < 20  # Matroska can be read up to where it ends
+
+
+def test_reference_frames_of_vp8_are_no_images(tmp_path):
+    """Promise: packets that show no picture, as two-pass encoders write them, are not counted."""
+    planes = np.random.default_rng(0).integers(0, 255, (96, 64), np.uint8)[None].repeat(9, 0)
+    whole = write_video(tmp_path / "a.webm", planes, codec="libvpx", pixels="yuv420p")
+    hidden = tmp_path / "b.webm"
+    with av.open(str(whole)) as read, av.open(str(hidden), "w") as write:
+        stream = write.add_stream_from_template(read.streams.video[0])
+        for k, packet in enumerate(one for one in read.demux(video=0) if one.size):
+            data = bytearray(bytes(packet))
+            data[0] &= 0xFF if k != 4 else ~0x10  # show_frame
+            copy = av.Packet(bytes(data))
+            copy.pts, copy.dts, copy.time_base = packet.pts, packet.dts, packet.time_base
+            copy.is_keyframe, copy.stream = packet.is_keyframe, stream
+            write.mux(copy)
+    assert len(list(open_footage(whole))) == 9
+    footage = open_footage(hidden)
+    assert len(list(footage)) == len(footage) == 8
 
 
 def waves(t_px, size=96):

@@ -23,7 +23,7 @@ from tasks.errors import TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.imu_options import ImuOptions
 from tasks.events.sensor_options import PixelOptions
-from tasks.generation import sequence
+from tasks.generation import dataset, sequence
 from tasks.generation.cluster import _complete
 from tasks.generation.dataset import make_dataset
 from tasks.generation.estimate import estimate
@@ -256,6 +256,30 @@ def test_thresholds_stay_near_their_mean():
         DatasetSettings(
             seed=0, seconds=1, width=4, height=4, pixel=PixelOptions(cutoff_follows_light=True)
         ).models(0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "fields"),
+    [
+        ([], {"threshold": 0.2, "off": None, "fill": 0.22}),
+        (["--fill-factor", 0.5], {"fill": 0.5}),
+        (["--resolution", 16], {"fill": 1.0}),
+        (["--profile", "davis240", "--threshold", 0.5], {"threshold": 0.5, "off": None}),
+        (["--threshold", 0.5, "--threshold-off", 0.4], {"threshold": 0.5, "off": 0.4}),
+    ],
+)
+def test_a_dataset_has_the_sensor_of_eres_simulate(tmp_path, eres, monkeypatch, options, fields):
+    """Promise: the camera's fill factor; one threshold for both polarities where one is given."""
+    asked = []
+    monkeypatch.setattr(dataset, "make_dataset", lambda settings, *_: asked.append(settings) or [])
+    assert eres("dataset", tmp_path / "out", "--threshold-deviation", 0, *options)[0] == 0
+    model = asked[0].models(0, 1.0)["inf"]
+    found = {
+        "threshold": model.contrast_threshold,
+        "off": model.contrast_threshold_off,
+        "fill": model.fill_factor,
+    }
+    assert {name: found[name] for name in fields} == fields
 
 
 @pytest.mark.filterwarnings("default:Creating scratch directories")

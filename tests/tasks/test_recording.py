@@ -403,13 +403,28 @@ def short(made, folder):
     return ["--window-ms", 500], "expected at least a window of 500 ms"
 
 
+def endless(made, folder):
+    return ["--window-ms", "inf"], "window-ms: found inf, expected a number of at least 0.001"
+
+
+def coded_floats(made, folder):
+    frames = made.write_frames(folder / "frames")
+    for file in frames.glob("*.png"):
+        light = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE).astype(np.float32) / 255
+        cv2.imwrite(str(file.with_suffix(".tiff")), light)
+    table = frames / "frames.csv"
+    table.write_text(table.read_text().replace(".png", ".tiff"))
+    assert open_frames(frames).encoding == "linear"
+    return ["--frames", frames, "--encoding", "rec709"], "found floats with encoding rec709"
+
+
 def needs_an_image(made, folder):
     return ["--method", "photometric_flow"], "needs the image at the start of each window"
 
 
 BAD = (wrong_size, other_clock, no_times, no_unit, ends_before_it_starts, missing_file)
 BAD += (time_beyond_any_clock, exposure_in_an_exposure)
-BAD += (both_shifts, frames_forgotten, short, needs_an_image)
+BAD += (both_shifts, frames_forgotten, short, endless, coded_floats, needs_an_image)
 
 
 @pytest.mark.parametrize("bad", BAD, ids=lambda one: one.__name__)
@@ -492,6 +507,23 @@ def test_images_of_events_with_their_times(made, tmp_path, eres):
     assert (code, "add --overwrite" in err) == (1, True)
     code, _, _ = eres("video", made.events_file, "--out", out, "--fps", 50, "--overwrite")
     assert (code, len(list(out.glob("*.png"))) < len(files)) == (0, True)
+
+
+def test_images_go_into_the_folder_that_is_there(made, tmp_path, eres, monkeypatch):
+    """Promise: the folder may be the working directory, or a link, and stays the same folder."""
+    real = tmp_path / "real"
+    real.mkdir()
+    (tmp_path / "link").symlink_to(real)
+    monkeypatch.chdir(real)
+    folder = real.stat().st_ino
+    for out, options in ((".", ["--fps", 50]), (tmp_path / "link", ["--fps", 100, "--overwrite"])):
+        code, said, err = eres("video", made.events_file, "--out", out, *options)
+        assert (code, err) == (0, ""), err
+        count = int(re.search(r"(\d+) images", said)[1])
+        assert len(list(real.glob("*.png"))) == count
+        assert len((real / "timestamps.txt").read_text().splitlines()) == count + 1
+    assert real.stat().st_ino == folder
+    assert {one.name for one in tmp_path.iterdir()} == {"real", "link"}
 
 
 def test_images_are_those_of_the_filter(made, recording, tmp_path, eres):

@@ -1,5 +1,8 @@
 """The page: markers are where page.json says, at the printed size."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -39,7 +42,7 @@ def page():
 
 @pytest.fixture(scope="module")
 def image(page):
-    return draw(page, SMALL)
+    return draw(page, SMALL, Path())
 
 
 def test_every_marker_is_where_the_file_says(page, image):
@@ -53,6 +56,18 @@ def test_every_marker_is_where_the_file_says(page, image):
         dots = page.corners(number) / page.dot_m
         inner = dots + 0.5 * np.sign(dots.mean(axis=0) - dots) - 0.5
         assert np.abs(quad[0] - inner).max() < 1.01
+
+
+def test_a_picture_of_one_s_own_is_beside_the_rig(page, tmp_path, monkeypatch):
+    """Promise: rig.toml means the same from every working directory."""
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((30, 50), 128, np.uint8))
+    own = replace(SMALL, picture="photo.png")
+    left, top, right, bottom = (round(edge / page.dot_m) for edge in page.picture_m)
+    inside = draw(page, own, tmp_path)[top:bottom, left:right]
+    assert inside.min() == inside.max() == 255  # white is its brightest
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RigError, match=r"found no image 'photo.png' beside rig.toml"):
+        draw(page, own, tmp_path / "rig")
 
 
 def test_layout_is_in_whole_dots_apart_from_each_other_and_the_picture(page):
@@ -105,7 +120,7 @@ def test_an_image_file_can_be_the_picture(tmp_path):
         marker_m=0.01,
     )
     page = lay_out(settings)
-    light = reflectance(draw(page, settings))
+    light = reflectance(draw(page, settings, Path()))
     left, top, right, bottom = (round(edge / page.dot_m) for edge in page.picture_m)
     row = light[(top + bottom) // 2, left:right]
     assert np.all(np.diff(row) >= -1e-6)

@@ -11,15 +11,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eres_render import open_sequence
+from eres_render import Camera, open_sequence
+from eres_render.calibration import write_camera
 from eres_render.trajectory.tum import read_tum
-from sensor import SensorModel
+from sensor import Events, SensorModel
 from sensor.formats import load_events, write_events
 from sensor.profiles import read_profile
 from tasks.cli import main
 from tasks.errors import RigError, TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
+from tasks.recording.threshold import Thresholds
+from tasks.rig import virtual
 from tasks.rig.bundle import Unknowns
 from tasks.rig.calibration import (
     compare,
@@ -29,7 +32,7 @@ from tasks.rig.calibration import (
     write_calibration,
 )
 from tasks.rig.crop import common_boxes, crop, homography, read_crop
-from tasks.rig.detect import detect
+from tasks.rig.detect import _Integration, detect
 from tasks.rig.evaluate import RigEvaluation, evaluate_rig
 from tasks.rig.markers import Detections
 from tasks.rig.recording import open_recording
@@ -234,6 +237,49 @@ def test_a_crop_is_there_when_its_last_file_is(recording, frames_solved, tmp_pat
         evaluate_rig([out], RigEvaluation())
     crop([recording], calibration, out)
     assert (made / "crop.json").exists()
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_crop_never_replaces_a_recording(recording, frames_solved, tmp_path, overwrite):
+    """Promise: --out may not be the folder of the recordings."""
+    file = tmp_path / "calibration.json"
+    write_calibration(file, [frames_solved])
+    before = {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()}
+    with pytest.raises(RigError, match=r"near: found a recording, expected another --out"):
+        crop([recording], read_calibration(file), recording.folder.parent, overwrite=overwrite)
+    assert {one: one.read_bytes() for one in recording.folder.iterdir() if one.is_file()} == before
+
+
+def test_integration_knows_both_thresholds():
+    """Promise: where ON and OFF differ, light that comes back leaves the image as it was."""
+    frame, pixel = np.zeros((1, 1)), np.zeros(7, np.uint16)
+    p = np.array([1, 1, 1, -1, -1, 1, -1], np.int8)
+    events = Events(np.arange(7), pixel, pixel, p, 1, 1)
+    method = _Integration(frame, 0, Thresholds(0.2, 0.3))
+    method.push(events.between(0, 5))
+    assert method.image(5) == pytest.approx(3 * 0.2 - 2 * 0.3 - 0.15)
+    method.push(events.between(5, 7))
+    assert method.image(7) == pytest.approx(4 * 0.2 - 3 * 0.3 - 0.15)
+
+
+def test_the_rig_s_own_camera_file_stays(tmp_path, monkeypatch):
+    """Promise: `eres rig render --out .` does not write over the camera file of rig.toml; another
+    folder gets a copy."""
+    text = RIG[RIG.index("[page]") :]
+    (tmp_path / "rig.toml").write_text(f'camera_file = "lens.yaml"\n{text}')
+    file = tmp_path / "lens.yaml"
+    write_camera(file, Camera(200, 150, fx=260.0, fy=260.0, cx=104.0, cy=71.0))
+    file.write_text(file.read_text() + "# measured on Tuesday\n")
+
+    def stop(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(virtual, "render_scene", stop)
+    for out in (tmp_path, tmp_path / "far"):
+        with pytest.raises(KeyboardInterrupt):
+            render_rig(tmp_path / "rig.toml", out, DEPTH_M, frame_camera=FrameCameraOptions())
+        assert (out / "lens.yaml").exists()
+    assert "# measured on Tuesday" in file.read_text()
 
 
 def test_rows_are_asked_for(recording, frames_solved, tmp_path):
