@@ -6,6 +6,7 @@ import importlib
 import inspect
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -193,11 +194,24 @@ def source_file(task: str, name: str) -> str | None:
     return getattr(module, "__file__", None)
 
 
+def _files_of(own: str) -> list[Path]:
+    """Return the file of the module that a user's method is named by, and that of its code."""
+    named, _, function = own.partition(":")
+    module = import_own(named)
+    method = getattr(module, function, None)
+    found = []
+    for part in (module, inspect.unwrap(method) if callable(method) else module):
+        with suppress(TypeError):  # has no source
+            found.append(inspect.getsourcefile(part))
+    return [Path(file) for file in dict.fromkeys(found) if file]
+
+
 def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> dict[str, str]:
     """Identify the code of methods, and the weights of their networks, to detect changes.
 
     Our methods have a number in `METHOD_VERSIONS` (1 by default); a user's method is identified by
-    the SHA-256 of its file, and so are weights.
+    the SHA-256 of the file that its name gives, and of the one that defines it if that is another;
+    weights by theirs.
 
     Parameters
     ----------
@@ -213,8 +227,7 @@ def code_of(names: Iterable[str], weights: Mapping[str, str] | None = None) -> d
     found = {}
     for name in names:
         if ":" in name:
-            file = inspect.getsourcefile(import_own(name.partition(":")[0]))
-            found[name] = sha256(Path(file)) if file else ""
+            found[name] = " ".join(sha256(file) for file in _files_of(name))
         elif name in METHOD_VERSIONS:
             found[name] = str(METHOD_VERSIONS[name])
         if file := weights_of(name, weights):

@@ -84,6 +84,24 @@ def digest_of(file: str) -> str:
     return _digest(*_version(file))
 
 
+def digests(weights: Mapping[str, str] | None, names: Iterable[str]) -> dict[str, str]:
+    """Return the SHA-256 of methods' files of weights, as they are now.
+
+    Parameters
+    ----------
+    weights
+        Files of weights by the names of methods.
+    names
+        Names of methods; those without weights are left out.
+
+    Returns
+    -------
+    Hexadecimal digits by the file.
+    """
+    files = (weights_of(name, weights) for name in names)
+    return {file: digest_of(file) for file in files if file}
+
+
 def named_weights(given: Sequence[str], methods: Iterable[str]) -> dict[str, str]:
     """Return the file of weights of each method, from NAME=FILE or a bare FILE.
 

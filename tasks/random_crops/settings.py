@@ -10,6 +10,9 @@ from eres_render.errors import check_positive
 from tasks.errors import TaskError
 
 Light = Literal["ideal", "all"]
+
+MOST_SIDE_PX = 1024
+"""Largest side of a crop."""
 """Whether pixels are ideal in all crops ("ideal"), or each crop draws its cutoff ("all")."""
 
 
@@ -56,8 +59,8 @@ class Crops:
     max_displacement_px: float = 1.0
 
     def __post_init__(self) -> None:
-        if not 16 <= self.side_px <= 1024:
-            raise TaskError(f"side_px: found {self.side_px}, expected 16 to 1024")
+        if not 16 <= self.side_px <= MOST_SIDE_PX:
+            raise TaskError(f"side_px: found {self.side_px}, expected 16 to {MOST_SIDE_PX}")
         if not 0 <= self.ideal_share <= 1:
             raise TaskError(f"ideal_share: found {self.ideal_share}, expected 0 to 1")
         for name in ("window_ms", "max_displacement_px"):

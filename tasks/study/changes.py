@@ -11,7 +11,8 @@ from tasks.errors import StudyError, WeightsError
 from tasks.evaluation.settings import Evaluate, NetworkSettings
 from tasks.methods import task_of
 from tasks.registry import TASKS
-from tasks.study.settings import Study
+from tasks.study.sensors import StudySensor
+from tasks.study.settings import Render, Study
 
 
 def with_scenes(study: Study, scenes: Sequence[str], trajectory: str | Path | None = None) -> Study:
@@ -65,10 +66,11 @@ def with_resolution(study: Study, resolution: int) -> Study:
     """
     render, simulate = study.render, study.simulate
     height = None if render.height is None else render.height_at(resolution)
+    render = replace(render, resolution=resolution, height=height)
     kept = replace(
         simulate,
         widths=tuple(width for width in simulate.widths if width <= resolution),
-        sensors=tuple(s for s in simulate.sensors if max(s.width, s.height) <= resolution),
+        sensors=tuple(s for s in simulate.sensors if _is_seen(s, render)),
     )
     if not (kept.widths or kept.sensors):
         sides = [max(one.width, one.height) for one in simulate.sensors]
@@ -76,9 +78,13 @@ def with_resolution(study: Study, resolution: int) -> Study:
             f"--resolution: found {resolution} px, expected at least "
             f"{min([*simulate.widths, *sides])}, as many as the study's coarsest sensor has"
         )
-    return replace(
-        study, render=replace(render, resolution=resolution, height=height), simulate=kept
-    )
+    return replace(study, render=render, simulate=kept)
+
+
+def _is_seen(sensor: StudySensor, render: Render) -> bool:
+    """Return whether a sensor is no finer than the frames."""
+    width, height = render.seen_px(sensor.width, sensor.height)
+    return sensor.width <= width and sensor.height <= height
 
 
 def with_photoreceptors(study: Study, photoreceptors: Sequence[Photoreceptor]) -> Study:

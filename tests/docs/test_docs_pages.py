@@ -3,6 +3,7 @@
 They run from top to bottom."""
 
 import re
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,8 @@ from docs_page import follow
 from eres_render.rendering.backend import select_variant
 from sensor.formats import load_events
 from sensor.profiles import find_profile
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -82,3 +85,16 @@ def test_the_page_of_random_scenes_makes_all_that_it_shows(tmp_path):
         assert (tmp_path / found).exists()
     assert "data: 2 sequences" in said
     assert "images: 3 images" in said
+
+
+@pytest.mark.slow
+def test_the_claim_of_your_own_is_judged_on_the_stored_run(monkeypatch, capsys):
+    """Promise: the lines of docs/study.md print a verdict, our numbers, and the paper's."""
+    monkeypatch.chdir(ROOT)
+    page = (ROOT / "docs" / "study.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page[page.index("## Your own claim") :], re.DOTALL)
+    exec(compile(code, "study.md", "exec"), {})
+    status, *numbers = capsys.readouterr().out.splitlines()
+    assert status == "holds"
+    assert re.match(r"carpet: 240 over 128 px \+\d\.\d\d \[\+\d\.\d\d, \+\d\.\d\d\] dB", numbers[0])
+    assert "carpet: 240 over 128 px +1.61 dB" in numbers

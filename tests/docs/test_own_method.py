@@ -149,6 +149,11 @@ def test_code_of_own_methods_names_their_rows(tmp_path, monkeypatch):
     file.write_text("def estimate(sample): return 1\n")
     assert list(before) == ["edited_method:estimate"]
     assert code_of(["edited_method:estimate"]) != before
+    (tmp_path / "edited_package").mkdir()
+    (tmp_path / "edited_package" / "__init__.py").write_text("from edited_method import estimate\n")
+    before = code_of(["edited_package:estimate"])
+    file.write_text("def estimate(sample): return 2\n")
+    assert code_of(["edited_package:estimate"]) != before
     monkeypatch.setitem(METHOD_VERSIONS, "contrast_maximization", 2)
     assert code_of(["contrast_maximization"]) == {"contrast_maximization": "2"}
 

@@ -7,10 +7,19 @@ import numpy as np
 import pytest
 
 from eres_render import load_scene
-from sensor import cutoff_in_light
+from sensor import SensorModel, cutoff_in_light
 from tasks.errors import StudyError
-from tasks.study.config import Evaluate, Render, Simulate, Study, Tracking, to_json
+from tasks.study.config import (
+    Evaluate,
+    Render,
+    Simulate,
+    Study,
+    Tracking,
+    to_json,
+    with_resolution,
+)
 from tasks.study.run.jobs import jobs_of
+from tasks.study.sensors import StudySensor
 from tasks.study.study_file import read_study
 
 
@@ -247,3 +256,21 @@ def test_a_study_of_nothing_to_compare_is_refused(given, found, tmp_path, eres):
 def test_a_study_that_is_not_there(tmp_path):
     with pytest.raises(StudyError, match="no such file"):
         read_study(tmp_path / "none.toml")
+
+
+def test_sensors_finer_than_smaller_frames_are_left_out():
+    """Promise: --resolution keeps the sensors that see enough pixels of frames of any shape."""
+    sensors = tuple(
+        StudySensor(name=name, in_light=(SensorModel(width=width, height=height),))
+        for name, width, height in (("square", 500, 500), ("flat", 200, 100), ("low", 600, 90))
+    )
+    study = Study(
+        name="flat",
+        scenes=("room",),
+        render=Render(resolution=1280, height=640),
+        simulate=Simulate(widths=(), cutoffs_hz=(math.inf,), sensors=sensors),
+        evaluate=Evaluate(tracking=Tracking(methods=())),
+    )
+    kept = with_resolution(study, 640)
+    assert (kept.render.resolution, kept.render.height) == (640, 320)
+    assert [one.name for one in kept.simulate.sensors] == ["flat", "low"]

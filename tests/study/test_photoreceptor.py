@@ -15,7 +15,7 @@ from made_scaling import made
 from study_rows import EI, nothing_rows, paper_rows
 from tasks.errors import ResultError
 from tasks.row import Row
-from tasks.study.claims.judge import changed_verdicts, judge_readings
+from tasks.study.claims.judge import changed_verdicts, judge_all, judge_readings
 from tasks.study.claims.verdict import Status
 from tasks.study.config import Simulate, Study
 from tasks.study.results.paper import CUTOFFS_HZ, WIDTHS
@@ -150,6 +150,25 @@ def test_the_page_is_about_two_poles_and_shows_the_other_reading(tmp_path, eres)
     code, out, _ = eres("claims", run)
     assert code == 0
     assert "With v2e's single pole: " in out
+
+
+def test_a_width_that_is_no_better_than_nothing_is_not_enough(tmp_path) -> None:
+    """Promise: the section says of a condition what the matrix above says."""
+    rows = paper_rows(EI, samples=7, scenes=["carpet"])
+    rows += nothing_rows(rows, 15.0)  # better than any width at night and twice the speed
+    make_run(tmp_path, of_v2e(rows) + rows)
+    page = page_of(tmp_path)
+    section = page.partition('<section id="photoreceptor"')[2].partition("</section>")[0]
+    text = re.sub(r"<[^>]*>|\s+", " ", section)
+    assert re.search(r"day, 0.9 m/s .{0,40}enough: 1280 px", text)
+    assert re.search(r"night, 1.8 m/s .{0,40}doing nothing is as good .{0,40}enough: 1280 px", text)
+
+
+def test_claims_are_judged_on_the_rows_of_a_run() -> None:
+    """Promise: `judge_all` takes what `read_rows` returns, and judges the first reading."""
+    verdicts = judge_all(both_rows(), {})
+    of_two_poles = next(iter(by_photoreceptor(both_rows()).values()))[0]
+    assert verdicts == judge_all(of_two_poles, {})
 
 
 def test_the_order_of_readings_does_not_matter() -> None:

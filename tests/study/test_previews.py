@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,7 @@ from sensor import Events, SensorModel
 from tasks.errors import ResultError
 from tasks.study.results.asked import CutoffInLux
 from tasks.study.results.previews import FILM_PICTURES, FILM_S, Preview
+from tasks.study.run import highlights
 from tasks.study.run.pictures import (
     BRIGHTER,
     DARKER,
@@ -80,6 +82,45 @@ def test_sensors_of_all_shapes_show_the_same_part_of_the_frame() -> None:
         first = strip[:, : film.sums.shape[1], 0]
         assert np.unravel_index(first.argmax(), first.shape) == (0, 0)
         assert (first > first[-1, -1]).sum() == 1
+
+
+def test_films_are_over_whole_frames(monkeypatch) -> None:
+    """Promise: a first sensor that sees a strip leaves the background of the other films as it is;
+    scaling is measured on what it sees."""
+    whole, strip = (
+        SimpleNamespace(
+            t_s=np.linspace(0.0, 1.0, 50),
+            window_s=(0.0, 1.0),
+            frame=lambda i, shape=shape: np.ones(shape, np.float32),
+        )
+        for shape in ((64, 64), (8, 64))
+    )
+    shapes, measured = [], []
+
+    @dataclass
+    class Measured:
+        job: str = ""
+
+    def measure(sequence, *_):
+        measured.append(sequence)
+        return Measured(), None
+
+    def preview(job, frames, films):
+        shapes.extend(frame.shape for frame in frames)
+        return {}
+
+    monkeypatch.setattr(highlights, "preview_files", preview)
+    monkeypatch.setattr(highlights, "measure_scaling", measure)
+    monkeypatch.setattr(highlights, "scaling_files", lambda *_: {})
+    job = SimpleNamespace(
+        simulate=SimpleNamespace(speeds=(1.0,)),
+        render=SimpleNamespace(resolution=64, height_at=lambda width: 64),
+        key="k",
+    )
+    reference = SimpleNamespace(sequence=strip, log_white=0.0, dark_level=1e-3)
+    highlights.Highlights(job, []).result(reference, whole)
+    assert set(shapes) == {(64, 64)}
+    assert measured == [strip]
 
 
 def test_a_narrow_sensor_shows_what_it_sees() -> None:

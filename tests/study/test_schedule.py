@@ -19,6 +19,8 @@ from distributed import LocalCluster
 
 from another_process import environment
 from eres_render import load_scene
+from eres_render.errors import RenderError
+from eres_render.progress import silent
 from eres_render.storage.cache import cache_dir
 from light_scenes import small_carpet_folder, write_poses
 from small_study import only, tiny_study
@@ -246,14 +248,37 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
         assert {job.key for job, _ in computed} == {job.key for job in jobs}
 
 
-def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch):
+def test_weights_that_change_meanwhile_end_the_study(scene_folder, tmp_path, monkeypatch):
+    """Promise: scores of other weights never get the name of those that the study began with."""
+    file = tmp_path / "weights.pt"
+    file.write_bytes(b"of one training")
+    name = "our_reconstruction_all_light"
+    video = Video(methods=(name, "blank"), weights={name: str(file)}, duration_s=0.1, run_in_s=0.05)
+    study = replace(tiny_study(scene_folder, samples=1), evaluate=only(video=video))
+    work = jobs_of(study, load_scene(scene_folder))
+    jobs = [QueuedJob(job, job.key, False) for job in work]
+
+    def computed(job, on_progress, *, with_highlights):
+        file.write_bytes(b"of another training")
+        return ComputedJob([], {}, {})
+
+    monkeypatch.setattr(local_module, "compute_job", computed)
+    with pytest.raises(StudyError, match=r"weights.pt: changed while the study ran"):
+        list(local_module.ThisProcess().compute(jobs, silent))
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_what_may_pass_is_tried_again(one_worker, scene_folder, tmp_path, monkeypatch, wrapped):
     """Promise: an error of the system costs a job two retries, then the run ends and names the
-    job."""
+    job; so does the error of a file that cannot be written."""
     tries = []
 
     def failing(job, on_progress, *, with_highlights):
         tries.append(job)
-        raise OSError(28, "No space left on device", "/cache/frames")
+        full = OSError(28, "No space left on device", "/cache/frames")
+        if wrapped:
+            raise RenderError("/cache/frames: cannot be written: No space left on device") from full
+        raise full
 
     monkeypatch.setattr(cluster_module, "compute_job", failing)
     study = tiny_study(scene_folder, samples=1)

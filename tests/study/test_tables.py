@@ -22,7 +22,7 @@ from tasks.study.results.cells import Condition
 from tasks.study.results.comparison import comparison_table, main_tables
 from tasks.study.results.metrics import Series
 from tasks.study.results.run_files import scores_of_run
-from tasks.study.results.scores import Scores
+from tasks.study.results.scores import Scores, base_speed
 from tasks.study.results.words import PACKAGED, BaseSpeeds
 
 
@@ -151,6 +151,22 @@ def test_the_paper_is_shown_only_next_to_its_own_sensors(change: dict, shown: bo
     assert ("paper" in terminal_text(rows)) is shown
     assert ('class="paper"' in comparison_html(table)) is shown
     assert table.footnote.startswith("paper: its Table 6" if shown else "bold: best of")
+
+
+def test_the_paper_is_shown_only_next_to_sensors_without_a_bus() -> None:
+    """Promise: methods that get what a bus leaves are not those of the paper."""
+    rows = [replace(row, bus_mev_s=1.0, dropped=0.99) for row in grid()]
+    assert not Scores(rows).asks_as_paper
+    assert [column.head for column in comparison_table(Scores(rows), EI).columns] == ["ours", "M/s"]
+
+
+def test_flow_at_a_factor_follows_speeds_in_m_per_s() -> None:
+    """Promise: the base speed is the lowest in m/s, also with flow at a factor."""
+    asked = [replace(row, speed_m_s=15.0) for row in grid()]
+    asked += [replace(row, speed=2.0, speed_m_s=30.0) for row in grid()]
+    scores = Scores([*asked, *(replace(row, speed=10.0) for row in grid())])
+    assert [float(speed) for speed in scores.speeds(EI)] == [15.0, 30.0, 10.0]
+    assert float(base_speed(scores, EI)) == 15.0
 
 
 @pytest.mark.parametrize("height", [1280, 720, None])

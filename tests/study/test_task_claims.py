@@ -15,7 +15,7 @@ from tasks.study.results.bootstrap import DRAWS, resampled_medians
 from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import estimate
 from tasks.study.results.metrics import Series
-from tasks.study.results.perturbation import judged_series, shown_series
+from tasks.study.results.perturbation import ideal_success, judged_series, shown_series
 from tasks.study.results.scores import Scores
 
 SERIES = {10: HF, 12: EPF, 13: EPF, 14: EPF, 15: CM, 16: CM, 18: EPPT, 19: EPPT, 20: EPPT}
@@ -196,6 +196,16 @@ def test_tracking_is_judged_at_the_largest_perturbation_that_converges() -> None
     note = verdict(18, rows).note
     assert "sigma 10 mm" in note
     assert "at the median width (100\u202f%)" in note
+
+
+def test_trials_without_a_number_are_missing() -> None:
+    """Promise: widths with such trials do not decide; where all are so, nothing is measured."""
+    rows = swept({"sigma 5 mm": lambda r: False})
+    some = [replace(r, value=math.nan) if r.width < 500 and r.sample == 0 else r for r in rows]
+    assert ideal_success(Scores(some), EPPT._replace(variant="sigma 5 mm")) == 1.0
+    none = [replace(row, value=math.nan) for row in rows]
+    assert ideal_success(Scores(none), EPPT._replace(variant="sigma 5 mm")) is None
+    assert verdict(18, none).status is Status.NOT_MEASURED
 
 
 def test_no_perturbation_that_converges_measures_nothing() -> None:

@@ -439,7 +439,7 @@ def test_settings_are_names_or_files(tmp_path):
         ("base_channels = 1", "base_channels: found 1, expected at least 2"),
         ("windows = 0", "windows: found 0, expected a positive number"),
         ("windows_at_once = 5", "windows_at_once: found 5, expected a divisor of 12"),
-        ("ranked_px = 320", "found 320, expected at least crops.side_px, 80, and at most twice"),
+        ("ranked_px = 320", "found 320, expected at least crops.side_px, 80, and at most 160"),
         ("tiles = 3", "tiles: found 3, expected a divisor of crops.side_px, 80"),
         ("[crops]\nside_px = 60", "side_px: found 60, expected a multiple of 8"),
         ("[crops]\ncutoff_hz = [50.0]", "cutoff_hz"),

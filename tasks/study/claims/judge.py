@@ -21,7 +21,7 @@ from tasks.study.claims.tracking import TRACKING_CLAIMS
 from tasks.study.claims.training import TRAINING_CLAIMS
 from tasks.study.claims.verdict import Status, Verdict
 from tasks.study.results.scaling import Scaling
-from tasks.study.results.scores import Scores
+from tasks.study.results.scores import Scores, by_photoreceptor
 from tasks.study.results.slider import PRINTS
 
 CLAIMS: tuple[Claim, ...] = (
@@ -119,7 +119,8 @@ def judge_all(
     Parameters
     ----------
     rows
-        The rows of a run, or its scores.
+        The rows of a run, of which those of its first photoreceptor and contrast threshold count;
+        or scores.
     scaling
         The run's scaling statistics by scene; claims 1 and 2 are not measured without them.
     claims
@@ -135,6 +136,6 @@ def judge_all(
     ResultError
         As `Scores` raises it.
     """
-    scores = rows if isinstance(rows, Scores) else Scores(rows)
+    scores = rows if isinstance(rows, Scores) else next(iter(by_photoreceptor(rows).values()))[0]
     found = [claim.judge(scores, scaling) for claim in claims]
     return sorted(found, key=lambda verdict: verdict.number)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from tasks.metric import Metric
 from tasks.registry import TASKS
+from tasks.study.results.asked import MetersPerSecond
 from tasks.study.results.bandwidth import capacities_hz
 from tasks.study.results.cells import Cell, Condition
 from tasks.study.results.intervals import MIN_SAMPLES_FOR_INTERVAL, estimate
@@ -199,6 +200,8 @@ def answered(choices: Choices) -> list[tuple[float, float]]:
         for scene in dict.fromkeys(scene for scene, _, _ in choices)
     ]
     common = set.intersection(*conditions) or set.union(*conditions)
+    # A study in m/s may have flow at a factor as well, which is faster.
+    common = {one for one in common if isinstance(one[1], MetersPerSecond)} or common
     slowest = min(speed for _, speed in common)
     lights = sorted((one for one in common if one[1] == slowest), reverse=True)
     return list(dict.fromkeys([*lights, min(common, key=lambda one: (one[0], -one[1]))]))

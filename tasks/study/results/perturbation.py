@@ -61,14 +61,15 @@ def ideal_success(scores: Scores, series: Series) -> float | None:
     Returns
     -------
     float or None
-        Share between 0 and 1; None without trials.
+        Share between 0 and 1, over conditions with all trials; None without any.
     """
     failed: dict[int, list[NDArray[np.bool_]]] = {}
     conditions = scores.conditions(series)
     base = base_speed(scores, series) if conditions else None
     for where in conditions:
-        if math.isinf(where.cutoff_hz) and where.speed == base:
-            failed.setdefault(where.width, []).append(scores.cell(series, where).failed)
+        cell = scores.cell(series, where)
+        if math.isinf(where.cutoff_hz) and where.speed == base and cell.complete:
+            failed.setdefault(where.width, []).append(cell.failed)
     shares = [1 - np.concatenate(cells).mean() for cells in failed.values()]
     return float(np.median(shares)) if shares else None
 

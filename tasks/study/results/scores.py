@@ -157,7 +157,8 @@ class Scores:
     contrast_thresholds
         Contrast threshold of each sensor, by width in px; a camera may have its own.
     asks_as_paper
-        Whether all sensors and lights are the paper's. Only then are its numbers shown.
+        Whether all sensors and lights are the paper's, which has no buses. Only then are its
+        numbers shown.
     buses_hz
         Capacities of the buses that the events went through, events/s, by width in px.
     dropped
@@ -197,7 +198,8 @@ class Scores:
             self._check_sensor(row)
         self._rows = _grouped(rows)
         lights = {where.cutoff_hz for found in self._rows.values() for where in found}
-        self.asks_as_paper = square and not self.sensor_names and has_sensors(names, lights)
+        papers = not self.sensor_names and not self.buses_hz and has_sensors(names, lights)
+        self.asks_as_paper = square and papers
         self._expected = self._expected_items()
         self._cells: dict[tuple[Series, Condition], Cell] = {}
         self._baselines: dict[tuple[Series, Condition], Cell] = {}
@@ -245,7 +247,7 @@ class Scores:
         return sorted({c.cutoff_hz for c in self._rows.get(series, ())}, reverse=True)
 
     def speeds(self, series: Series, scene: str | None = None) -> list[float]:
-        """Return the speed factors of a series, ascending.
+        """Return the speeds of a series, ascending; factors follow speeds in m/s.
 
         Parameters
         ----------
@@ -257,10 +259,10 @@ class Scores:
         Returns
         -------
         list of float
-            Factors on the base speed.
+            Factors on the base speed, or `MetersPerSecond`.
         """
         found = self._rows.get(series, ())
-        return sorted({c.speed for c in found if scene is None or c.scene == scene})
+        return sorted({c.speed for c in found if scene is None or c.scene == scene}, key=_order)
 
     def conditions(self, series: Series) -> list[Condition]:
         """Return the conditions of a series, in the order of the rows."""
@@ -384,6 +386,10 @@ class Scores:
         )
 
 
+def _order(speed: float) -> tuple[bool, float]:
+    return not isinstance(speed, MetersPerSecond), speed
+
+
 def _names(rows: Iterable[Row]) -> dict[int, str]:
     """Return the name of the sensor of each width, px; each width is of one sensor."""
     names: dict[int, str] = {}
@@ -451,9 +457,8 @@ def base_speed(scores: Scores, series: Series) -> float:
         As in `Condition`.
     """
     speeds = scores.speeds(series)
-    if isinstance(speeds[0], MetersPerSecond):
-        return speeds[0]
-    return min(speeds, key=lambda speed: abs(math.log(speed)))
+    in_m_s = [speed for speed in speeds if isinstance(speed, MetersPerSecond)]
+    return min(in_m_s or speeds, key=lambda speed: speed if in_m_s else abs(math.log(speed)))
 
 
 def beats(cell: Cell, nothing: Cell, series: Series) -> bool | None:

@@ -132,6 +132,8 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
         job = _as_found_here(queued.job, queued.key)
         return compute_job(job, silent, with_highlights=queued.with_highlights)
     except (RenderError, SensorError, EventError, TaskError) as error:
+        if isinstance(error.__cause__, OSError):  # a full disk may pass
+            raise
         return f"worker {worker.address} on {socket.gethostname()}: {error}"
 
 
@@ -157,7 +159,7 @@ def _result(future: Future, job: Job) -> ComputedJob:
     named = f"{job.scene.name}, clip {job.clip.index}"
     try:
         result = outcome(future, named)
-    except OSError as error:
+    except (OSError, RenderError) as error:
         raise StudyError(f"{named}: failed {_RETRIES + 1} times on workers: {error}") from None
     if isinstance(result, str):
         raise StudyError(result)

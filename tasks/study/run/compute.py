@@ -94,7 +94,7 @@ def compute_job(job: Job, on_progress: Progress, *, with_highlights: bool) -> Co
             reference = reference or result.reference
         files[f"costs/{job.key}.json"] = timings_file(of_one_job(timings, before))
         if highlights and reference:
-            files |= highlights.result(reference)
+            files |= highlights.result(reference, sequence)
     return ComputedJob(job.with_every_reading(rows), files, environment(light.renderer.variant))
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from eres_render import RadianceSequence
 from sensor import Events
 from tasks.evaluation.reference import ReferenceFrames
 from tasks.evaluation.setting import Setting
@@ -61,9 +62,21 @@ class Highlights:
         if setting.speed == self._job.simulate.speeds[0]:
             self._films[key].add(events, setting.end_us)
 
-    def result(self, reference: ReferenceFrames) -> dict[str, bytes]:
-        """Return the files by path in the run's folder, after the last event."""
-        sequence, speed = reference.sequence, self._job.simulate.speeds[0]
+    def result(self, reference: ReferenceFrames, sequence: RadianceSequence) -> dict[str, bytes]:
+        """Return the highlights, after the last event.
+
+        Parameters
+        ----------
+        reference
+            Frames as the first sensor sees them.
+        sequence
+            The whole frames.
+
+        Returns
+        -------
+        Files by path in the run's folder.
+        """
+        speed = self._job.simulate.speeds[0]
         ago_s = FILM_S * speed * np.arange(FILM_PICTURES)[::-1] / FILM_PICTURES
         shown = np.searchsorted(sequence.t_s, sequence.window_s[1] - ago_s)
         white = np.float32(np.exp(reference.log_white))

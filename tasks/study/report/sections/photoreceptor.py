@@ -9,6 +9,7 @@ from tasks.study.claims.judge import changed_verdicts
 from tasks.study.claims.verdict import Verdict
 from tasks.study.report.finished_run import FinishedRun
 from tasks.study.report.table import Table, Text
+from tasks.study.results.choice import Choice
 from tasks.study.results.metrics import Series
 from tasks.study.results.perturbation import is_main
 from tasks.study.results.readings import Lead, leads
@@ -78,7 +79,7 @@ def _table(series: Series, found: list[Lead], heads: list[Text], base: BaseSpeed
         cells = [
             Text(MISSING)
             if one is None or choice is None
-            else Text(one.text(metric.decimals), f"enough: {choice.enough} px")
+            else Text(one.text(metric.decimals), _enough(choice))
             for one, choice in zip(lead.found.values(), lead.choices.values(), strict=True)
         ]
         paper = MISSING if lead.paper is None else metric.text(lead.paper, "+")
@@ -88,6 +89,12 @@ def _table(series: Series, found: list[Lead], heads: list[Text], base: BaseSpeed
     caption = f"{capitalized(series.title)}: lead of {fine} over {coarse} px, {metric.unit}"
     last = [Text("paper")] * with_paper
     return Table(caption, [Text(""), *heads, *last], blocks)
+
+
+def _enough(choice: Choice) -> str:
+    if not choice.worthwhile:
+        return "doing nothing is as good"
+    return f"enough: {choice.enough} px"
 
 
 def _verdicts(found: list[tuple[Verdict, ...]], heads: list[Text]) -> Table:
