@@ -22,6 +22,7 @@ compares again only then. Under load it loses contrast, not events.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
@@ -31,6 +32,8 @@ from sensor.errors import EventError
 from sensor.events import Columns, Events, concatenate
 from sensor.kernels import fifo
 from sensor.numbers import real, refusal, whole
+
+_MOST_SLOTS = 100_000_000  # of a FIFO, which is in memory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,15 +73,19 @@ class Readout:
 
     def __post_init__(self) -> None:
         def check(
-            name: str, kind: Callable[[str, object, str], float], expected: str, least: float
+            name: str,
+            kind: Callable[[str, object, str], float],
+            expected: str,
+            least: float,
+            most: float = sys.float_info.max,
         ) -> None:
             number = kind(f"Readout.{name}", getattr(self, name), expected)
-            if not least <= number < math.inf:
+            if not least <= number <= most:
                 raise refusal(f"Readout.{name}", getattr(self, name), expected)
             object.__setattr__(self, name, number)  # a Python number, for files
 
         check("max_rate_hz", real, "a positive number of events per second", math.ulp(0.0))
-        check("fifo_depth", whole, "an integer of at least 1", 1)
+        check("fifo_depth", whole, f"an integer from 1 to {_MOST_SLOTS:,}", 1, _MOST_SLOTS)
         check("row_overhead_s", real, "seconds >= 0", 0)
 
 
@@ -143,7 +150,7 @@ class Sender:
         self._tally = fifo.Tally(np.zeros(fifo.COUNTS_SIZE, np.int64), np.zeros(fifo.DELAYS_SIZE))
         self._waiting: _Queue | None = None
         self._held: Events | None = None
-        self._end_us = -fifo.END_OF_TIME_US
+        self._end_us: int | None = None
 
     def push(self, part: Events) -> Events:
         """Take the next events of the pixels; return events that have left since.
@@ -163,7 +170,7 @@ class Sender:
                 f"read_out: found a part of {part.width}x{part.height} px after one of "
                 f"{held.width}x{held.height}, expected the parts of one stream"
             )
-        if len(part) and part.t_us[0] < self._end_us:
+        if len(part) and self._end_us is not None and part.t_us[0] < self._end_us:
             raise EventError(
                 f"read_out: found a part that begins at {part.t_us[0]} us after one that ends "
                 f"at {self._end_us} us, expected consecutive parts of one stream"

@@ -20,8 +20,9 @@ def new_file(path: Path) -> Iterator[Path]:
     RenderError
         If the file cannot be written. Nothing is left behind, also after any other error.
     """
-    # Threads share a process id, and so may processes of machines that share a folder.
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
+    # Threads share a process id, and so may processes of machines that share a folder; names may be
+    # long.
+    unfinished = path.with_name(f".{path.name[:48]}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -104,18 +104,19 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
         ms_to_idx = create("ms_to_idx", np.uint64)
         count = 0
         for part in itertools.chain([first] if len(first) else [], parts):
-            t = part.t_us - offset_us
-            if t[-1] >= _MAX_SPAN_US and not offset_us:
+            last_us = int(part.t_us[-1]) - offset_us
+            if last_us >= _MAX_SPAN_US and not offset_us:
                 raise EventFormatError(
-                    f"DSEC has 32 bits for times: found {t[-1]} us, expected less than "
+                    f"DSEC has 32 bits for times: found {last_us} us, expected less than "
                     f"{_MAX_SPAN_US} us; split the recording"
                 )
-            if t[-1] >= _MAX_INDEXED_US:
+            if last_us >= _MAX_INDEXED_US:
                 raise EventFormatError(
-                    f"DSEC has an index of every millisecond: found {t[-1]} us after t_offset, "
+                    f"DSEC has an index of every millisecond: found {last_us} us after t_offset, "
                     f"expected less than {_MAX_INDEXED_US} us; split the recording"
                 )
-            last_ms = int(t[-1]) // 1000
+            t = part.t_us - offset_us
+            last_ms = last_us // 1000
             for start_ms in range(len(ms_to_idx), last_ms + 1, batching.PART_EVENTS):
                 stop_ms = min(start_ms + batching.PART_EVENTS, last_ms + 1)
                 whole_ms = np.arange(start_ms, stop_ms)

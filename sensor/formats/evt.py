@@ -64,6 +64,7 @@ _log = logging.getLogger(__name__)
 MAX_SIDE_PX = 1 << 11  # coordinates have 11 bits
 MAX_TIME_US = 1 << 40  # 12.7 days; up to there, EVT3's words of the clock take 1 MiB
 _MAX_START_US = MAX_TIME_US // 2  # largest first time without an offset
+_MOST = 1 << 62  # in the header
 _READ_WORDS = 1 << 18
 _WRITE_WORDS = 1 << 16
 _COUNT_DIGITS = 20
@@ -235,7 +236,10 @@ def _check_triggers(triggers: Triggers, codec: Codec) -> None:
 def _start_us(header: Header, first: Events) -> int:
     """Return `t0`: the start of the clock if the times are too large without it."""
     too_late = len(first) and first.t_us[0] >= _MAX_START_US
-    return max(0, header.t_offset_us) if too_late else 0
+    start_us = max(0, header.t_offset_us) if too_late else 0
+    if start_us > _MOST:
+        raise EventFormatError(f"found a clock that starts at {start_us} us, expected 0 to {_MOST}")
+    return start_us
 
 
 def _count_line(count: int) -> bytes:
@@ -344,9 +348,11 @@ def _read_raw(file: BinaryIO) -> _Raw:
 
 def _number(fields: dict[str, str], name: str) -> int | None:
     value = fields.get(name)
-    if value is not None and re.fullmatch(r"\d{1,18}", value, re.ASCII) is None:
+    if value is None:
+        return None
+    if re.fullmatch(r"\d{1,19}", value, re.ASCII) is None or int(value) > _MOST:
         raise EventFormatError(f"header, {name}: found {value[:40]!r}, expected a number")
-    return None if value is None else int(value)
+    return int(value)
 
 
 def _version(fields: dict[str, str]) -> str | None:

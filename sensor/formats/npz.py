@@ -66,6 +66,7 @@ def write(path: Path, header: Header, parts: Iterable[Events]) -> int:
         Number of events.
     """
     count = 0
+    path.open("wb").close()  # errors then name the file, not a temporary one
     with ExitStack() as stack:
         spilled = {
             name: stack.enter_context(tempfile.TemporaryFile(dir=path.parent)) for name in _COLUMNS

@@ -37,7 +37,7 @@ class Format:
         `write(path, header, parts)` writes a stream and returns the number of events; None if the
         format can only be read.
     read_header
-        `read_header(path)` returns the `Header` of a file.
+        `read_header(path)` returns the `Header` of a file; with `topic`, if that is an option.
     read
         `read(path, header, **options)` yields the events, at least one part; the header has a size.
     keeps_origin
@@ -60,7 +60,7 @@ class Format:
     title: str
     suffixes: tuple[str, ...]
     write: Callable[[Path, Header, Iterable[Events]], int] | None
-    read_header: Callable[[Path], Header]
+    read_header: Callable[..., Header]
     read: Callable[..., Iterator[Events]]
     keeps_origin: bool = True
     read_triggers: Callable[[Path], Triggers] | None = None
@@ -316,7 +316,7 @@ def write_events(
         raise FileNotFoundError(errno.ENOENT, "no such folder", str(path.parent))
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "is a folder", str(path))
-    of_input: list[EventFormatError] = []
+    of_input: list[Exception] = []
     batches = rebatch(_noting((parts,) if isinstance(parts, Events) else parts, of_input))
     first = next(batches)
     header = Header(
@@ -327,8 +327,8 @@ def write_events(
         t_offset_us,
         triggers=triggers,
     )
-    # Threads share a process id.
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
+    # Threads share a process id; names may be long.
+    unfinished = path.with_name(f".{path.name[:48]}.{os.getpid()}.{uuid4().hex[:8]}.unfinished")
     try:
         assert chosen.write is not None  # as `find_format` has checked
         count = chosen.write(unfinished, header, itertools.chain([first], batches))
@@ -336,7 +336,7 @@ def write_events(
             add(unfinished)
         os.replace(unfinished, path)
     except OSError as error:
-        if error.filename not in (None, str(unfinished)):
+        if error in of_input or error.filename not in (None, str(unfinished)):
             raise
         raise _with_path(error, path) from error
     except EventFormatError as error:
@@ -349,11 +349,11 @@ def write_events(
     return count
 
 
-def _noting(parts: Iterable[Events], errors: list[EventFormatError]) -> Iterator[Events]:
-    """Yield the parts; keep the error that ends them, which names a file of its own."""
+def _noting(parts: Iterable[Events], errors: list[Exception]) -> Iterator[Events]:
+    """Yield the parts; keep the error that ends them, which is not about the new file."""
     try:
         yield from parts
-    except EventFormatError as error:
+    except (EventFormatError, OSError) as error:
         errors.append(error)
         raise
 
@@ -377,7 +377,7 @@ def warn_of_loss(path: Path, format: Format, names: Sequence[str]) -> None:
         _log.warning("%s: %s cannot store %s", path, format.title, ", ".join(names))
 
 
-def read_header(path: str | Path, *, format: str | None = None) -> Header:
+def read_header(path: str | Path, *, format: str | None = None, topic: str | None = None) -> Header:
     """Read the header of a file.
 
     Parameters
@@ -386,6 +386,8 @@ def read_header(path: str | Path, *, format: str | None = None) -> Header:
         The file.
     format
         A name in `FORMATS`; None uses the extension, or the header of a .raw file.
+    topic
+        Topic of a ROS bag, whose size and other topics the header then has.
 
     Returns
     -------
@@ -414,6 +416,8 @@ def read_header(path: str | Path, *, format: str | None = None) -> Header:
     path.open("rb").close()  # raises OSError if the file is missing or not readable
     chosen = find_format(path, format)
     try:
+        if topic is not None and "topic" in chosen.options:
+            return chosen.read_header(path, topic=topic)
         return chosen.read_header(path)
     except EventFormatError as error:
         raise EventFormatError(f"{path}: {error}") from error
@@ -519,7 +523,7 @@ def read_events(
     2
     """
     path = Path(path)
-    header = read_header(path, format=format)
+    header = read_header(path, format=format, topic=topic)
     chosen = find_format(path, format)
     options = {"time_unit": time_unit, "sort": sort, "topic": topic}
     given = {name: value for name, value in options.items() if value}

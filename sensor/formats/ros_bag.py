@@ -22,6 +22,7 @@ from sensor.errors import EventFormatError
 from sensor.events import Events, no_events
 from sensor.formats import batching
 from sensor.formats.header import Header
+from sensor.model import MAX_SIDE_PX
 
 TYPES = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
 _PACKETS = "event_camera_msgs/msg/EventPacket"
@@ -82,26 +83,28 @@ def _chosen(reader: Any, topic: str | None) -> list[Any]:
     return [one for one in found if topic in (None, one.topic)]
 
 
-def read_header(path: Path) -> Header:
-    """Read the size of the sensor from the first message of each topic.
+def read_header(path: Path, *, topic: str | None = None) -> Header:
+    """Read the size of the sensor from the first message of a topic.
 
     Parameters
     ----------
     path
         The file.
+    topic
+        Topic of the events; None for all.
 
     Returns
     -------
     Header
-        With a size if all topics have the same.
+        With a size if all topics that are asked for have the same, and the names of the others.
 
     Raises
     ------
     EventFormatError
-        The file is not a bag, or has no events.
+        The file is not a bag, or has no events on this topic.
     """
     with _opened(path) as reader:
-        kept = _topics(reader)
+        kept = _topics(reader) if topic is None else _chosen(reader, topic)
         sizes: set[tuple[int, int]] = set()
         for connection in kept:
             first = next(reader.messages([connection]), None)
@@ -164,10 +167,12 @@ def read(
 
 def _messages(path: Path, none: Events, topic: str | None) -> Iterator[tuple[str, Events]]:
     """Yield which message it is, and its events."""
+    is_any = none.width == none.height == MAX_SIDE_PX
     with _opened(path) as reader:
         for number, (_, _, data) in enumerate(reader.messages(_chosen(reader, topic))):
             found, width, height = _parsed(data, number)
-            if (width, height) not in ((none.width, none.height), (0, 0)):
+            # A reader without a size, such as `eres info`, takes any.
+            if (width, height) not in ((none.width, none.height), (0, 0)) and not is_any:
                 raise EventFormatError(
                     f"message {number}: found a sensor of {width}x{height} px, expected "
                     f"{none.width}x{none.height} px"

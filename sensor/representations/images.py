@@ -87,6 +87,11 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
             f"time_surface: found an event at {latest_us} us, expected none after t_us = {t_us}; "
             "`Events.between` selects a window"
         )
+    if len(events) and t_us - int(events.t_us[0]) >= 1 << 63:
+        raise EventError(
+            f"time_surface: found an event at {events.t_us[0]} us, expected less than 2^63 us "
+            f"before t_us = {t_us}"
+        )
     surface = np.zeros((2, events.height, events.width), np.float32)
     _decay(events.columns, t_us, tau_us, surface)
     return surface

@@ -91,7 +91,7 @@ class IntervalHistogram:
         ).astype(np.min_scalar_type(len(self.edges_us)))
         self._last_us = np.full((-(-height // every_row), width), _NEVER)
         self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
-        self._end_us = int(_NEVER)
+        self._end_us: int | None = None
 
     def add(self, events: Events) -> None:
         """Count the next part of the stream.
@@ -109,7 +109,7 @@ class IntervalHistogram:
             )
         if not len(events):
             return
-        if events.t_us[0] < self._end_us:
+        if self._end_us is not None and events.t_us[0] < self._end_us:
             raise EventError(
                 f"IntervalHistogram.add: found an event at {events.t_us[0]} us after one at "
                 f"{self._end_us} us, expected parts in order"

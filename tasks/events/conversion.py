@@ -64,7 +64,7 @@ def convert(
         raise TaskError("found shift_us and from_start, expected at most one of them")
     if abs(shift_us) >= _MAX_SHIFT_US:
         raise TaskError(f"shift_us: found {shift_us}, expected less than 2^62 us from 0")
-    header = read_header(source, format=input_format)
+    header = read_header(source, format=input_format, topic=reading.topic)
     if out.exists() and out.samefile(source):
         raise TaskError(f"{out}: is the input {source}, which cannot be replaced while it is read")
     check_new(out, overwrite)

@@ -32,7 +32,7 @@ def describe(
     -------
     Names and values to print.
     """
-    header = read_header(path, format=format)
+    header = read_header(path, format=format, topic=reading.topic)
     stored = header.width is not None
     if not stored and reading.size is None:
         sensor = "size not stored"

@@ -107,6 +107,13 @@ def test_a_bus_of_no_numbers_is_refused(name, value):
     assert Readout(**{**right, name: np.asarray(right[name])[()]}) == Readout(**right)
 
 
+@pytest.mark.parametrize("depth", [0, 100_000_001, 10**20])
+def test_a_fifo_that_no_memory_holds_is_refused(depth):
+    with pytest.raises(SensorError) as error:
+        Readout(max_rate_hz=1e6, fifo_depth=depth)
+    one_line(error, f"Readout.fifo_depth: found {depth}", "an integer from 1 to 100,000,000")
+
+
 @pytest.mark.parametrize("value", [*NO_NUMBERS, 0, -1.0, math.inf], ids=repr)
 def test_light_in_lux_is_a_positive_number(value):
     with pytest.raises(SensorError, match=r"^illuminance_lux: found .*, expected a positive"):

@@ -64,7 +64,7 @@ def test_bags_that_rosbags_writes(package, tmp_path):
     assert header.others == ("/said (std_msgs/String)",)
 
 
-def test_a_first_message_that_does_not_know_the_size_leaves_it_open(tmp_path):
+def test_a_first_message_that_does_not_know_the_size_leaves_it_open(tmp_path, eres):
     """Promise: such a bag is read with `size`."""
     empty, events = no_events(0, 0, None), random_events(40, width=12, height=9)
     path = tmp_path / "a.bag"
@@ -75,6 +75,18 @@ def test_a_first_message_that_does_not_know_the_size_leaves_it_open(tmp_path):
         writer.write(one, 1, message(store, "dvs_msgs", events))
     assert read_header(path).width is None
     assert_same(load_events(path, size=(12, 9)), events)
+    code, out, _ = eres("info", path)
+    assert (code, "size not stored" in out, " 40\n" in out) == (0, True, True)
+
+
+def test_the_size_is_that_of_the_topic(tmp_path, eres):
+    """Promise: cameras of two sizes in one bag, each read with its own."""
+    small = random_events(40, width=12, height=9)
+    large = random_events(30, width=1280, height=720)
+    path = write_bag(tmp_path / "a.bag", {"/small": small, "/large": large})
+    for topic, events in (("/small", small), ("/large", large)):
+        assert_same(load_events(path, topic=topic), events)
+        assert f"{events.width}x{events.height} px" in eres("info", path, "--topic", topic)[1]
 
 
 def test_a_bag_is_read_in_parts(tmp_path):
@@ -83,7 +95,7 @@ def test_a_bag_is_read_in_parts(tmp_path):
     assert [len(part) for part in read_events(path)] == [0, *[50] * 6]
 
 
-def test_several_topics_need_a_choice(tmp_path, eres):
+def test_several_topics_need_a_choice(tmp_path, eres, caplog):
     """Promise: no topic is taken by chance; the option names one."""
     left, right = random_events(60, seed=1), random_events(70, seed=2)
     path = write_bag(tmp_path / "a.bag", {"/left": left, "/right": right})
@@ -94,6 +106,8 @@ def test_several_topics_need_a_choice(tmp_path, eres):
     assert_same(load_events(path, topic="/right"), right)
     code, out, _ = eres("convert", path, tmp_path / "a.h5", "--topic", "/left")
     assert (code, "60 events" in out) == (0, True)
+    assert "cannot store /right (dvs_msgs/EventArray), /said (std_msgs/String)" in caplog.text
+    assert "/right (dvs_msgs/EventArray)" in eres("info", path, "--topic", "/left")[1]
     with pytest.raises(EventFormatError, match="topic: found /left, expected none for DSEC"):
         load_events(tmp_path / "a.h5", topic="/left")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from event_streams import assert_same, make_events, random_events
-from sensor import EventFormatError, SensorModel
+from sensor import EventFormatError, Events, SensorModel
 from sensor.formats import batching as parts
 from sensor.formats import load_events, read_header, write_events
 
@@ -92,6 +92,15 @@ def test_ms_to_idx_by_its_definition(tmp_path):
     assert len(idx) == t[-1] // 1000 + 1
     assert np.all(t[idx] >= 1000 * ms)
     assert np.all(t[idx[idx > 0] - 1] < 1000 * ms[idx > 0])
+
+
+def test_a_span_beyond_64_bits_is_refused(tmp_path):
+    """Promise: a stream that a file cannot hold leaves none."""
+    pixel, p = np.zeros(2, np.uint16), np.ones(2, np.int8)
+    ends = np.array([-(1 << 62) + 2000, (1 << 63) - 1])
+    with pytest.raises(EventFormatError, match=r"found \d+ us after t_offset, expected less"):
+        write_events(tmp_path / "a.h5", Events(ends, pixel, pixel, p, 8, 4))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_layout(tmp_path):

@@ -70,6 +70,21 @@ def test_times_of_the_clock_of_the_day_have_an_offset(name, tmp_path):
 
 
 @BOTH
+def test_a_clock_in_nanoseconds_is_kept(name, tmp_path):
+    """Promise: starts of 19 digits are read back up to 2^62 us; beyond, they are refused."""
+    path = tmp_path / f"a.{name}.raw"
+    for start_us in (1_700_000_000_000_000_005, (1 << 62) - 9):
+        events = make_events([0, 4], [1, 3], [2, 2], [1, -1]).later(start_us)
+        write_events(path, events, format=name, t_offset_us=start_us)
+        assert read_header(path).t_offset_us == start_us
+        assert_same(load_events(path), events)
+    late = make_events([0], [1], [2], [1]).later((1 << 62) + 9)
+    with pytest.raises(EventFormatError, match="found a clock that starts at 46"):
+        write_events(tmp_path / "b.raw", late, format=name, t_offset_us=(1 << 62) + 9)
+    assert not (tmp_path / "b.raw").exists()
+
+
+@BOTH
 @pytest.mark.parametrize("from_zero", [False, True])
 @pytest.mark.parametrize("kind", STREAMS)
 def test_we_read_what_an_independent_encoder_writes(name, kind, from_zero, tmp_path):

@@ -254,6 +254,30 @@ def test_missing_files_and_folders_are_the_systems_errors(tmp_path):
         assert error.value.filename == str(tmp_path / "no")
 
 
+@pytest.mark.parametrize("error", [OSError("camera is gone"), TimeoutError("no answer")], ids=str)
+def test_an_error_of_the_source_is_the_source_s(error, tmp_path):
+    """Promise: it arrives as it was raised, however late, and is not said to be of the new file."""
+    large = random_events(parts.PART_EVENTS + 1)
+
+    def source():
+        yield large
+        raise error
+
+    with pytest.raises(OSError, match=f"^{error}$") as raised:
+        write_events(tmp_path / "a.raw", source())
+    assert raised.value is error
+    assert list(tmp_path.iterdir()) == []
+
+
+@EVERY
+def test_names_may_be_as_long_as_the_system_allows(name, tmp_path):
+    """Promise: the temporary name is short; a name that is too long is named by the error."""
+    events = make_events([0], [1], [2], [1])
+    write_events(tmp_path / ("記" * 80 + ".x"), events, format=name)
+    with pytest.raises(OSError, match=f"too long.*{'記' * 90}"):
+        write_events(tmp_path / ("記" * 90), events, format=name)
+
+
 def test_numpy_reads_npz(tmp_path):
     """Promise: `numpy.load` reads an npz file; the reader also reads one that numpy compressed."""
     events = random_events(50)

@@ -36,6 +36,14 @@ def test_mean_is_conserved_at_the_papers_ratio():
     assert abs(integrate(frame, 346, 346).mean() / mean - 1) < 1e-6
 
 
+@pytest.mark.parametrize("dtype", [">f4", ">f8", np.float16, np.longdouble])
+def test_floats_of_any_kind_are_light(dtype):
+    """Promise: PFM and FITS have big-endian floats, which `simulate` takes as well."""
+    frame = np.arange(24.0).reshape(4, 6)
+    found = integrate(frame.astype(dtype), height=2, width=3)
+    np.testing.assert_array_equal(found, integrate(frame, height=2, width=3))
+
+
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_what_is_no_light_is_refused(value):
     """Promise: an error, not a picture without the pixel."""

@@ -129,6 +129,14 @@ def test_time_surface_refuses_a_time_before_the_last_event():
         time_surface(events, 0)
 
 
+def test_time_surface_refuses_ages_beyond_64_bits():
+    """Promise: a recency is in [0, 1] or an error."""
+    pixel, p = np.array([0, 1], np.uint16), np.ones(2, np.int8)
+    ends = np.array([-(1 << 62) - 10, (1 << 62) + 10])
+    with pytest.raises(EventError, match="expected less than 2\\^63 us before"):
+        time_surface(Events(ends, pixel, pixel, p, 8, 4), tau_us=1e3)
+
+
 @given(streams())
 def test_structured_arrays_keep_every_event(events):
     """Promise: tonic's dtype, there and back."""
