@@ -41,6 +41,7 @@ _SAMPLES_AT_ONCE = 1 << 22  # limits the memory of one wavefront
 _BOUNCES = 8  # between surfaces; light that halves at each has lost 99.6 % by then
 _FEWEST_SAMPLES = 4
 _PROBES = 1 << 14  # points at which a UV square is measured
+_MOST_CELLS = 1 << 26  # of a lightmap
 _PROBES_PER_POINT = 4  # rays that tell whether a point is covered
 _LEAST_SHARE = 1 / 64  # a cell with fewer points that count is too noisy to use
 
@@ -159,6 +160,11 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
         sampler.seed(0, _PROBES)
         si: Any = shape.eval_parameterization(sampler.next_2d())
         found = np.asarray(si.is_valid())
+        if not found.any():  # it covers hardly any of the UV square
+            sample_position: Any = shape.sample_position  # its type stub has a different Float
+            on_it = sample_position(0.0, sampler.next_2d())
+            si = shape.eval_parameterization(mi.Point2f(on_it.uv))
+            found = np.asarray(si.is_valid())
         u_m, v_m = (
             float(np.sum(_each(dr.norm(along), found.shape), where=found) / found.sum())
             for along in (si.dp_du, si.dp_dv)
@@ -166,6 +172,12 @@ def _cells(shape: mi.Shape, cell_m: float, sizes_m: dict[str, Size]) -> tuple[in
         size_m = (u_m, v_m)
     # Mitsuba wants two texels each way of an image that changes.
     n_u, n_v = (max(2, round(side_m / cell_m)) for side_m in size_m)
+    if n_u * n_v > _MOST_CELLS:
+        raise SceneError(
+            f"shape {shape.id()!r}: found a lightmap of {n_u} x {n_v} cells, expected at most "
+            f"{_MOST_CELLS}: make bake.cell_m larger, let the shape fill more of the UV square, or "
+            "render with --integrator path"
+        )
     return n_u, n_v
 
 

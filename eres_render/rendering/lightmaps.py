@@ -38,6 +38,7 @@ Float32 = NDArray[np.float32]
 _DIGEST_ATTRIBUTE = "eresLightDigest"
 _VERSION_ATTRIBUTE = "eresBakeVersion"
 _VERSION_BEFORE = 3  # of lightmaps that do not say it
+_COUNT_ATTRIBUTE = "eresLightmaps"
 
 
 def bake_scene(
@@ -72,7 +73,11 @@ def bake_scene(
         pass  # where nothing can be written, say so before minutes of work
     settings = scene.settings.bake
     maps = irradiance_maps(scene, settings.cell_m, settings.spp, on_progress)
-    state = {_DIGEST_ATTRIBUTE: scene.light_digest, _VERSION_ATTRIBUTE: str(BAKE_VERSION)}
+    state = {
+        _DIGEST_ATTRIBUTE: scene.light_digest,
+        _VERSION_ATTRIBUTE: str(BAKE_VERSION),
+        _COUNT_ATTRIBUTE: str(len(maps)),
+    }
     with tempfile.TemporaryDirectory(prefix=".lightmaps.", dir=folder) as unfinished:
         written = [Path(unfinished) / _lightmap_name(shape_id) for shape_id in maps]
         for path, irradiance in zip(written, maps.values(), strict=True):
@@ -140,7 +145,9 @@ def _lightmap_files(scene: Scene) -> list[Path]:
     """Return the files of the first folder with lightmaps of this state of the scene."""
     for folder in (scene.folder, _cached_lightmaps(scene)):
         files = [path for path in sorted(folder.glob("lightmap_*.exr")) if _is_of(path, scene)]
-        if files:
+        # Another scene in the folder may have replaced some of them.
+        count = str(len(files))
+        if files and read_attributes(files[0]).get(_COUNT_ATTRIBUTE, count) == count:
             return files
     return []
 

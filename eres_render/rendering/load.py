@@ -6,7 +6,7 @@ import functools
 import logging
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -30,7 +30,11 @@ _ATTRIBUTE = re.compile(r'^\[ply\.h:\d+\] .*attribute "(\w+)"')
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 
 
-def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi.Scene:
+def load_mi_scene(
+    scene: Scene,
+    emitters: Mapping[str, Any] | None = None,
+    without: Collection[str] = (),
+) -> mi.Scene:
     """Load scene.xml for the selected variant.
 
     Every color becomes its luminance before light travels, in all variants: the monochrome variants
@@ -43,6 +47,8 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
     emitters
         Mitsuba emitters by shape id; these shapes emit light and lose their material, so that its
         images are not loaded.
+    without
+        Ids of shapes to leave out.
 
     Returns
     -------
@@ -80,6 +86,7 @@ def load_mi_scene(scene: Scene, emitters: Mapping[str, Any] | None = None) -> mi
                 if emitters and node.props.id() in emitters:
                     node.props["glow"] = emitters[node.props.id()]
                     _drop(node, mi.ObjectType.BSDF, state)
+            _drop_shapes(state.nodes[0], without, state)
             for node in state.nodes:
                 if node.props.plugin_name() == "bitmap":
                     if not emitters and node.props.get("filename") in textures.values():
@@ -128,6 +135,18 @@ def _drop(node: Any, kind: Any, state: Any) -> None:
         reference = isinstance(child, mi.Properties.ResolvedReference)
         if reference and state.nodes[child.index()].type == kind:
             del node.props[key]
+
+
+def _drop_shapes(root: Any, names: Collection[str], state: Any) -> None:
+    """Remove the shapes with these ids from a scene."""
+    import mitsuba as mi
+
+    for key in list(root.props.keys()):
+        child = root.props[key]
+        if isinstance(child, mi.Properties.ResolvedReference):
+            node = state.nodes[child.index()]
+            if node.type == mi.ObjectType.Shape and node.props.id() in names:
+                del root.props[key]
 
 
 def _read_texture(props: Any) -> None:

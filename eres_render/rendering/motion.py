@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from eres_render.errors import SceneError
+from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
 from eres_render.scene.objects import MovingObject
+from eres_render.scene.scene import Scene
 
 Float64 = NDArray[np.float64]
 
@@ -113,12 +115,14 @@ class Body:
 
 
 def still_and_bodies(
-    mi_scene: Any, objects: Sequence[MovingObject]
+    scene: Scene, mi_scene: Any, objects: Sequence[MovingObject]
 ) -> tuple[RayCaster, tuple[Body, ...]]:
     """Split a scene into what stands still and the objects that move.
 
     Parameters
     ----------
+    scene
+        The scene.
     mi_scene
         The scene in Mitsuba, with its objects where scene.xml puts them; it must not change.
     objects
@@ -135,7 +139,11 @@ def still_and_bodies(
         return RayCaster(mi_scene), ()
     shapes = {shape.id(): shape for shape in mi_scene.shapes()}
     of_objects = {name for one in objects for name in one.shapes}
-    still = _scene_of([shape for name, shape in shapes.items() if name not in of_objects])
+    standing = [shape for name, shape in shapes.items() if name not in of_objects]
+    if any(shape.class_name() == "Instance" for shape in standing):
+        still = load_mi_scene(scene, without=of_objects)  # instances cannot be in another scene
+    else:
+        still = _scene_of(standing)
     bodies = []
     for one in objects:
         part = _scene_of([shapes[name] for name in one.shapes])

@@ -60,6 +60,8 @@ class RayCaster:
         """
         import mitsuba as mi
 
+        if not len(directions):  # Dr.Jit would end the process
+            return Hits(np.empty(0), np.empty(0, np.intp), np.empty(0, np.bool_))
         origins = np.broadcast_to(origins, directions.shape)
         scalar = str(mi.variant()).startswith("scalar")
         cast = self._cast_one_by_one if scalar else self._cast_together
@@ -84,7 +86,7 @@ class RayCaster:
         """
         import mitsuba as mi
 
-        if str(mi.variant()).startswith("scalar"):
+        if not len(directions) or str(mi.variant()).startswith("scalar"):
             return self.cast(origins, directions).distance
         found = self._mi_scene.ray_intersect_preliminary(_rays(origins, directions), coherent=True)
         return np.asarray(found.t, np.float64)

@@ -344,7 +344,7 @@ class Renderer:
     def _still_and_bodies(self) -> tuple[RayCaster, tuple[Body, ...]]:
         # With objects, load the scene again: in the first one they move for the frames.
         mi_scene = load_mi_scene(self.scene) if self._objects else self._mi_scene
-        return still_and_bodies(mi_scene, self._objects)
+        return still_and_bodies(self.scene, mi_scene, self._objects)
 
     def _render(
         self, T_world_cam: Float64, t_s: float | None, spp: int, seed: int

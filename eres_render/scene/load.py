@@ -25,6 +25,7 @@ from eres_render.scene.xml import read_scene_xml
 from eres_render.storage.settings_reader import read_toml
 from eres_render.trajectory.spline import Trajectory
 
+_NAMES_OF_MITSUBA = ("config", "filename")  # arguments of its parser, as names of textures are
 _GROUPS = (".", "variants", "slider")  # folders of packaged scenes; only the first are listed
 
 
@@ -176,6 +177,9 @@ def _check(settings: SceneToml, file: Path) -> None:
     seeds = {f"textures.{name}.seed": recipe.seed for name, recipe in settings.textures.items()}
     if isinstance(path, FacingPlanePath | WaypointsPath):
         seeds["path.seed"] = path.seed
+    for name in settings.textures:
+        if name in _NAMES_OF_MITSUBA:
+            refuse(f"textures.{name}", repr(name), "another name, as Mitsuba's loader has this one")
     for field, value in seeds.items():
         if value < 0:
             refuse(field, value, "0 or more")

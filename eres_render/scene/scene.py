@@ -28,6 +28,7 @@ GIVEN_CLEARANCE_M = 0.01
 """Least distance of a path of given poses from any surface: ten times the near clip, m."""
 
 _POINTS_A_SIDE = 17  # of an image seen through a lens
+_AT_REST = 1e-14  # relative rounding of the control poses of a path through equal poses
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,8 @@ class Scene:
     @cached_property
     def _trajectory(self) -> Trajectory:
         trajectory = self._unchecked_trajectory()
-        if np.ptp(trajectory.controls, axis=0).max() == 0 and not self.settings.objects:
+        moved = np.ptp(trajectory.controls, axis=0).max()
+        if moved <= _AT_REST * abs(trajectory.controls).max() and not self.settings.objects:
             raise TrajectoryError(
                 f"{self.path_name}: found a path of length 0, expected a camera or an object that "
                 "moves"

@@ -9,6 +9,8 @@ from eres_render.errors import RenderError
 from eres_render.scene.scene import Scene
 from eres_render.storage.json_values import use_python_numbers
 
+_MOST_CLIPS = 1_000_000
+
 
 @dataclass(frozen=True, slots=True)
 class Clip:
@@ -101,6 +103,11 @@ def clips(
             f"half of every_s = {every_s} s"
         )
     fitting = math.floor((duration_s - window_s) / every_s + 0.5 + 1e-9)
+    if fitting > _MOST_CLIPS:
+        raise RenderError(
+            f"found {duration_s:g} s of path, with {fitting} clips, expected at most "
+            f"{_MOST_CLIPS}; are the times of the poses in seconds?"
+        )
     if fitting < 1:
         needed_s = 0.5 * every_s + window_s
         longer = f"--duration {needed_s:g} or more, or " if needed_s <= scene.duration_s else ""

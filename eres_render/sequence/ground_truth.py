@@ -16,6 +16,7 @@ from eres_render.rendering.motion import Body, still_and_bodies
 from eres_render.scene.load import load_scene
 from eres_render.scene.objects import MovingObject
 from eres_render.scene.scene import Scene
+from eres_render.sequence.manifest import plane_values
 from eres_render.sequence.sequence import RadianceSequence
 from eres_render.trajectory.spline import Trajectory
 
@@ -368,6 +369,11 @@ def ground_truth(sequence: RadianceSequence) -> GroundTruth:
         raise SceneError(
             f"{scene.xml_file}: has changed since {sequence.folder} was rendered; render it again"
         )
+    if manifest.plane is not None and manifest.plane != plane_values(scene):
+        raise SceneError(
+            f"{scene.folder / 'scene.toml'}: plane: has changed since {sequence.folder} was "
+            "rendered; render it again"
+        )
     objects = scene.objects(manifest.t_offset_us, manifest.t_s[-1])
     distance, bodies = surfaces(scene, objects)
     return GroundTruth(sequence.trajectory, sequence.camera, distance, scene.plane, bodies)
@@ -396,7 +402,7 @@ def surfaces(
     if plane is not None and not objects:
         return plane.distance, ()
     select_variant()
-    still, bodies = still_and_bodies(load_mi_scene(scene), objects)
+    still, bodies = still_and_bodies(scene, load_mi_scene(scene), objects)
     if plane is not None:
         return plane.distance, bodies
     return still.distance, bodies

@@ -98,6 +98,12 @@ def write_truth(
     times, camera = np.asarray(t_s, dtype=np.float64), truth.camera(width, height)
     if times.ndim != 1 or not np.all(np.diff(times) > 0):  # NaN is not
         raise RenderError(f"t_s: found {times.tolist()}, expected increasing times")
+    path = truth.trajectory  # times that it does not have are refused before anything is deleted
+    poses = tum_text(times, path.pose(times), path.t_offset_us)
+    of_objects = [
+        tum_text(times, one.pose(times), path.t_offset_us, "T_world_object")
+        for one in truth.objects
+    ]
     out_dir = Path(out_dir)
     _make_room(out_dir, overwrite)
     inside = ["depth", "flow", *(["instances", "objects"] if truth.objects else [])]
@@ -112,11 +118,8 @@ def write_truth(
     try:
         for folder in folders:
             _make(folder)
-        path = truth.trajectory
-        poses = tum_text(times, path.pose(times), path.t_offset_us)
         write("poses.txt", lambda file: write_text(file, poses))
-        for k, one in enumerate(truth.objects, start=1):
-            text = tum_text(times, one.pose(times), path.t_offset_us, "T_world_object")
+        for k, (one, text) in enumerate(zip(truth.objects, of_objects, strict=True), start=1):
             write(f"objects/{k:03d}_{one.name}.txt", partial(write_text, text=text))
         for i, (t_0, t_1) in enumerate(pairwise([*times, None])):
             depth = truth.depth(t_0, width, height)

@@ -13,6 +13,7 @@ import numpy as np
 from eres_render.camera import Camera
 from eres_render.distortion import Distortion
 from eres_render.errors import SequenceError
+from eres_render.scene.scene import Scene
 from eres_render.storage.atomic import write_text
 from eres_render.storage.settings_reader import read_json, read_typed
 
@@ -29,7 +30,8 @@ class Manifest:
     time 0 on the clock of the given poses; it is not written if it is 0. `intrinsics` are fx, fy,
     cx and cy in pixels; they are not written if pixels are square, the principal point is the
     center of the image and there is no lens. `distortion` is that of the lens, if there is one.
-    `objects` are the names of those that move, not written if there are none.
+    `objects` are the names of those that move, not written if there are none. `plane` is the normal
+    of the plane that the camera sees, and its distance from the origin along it, if there is one.
     """
 
     version: int
@@ -55,6 +57,7 @@ class Manifest:
     intrinsics: tuple[float, float, float, float] | None = None
     distortion: Distortion | None = None
     objects: tuple[str, ...] = ()
+    plane: tuple[float, float, float, float] | None = None
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)
@@ -81,6 +84,11 @@ class Manifest:
         fx, fy, cx, cy = self.intrinsics
         pinhole = {"fx": fx, "fy": fy, "cx": cx, "cy": cy}
         return Camera(self.width, self.height, self.fov_rad, **pinhole, distortion=self.distortion)
+
+
+def plane_values(scene: Scene) -> tuple[float, float, float, float] | None:
+    """Return the plane that a scene's camera sees as in a manifest."""
+    return None if scene.plane is None else (*scene.plane.normal, scene.plane.offset_m)
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -118,7 +126,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         If the file cannot be written.
     """
     table = dataclasses.asdict(manifest)
-    for name in ("t_offset_us", "intrinsics", "distortion", "objects"):
+    for name in ("t_offset_us", "intrinsics", "distortion", "objects", "plane"):
         if not table[name]:
             del table[name]
     write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

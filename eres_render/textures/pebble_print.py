@@ -46,7 +46,7 @@ def _log_shading(relief: Float32) -> Float32:
     buried = np.zeros_like(relief)
     for size_px in (2, 8, 32):
         # Blurring at a coarser scale loses nothing, and is 20 times faster.
-        step = max(1, size_px // 4)
+        step = min(max(1, size_px // 4), *relief.shape)
         small = cv2.resize(relief, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
         small = cv2.GaussianBlur(small, (0, 0), size_px / step, borderType=cv2.BORDER_REFLECT)
         around = cv2.resize(small, relief.shape[::-1], interpolation=cv2.INTER_LINEAR)

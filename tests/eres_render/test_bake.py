@@ -318,6 +318,39 @@ def test_other_lightmaps_in_the_folder_are_ignored(tmp_path, monkeypatch):
     assert not bake.has_lightmaps(load_scene(folder))
 
 
+def test_scenes_in_one_folder_do_not_take_each_others_lightmaps(tmp_path, monkeypatch):
+    """Promise: a set of which another scene replaced a part is not used."""
+    monkeypatch.setenv("ERES_CACHE", str(tmp_path / "cache"))
+    shapes = "".join(
+        f"""<shape type="rectangle" id="{name}"><transform name="to_world"><scale value="4"/>
+        <translate x="{x}"/></transform>{GRAY}</shape>"""
+        for name, x in (("floor", 0), ("stage", 8))
+    )
+    one = open_scene(tmp_path / "mine", shapes)
+    assert {file.name for file in bake.bake_scene(one)} == {
+        "lightmap_floor.exr",
+        "lightmap_stage.exr",
+    }
+    state = {"eresLightDigest": "of another", "eresLightmaps": "1"}
+    write_luminance(one.folder / "lightmap_floor.exr", np.ones((4, 4)), state)
+    assert not bake.has_lightmaps(one)
+    assert set(bake.lightmaps(one)) == {"floor", "stage"}
+
+
+def test_a_part_of_a_uv_square_that_no_probe_hits_is_baked(tmp_path):
+    """Promise: a chart of a 10^-6 part of an atlas has a lightmap, and one whose lightmap would not
+    fit into memory is refused by name."""
+    corners = "v -4 -4 0\nv 4 -4 0\nv 4 4 0\nv -4 4 0\n"
+    chart = "vt 0.5 0.5\nvt 0.501 0.5\nvt 0.501 0.501\nvt 0.5 0.501\n"
+    (tmp_path / "part.obj").write_text(f"{corners}{chart}f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
+    file = '<string name="filename" value="part.obj"/>'
+    scene = open_scene(tmp_path, f'<shape type="obj" id="part">{file}{GRAY}</shape>')
+    sky = irradiance_maps(scene, 4000.0, 64)["part"]
+    assert sky.shape == (2, 2)
+    with pytest.raises(SceneError, match=r"shape 'part': found a lightmap of \d+ x \d+ cells"):
+        irradiance_maps(scene, 0.5, 4)
+
+
 def test_the_packaged_lightmap_belongs_to_the_scene_and_can_be_made_again():
     """With fewer samples, a new lightmap differs by rounding and noise only: 0.2 % at 1024 spp."""
     scene = load_scene("carpet")

@@ -18,6 +18,7 @@ from eres_render import (
 from eres_render.rendering import lightmaps as bake
 from eres_render.rendering.load import load_mi_scene
 from eres_render.rendering.raycast import RayCaster
+from eres_render.trajectory import spline
 from eres_render.trajectory.frame_times import depth_image_motion, plane_image_motion
 from eres_render.trajectory.generators import look_at
 from light_scenes import edit_scene, light_evenly, room_folder, small_carpet_folder
@@ -73,6 +74,14 @@ def test_a_loop_has_exactly_the_mean_speed_however_many_rounds_it_takes(duration
     p = path.pose(np.linspace(0, duration_s, 100_001))[:, :3, 3]
     length_m = np.linalg.norm(np.diff(p, axis=0), axis=1).sum()
     assert length_m / duration_s == pytest.approx(1.2, rel=1e-6)
+
+
+def test_the_length_of_a_long_path_is_summed_in_parts(monkeypatch):
+    """Promise: memory does not grow with the number of poses, and the length is the same."""
+    path = loop()
+    whole = path.length_m([1.0, 7.5])
+    monkeypatch.setattr(spline, "_STRETCHES_AT_ONCE", 7)
+    np.testing.assert_array_equal(path.length_m([1.0, 7.5]), whole)
 
 
 def test_a_loop_without_sway_meets_its_waypoints_in_turn():

@@ -144,6 +144,22 @@ def test_frames_are_those_of_a_scene_with_the_object_there(tmp_path, kind):
 
 
 @pytest.mark.slow
+def test_an_instance_stands_still_beside_an_object(tmp_path):
+    """Promise: frames and depth have both: a ball from a group, and the ball that moves past it."""
+    group = """<shape type="shapegroup" id="group"><shape type="sphere">
+      <float name="radius" value="0.2"/><bsdf type="diffuse"/></shape></shape>
+      <shape type="instance" id="other"><ref id="group"/>
+      <transform name="to_world"><translate x="0.8" z="0.5"/></transform></shape>"""
+    scene = load_scene(folder_of(tmp_path, FLOOR, SPHERE, group))
+    depth = truth_of(scene).depth(0.5)  # the ball is at x = 0
+    z_m = depth.min(initial=9.0, where=np.isfinite(depth))
+    assert z_m == pytest.approx(1.7, rel=1e-3)  # the top of the ball
+    column = round(48 + truth_of(scene).camera(96).fx * 0.8 / 2.3)
+    assert depth[48, column] == pytest.approx(2.3, abs=0.02)  # near the top of the instance
+    frame = Renderer(scene, 24, 4).frame(moved(z=3.0) @ DOWN, t_s=0.5)
+    assert np.isfinite(frame).all()
+
+
 def test_a_scalar_machine_moves_objects_too(tmp_path):
     parts = WHITE_FLOOR, LAMP, KINDS["mesh"].format("")
     folder = folder_of(tmp_path / "mesh", *parts)

@@ -44,6 +44,7 @@ def test_a_folder_is_a_scene_too(tmp_path):
         ("[1.0, 1.0, 0.25]", "[1.0, 1.0]", r"path\.sway: found \[1\.0, 1\.0\], expected three"),
         ("[1.0, 1.0, 0.25]", "[1, 'a', 0]", r"path\.sway\[1\]: found 'a', expected a number"),
         ("[0.0, 0.0, 1.0]", "[0, 0, 2]", r"plane\.normal: .*expected a vector of length 1"),
+        ("[textures.carpet_reflectance]", "[textures.config]", r"textures\.config: found 'config'"),
         ('kind = "carpet"', 'kind = "carpt"', r"textures\.carpet_reflectance: .*found 'carpt'"),
         (
             "duration_s = 10.0",
@@ -106,6 +107,8 @@ def test_clips_that_do_not_fit_are_refused():
         clips(scene, 1.3, samples=4)
     with pytest.raises(RenderError, match="no clip fits"):
         clips(scene, 0.2)
+    with pytest.raises(RenderError, match=r"found 10 s .* are the times of the poses in seconds\?"):
+        clips(scene, every_s=1e-6, window_s=1e-7, warmup_s=0.0)
     with pytest.raises(
         RenderError, match=r"found 0\.05 and 0\.3 s, expected each to fit into half"
     ):

@@ -126,6 +126,12 @@ def test_texels_may_be_coarser_than_what_they_show(make, texel_m):
     assert np.all((reflectance > 0) & (reflectance < 1))
 
 
+@pytest.mark.parametrize("side", [1, 2, 3, 5])
+@pytest.mark.parametrize("make", [*PLANES.values(), garden_view])
+def test_textures_may_have_a_few_texels(make, side):
+    assert make(side, side, 0.01, 1).shape == (side, side)
+
+
 def test_a_recipe_makes_its_file_once(tmp_path, monkeypatch):
     monkeypatch.setenv("ERES_CACHE", str(tmp_path))
     recipe = TextureRecipe("carpet", 128, 0.01, 2, height_px=64)

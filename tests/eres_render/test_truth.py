@@ -17,6 +17,7 @@ from eres_render import (
     TrajectoryError,
     ground_truth,
     load_scene,
+    open_sequence,
     render_clip,
     window_times,
     write_truth,
@@ -28,7 +29,7 @@ from eres_render.rendering.raycast import RayCaster
 from eres_render.sequence.ground_truth import surfaces
 from eres_render.sequence.ground_truth_files import write_flow_png
 from eres_render.trajectory.tum import read_tum, tum_text
-from light_scenes import DOTS_M, dots_folder, light_evenly, room_folder
+from light_scenes import DOTS_M, dots_folder, light_evenly, room_folder, small_carpet_folder
 
 WIDTH = 90
 SQUARE_XML = """<scene version="3.0.0">
@@ -121,6 +122,17 @@ def test_flow_and_occlusion_of_a_square_before_a_wall(floating_square):
     inside = np.all((there > 0) & (there < WIDTH), axis=1)
     assert hidden.sum() > 50
     np.testing.assert_array_equal(flow.valid.ravel(), inside & ~hidden)
+
+
+def test_points_that_leave_the_image_are_not_seen(floating_square):
+    """Promise: also where none is left; Dr.Jit ends a process that casts no rays."""
+    left = np.array([[0.05, 45.0], [WIDTH - 0.05, 45.0]])
+    moved_px, seen = floating_square.point_flow(left, 0.0, 1.0, WIDTH)
+    inside = np.abs(left[:, 0] + moved_px[:, 0] - WIDTH / 2) < WIDTH / 2
+    assert inside.tolist() == seen.tolist() == [inside[0], not inside[0]]
+    (gone,) = left[~inside]
+    assert not floating_square.point_flow(gone[None], 0.0, 1.0, WIDTH)[1].any()
+    assert floating_square.point_flow(np.empty((0, 2)), 0.0, 1.0, WIDTH)[0].shape == (0, 2)
 
 
 def test_instances_are_seen_too(tmp_path):
@@ -227,6 +239,11 @@ def test_truth_of_a_sequence_at_any_time_and_on_disk(tmp_path):
     camera = json.loads((tmp_path / "out/camera.json").read_text())
     np.testing.assert_array_equal(camera["K"], truth.camera(40).K)
 
+    before = {file: file.read_bytes() for file in files}
+    with pytest.raises(TrajectoryError, match="asked for a time in"):
+        write_truth(truth, tmp_path / "out", [0.25, 1e3], 40, overwrite=True)
+    assert {file: file.read_bytes() for file in files} == before, "what is refused deletes nothing"
+
     # A changed scene gives no truth for frames of the old one.
     xml = (folder / "scene.xml").read_text()
     (folder / "scene.xml").write_text(xml.replace("0 0 1.5", "0 0 1.6"))
@@ -248,3 +265,18 @@ def test_flow_pngs_are_read_by_dsecs_formula(tmp_path):
     with pytest.raises(RenderError, match="256 px or more"):
         write_flow_png(tmp_path / "wide.png", Flow(flow_px + 2.5e2, valid, ~valid))
     assert not (tmp_path / "wide.png").exists()
+
+
+def test_another_plane_gives_no_truth_for_frames_of_the_old_one(tmp_path):
+    """Promise: depth and flow in closed form are those of the plane that the frames show."""
+    folder = light_evenly(small_carpet_folder(tmp_path / "mine"), "carpet", 1.0)
+    sequence = render_clip(
+        Renderer(load_scene(folder), 16, 1), Clip(0, 0.24, 0.25, 0.26), tmp_path / "s", 1.0
+    )
+    assert ground_truth(sequence).depth(0.25, 4).shape == (4, 4)
+    toml = folder / "scene.toml"
+    text = toml.read_text()
+    toml.write_text(text.replace("point_m = [0.0, 0.0, 0.0]", "point_m = [0.0, 0.0, 0.5]"))
+    assert toml.read_text() != text
+    with pytest.raises(SceneError, match=r"scene\.toml: plane: has changed since .* was rendered"):
+        ground_truth(open_sequence(sequence.folder))
