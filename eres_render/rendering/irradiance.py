@@ -237,6 +237,7 @@ def _per_cell(
     sampler.set_samples_per_wavefront(spp)
     cells_at_once = max(1, _SAMPLES_AT_ONCE // spp)
     total, count = np.zeros(n_u * n_v), np.zeros(n_u * n_v)
+    most = 0  # points of a cell that are on the shape
     for first in range(0, n_u * n_v, cells_at_once):
         cells = min(cells_at_once, n_u * n_v - first)
         # Numbers that change from call to call are opaque, or Dr.Jit would compile each into a new
@@ -254,12 +255,20 @@ def _per_cell(
         # The kernel up to here is for this shape; the long one that follows serves all shapes.
         dr.eval(point, valid)
         irradiance, counts = light(point, sampler, valid)
+        of_cell = np.broadcast_to(np.asarray(valid), cells * spp).reshape(cells, spp).sum(axis=1)
+        most = max(most, int(of_cell.max()))
         irradiance = dr.block_sum(dr.select(counts, irradiance, 0.0), spp)
         counted = dr.block_sum(dr.select(counts, mi.Float(1), mi.Float(0)), spp)
         dr.eval(irradiance, counted)
         part = slice(first, first + cells)
         total[part], count[part] = np.asarray(irradiance), np.asarray(counted)
         on_samples(cells * spp)
+    if most < _LEAST_SHARE * spp:
+        raise SceneError(
+            f"shape {shape.id()!r}: fills less than 1/{round(1 / _LEAST_SHARE)} of each of the "
+            f"{n_u} x {n_v} cells of its lightmap: make bake.cell_m smaller, let the shape fill "
+            "more of the UV square, or render with --integrator path"
+        )
     sums, counts_2d = total.reshape(n_v, n_u), count.reshape(n_v, n_u)
     known = counts_2d >= _LEAST_SHARE * spp
     if smooth:

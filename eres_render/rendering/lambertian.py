@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import mitsuba as mi
 
 _PROBES = 1 << 12  # points of a surface at which its UV coordinates are tried
-_UV_TOLERANCE = 1e-3  # of the surface's size
+_UV_TOLERANCE = 1e-3  # of the surface's size, or of the UV square
 _LINES = 64  # rows, and columns, of an image in which a clear step is looked for first
 _CLEAR = 1e-2  # reflectance
 
@@ -110,11 +110,14 @@ def _gray(image: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def _has_own_uv(shape: mi.Shape, sample: Any, found: Any) -> bool:
-    """Return whether UV coordinates identify points of the surface."""
+    """Return whether UV coordinates identify points of the surface, and are in the square."""
     import drjit as dr
 
     size = float(np.max(np.asarray(dr.norm(shape.bbox().extents()))))
-    again = found.is_valid() & (dr.norm(found.p - sample.p) < _UV_TOLERANCE * size)
+    low, high = -_UV_TOLERANCE, 1 + _UV_TOLERANCE
+    u, v = sample.uv.x, sample.uv.y
+    in_square = (u > low) & (u < high) & (v > low) & (v < high)
+    again = in_square & found.is_valid() & (dr.norm(found.p - sample.p) < _UV_TOLERANCE * size)
     return float(np.mean(np.asarray(dr.select(again, 1.0, 0.0)))) > 0.99
 
 

@@ -31,7 +31,8 @@ class Manifest:
     cx and cy in pixels; they are not written if pixels are square, the principal point is the
     center of the image and there is no lens. `distortion` is that of the lens, if there is one.
     `objects` are the names of those that move, not written if there are none. `plane` is the normal
-    of the plane that the camera sees, and its distance from the origin along it, if there is one.
+    of the plane that the camera sees, and its distance from the origin along it; empty if there is
+    none, and None in older files.
     """
 
     version: int
@@ -57,7 +58,7 @@ class Manifest:
     intrinsics: tuple[float, float, float, float] | None = None
     distortion: Distortion | None = None
     objects: tuple[str, ...] = ()
-    plane: tuple[float, float, float, float] | None = None
+    plane: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         steps = np.diff(self.t_s)
@@ -86,9 +87,9 @@ class Manifest:
         return Camera(self.width, self.height, self.fov_rad, **pinhole, distortion=self.distortion)
 
 
-def plane_values(scene: Scene) -> tuple[float, float, float, float] | None:
-    """Return the plane that a scene's camera sees as in a manifest."""
-    return None if scene.plane is None else (*scene.plane.normal, scene.plane.offset_m)
+def plane_values(scene: Scene) -> tuple[float, ...]:
+    """Return the plane that a scene's camera sees as in a manifest; nothing if there is none."""
+    return () if scene.plane is None else (*scene.plane.normal, scene.plane.offset_m)
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -126,7 +127,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
         If the file cannot be written.
     """
     table = dataclasses.asdict(manifest)
-    for name in ("t_offset_us", "intrinsics", "distortion", "objects", "plane"):
+    for name in ("t_offset_us", "intrinsics", "distortion", "objects"):
         if not table[name]:
             del table[name]
     write_text(folder / "manifest.json", json.dumps(table, indent=1) + "\n")

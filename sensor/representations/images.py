@@ -82,7 +82,8 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     latest_us = int(events.t_us[-1]) if len(events) else 0
     if t_us is None:
         t_us = latest_us
-    elif len(events) and latest_us > t_us:
+    t_us = int(t_us)
+    if len(events) and latest_us > t_us:
         raise EventError(
             f"time_surface: found an event at {latest_us} us, expected none after t_us = {t_us}; "
             "`Events.between` selects a window"

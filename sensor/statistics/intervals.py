@@ -12,7 +12,7 @@ from sensor.compiling import compiler
 from sensor.errors import EventError
 from sensor.events import Columns, Events
 
-_NEVER = -(1 << 62)
+_NEVER = -(1 << 63)
 
 
 @compiler(Path(__file__).parent)
@@ -91,6 +91,7 @@ class IntervalHistogram:
         ).astype(np.min_scalar_type(len(self.edges_us)))
         self._last_us = np.full((-(-height // every_row), width), _NEVER)
         self._counts = np.zeros(len(self.edges_us) + 1, np.int64)
+        self._start_us: int | None = None
         self._end_us: int | None = None
 
     def add(self, events: Events) -> None:
@@ -99,7 +100,8 @@ class IntervalHistogram:
         Raises
         ------
         EventError
-            The events are of a sensor of another size, or start before the end of those before.
+            The events are of a sensor of another size, start before the end of those before, or
+            are 2^63 us after the first.
         """
         width, height = self._last_us.shape[1], len(self._slot_of)
         if (events.width, events.height) != (width, height):
@@ -114,7 +116,14 @@ class IntervalHistogram:
                 f"IntervalHistogram.add: found an event at {events.t_us[0]} us after one at "
                 f"{self._end_us} us, expected parts in order"
             )
+        if self._start_us is None:
+            self._start_us = int(events.t_us[0])
         self._end_us = int(events.t_us[-1])
+        if self._end_us - self._start_us >= 1 << 63:
+            raise EventError(
+                f"IntervalHistogram.add: found an event at {self._end_us} us, expected less than "
+                f"2^63 us after the first, at {self._start_us} us"
+            )
         _count_intervals(
             events.columns,
             *self._window_us,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from collections.abc import Iterator
@@ -252,9 +253,10 @@ def _is_straight(file: Path) -> bool:
 def _read_straight(file: Path) -> NDArray[np.uint8] | None:
     """Return blue, green and red as stored, or gray; None if the file is damaged."""
     try:
-        with Image.open(file) as opened:
+        # From memory: Pillow maps files whose image is turned with the wrong sides.
+        with Image.open(io.BytesIO(file.read_bytes())) as opened:
             image = np.asarray(ImageOps.exif_transpose(opened))
-    except (OSError, SyntaxError):
+    except (OSError, SyntaxError, Image.DecompressionBombError):
         return None
     return image[..., 0] if image.shape[2] == 2 else image[..., 2::-1]
 

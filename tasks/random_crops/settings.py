@@ -9,10 +9,10 @@ from typing import Literal
 from eres_render.errors import check_positive
 from tasks.errors import TaskError
 
-Light = Literal["ideal", "all"]
-
 MOST_SIDE_PX = 1024
 """Largest side of a crop."""
+
+Light = Literal["ideal", "all"]
 """Whether pixels are ideal in all crops ("ideal"), or each crop draws its cutoff ("all")."""
 
 

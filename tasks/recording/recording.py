@@ -80,7 +80,7 @@ def open_recording(
     """
     path = Path(path)
     parts = reading.parts(path, format)
-    header = read_header(path, format=format).with_size(reading.size)
+    header = read_header(path, format=format, topic=reading.topic).with_size(reading.size)
     first_us, last_us, count = 0, 0, 0
     for part in parts:
         if len(part):

@@ -17,6 +17,12 @@ FILE_NAME = "rig.toml"
 _LEAST_DPI = 350.0
 
 
+def _check_beside(field: str, name: str) -> None:
+    """Refuse a file elsewhere than beside rig.toml, as a recording has a copy of both."""
+    if Path(name).name != name:
+        raise RigError(f"{field}: found {name!r}, expected the name of a file beside rig.toml")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageSettings:
     """The print: a picture with markers around it.
@@ -26,8 +32,8 @@ class PageSettings:
     width_m, height_m
         Size of the page, m.
     picture
-        A procedural picture (`tasks.rig.page.PICTURES`), or the path of an image file,
-        relative to the folder of rig.toml.
+        A procedural picture (`tasks.rig.page.PICTURES`), or the name of an image file beside
+        rig.toml.
     picture_width_m, picture_height_m
         Size of the picture in the middle of the page, m.
     marker_m
@@ -69,6 +75,7 @@ class PageSettings:
             )
         if not _LEAST_DPI <= self.dpi < math.inf:
             raise RigError(f"dpi: found {self.dpi}, expected at least {_LEAST_DPI:g}")
+        _check_beside("picture", self.picture)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,11 +215,8 @@ class RigSettings:
     def __post_init__(self) -> None:
         if (self.camera is None) == (self.camera_file is None):
             raise RigError("expected either camera or camera_file")
-        if self.camera_file is not None and Path(self.camera_file).name != self.camera_file:
-            raise RigError(
-                f"camera_file: found {self.camera_file!r}, expected the name of a file beside "
-                "rig.toml"
-            )
+        if self.camera_file is not None:
+            _check_beside("camera_file", self.camera_file)
 
     def camera_in(self, folder: Path) -> Camera:
         """Return the camera.

@@ -153,10 +153,11 @@ def render_rig(
     camera = settings.camera_in(rig_file.parent)
     _check_same(out, page, slider, pose)
     write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
-    if settings.camera_file is not None:
-        copy = out / settings.camera_file
-        if copy.resolve() != (rig_file.parent / settings.camera_file).resolve():
-            write_camera(copy, camera)
+    if out.resolve() != rig_file.parent.resolve():
+        if settings.camera_file is not None:
+            write_camera(out / settings.camera_file, camera)
+        if (picture := rig_file.parent / settings.page.picture).is_file():
+            write_bytes(out / picture.name, picture.read_bytes())
     page_files.write_print(out / page_files.IMAGE_NAME, codes, page)
     _write_facts(out, page, slider, pose)
     write_page_scene(out / "scene", page, codes, camera, slider, pose)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -73,10 +74,11 @@ def with_resolution(study: Study, resolution: int) -> Study:
         sensors=tuple(s for s in simulate.sensors if _is_seen(s, render)),
     )
     if not (kept.widths or kept.sensors):
-        sides = [max(one.width, one.height) for one in simulate.sensors]
+        per_row = study.render.resolution / study.render.height_at(study.render.resolution)
+        sides = [math.ceil(max(one.width, one.height * per_row)) for one in simulate.sensors]
         raise StudyError(
             f"--resolution: found {resolution} px, expected at least "
-            f"{min([*simulate.widths, *sides])}, as many as the study's coarsest sensor has"
+            f"{min([*simulate.widths, *sides])}, to see as many as the study's coarsest sensor has"
         )
     return replace(study, render=render, simulate=kept)
 

@@ -94,7 +94,7 @@ def open_subject(
         )
     if not files and over is not None:
         raise TaskError("over: found only rendered clips, expected files of events to draw over it")
-    headers = {path: _header(path, reading.size, format) for path in files}
+    headers = {path: _header(path, reading, format) for path in files}
     beside_clips = len(files) < len(paths)
     speeds = {
         path: _speed(path, header) if beside_clips or over is not None else 1.0
@@ -125,10 +125,10 @@ def open_subject(
     return _timed(tuple(sources), look, on_progress)
 
 
-def _header(path: Path, size: tuple[int, int] | None, format: str | None) -> Header:
-    header = read_header(path, format=format)
+def _header(path: Path, reading: Reading, format: str | None) -> Header:
+    header = read_header(path, format=format, topic=reading.topic)
     try:
-        return header.with_size(size)
+        return header.with_size(reading.size)
     except EventFormatError as error:
         raise EventFormatError(f"{path}: {error}") from error
 

@@ -338,16 +338,31 @@ def test_scenes_in_one_folder_do_not_take_each_others_lightmaps(tmp_path, monkey
 
 
 def test_a_part_of_a_uv_square_that_no_probe_hits_is_baked(tmp_path):
-    """Promise: a chart of a 10^-6 part of an atlas has a lightmap, and one whose lightmap would not
-    fit into memory is refused by name."""
+    """Promise: a chart of a 10^-6 part of an atlas is baked with small cells; lightmaps with cells
+    that are too large for it, or too many, are refused by name."""
     corners = "v -4 -4 0\nv 4 -4 0\nv 4 4 0\nv -4 4 0\n"
     chart = "vt 0.5 0.5\nvt 0.501 0.5\nvt 0.501 0.501\nvt 0.5 0.501\n"
     (tmp_path / "part.obj").write_text(f"{corners}{chart}f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
     file = '<string name="filename" value="part.obj"/>'
     scene = open_scene(tmp_path, f'<shape type="obj" id="part">{file}{GRAY}</shape>')
-    sky = irradiance_maps(scene, 4000.0, 64)["part"]
-    assert sky.shape == (2, 2)
+    sky = irradiance_maps(scene, 8.0, 4)["part"]
+    assert sky[501, 501] == pytest.approx(np.pi, rel=0.1)
+    with pytest.raises(SceneError, match=r"'part': fills less than 1/64 of each of the 2 x 2"):
+        irradiance_maps(scene, 4000.0, 64)
     with pytest.raises(SceneError, match=r"shape 'part': found a lightmap of \d+ x \d+ cells"):
+        irradiance_maps(scene, 0.5, 4)
+
+
+@pytest.mark.parametrize("start", [1.0, 2.25, -0.9, 0.6])
+def test_a_chart_beside_the_uv_square_is_not_baked(tmp_path, start):
+    """Promise: it is path-traced, and the log names it; its lightmap would be black."""
+    u0, u1 = start, start + 0.5
+    corners = "v -4 -4 0\nv 4 -4 0\nv 4 4 0\nv -4 4 0\n"
+    chart = f"vt {u0} 0\nvt {u1} 0\nvt {u1} 0.5\nvt {u0} 0.5\n"
+    (tmp_path / "part.obj").write_text(f"{corners}{chart}f 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
+    file = '<string name="filename" value="part.obj"/>'
+    scene = open_scene(tmp_path, f'<shape type="obj" id="part">{file}{GRAY}</shape>')
+    with pytest.raises(SceneError, match="'part' has points that share a UV coordinate, or"):
         irradiance_maps(scene, 0.5, 4)
 
 

@@ -280,3 +280,13 @@ def test_another_plane_gives_no_truth_for_frames_of_the_old_one(tmp_path):
     assert toml.read_text() != text
     with pytest.raises(SceneError, match=r"scene\.toml: plane: has changed since .* was rendered"):
         ground_truth(open_sequence(sequence.folder))
+    toml.write_text(text)
+    for plane, says in (([], False), (None, True)):  # it had none; an older file does not say
+        manifest = json.loads((sequence.folder / "manifest.json").read_text())
+        manifest["plane"] = plane
+        (sequence.folder / "manifest.json").write_text(json.dumps(manifest))
+        if says:
+            assert ground_truth(open_sequence(sequence.folder)).depth(0.25, 4).shape == (4, 4)
+        else:
+            with pytest.raises(SceneError, match="plane: has changed"):
+                ground_truth(open_sequence(sequence.folder))

@@ -86,7 +86,13 @@ def test_the_size_is_that_of_the_topic(tmp_path, eres):
     path = write_bag(tmp_path / "a.bag", {"/small": small, "/large": large})
     for topic, events in (("/small", small), ("/large", large)):
         assert_same(load_events(path, topic=topic), events)
-        assert f"{events.width}x{events.height} px" in eres("info", path, "--topic", topic)[1]
+        size = f"{events.width}x{events.height} px"
+        assert size in eres("info", path, "--topic", topic)[1]
+        out = tmp_path / topic[1:]
+        code, said, err = eres("video", path, "--topic", topic, "--out", out, "--fps", 1e5)
+        assert (code, size in said) == (0, True), err
+        code, _, err = eres("view", path, "--topic", topic, "--out", f"{out}.mp4")
+        assert code == 0, err
 
 
 def test_a_bag_is_read_in_parts(tmp_path):

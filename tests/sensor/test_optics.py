@@ -36,9 +36,9 @@ def test_mean_is_conserved_at_the_papers_ratio():
     assert abs(integrate(frame, 346, 346).mean() / mean - 1) < 1e-6
 
 
-@pytest.mark.parametrize("dtype", [">f4", ">f8", np.float16, np.longdouble])
-def test_floats_of_any_kind_are_light(dtype):
-    """Promise: PFM and FITS have big-endian floats, which `simulate` takes as well."""
+@pytest.mark.parametrize("dtype", [">f4", ">f8", np.float16, np.longdouble, ">u2", ">i4"])
+def test_numbers_of_any_kind_are_light(dtype):
+    """Promise: PFM and FITS have big-endian numbers."""
     frame = np.arange(24.0).reshape(4, 6)
     found = integrate(frame.astype(dtype), height=2, width=3)
     np.testing.assert_array_equal(found, integrate(frame, height=2, width=3))

@@ -135,6 +135,8 @@ def test_time_surface_refuses_ages_beyond_64_bits():
     ends = np.array([-(1 << 62) - 10, (1 << 62) + 10])
     with pytest.raises(EventError, match="expected less than 2\\^63 us before"):
         time_surface(Events(ends, pixel, pixel, p, 8, 4), tau_us=1e3)
+    with pytest.raises(EventError, match="expected less than 2\\^63 us before"):
+        time_surface(Events(ends, pixel, pixel, p, 8, 4), tau_us=1e3, t_us=ends[-1])
 
 
 @given(streams())

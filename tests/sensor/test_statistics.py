@@ -29,6 +29,20 @@ def drawn_events(seed, n, width, height, span_us):
     return Events(t_us, x, y, rng.choice([-1, 1], n).astype(np.int8), width, height)
 
 
+def test_intervals_at_the_ends_of_int64():
+    """Promise: any time that events may have counts; spans beyond 64 bits are refused."""
+    pixel, p, window_us = np.zeros(2, np.uint16), np.ones(2, np.int8), (-(1 << 63), (1 << 63) - 1)
+    for start_us in (-(1 << 62), -(1 << 62) - 10, (1 << 62) + 5):
+        histogram = IntervalHistogram(1, 1, [1, 10, 100], window_us)
+        times = np.array([start_us, start_us + 5])
+        histogram.add(Events(times, pixel, pixel, p, 1, 1))
+        assert histogram.counts.tolist() == [1, 0]
+    histogram = IntervalHistogram(1, 1, [1, 10, 100], window_us)
+    ends = np.array([-(1 << 62) - 10, (1 << 62) + 10])
+    with pytest.raises(EventError, match=r"expected less than 2\^63 us after the first"):
+        histogram.add(Events(ends, pixel, pixel, p, 1, 1))
+
+
 @settings(max_examples=40)
 @given(
     seed=st.integers(0, 1000),

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -274,3 +275,7 @@ def test_sensors_finer_than_smaller_frames_are_left_out():
     kept = with_resolution(study, 640)
     assert (kept.render.resolution, kept.render.height) == (640, 320)
     assert [one.name for one in kept.simulate.sensors] == ["flat", "low"]
+    square = replace(study, simulate=replace(study.simulate, sensors=sensors[:1]))
+    with pytest.raises(StudyError, match="--resolution: found 640 px, expected at least 1000"):
+        with_resolution(square, 640)
+    assert with_resolution(square, 1000).simulate.sensors == sensors[:1]

@@ -20,7 +20,6 @@ from distributed import LocalCluster
 from another_process import environment
 from eres_render import load_scene
 from eres_render.errors import RenderError
-from eres_render.progress import silent
 from eres_render.storage.cache import cache_dir
 from light_scenes import small_carpet_folder, write_poses
 from small_study import only, tiny_study
@@ -248,23 +247,30 @@ def test_progress_is_of_all_jobs(one_worker, scene_folder, monkeypatch):
         assert {job.key for job, _ in computed} == {job.key for job in jobs}
 
 
-def test_weights_that_change_meanwhile_end_the_study(scene_folder, tmp_path, monkeypatch):
+@pytest.mark.parametrize("on_cluster", [False, True])
+def test_weights_that_change_meanwhile_end_the_study(
+    one_worker, scene_folder, tmp_path, monkeypatch, on_cluster
+):
     """Promise: scores of other weights never get the name of those that the study began with."""
     file = tmp_path / "weights.pt"
     file.write_bytes(b"of one training")
     name = "our_reconstruction_all_light"
     video = Video(methods=(name, "blank"), weights={name: str(file)}, duration_s=0.1, run_in_s=0.05)
     study = replace(tiny_study(scene_folder, samples=1), evaluate=only(video=video))
-    work = jobs_of(study, load_scene(scene_folder))
-    jobs = [QueuedJob(job, job.key, False) for job in work]
 
     def computed(job, on_progress, *, with_highlights):
         file.write_bytes(b"of another training")
         return ComputedJob([], {}, {})
 
-    monkeypatch.setattr(local_module, "compute_job", computed)
+    for module in (cluster_module, local_module):
+        monkeypatch.setattr(module, "compute_job", computed)
+    run_module = sys.modules["tasks.study.run.run_study"]
+    for module in (cluster_module, run_module):  # the weights are not those of a network
+        monkeypatch.setattr(module, "check_methods", lambda *_: None)
+    address = one_worker.scheduler_address if on_cluster else None
     with pytest.raises(StudyError, match=r"weights.pt: changed while the study ran"):
-        list(local_module.ThisProcess().compute(jobs, silent))
+        run_study(study, tmp_path / "run", address)
+    assert [one.name for one in (tmp_path / "run").iterdir()] == ["study.json"]
 
 
 @pytest.mark.parametrize("wrapped", [False, True])

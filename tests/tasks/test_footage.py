@@ -20,7 +20,7 @@ from tasks.errors import TaskError
 from tasks.events.footage_simulation import simulate_footage
 from tasks.events.simulation import SimulationOptions
 from tasks.footage import open_footage
-from tasks.footage.images import list_images
+from tasks.footage.images import list_images, read_images
 from tasks.footage.interpolation import interpolated, steps_for
 from tasks.footage.motion import displacements_px, optical_flow
 
@@ -135,6 +135,42 @@ def test_colors_of_a_tiff_are_those_beside_its_alpha(tmp_path, caplog, mode):
     file.write_bytes(file.read_bytes()[:600])
     with pytest.raises(TaskError, match=r"1.tif: found 600 bytes that are not a complete TIFF"):
         list(footage)
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+def test_tiffs_with_alpha_are_turned_like_those_without(tmp_path, orientation):
+    """Promise: by the EXIF orientation, compressed or not."""
+    image = pictures(1)[0]
+    rgba = np.dstack([image, np.full_like(image[..., :1], 255)])
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    found = []
+    for name, pixels, compression in (
+        ("plain", image, None),
+        ("alpha", rgba, None),
+        ("packed", rgba, "tiff_lzw"),
+    ):
+        file = tmp_path / f"{name}.tif"
+        Image.fromarray(pixels).save(file, exif=exif, compression=compression)
+        found.append(next(read_images([file])))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other, found[0])
+
+
+def test_damaged_tiffs_are_named(tmp_path):
+    """Promise: sides that no image has are an error in one line, too."""
+    rgba = np.full((8, 8, 4), 9, np.uint8)
+    Image.fromarray(rgba).save(tmp_path / "0.tif")
+    data = bytearray((tmp_path / "0.tif").read_bytes())
+    sides = struct.pack("<HHII", 256, 4, 1, 8), struct.pack("<HHII", 257, 4, 1, 8)
+    short = struct.pack("<HHIHH", 256, 3, 1, 8, 0), struct.pack("<HHIHH", 257, 3, 1, 8, 0)
+    for tag, (long, small) in enumerate(zip(sides, short, strict=True), start=256):
+        at = max(data.find(long), data.find(small))
+        assert at > 0
+        data[at : at + 12] = struct.pack("<HHII", tag, 4, 1, 200_000)
+    (tmp_path / "0.tif").write_bytes(data)
+    with pytest.raises(TaskError, match=r"0.tif: found \d+ bytes that are not a complete TIFF"):
+        next(read_images([tmp_path / "0.tif"]))
 
 
 def test_floats_are_linear(tmp_path):

@@ -22,7 +22,7 @@ from tasks.methods import METHOD_VERSIONS
 from tasks.study.config import STAGE_VERSIONS
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.estimate import estimate_job
-from tasks.study.run.jobs import Job, QueuedJob
+from tasks.study.run.jobs import Job, QueuedJob, check_weights, weights_of
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -130,7 +130,10 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
             raise StudyError(f"found code of versions {_versions()}, expected {versions}")
         queued = pickle.loads(order)
         job = _as_found_here(queued.job, queued.key)
-        return compute_job(job, silent, with_highlights=queued.with_highlights)
+        weights = weights_of(job.evaluate)
+        computed = compute_job(job, silent, with_highlights=queued.with_highlights)
+        check_weights(job.evaluate, weights)
+        return computed
     except (RenderError, SensorError, EventError, TaskError) as error:
         if isinstance(error.__cause__, OSError):  # a full disk may pass
             raise

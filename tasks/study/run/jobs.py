@@ -16,6 +16,7 @@ from tasks.errors import StudyError
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import NetworkSettings, Stretches, TaskSettings, Tracking
 from tasks.methods import code_of
+from tasks.methods.networks import digests
 from tasks.registry import TASKS
 from tasks.row import Row
 from tasks.study.config import STAGE_VERSIONS, Render, Simulate, Study, digest
@@ -111,6 +112,34 @@ class Job:
         others, found = self.simulate.photoreceptors[1:], list(rows)
         ideal = [row for row in found if math.isinf(row.cutoff_hz) and row.sensor not in own]
         return found + [replace(row, photoreceptor=one) for one in others for row in ideal]
+
+
+def weights_of(evaluate: Mapping[str, TaskSettings]) -> dict[str, str]:
+    """Return the SHA-256 of the weights that tasks use, by file."""
+    found: dict[str, str] = {}
+    for task in evaluate.values():
+        found |= digests(task.weights, task.methods)
+    return found
+
+
+def check_weights(evaluate: Mapping[str, TaskSettings], begun: Mapping[str, str]) -> None:
+    """Check that weights are those with which jobs began: the names of their rows say so.
+
+    Parameters
+    ----------
+    evaluate
+        The tasks.
+    begun
+        What `weights_of` returned then.
+
+    Raises
+    ------
+    StudyError
+        A file has changed.
+    """
+    for file, now in weights_of(evaluate).items():
+        if now != begun[file]:
+            raise StudyError(f"{file}: changed while the study ran; start it again")
 
 
 @dataclass(frozen=True, slots=True)

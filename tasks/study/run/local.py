@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from eres_render.cores import cores
 from eres_render.progress import Progress
 from eres_render.rendering.backend import select_variant
-from tasks.errors import StudyError
-from tasks.methods.networks import digests
 from tasks.provenance import environment
 from tasks.study.run.compile_ahead import compiling_ahead
 from tasks.study.run.compute import ComputedJob, compute_job
@@ -36,26 +34,14 @@ class ThisProcess:
         estimates = [estimate_job(queued.job) for queued in jobs]
         total_s = sum(one.core_s for one in estimates)
         before_s = 0.0
-        weights = [_weights(queued) for queued in jobs]
         with compiling_ahead(tasks):
-            for queued, estimate, begun in zip(jobs, estimates, weights, strict=True):
+            for queued, estimate in zip(jobs, estimates, strict=True):
                 on_progress(f"loading {queued.job.scene.name}", before_s, total_s)
                 on_job = _within(on_progress, estimate, before_s, total_s)
                 computed = compute_job(queued.job, on_job, with_highlights=queued.with_highlights)
-                for file, digest in _weights(queued).items():
-                    if digest != begun[file]:  # the rows have the name of the former
-                        raise StudyError(f"{file}: changed while the study ran; start it again")
                 before_s += estimate.core_s
                 yield queued, computed
         on_progress("done", total_s, total_s)
-
-
-def _weights(queued: QueuedJob) -> dict[str, str]:
-    """Return the digests of the weights that a job uses, by file."""
-    found: dict[str, str] = {}
-    for task in queued.job.evaluate.values():
-        found |= digests(task.weights, task.methods)
-    return found
 
 
 def _within(

@@ -15,7 +15,14 @@ from tasks.evaluation.settings import check_methods
 from tasks.row import Row
 from tasks.study.config import Study, to_json
 from tasks.study.run.estimate import estimate_job, estimate_work
-from tasks.study.run.jobs import Job, QueuedJob, jobs_of, trials
+from tasks.study.run.jobs import (
+    Job,
+    QueuedJob,
+    check_weights,
+    jobs_of,
+    trials,
+    weights_of,
+)
 from tasks.study.run.run_folder import RunFolder
 from tasks.study.run.scheduler import Scheduler, open_scheduler
 
@@ -72,6 +79,7 @@ def run_study(
     with open_scheduler(scheduler) as computing:
         _check_methods(study)
         scenes = _scenes(study)
+        weights = weights_of(study.evaluate)  # before the keys, which have them too
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
@@ -86,6 +94,7 @@ def run_study(
         finished = [job for key, job in work.items() if key not in lacking]
         counted = _Counted(on_progress, finished, len(to_do))
         for queued, computed in computing.compute(to_do, counted):
+            check_weights(study.evaluate, weights)
             folder.keep(queued, computed)
             counted.one_is_finished()
     return folder.finish(resolved)

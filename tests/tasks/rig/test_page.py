@@ -114,13 +114,13 @@ def test_an_image_file_can_be_the_picture(tmp_path):
     settings = PageSettings(
         width_m=0.12,
         height_m=0.09,
-        picture=str(tmp_path / "mine.png"),
+        picture="mine.png",
         picture_width_m=0.05,
         picture_height_m=0.03,
         marker_m=0.01,
     )
     page = lay_out(settings)
-    light = reflectance(draw(page, settings, Path()))
+    light = reflectance(draw(page, settings, tmp_path))
     left, top, right, bottom = (round(edge / page.dot_m) for edge in page.picture_m)
     row = light[(top + bottom) // 2, left:right]
     assert np.all(np.diff(row) >= -1e-6)
@@ -165,6 +165,7 @@ def test_settings_are_read(tmp_path):
         ("[0.2, 0.4]", "[]", "speeds_mps: found"),
         ("travel_m = 0.2", "travel_m = -1.0", "travel_m: found -1.0"),
         ("travel_m", "travels_m", "travels_m: unknown"),
+        ('picture = "pebbles"', 'picture = "../photo.png"', "name of a file beside rig.toml"),
         ("camera = {", 'camera_file = "c.yaml"\ncamera = {', "either camera or camera_file"),
     ],
 )

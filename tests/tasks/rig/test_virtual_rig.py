@@ -7,6 +7,7 @@ import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -264,9 +265,11 @@ def test_integration_knows_both_thresholds():
 
 def test_the_rig_s_own_camera_file_stays(tmp_path, monkeypatch):
     """Promise: `eres rig render --out .` does not write over the camera file of rig.toml; another
-    folder gets a copy."""
+    folder gets a copy of it, and of the picture."""
     text = RIG[RIG.index("[page]") :]
+    text = text.replace('picture = "pebbles"', 'picture = "photo.png"')
     (tmp_path / "rig.toml").write_text(f'camera_file = "lens.yaml"\n{text}')
+    cv2.imwrite(str(tmp_path / "photo.png"), np.full((30, 50), 128, np.uint8))
     file = tmp_path / "lens.yaml"
     write_camera(file, Camera(200, 150, fx=260.0, fy=260.0, cx=104.0, cy=71.0))
     file.write_text(file.read_text() + "# measured on Tuesday\n")
@@ -279,6 +282,7 @@ def test_the_rig_s_own_camera_file_stays(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             render_rig(tmp_path / "rig.toml", out, DEPTH_M, frame_camera=FrameCameraOptions())
         assert (out / "lens.yaml").exists()
+        assert (out / "photo.png").read_bytes() == (tmp_path / "photo.png").read_bytes()
     assert "# measured on Tuesday" in file.read_text()
 
 
