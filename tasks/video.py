@@ -17,7 +17,7 @@ unrelated image of uniform histogram 7.78 dB.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Protocol
 
 import cv2
@@ -68,20 +68,30 @@ class ImageTaker:
         self._method = method
         self._due = list(times_us)
 
-    def push(self, events: Events) -> list[tuple[int, Float64]]:
-        """Pass the events on; return the times and images that are due."""
-        taken = []
+    def take(self, events: Events) -> Iterator[tuple[int, Float64]]:
+        """Pass the events on as far as the caller iterates, to the end; yield what is due.
+
+        Parameters
+        ----------
+        events
+            The next events.
+
+        Yields
+        ------
+        Time and image. Use the image before the next one: it may be the method's state, and there
+        may be many.
+        """
         while self._due and len(events) and events.t_us[-1] >= self._due[0]:
             before = int(np.searchsorted(events.t_us, self._due[0]))
             self._method.push(events[:before])
             events = events[before:]
-            taken.append(self._take())
+            yield self._take()
         self._method.push(events)
-        return taken
 
-    def finish(self) -> list[tuple[int, Float64]]:
-        """Return the times and images that are left after the last event."""
-        return [self._take() for _ in range(len(self._due))]
+    def rest(self) -> Iterator[tuple[int, Float64]]:
+        """Yield the times and images that are left after the last event."""
+        while self._due:
+            yield self._take()
 
     def _take(self) -> tuple[int, Float64]:
         t_us = self._due.pop(0)

@@ -14,6 +14,8 @@ from tasks.flow import Features, find_features
 from tasks.reconstruction import log_white_level
 from tasks.video import log_light, picture
 
+_MOST_PICTURES = 16  # kept for the next sensor; 13 MB each at 1280 px
+
 
 class ReferenceFrames:
     """Frames, ground truth and log images of one sequence, to compare answers with.
@@ -116,6 +118,8 @@ class ReferenceFrames:
         key = t_s, equalization
         if key not in self._pictures:
             log_image = log_light(self.sequence, t_s, self.dark_level)
+            if len(self._pictures) >= _MOST_PICTURES:  # sensors ask for one time after another
+                del self._pictures[next(iter(self._pictures))]
             self._pictures[key] = picture(log_image, log_image.shape, equalization)
         return self._pictures[key]
 

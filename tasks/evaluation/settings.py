@@ -140,6 +140,7 @@ class Flow(TaskSettings):
         Also score patches of 61 px of the sensor, whatever its width.
     initial_sigma_px
         Error of the initial flow: standard deviation of each component, px of a 1280 px sensor.
+        Searches end at 4 times this.
     fast_methods, fast_speed, fast_scenes
         Methods to evaluate also at one much higher speed, that speed as a factor on the base speed,
         and the scenes for it; by default all scenes.
@@ -150,7 +151,7 @@ class Flow(TaskSettings):
     methods: tuple[str, ...] = ("photometric_flow", "contrast_maximization", "initial_flow")
     features: int = 20
     native_patch: bool = False
-    initial_sigma_px: float = field(default=3.0, metadata=MAY_BE_ZERO)
+    initial_sigma_px: float = 3.0
     fast_methods: tuple[str, ...] = ()
     fast_speed: float = 10.0
     fast_scenes: tuple[str, ...] = ()

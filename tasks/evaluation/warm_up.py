@@ -25,9 +25,11 @@ def warn_if_short(sequence: RadianceSequence, cutoff_hz: float, speed: float) ->
     speed
         Factor by which the scene moves faster than rendered; it shortens the warm-up.
     """
-    seconds = (sequence.window_s[0] - float(sequence.t_s[0])) / speed
-    time_constants = 2 * math.pi * cutoff_hz * seconds if seconds > 0 else math.inf
-    if time_constants < 0.99 * _ENOUGH:
+    start_s = float(sequence.t_s[0])
+    seconds = (sequence.window_s[0] - start_s) / speed
+    is_continuous = start_s == sequence.window_s[0] == 0  # from the path's start: all is scored
+    time_constants = 2 * math.pi * cutoff_hz * seconds if math.isfinite(cutoff_hz) else math.inf
+    if time_constants < 0.99 * _ENOUGH and not is_continuous:
         _log.warning(
             "the clip's warm-up, %.3g ms, is %.2g time constants of a %.3g Hz filter, expected %g: "
             "the window's first events still depend on where the sequence starts",

@@ -65,6 +65,11 @@ class E2vid:
                 f"{self._name}: found a sensor of {width}x{height} px, expected at least "
                 f"{(multiple + 4) // 3} px on each side"
             )
+        if self._network.options.norm == "IN" and max(width, height) <= multiple:
+            raise WeightsError(
+                f"{self._name}: found a sensor of {width}x{height} px, expected more than "
+                f"{multiple} px on a side, as it normalizes over the image"
+            )
         channels = self._network.options.base_num_channels
         needed = _BYTES_PER_PX_AND_CHANNEL * channels * width * height
         check_memory(self._name, width, height, needed)

@@ -38,7 +38,7 @@ def even_window_us(step_us: float) -> float:
 
     Returns
     -------
-    The length nearest to the usual one, us.
+    The length, us: the number of windows is the whole one nearest to that of usual windows.
 
     Examples
     --------

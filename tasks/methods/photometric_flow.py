@@ -15,6 +15,7 @@ It has its largest value, 1, at v = 0, as C is bounded from below.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -32,6 +33,7 @@ _MAX_STEPS = 1000  # fine texture and a slow sensor need 100 to 300
 _CONVERGED_PX = 1e-3
 _DESCENT_STEPS = 200  # of steepest descent
 _FIRST_STEP_PX = 0.25
+_FLAT = 1e-9  # 1/px: a gradient of that share of the cost is rounding
 _TOGETHER = 512  # events that are sampled at once
 
 
@@ -119,7 +121,7 @@ def _best_gain(
     """
     _, gradient, curvature = normal_equations(events, L, unknowns)
     steepness = curvature[2, 2]
-    return float(unknowns[2] - gradient[2] / steepness) if steepness > 0 else np.inf
+    return float(unknowns[2] - gradient[2] / steepness) if 0 < steepness < np.inf else np.inf
 
 
 def _steepest_descent(
@@ -129,7 +131,7 @@ def _steepest_descent(
     lower: NDArray[np.float64],
     upper: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], bool]:
-    """Return the unknowns at which steps against the gradient end, and True.
+    """Return the unknowns at which steps against the gradient end, and whether there is a gradient.
 
     The step length doubles after a step that lowers the cost, and halves otherwise.
     """
@@ -143,6 +145,8 @@ def _steepest_descent(
         return unknowns, cost, gradient[:2]
 
     found, cost, gradient = at(start[:2])
+    if not math.isfinite(cost) or (cost > 0 and np.hypot(*gradient) <= _FLAT * cost):
+        return found, False
     step_px = _FIRST_STEP_PX
     for _ in range(_DESCENT_STEPS):
         slope = np.hypot(*gradient)

@@ -7,13 +7,14 @@ histograms are equalized before the comparison, and the baseline is a gray image
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
-from tasks.evaluation.scorers.answers import ask, image_answer
+from tasks.evaluation.scorers.answers import ask, ask_each, image_answer
 from tasks.methods import load_method
 from tasks.methods.e2vid import even_window_us
 from tasks.psnr import psnr_db as picture_psnr_db
@@ -143,8 +144,11 @@ def score_video(
     blank = np.zeros((height, width))
     scores = []
 
-    def score(name: str, taken: list) -> None:
-        for t_us, answer in taken:
+    def score(name: str, asked: Iterator[tuple[Any, float]]) -> None:
+        for taken, _ in asked:
+            if taken is None:
+                return
+            t_us, answer = taken
             log_image, failure = image_answer("video", name, answer, blank)
             truth = picture(frames.log_light(numbers[t_us]), (height, width), equalization)
             found = picture(log_image, (height, width), equalization)
@@ -154,9 +158,9 @@ def score_video(
     seen = 0
     for events in recording.parts():
         for name, taker in takers.items():
-            score(name, ask("video", name, taker.push, events)[0])
+            score(name, ask_each("video", name, taker.take, events))
         seen += len(events)
         on_progress("video", seen, recording.count)
     for name, taker in takers.items():
-        score(name, ask("video", name, taker.finish)[0])
+        score(name, ask_each("video", name, taker.rest))
     return sorted(scores, key=lambda one: (one.t_us, list(methods).index(one.method)))

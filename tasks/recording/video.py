@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
 from tasks.errors import TaskError
-from tasks.evaluation.scorers.answers import ask, image_answer
+from tasks.evaluation.scorers.answers import ask, ask_each, image_answer
 from tasks.methods import check_method, load_method
 from tasks.recording.calibration import Calibration
 from tasks.recording.images import network_options
@@ -187,16 +187,19 @@ def _images(
     blank = np.zeros((height, width))
     seen = 0
     for events in recording.parts():
-        taken, _ = ask("video", name, taker.push, events)
-        yield from (_image(name, t_us, answer, blank) for t_us, answer in taken)
+        yield from _taken(name, taker.take, events, blank=blank)
         seen += len(events)
         on_progress("images", seen, recording.count)
-    taken, _ = ask("video", name, taker.finish)
-    yield from (_image(name, t_us, answer, blank) for t_us, answer in taken)
+    yield from _taken(name, taker.rest, blank=blank)
 
 
-def _image(name: str, t_us: int, answer: Any, blank: NDArray[np.float64]) -> NDArray[np.floating]:
-    image, failure = image_answer("video", name, answer, blank)
-    if failure:
-        raise TaskError(f"video, method {name!r}: at {t_us} us {failure}")
-    return image
+def _taken(
+    name: str, function: Any, *arguments: Any, blank: NDArray[np.float64]
+) -> Iterator[NDArray[np.floating]]:
+    for taken, _ in ask_each("video", name, function, *arguments):
+        if taken is not None:
+            t_us, answer = taken
+            image, failure = image_answer("video", name, answer, blank)
+            if failure:
+                raise TaskError(f"video, method {name!r}: at {t_us} us {failure}")
+            yield image

@@ -188,8 +188,8 @@ def _from_events(
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())
     for part in recording.events():
-        yield from taker.push(part)
-    yield from taker.finish()
+        yield from taker.take(part)
+    yield from taker.rest()
 
 
 def _thresholds(recording: Recording, given: float | None) -> Thresholds:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -22,7 +23,7 @@ from sensor import Events
 from sensor.events import concatenate
 from sensor.formats import read_events, read_header
 from tasks.errors import RigError
-from tasks.evaluation.scorers.answers import ask, flow_answer, image_answer, path_answer
+from tasks.evaluation.scorers.answers import ask, ask_each, flow_answer, image_answer, path_answer
 from tasks.flow import (
     INITIAL_SIGMA_PX,
     MARGIN_PX,
@@ -98,14 +99,14 @@ class RigEvaluation:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("windows", "features", "travel_m", "initial_sigma_mm"):
+        positive = "windows", "features", "travel_m", "initial_sigma_mm", "initial_sigma_px"
+        for name in positive:
             check_positive(name, getattr(self, name), RigError)
         for name in ("cutoff_hz", "contrast_threshold"):
             if getattr(self, name) is not None:
                 check_positive(name, getattr(self, name), RigError)
-        for name in ("initial_sigma_px", "seed"):
-            if not getattr(self, name) >= 0:
-                raise RigError(f"{name}: found {getattr(self, name)}, expected at least 0")
+        if not self.seed >= 0:
+            raise RigError(f"seed: found {self.seed}, expected at least 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -442,9 +443,11 @@ def _video_rows(crop: _Crop, windows: list[_Window], settings: RigEvaluation) ->
     for name in settings.video:
         method, _ = ask("video", name, load_method("video", name), *size, crop.contrast_threshold)
         taker = ImageTaker(method, [window.end_us for window in windows])
-        taken, _ = ask("video", name, taker.push, crop.events)
-        left, _ = ask("video", name, taker.finish)
-        for window, truth, (_, answer) in zip(windows, truths, [*taken, *left], strict=True):
+        asked = chain(
+            ask_each("video", name, taker.take, crop.events), ask_each("video", name, taker.rest)
+        )
+        answers = (taken[1] for taken, _ in asked if taken is not None)
+        for window, truth, answer in zip(windows, truths, answers, strict=True):
             log_image, failure = image_answer("video", name, answer, blank)
             value = psnr_db(picture(log_image, size[::-1]), truth)
             yield _row(crop, window, "video", name, "psnr_db", value, failure=failure)

@@ -104,7 +104,7 @@ def board_images(path: Path, size: tuple[int, int] | None) -> Iterator[NDArray[n
     hp = HighPassFilter(parts[0].width, parts[0].height, 1.0, _CUTOFF_HZ, 0.0)
     wanted_us = np.linspace(first_us, last_us, _IMAGES + 1)[1:].astype(np.int64).tolist()
     taker = ImageTaker(hp, wanted_us)
-    images = [image for part in parts for _, image in taker.push(part)]
+    images = [image for part in parts for _, image in taker.take(part)]
     yield gray_codes(np.sum(images, axis=0))
     for image in images:
         yield gray_codes(image)

@@ -297,13 +297,16 @@ def votes(column, row, shape):
     return image
 
 
+@pytest.mark.parametrize("at_bound", [False, True])
 @pytest.mark.parametrize("objective", ["variance", "gradient", "plain variance"])
-def test_contrast_is_that_of_a_slow_reference(translating, objective):
+def test_contrast_is_that_of_a_slow_reference(translating, objective, at_bound):
     """Promise: votes minus those of an even distribution, blurred by 1 px, squared or their slopes;
-    the plain variance is that of the blurred votes alone, but for a constant."""
+    the plain variance is that of the blurred votes alone, but for a constant; up to the bound."""
     (sample,) = samples(translating, 1, 1.0)
     sample = replace(sample, **{k: getattr(sample, k)[::7] for k in ("x_px", "y_px", "t")})
-    flow, far = np.array([9.0, 6.0]), 20
+    flow, far = np.array([9.0, 6.0]), 40
+    if at_bound:
+        flow = sample.initial + 20.0 * np.sign(sample.initial)
     (left, top), (right, bottom) = sample.patch
     shape = (bottom - top + 2 * far, right - left + 2 * far)
 
@@ -423,6 +426,19 @@ def test_a_search_that_goes_far_is_a_counted_failure(translating, method, reason
     assert answer.failure == reason
     np.testing.assert_array_equal(answer.flow, away.initial)
     assert not method.estimate(replace(away, initial_sigma_px=0.6)).failure
+
+
+@pytest.mark.parametrize("spoiled", [np.nan, -np.inf, None])
+def test_images_without_a_gradient_are_a_failure(translating, spoiled):
+    """Promise: descent, too, has no answer where the image is flat or has a pixel without light."""
+    (sample,) = samples(translating, 1, 1.0)
+    image = np.zeros_like(sample.log_image) if spoiled is None else sample.log_image.copy()
+    if spoiled is not None:
+        image[image.shape[0] // 2, image.shape[1] // 2] = spoiled
+    for estimate in (photometric_flow.estimate, photometric_flow.estimate_by_descent):
+        answer = estimate(replace(sample, log_image=image))
+        assert answer.failure
+        np.testing.assert_array_equal(answer.flow, sample.initial)
 
 
 def test_too_few_events_is_a_counted_failure(translating):

@@ -77,8 +77,8 @@ def run(events, times=(), cuts=(), **options):
     taker = ImageTaker(E2vid(W, H, 0.2, network=network, **options), sorted(times))
     edges, taken = [0, *sorted(cuts), len(events)], []
     for first, last in pairwise(edges):
-        taken += taker.push(events[first:last])
-    taken += taker.finish()
+        taken += taker.take(events[first:last])
+    taken += taker.rest()
     assert network.sizes == [(W, H)]
     return network.grids, taken
 

@@ -209,8 +209,8 @@ def test_a_sample_is_what_the_method_gets_and_what_is_scored(crop):
     )
     taker = ImageTaker(method, crop.ends_us)
     for events in crop.events:
-        taker.push(events)
-    taker.finish()
+        list(taker.take(events))
+    list(taker.rest())
     np.testing.assert_array_equal(sample.grids, network.grids)
     for k in range(WINDOWS):
         image = crop.log_image(k + 1, SIDE)

@@ -62,7 +62,7 @@ def test_filter_is_that_of_a_slow_reference(cutoff_hz, decay):
     taker = ImageTaker(
         HighPassFilter(SIZE, SIZE, C, cutoff_hz, decay), [1_000_000, 2_500_000, 4_000_000]
     )
-    for t_us, image in taker.push(events) + taker.finish():
+    for t_us, image in [*taker.take(events), *taker.rest()]:
         expected = slow_filter(events, t_us, cutoff_hz, decay)
         np.testing.assert_allclose(image, expected, rtol=1e-12, atol=1e-15)
 
@@ -101,7 +101,7 @@ def test_it_passes_what_is_fast_and_stops_what_is_slow():
     events = simulate(np.exp(signal)[:, None, None], t_s, model)
     method = HighPassFilter(1, 1, contrast, cutoff_hz, 0.0)
     taker = ImageTaker(method, range(3_000_000, 4_000_000, 10_000))
-    taken = taker.push(events) + taker.finish()
+    taken = [*taker.take(events), *taker.rest()]
     phase = 2 * math.pi * cutoff_hz * 1e-6 * np.array([t_us for t_us, _ in taken])
     value = np.array([image[0, 0] for _, image in taken])
     in_phase, ahead = 2 * np.mean(value * np.sin(phase)), 2 * np.mean(value * np.cos(phase))
@@ -126,26 +126,51 @@ def test_any_division_of_the_stream_gives_the_same_images(cuts, times):
     """Promise: parts, and images between them, change nothing, not even rounding."""
     events = random_events()
     whole = ImageTaker(HighPassFilter(SIZE, SIZE, C), sorted(times))
-    expected = whole.push(events) + whole.finish()
+    expected = [*whole.take(events), *whole.rest()]
     taker, taken = ImageTaker(HighPassFilter(SIZE, SIZE, C), sorted(times)), []
     edges = [0, *sorted(cuts), len(events)]
     for first, last in pairwise(edges):
-        taken += taker.push(events[first:last])
-    taken += taker.finish()
+        taken += taker.take(events[first:last])
+    taken += taker.rest()
     assert [t_us for t_us, _ in taken] == [t_us for t_us, _ in expected] == sorted(times)
     for (_, image), (_, other) in zip(taken, expected, strict=True):
         np.testing.assert_array_equal(image, other)
 
 
+def test_an_image_may_be_the_state_of_the_method():
+    """Promise: an image shows the events before its time, not those of its batch, and one image is
+    in memory at a time."""
+
+    class Sum:
+        def __init__(self):
+            self.state, self.made = np.zeros((1, 1)), 0
+
+        def push(self, events):
+            self.state += events.p.sum()
+
+        def image(self, t_us):
+            self.made += 1
+            return self.state
+
+    method = Sum()
+    taker = ImageTaker(method, [10, 20, 30, 40])
+    found = []
+    for images in (taker.take(train(10, 3)), taker.rest()):
+        for t_us, image in images:
+            found.append((t_us, image[0, 0]))
+            assert method.made == len(found)
+    assert found == [(10, 1), (20, 2), (30, 3), (40, 3)]
+
+
 def test_an_image_sees_the_events_before_its_time():
     """Promise: windows are half-open, so an event at t counts from then on."""
     taker = ImageTaker(without_event_decay(1, 1, 1.0), [0, 10, 11])
-    ((t_us, image),) = taker.push(train(10, 1))
+    ((t_us, image),) = taker.take(train(10, 1))
     assert (t_us, image[0, 0]) == (0, 0.0)
     events = train(10, 2)
-    taken = taker.push(events[1:])
+    taken = taker.take(events[1:])
     assert [(t_us, round(image[0, 0], 3)) for t_us, image in taken] == [(10, 1.0)]
-    assert [(t_us, round(image[0, 0], 3)) for t_us, image in taker.finish()] == [(11, 2.0)]
+    assert [(t_us, round(image[0, 0], 3)) for t_us, image in taker.rest()] == [(11, 2.0)]
 
 
 def test_the_filter_refuses_what_it_cannot_use():

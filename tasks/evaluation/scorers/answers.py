@@ -7,7 +7,7 @@ a method, ends the run with a `MethodError` that names the method and the line.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
@@ -65,6 +65,34 @@ def ask(
             f"{_place(error, task, name)}{': ' if text else ''}{text}"
         ) from error
     return answer, cpu_s() - started_s
+
+
+def ask_each(
+    task: str, name: str, function: Callable[..., Iterator[Any]], *arguments: Any
+) -> Iterator[tuple[Any, float]]:
+    """Run a function of a method that yields answers, one after another.
+
+    Parameters
+    ----------
+    task, name, function, arguments
+        As for `ask`.
+
+    Yields
+    ------
+    Each answer with the CPU time since the one before; at the end None, with the time since the
+    last.
+
+    Raises
+    ------
+    MethodError, WeightsError
+        As `ask` raises them.
+    """
+    answers, spent_s = ask(task, name, function, *arguments)
+    answer: Any = ()
+    while answer is not None:
+        answer, cpu_s = ask(task, name, next, answers, None)
+        yield answer, spent_s + cpu_s
+        spent_s = 0.0
 
 
 def _copied(given: Any) -> Any:

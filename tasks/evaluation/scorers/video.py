@@ -11,7 +11,7 @@ import numpy as np
 from sensor import Events
 from tasks.errors import TaskError
 from tasks.evaluation.reference import ReferenceFrames
-from tasks.evaluation.scorers.answers import ask, image_answer
+from tasks.evaluation.scorers.answers import ask, ask_each, image_answer
 from tasks.evaluation.scorers.base import Score
 from tasks.evaluation.setting import Setting
 from tasks.evaluation.settings import Video
@@ -84,21 +84,21 @@ class VideoScorer:
     def push(self, events: Events) -> None:
         """Pass the events on, and score the images that are due; keep no image, they are large."""
         for name, taker in self._takers.items():
-            taken, cpu_s = ask("video", name, taker.push, events)
-            self._cpu_s[name] += cpu_s
             self._events[name] += len(events)
-            self._score(name, taken)
+            self._score(name, ask_each("video", name, taker.take, events))
 
     def scores(self) -> Iterator[Score]:
         """Yield one score for each image and method."""
         for name, taker in self._takers.items():
-            taken, cpu_s = ask("video", name, taker.finish)
-            self._cpu_s[name] += cpu_s
-            self._score(name, taken)
+            self._score(name, ask_each("video", name, taker.rest))
         yield from self._scores
 
-    def _score(self, name: str, taken: list) -> None:
-        for t_us, answer in taken:
+    def _score(self, name: str, asked: Iterator[tuple[Any, float]]) -> None:
+        for taken, cpu_s in asked:
+            self._cpu_s[name] += cpu_s
+            if taken is None:
+                return
+            t_us, answer = taken
             log_image, failure = image_answer("video", name, answer, self._blank)
             sample = self._samples[t_us]
             for variant, equalization in self._equalizations.items():

@@ -76,14 +76,14 @@ def estimate_with_delay(sample: TrackingSample) -> TrackingEstimate:
     found = search(problem, late, pyramid(sample.log_image, sample.camera.K, blur_px))
     path = found[0]
     diagnostics, failure = _judge(problem, sample, found)
-    delay_s = _delay_s(sample, path)
-    diagnostics = replace(diagnostics, delay_us=1e6 * delay_s)
-    if not failure and 1e6 * delay_s >= sample.max_delay_us:  # 0 is a valid answer
+    delay_us = _delay_us(sample, path)
+    diagnostics = replace(diagnostics, delay_us=float(delay_us))
+    if not failure and delay_us == sample.max_delay_us:  # 0 is a valid answer
         failure = "the delay ended at its bound"
     if failure:
         return TrackingEstimate(sample.initial, failure, diagnostics)
     t_s = np.linspace(0.0, sample.initial.duration_s, 4 * len(sample.initial.knots_s))
-    return TrackingEstimate(path_through(t_s, path.pose(t_s + delay_s)), "", diagnostics)
+    return TrackingEstimate(path_through(t_s, path.pose(t_s + 1e-6 * delay_us)), "", diagnostics)
 
 
 def _blur_px(sample: TrackingSample) -> float:
@@ -167,10 +167,10 @@ def _extended(path: Trajectory, by_us: int) -> Trajectory:
     return Trajectory(knots_s, np.concatenate([path.controls[:-1], controls]))
 
 
-def _delay_s(sample: TrackingSample, path: Trajectory) -> float:
-    """Return the time at which the path sees the reference view, to 10 us."""
-    t_s = np.arange(0, sample.max_delay_us + 1, 10) * 1e-6
+def _delay_us(sample: TrackingSample, path: Trajectory) -> int:
+    """Return the time at which the path sees the reference view, to 10 us or at the bound."""
+    t_us = np.unique([*range(0, sample.max_delay_us, 10), sample.max_delay_us])
     points_px = sample.camera.grid(9)
-    H = plane_homography(sample.camera.K, sample.T_0, path.pose(t_s), sample.plane)
+    H = plane_homography(sample.camera.K, sample.T_0, path.pose(t_us * 1e-6), sample.plane)
     off_px = map_pixels(H, points_px) - points_px
-    return float(t_s[np.argmin(np.sum(off_px**2, axis=(1, 2)))])
+    return int(t_us[np.argmin(np.sum(off_px**2, axis=(1, 2)))])

@@ -314,7 +314,7 @@ def test_seeds_of_evaluations_share_no_initial_paths(recording, frames_solved, t
     [
         ({"seed": -1}, "seed: found -1"),
         ({"contrast_threshold": 0.0}, "contrast_threshold: found 0"),
-        ({"initial_sigma_px": -1.0}, "initial_sigma_px: found -1"),
+        ({"initial_sigma_px": 0.0}, "initial_sigma_px: found 0"),
     ],
 )
 def test_senseless_evaluations_are_refused(options, said):
