@@ -244,10 +244,11 @@ def _by_suffix(path: Path, new: bool) -> Format:
     for found in FORMATS.values():
         if suffix in found.suffixes:
             return found
-    known = ", ".join(sorted({s for f in FORMATS.values() for s in f.suffixes}))
+    able = [one for one in FORMATS.values() if one.write or not new]
+    known = ", ".join(sorted({suffix for one in able for suffix in one.suffixes}))
     raise EventFormatError(
         f"{path}: found extension {path.suffix!r}, expected one of {known}, or a format by name "
-        f"({', '.join(FORMATS)})"
+        f"({', '.join(one.name for one in able)})"
     )
 
 

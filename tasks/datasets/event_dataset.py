@@ -23,6 +23,7 @@ from sensor.formats.dsec_reader import DsecReader, named_errors
 from sensor.optics import crop_to_aspect, integrate
 from tasks.datasets.recordings import TARGETS, TRUTH, Recording, find_recordings, nearest
 from tasks.errors import TaskError
+from tasks.events.simulation import shift_us
 
 _MOST_OPEN = 32  # files that a process keeps open
 
@@ -253,6 +254,7 @@ def _frame(recording: Recording, events: Events, t_us: int) -> Item:
     header = _reader(recording.path).header
     speed = float(header.origin["speed"])
     times_us = clip.t_offset_us + np.round(1e6 * clip.t_s / speed).astype(int)
+    times_us += shift_us(clip, header.origin, speed)
     k = nearest(times_us, t_us)
     rows, columns = crop_to_aspect(clip.height, clip.width, events.height, events.width)
     fill_factor = 1.0 if header.model is None else header.model.fill_factor

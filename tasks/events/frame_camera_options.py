@@ -9,6 +9,8 @@ from eres_render.errors import check_positive
 from eres_render.storage.json_values import use_python_numbers
 from tasks.errors import TaskError
 
+_MOST_ELECTRONS = 1e15
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameCameraOptions:
@@ -40,8 +42,11 @@ class FrameCameraOptions:
             The text names the option.
         """
         check_positive("exposure", self.exposure, TaskError, "a positive number of seconds")
-        if not self.full_well > 0:
-            raise TaskError(f"full_well: found {self.full_well}, expected a positive number")
+        if not (0 < self.full_well <= _MOST_ELECTRONS or self.full_well == math.inf):
+            raise TaskError(
+                f"full_well: found {self.full_well}, expected a positive number of at most "
+                f"{_MOST_ELECTRONS:g}, or inf"
+            )
         if not 0 <= self.read_noise < math.inf:
             raise TaskError(f"read_noise: found {self.read_noise}, expected a number of at least 0")
 

@@ -238,6 +238,26 @@ def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value
     }
 
 
+def shift_us(sequence: RadianceSequence, origin: Mapping[str, Value], speed: float = 1.0) -> int:
+    """Return how far the events of a sequence were shifted since, as by `eres convert --shift-us`.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    origin
+        That of the file of events.
+    speed
+        As in `origin_of`.
+
+    Returns
+    -------
+    Microseconds; 0 if the file does not tell.
+    """
+    now_us, then_us = origin.get("window_start_us"), origin_of(sequence, speed)["window_start_us"]
+    return now_us - then_us if isinstance(now_us, int) and isinstance(then_us, int) else 0
+
+
 def simulate_frames(
     frames: Frames,
     model: SensorModel,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from eres_render.progress import Progress, silent
@@ -80,7 +80,8 @@ def make_dataset(
                     making = make_on_workers(scheduler, settings, missing, out)
                 for done, _ in enumerate(making, start=1):
                     counted("next", done, len(missing))
-            shutil.rmtree(out / UNFINISHED, ignore_errors=True)
+            with suppress(OSError):  # it holds what a call for more sequences has begun
+                (out / UNFINISHED).rmdir()
     except LockedError:
         raise TaskError(f"{out}: another process is making this dataset; wait for it") from None
     return folders

@@ -17,7 +17,7 @@ displaced by `corner_bias_px` away from the middle of its marker, or toward it i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -228,6 +228,10 @@ def solve(
         raise RigError(
             f"solve: found all images at {x_m[0]:g} m of the slider, expected it to move"
         )
+    # From the first reading: steps of the search are far below a microsecond.
+    origin_us = slider.t_us[0]
+    corners = replace(corners, t_us=corners.t_us - origin_us)
+    slider = replace(slider, t_us=slider.t_us - origin_us)
     model = _Model(slider, camera, unknowns, _first_guess(corners, x_m, camera))
     inliers = np.ones(len(corners.t_us), bool)
     values = model.start()

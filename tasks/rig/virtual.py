@@ -14,6 +14,7 @@ from eres_render import Camera, RadianceSequence, load_scene, render_scene
 from eres_render.calibration import write_camera
 from eres_render.errors import check_positive
 from eres_render.progress import Progress, silent
+from eres_render.sequence.manifest import read_manifest
 from eres_render.storage.atomic import write_bytes, write_text
 from eres_render.storage.exr import write_luminance
 from eres_render.trajectory.tum import tum_text
@@ -25,7 +26,7 @@ from tasks.rig import settings as rig_files
 from tasks.rig import slider as slider_files
 from tasks.rig.bundle import RigPose
 from tasks.rig.calibration import TRUTH_NAME, on_page, write_truth
-from tasks.rig.page import PAPER, Page, draw, lay_out, reflectance
+from tasks.rig.page import PAPER, Page, draw, lay_out, read_page_image, reflectance
 from tasks.rig.recording import FRAMES_FOLDER, Frame, write_frames_table
 from tasks.rig.settings import RigSettings, SliderSettings, read_rig
 from tasks.rig.slider import Slider, strokes
@@ -152,6 +153,7 @@ def render_rig(
     pose = true_pose(settings, settings.slider, page, depth_m)
     camera = settings.camera_in(rig_file.parent)
     _check_same(out, page, slider, pose)
+    _check_light(out, page, codes, camera)
     write_text(out / rig_files.FILE_NAME, rig_file.read_text(encoding="utf-8"))
     if out.resolve() != rig_file.parent.resolve():
         if settings.camera_file is not None:
@@ -189,6 +191,17 @@ def _check_same(out: Path, page: Page, slider: Slider, pose: RigPose) -> None:
                     f"{found}: found that of another rig or depth, expected a new folder, or the "
                     "same rig and depth to continue"
                 )
+
+
+def _check_light(out: Path, page: Page, codes: NDArray[np.uint8], camera: Camera) -> None:
+    """Check that light that was rendered before is of this camera and picture."""
+    print_file = out / page_files.IMAGE_NAME
+    for manifest in (out / LIGHT_FOLDER).glob("*/manifest.json"):
+        if read_manifest(manifest.parent).camera != camera:
+            raise RigError(f"{manifest}: found that of another camera, expected a new folder")
+        same = print_file.exists() and np.array_equal(read_page_image(print_file, page), codes)
+        if not same:
+            raise RigError(f"{print_file}: found another picture, expected a new folder")
 
 
 def _write_facts(folder: Path, page: Page, slider: Slider, pose: RigPose) -> None:

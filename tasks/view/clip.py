@@ -29,27 +29,31 @@ class ClipFrames:
         The clip.
     speed
         Factor by which the scene moved faster for the events than in the frames.
+    shift_us
+        How far the events were shifted since, us.
     """
 
-    def __init__(self, sequence: RadianceSequence, speed: float = 1.0) -> None:
+    def __init__(self, sequence: RadianceSequence, speed: float = 1.0, shift_us: int = 0) -> None:
         self.sequence = sequence
         self._speed = speed
         self._times_s = sequence.t_s
+        self._offset_us = sequence.t_offset_us + shift_us
         times_us = np.ceil(sequence.t_s / speed * 1e6).astype(int)
-        self._times_us = times_us + sequence.t_offset_us  # of events that see a frame
+        self._times_us = times_us + self._offset_us  # of events that see a frame
         self._read = lru_cache(maxsize=1)(self._mapped)
 
     def _mapped(self, i: int) -> Picture:
         return tone_mapped(self.sequence.frame(i), self.sequence.white_level)
 
     def path_s(self, t_us: int) -> float:
-        """Return the time on the clip's path, s."""
-        return float((t_us - self.sequence.t_offset_us) * 1e-6 * self._speed)
+        """Return the time on the clip's path, s, from its first frame to its last."""
+        t_s = (t_us - self._offset_us) * 1e-6 * self._speed
+        return float(np.clip(t_s, *self._times_s[[0, -1]]))
 
     def span_us(self) -> tuple[int, int]:
         """Return the times of the first and the last frame on the clock of the events, us."""
         first, last = np.round(self._times_s[[0, -1]] / self._speed * 1e6).astype(int)
-        return self.sequence.t_offset_us + int(first), self.sequence.t_offset_us + int(last)
+        return self._offset_us + int(first), self._offset_us + int(last)
 
     def times_us(self, start_us: int, end_us: int) -> list[int]:
         """Return the times from which frames are shown.

@@ -34,6 +34,8 @@ class EventSource:
         How to read the file.
     frames
         Frames drawn behind the events.
+    start_us
+        Leave out the events before this time; None for none.
     """
 
     path: Path
@@ -44,6 +46,7 @@ class EventSource:
     format: str | None = None
     reading: Reading = AS_STORED
     frames: ClipFrames | None = None
+    start_us: int | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -57,7 +60,9 @@ class EventSource:
 
     def parts(self) -> Iterator[Events]:
         """Read the file."""
-        return self.reading.parts(self.path, self.format)
+        for part in self.reading.parts(self.path, self.format):
+            first = 0 if self.start_us is None else int(np.searchsorted(part.t_us, self.start_us))
+            yield part[first:]
 
     def panels(self, times_us: Sequence[int]) -> Iterator[Panel]:
         """Yield a panel for each of the ascending times, us."""

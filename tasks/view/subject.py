@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +13,7 @@ from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
+from tasks.events.simulation import shift_us
 from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
 from tasks.view.drawing import PALETTES
 from tasks.view.event_file import EventSource, Source
@@ -106,7 +107,7 @@ def open_subject(
     sources: list[Source] = []
     for path in paths:
         if path in headers:
-            frames = None if over is None else ClipFrames(over, speeds[path])
+            frames = None if over is None else _frames(over, headers[path], speeds[path])
             sources.append(
                 EventSource(
                     path,
@@ -120,7 +121,8 @@ def open_subject(
                 )
             )
         else:
-            clip = ClipFrames(open_sequence(path), next(iter(speeds.values()), 1.0))
+            beside = next(iter(headers.values()), None)
+            clip = _frames(open_sequence(path), beside, next(iter(speeds.values()), 1.0))
             sources.append(_clip_source(clip, show))
     return _timed(tuple(sources), look, on_progress)
 
@@ -131,6 +133,12 @@ def _header(path: Path, reading: Reading, format: str | None) -> Header:
         return header.with_size(reading.size)
     except EventFormatError as error:
         raise EventFormatError(f"{path}: {error}") from error
+
+
+def _frames(sequence: RadianceSequence, header: Header | None, speed: float) -> ClipFrames:
+    """Return frames on the clock of a file of events."""
+    shifted = 0 if header is None else shift_us(sequence, header.origin, speed)
+    return ClipFrames(sequence, speed, shifted)
 
 
 def _speed(path: Path, header: Header) -> float:
@@ -168,6 +176,11 @@ def _timed(sources: tuple[Source, ...], look: Look, on_progress: Progress) -> Su
             first_us, last_us = source.frames.span_us()
             starts.append(first_us)
             ends.append(last_us)
+    if start_us is not None:
+        sources = tuple(
+            replace(source, start_us=start_us) if isinstance(source, EventSource) else source
+            for source in sources
+        )
     start_us = min(starts) if start_us is None else start_us
     end_us = max(ends) if end_us is None else end_us
     for frames in {source.frames for source in sources if source.frames is not None}:

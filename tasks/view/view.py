@@ -21,6 +21,7 @@ from tasks.view.subject import Show, Subject, open_subject
 
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
 _SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # approximate default duration of a file
+_MOST_SIDE_PX = {".mp4": 8192, ".gif": 16384, ".webp": 16383}  # that encoders take
 _USUAL_FPS = 25.0
 _FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
 # All pictures of a .gif or .webp are in memory at once; of other files, only their times.
@@ -120,7 +121,20 @@ def view(
         return
     times_us = _times(subject, look, kind)
     pictures = _pictures(subject, look, times_us, kind, on_progress)
-    WRITERS[kind](out, pictures, _fps(look, kind))
+    WRITERS[kind](out, _small_enough(pictures, kind), _fps(look, kind))
+
+
+def _small_enough(pictures: Iterator[Picture], kind: str) -> Iterator[Picture]:
+    """Refuse pictures that are larger than the encoder of a file takes."""
+    most = _MOST_SIDE_PX.get(kind, math.inf)
+    for picture in pictures:
+        height, width = picture.shape[:2]
+        if max(height, width) > most:
+            raise TaskError(
+                f"height: found pictures of {width}x{height} px, expected at most {most} px a side "
+                f"in a {kind}; give a smaller --height"
+            )
+        yield picture
 
 
 def _times(subject: Subject, look: Look, kind: str) -> list[int]:

@@ -219,7 +219,7 @@ def test_the_extension_chooses_the_format(tmp_path):
     assert find_format(path).name == "evt3"
     with pytest.raises(EventFormatError, match=r"words of version evt3, expected EVT2"):
         load_events(path, format="evt2")
-    with pytest.raises(EventFormatError, match=r"extension '.dat4', expected one of .aedat"):
+    with pytest.raises(EventFormatError, match=r"extension '.dat4', expected one of .h5"):
         write_events(tmp_path / "a.dat4", random_events(9))
     with pytest.raises(EventFormatError, match=r"a.dat: Prophesee DAT can only be read"):
         write_events(tmp_path / "a.dat", random_events(9))

@@ -113,6 +113,17 @@ def test_windows_of_the_truth(folder):
         dataset[len(dataset)]
 
 
+def test_frames_are_those_of_events_that_were_shifted(folder, tmp_path, eres):
+    """Promise: `eres convert --shift-us` leaves each window with its frame."""
+    data = Path(shutil.copytree(folder, tmp_path / "data"))
+    before = EventDataset(data)[1]
+    assert eres("convert", data / "0.h5", tmp_path / "0.h5", "--shift-us", 30_000)[0] == 0
+    (tmp_path / "0.h5").replace(data / "0.h5")
+    after = EventDataset(data)[1]
+    assert after["frame_us"] == before["frame_us"] + 30_000
+    np.testing.assert_array_equal(after["frame"], before["frame"])
+
+
 def test_steps_of_the_truth_are_at_least_a_microsecond(folder, tmp_path):
     """Promise: times of the truth differ; a wrong unit does not fill the memory."""
     clip = open_sequence(folder / "clips" / "clip_000")

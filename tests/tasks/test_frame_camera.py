@@ -1,6 +1,7 @@
 """The frame camera: means over the exposure, photon and read noise, sRGB."""
 
 import json
+import math
 
 import cv2
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from eres_render import render_scene
 from sensor import to_linear
+from tasks.errors import TaskError
 from tasks.events.frame_camera import developed, exposed, frame_weights, write_images
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.recording.frames import open_frames
@@ -51,6 +53,14 @@ def test_noise_is_that_of_photons_and_of_the_readout():
         electrons = 400 * to_linear(codes, "srgb").astype(np.float64)
         assert electrons.mean() == pytest.approx(400 * level, rel=0.01)
         assert electrons.var() == pytest.approx(400 * level + 144, rel=0.05)
+
+
+def test_more_electrons_than_numbers_hold_are_refused():
+    with pytest.raises(
+        TaskError, match=r"full_well: found 1e\+19, expected a positive number of at"
+    ):
+        FrameCameraOptions(full_well=1e19).check()
+    FrameCameraOptions(full_well=math.inf).check()
 
 
 def test_numbers_of_numpy_are_numbers(small_carpet, tmp_path):

@@ -138,6 +138,7 @@ def test_a_stopped_dataset_continues_to_the_same_bytes(made, tmp_path, eres, mon
     assert not (out / "000001").exists()
     half = out / ".unfinished" / "000001"
     written = {file: file.stat().st_mtime_ns for file in (half / "frames").iterdir()}
+    assert eres("dataset", out, "--count", 1, "--seed", 4, *OPTIONS)[0] == 0  # leaves it as it is
     assert len(EventDataset(out)) == 2 * 3
     assert eres(*command)[0] == 0
     assert not (out / ".unfinished").exists()

@@ -199,6 +199,19 @@ def test_a_png_is_one_picture_at_its_time(eres, tmp_path):
     assert (picture[360:] < 128).any()
 
 
+def test_events_before_the_start_are_left_out(eres, tmp_path):
+    """Promise: windows do not reach back over --start, whether a length or a number of events."""
+    file = tmp_path / "few.npz"
+    write_events(file, make_events([0, 9000, 12_000], [0, 1, 2], [0] * 3, [1, 1, 1], 8, 6))
+    for name, window in (("length", ["--window", 50]), ("count", ["--count", 9])):
+        out = tmp_path / f"{name}.png"
+        code, _, err = eres("view", file, "--out", out, "--start", 0.01, "--at", 0.012001, *window)
+        assert code == 0, err
+        row = np.asarray(Image.open(out))[30, 30 : 8 * 60 : 60].tolist()
+        blue, none = mixed(COLORS.brighter, COLORS.ground, 0.65), list(COLORS.ground)
+        assert row == [none, none, blue, *(5 * [none])]
+
+
 def test_a_file_of_one_event_shows_it(eres, tmp_path):
     """Promise: the middle of the file lies after its only event."""
     file, out = tmp_path / "one.h5", tmp_path / "one.png"
@@ -315,6 +328,26 @@ def test_clips_and_events_beside_them(eres, tmp_path, clip, show):
     assert len(np.unique(left.reshape(-1, 3), axis=0)) > 10
 
 
+def test_events_that_were_shifted_are_beside_their_frames(eres, tmp_path, clip):
+    """Promise: `eres convert --shift-us` moves the clip's clock, too; events that outlast the clip
+    stay with its last depth and flow."""
+    options = ["--resolution", 24, "--latency", 0.02]
+    assert eres("simulate", clip, "--out", tmp_path / "a.h5", *options)[0] == 0
+    assert eres("convert", tmp_path / "a.h5", tmp_path / "b.h5", "--shift-us", 30_000)[0] == 0
+    found = []
+    for name, at in (("a", 0.1), ("b", 0.13)):
+        out = tmp_path / f"{name}.png"
+        args = (tmp_path / f"{name}.h5", clip, "--over", clip, "--at", at, "--out", out)
+        code, _, err = eres("view", *args)
+        assert code == 0, err
+        found.append(np.asarray(Image.open(out))[:360])
+    np.testing.assert_array_equal(*found)
+    for show in ("depth", "flow"):
+        args = (tmp_path / "a.h5", clip, "--show", show, "--out", tmp_path / f"{show}.gif")
+        code, _, err = eres("view", *args, "--start", 0.19)
+        assert code == 0, err
+
+
 def test_a_recording_for_rerun_has_one_clock(eres, tmp_path, clip):
     """Promise: frames, pose, depth and flow of a clip, and pictures and points of events."""
     pytest.importorskip("rerun")
@@ -394,6 +427,10 @@ def test_a_speed_that_is_no_number_matters_only_beside_a_clip(eres, tmp_path, cl
         (["{events}", "--out", "{tmp}/o.mp4", "--start", "nan"], "start: found nan, expected"),
         (["{events}", "--out", "{tmp}/o.png", "--at", "inf"], "at: found inf, expected"),
         (["{events}", "--out", "{tmp}/o.mp4", "--at", "0.1"], "at: found 0.1, expected none with"),
+        (
+            ["{events}", "--out", "{tmp}/o.mp4", "--height", "8000", "--end", "0.01"],
+            "height: found pictures of 10668x8",
+        ),
         (["{events}", "--out", "{tmp}/o.html", "--count", "9"], "count: found 9, expected none"),
         (["{events}", "--out", "{tmp}/o.html", "--fps", "9"], "fps: found 9.0, expected none"),
         (["{events}", "--out", "{tmp}/o.png", "--fps", "25"], "fps: found 25.0, expected none"),
@@ -525,6 +562,8 @@ def test_the_page_plays_events(eres, tmp_path, chromium):
     page.locator("#time").fill("0")
     page.locator("#slow").select_option("1")
     page.keyboard.press(" ")
+    page.locator("#time").fill("19000")  # it goes on from there, also while it plays
+    assert int(page.locator("#time").input_value()) >= 19_000
     page.wait_for_function("document.getElementById('time').value === '20001'")
     assert page.get_by_role("button", name="Play").is_visible()
     page.close()

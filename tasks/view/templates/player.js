@@ -94,7 +94,7 @@ class Player {
     controls.time.value = Math.min(1000 * data.window_ms, data.duration_us);
     controls.window.value = nearest(controls.window, data.window_ms);
     controls.slow.value = nearest(controls.slow, 8e6 / data.duration_us);
-    controls.time.addEventListener("input", () => this.draw());
+    controls.time.addEventListener("input", () => { this.draw(); this.restart(); });
     controls.window.addEventListener("change", () => this.draw());
     controls.slow.addEventListener("change", () => this.restart());
     controls.play.addEventListener("click", () => this.toggle());

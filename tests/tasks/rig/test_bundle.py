@@ -34,6 +34,22 @@ def test_perfect_corners_give_the_truth():
     assert found.position_mm < 1e-3
 
 
+def test_the_clock_may_count_from_1970():
+    """Promise: latency is found on any clock; steps of the search are nanoseconds."""
+    rig = Rig(0.436)
+    corners = rig.corners(0.1, latency_ms=3.0)
+    early = solve(corners, rig.slider, rig.camera, Unknowns(latency=True))
+    late_us = 1.6e15
+    late = solve(
+        replace(corners, t_us=corners.t_us + late_us),
+        replace(rig.slider, t_us=rig.slider.t_us + late_us),
+        rig.camera,
+        Unknowns(latency=True),
+    )
+    assert late.latency_ms == pytest.approx(early.latency_ms, abs=1e-3)
+    assert late.sigma("latency_ms") == pytest.approx(early.sigma("latency_ms"), rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("depth_m", "sigma_px", "position_mm", "image_px", "flow_px"),
     [

@@ -336,6 +336,22 @@ def test_another_depth_does_not_change_the_truth_of_a_recording(folder, tmp_path
     assert (tmp_path / "near" / "truth.json").read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("fx = 260.0", "fx = 270.0", "manifest.json: found that of another camera"),
+        ('picture = "pebbles"', 'picture = "forest"', "page.png: found another picture"),
+    ],
+)
+def test_another_rig_changes_nothing_in_a_recording(folder, tmp_path, old, new, said):
+    """Promise: what is refused has written nothing: the recording keeps its camera and picture."""
+    (tmp_path / "rig.toml").write_text(RIG.replace(old, new))
+    before = {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()}
+    with pytest.raises(RigError, match=said):
+        render_rig(tmp_path / "rig.toml", folder, DEPTH_M, frame_camera=FrameCameraOptions())
+    assert {one: one.read_bytes() for one in folder.rglob("*") if one.is_file()} == before
+
+
 def test_the_file_of_a_lens_is_beside_the_rig(tmp_path):
     """Promise: `eres rig render` copies it, and never over the user's own."""
     text = RIG[RIG.index("[page]") :]
