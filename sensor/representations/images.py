@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -82,6 +84,8 @@ def time_surface(events: Events, tau_us: float, t_us: int | None = None) -> NDAr
     latest_us = int(events.t_us[-1]) if len(events) else 0
     if t_us is None:
         t_us = latest_us
+    elif not math.isfinite(t_us):
+        raise EventError(f"time_surface: found t_us = {t_us}, expected a finite time")
     t_us = int(t_us)
     if len(events) and latest_us > t_us:
         raise EventError(

@@ -23,7 +23,7 @@ from sensor.formats.dsec_reader import DsecReader, named_errors
 from sensor.optics import crop_to_aspect, integrate
 from tasks.datasets.recordings import TARGETS, TRUTH, Recording, find_recordings, nearest
 from tasks.errors import TaskError
-from tasks.events.simulation import shift_us
+from tasks.origin import shift_us
 
 _MOST_OPEN = 32  # files that a process keeps open
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping
 from functools import cached_property
 
@@ -45,6 +46,7 @@ class ReferenceFrames:
         self.fill_factors = fill_factors
         self._features: dict[tuple[int, int], Features] = {}
         self._pictures: dict[tuple[float, str], NDArray[np.float64]] = {}
+        self._picturing = threading.Lock()
 
     @cached_property
     def start(self) -> NDArray[np.float32]:
@@ -116,12 +118,13 @@ class ReferenceFrames:
         (H, W) in [0, 1], at the frames' resolution.
         """
         key = t_s, equalization
-        if key not in self._pictures:
-            log_image = log_light(self.sequence, t_s, self.dark_level)
-            if len(self._pictures) >= _MOST_PICTURES:  # sensors ask for one time after another
-                del self._pictures[next(iter(self._pictures))]
-            self._pictures[key] = picture(log_image, log_image.shape, equalization)
-        return self._pictures[key]
+        with self._picturing:  # sensors are scored by several threads
+            if key not in self._pictures:
+                log_image = log_light(self.sequence, t_s, self.dark_level)
+                if len(self._pictures) >= _MOST_PICTURES:  # they ask for one time after another
+                    del self._pictures[next(iter(self._pictures))]
+                self._pictures[key] = picture(log_image, log_image.shape, equalization)
+            return self._pictures[key]
 
     def log(self, radiance: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return log intensity with the sensors' dark level."""

@@ -28,6 +28,7 @@ from tasks.events.imu_options import NO_IMU, ImuOptions
 from tasks.events.overwriting import check_new
 from tasks.events.sensor_options import IDEAL_PIXEL, PixelOptions
 from tasks.events.truth import AddTo, truth_to_add
+from tasks.origin import origin_of
 
 
 class Frames(Protocol):
@@ -211,51 +212,6 @@ def simulate_sequence(
 def _add_all(additions: Sequence[AddTo], path: Path) -> None:
     for add in additions:
         add(path)
-
-
-def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value]:
-    """Return where the frames of a sequence come from, and its window on the events' clock.
-
-    Parameters
-    ----------
-    sequence
-        The sequence.
-    speed
-        Factor by which the scene moves faster than it was rendered.
-
-    Returns
-    -------
-    Names and values, for `simulate_frames`.
-    """
-    manifest = sequence.manifest
-    window_us = [sequence.t_offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
-    return {
-        "scene": manifest.scene,
-        "clip": manifest.clip,
-        "samples_per_pixel": manifest.spp,
-        "window_start_us": window_us[0],
-        "window_end_us": window_us[1],
-    }
-
-
-def shift_us(sequence: RadianceSequence, origin: Mapping[str, Value], speed: float = 1.0) -> int:
-    """Return how far the events of a sequence were shifted since, as by `eres convert --shift-us`.
-
-    Parameters
-    ----------
-    sequence
-        The sequence.
-    origin
-        That of the file of events.
-    speed
-        As in `origin_of`.
-
-    Returns
-    -------
-    Microseconds; 0 if the file does not tell.
-    """
-    now_us, then_us = origin.get("window_start_us"), origin_of(sequence, speed)["window_start_us"]
-    return now_us - then_us if isinstance(now_us, int) and isinstance(then_us, int) else 0
 
 
 def simulate_frames(

@@ -28,7 +28,7 @@ _KINDS = {
 # Decoders return part of the image of a truncated file, so its end is checked.
 _ENDS = {"png": b"IEND", "jpeg": b"\xff\xd9"}
 _END_BYTES = 1 << 12
-_EXTRA_SAMPLES, _BITS_PER_SAMPLE = 338, 258  # tags of TIFF
+_WIDTH, _HEIGHT, _BITS_PER_SAMPLE, _EXTRA_SAMPLES = 256, 257, 258, 338  # tags of TIFF
 _BIG_TIFF = b"+"
 _WHOLE = r"\d+"
 _NUMBERS = _WHOLE, r"\d+(?:\.\d+)?"
@@ -256,7 +256,13 @@ def _read_straight(file: Path) -> NDArray[np.uint8] | None:
         # From memory: Pillow maps files whose image is turned with the wrong sides.
         with Image.open(io.BytesIO(file.read_bytes())) as opened:
             image = np.asarray(ImageOps.exif_transpose(opened))
-    except (OSError, SyntaxError, Image.DecompressionBombError):
+    except Image.DecompressionBombError:
+        tags = _tiff_tags(file)
+        raise TaskError(
+            f"{file}: found {tags.get(_WIDTH)}x{tags.get(_HEIGHT)} px with alpha, expected at most "
+            f"{2 * (Image.MAX_IMAGE_PIXELS or 0)} pixels"
+        ) from None
+    except (OSError, SyntaxError):
         return None
     return image[..., 0] if image.shape[2] == 2 else image[..., 2::-1]
 

@@ -23,12 +23,12 @@ from tasks.events.frame_camera import write_images
 from tasks.events.imu_options import NO_IMU
 from tasks.events.simulation import (
     SimulationOptions,
-    origin_of,
     simulate_frames,
     simulate_sequence,
 )
 from tasks.events.truth import groups_to_copy
 from tasks.generation.settings import DatasetSettings
+from tasks.origin import origin_of
 
 # Start and share of each stage within the time of a sequence, for the progress bar.
 _STAGES = {"rendering": (0.1, 0.6), "simulating": (0.7, 0.3)}

@@ -16,7 +16,6 @@ from eres_render.progress import Progress, silent
 from sensor import Events
 from tasks.errors import RigError
 from tasks.methods.high_pass_filter import HighPassFilter
-from tasks.recording.threshold import Thresholds
 from tasks.rig.markers import Detections, Refinement, Source, detector, gray_codes
 from tasks.rig.page import linear
 from tasks.rig.recording import Recording
@@ -148,14 +147,15 @@ class _Integration:
     is added too, or edges would be late by the time in which they change the light by C / 2.
     """
 
-    def __init__(self, log_frame: Float64, from_us: int, thresholds: Thresholds) -> None:
-        self._log_image, self._from_us, self._C = log_frame.copy(), from_us, thresholds
+    def __init__(self, log_frame: Float64, from_us: int, C_on: float, C_off: float) -> None:
+        self._log_image, self._from_us, self._C = log_frame.copy(), from_us, (C_on, C_off)
         self._last = np.zeros(log_frame.shape)  # change of each pixel's light in its last event
 
     def push(self, events: Events) -> None:
         later = events[int(np.searchsorted(events.t_us, self._from_us)) :]
         if len(later):
-            changes = np.where(later.p > 0, self._C.on, -self._C.off)
+            C_on, C_off = self._C
+            changes = np.where(later.p > 0, C_on, -C_off)
             pixel = later.y.astype(np.int64) * later.width + later.x
             sums = np.bincount(pixel, changes, minlength=self._log_image.size)
             self._log_image += sums.reshape(self._log_image.shape)
@@ -183,7 +183,7 @@ def _from_events(
         thresholds = _thresholds(recording, contrast_threshold)
         frame = recording.frames[0]
         light = linear(frame.codes(camera))
-        method = _Integration(np.log(light + _DARK), frame.t_us, thresholds)
+        method = _Integration(np.log(light + _DARK), frame.t_us, *thresholds)
     first_us, last_us = _span(recording)
     wanted_us = recording.slider.evenly_along(images, first_us, last_us, max_speed_mps)
     taker = ImageTaker(method, wanted_us.tolist())
@@ -192,16 +192,16 @@ def _from_events(
     yield from taker.rest()
 
 
-def _thresholds(recording: Recording, given: float | None) -> Thresholds:
-    """Return the given threshold for both polarities, or those of the file's sensor."""
+def _thresholds(recording: Recording, given: float | None) -> tuple[float, float]:
+    """Return the given threshold for ON and OFF, or those of the file's sensor."""
     if given is not None:
-        return Thresholds(given, given)
+        return given, given
     model = recording.header.model
     if model is None:
         raise RigError(
             f"{recording.events_file}: found no contrast threshold, expected --threshold C"
         )
-    return Thresholds(model.contrast_threshold, model.off_threshold)
+    return model.contrast_threshold, model.off_threshold
 
 
 def _span(recording: Recording) -> tuple[float, float]:

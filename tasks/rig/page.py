@@ -181,7 +181,7 @@ def draw(page: Page, settings: PageSettings, folder: Path) -> NDArray[np.uint8]:
     settings
         Its picture.
     folder
-        Folder of rig.toml, to which the path of an image file is relative.
+        Folder of rig.toml, in which an image file is.
 
     Returns
     -------

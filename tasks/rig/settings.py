@@ -15,12 +15,15 @@ from tasks.errors import RigError
 FILE_NAME = "rig.toml"
 
 _LEAST_DPI = 350.0
+_OF_A_RECORDING = ("page.png", "page.json", "rig.toml", "slider.csv", "truth.json", "frames.csv")
 
 
 def _check_beside(field: str, name: str) -> None:
     """Refuse a file elsewhere than beside rig.toml, as a recording has a copy of both."""
     if Path(name).name != name:
         raise RigError(f"{field}: found {name!r}, expected the name of a file beside rig.toml")
+    if name in _OF_A_RECORDING:
+        raise RigError(f"{field}: found {name!r}, expected another name, as a recording has it")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

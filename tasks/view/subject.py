@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -13,7 +13,7 @@ from sensor.errors import EventFormatError
 from sensor.formats import Header, read_header
 from tasks.errors import TaskError
 from tasks.events.reading import AS_STORED, Reading
-from tasks.events.simulation import shift_us
+from tasks.origin import shift_us
 from tasks.view.clip import ClipFrames, ClipSource, DepthSource, FlowSource, FrameSource
 from tasks.view.drawing import PALETTES
 from tasks.view.event_file import EventSource, Source
@@ -107,7 +107,7 @@ def open_subject(
     sources: list[Source] = []
     for path in paths:
         if path in headers:
-            frames = None if over is None else _frames(over, headers[path], speeds[path])
+            frames = None if over is None else _beside(over, {path: headers[path]}, speeds[path])
             sources.append(
                 EventSource(
                     path,
@@ -121,9 +121,8 @@ def open_subject(
                 )
             )
         else:
-            beside = next(iter(headers.values()), None)
-            clip = _frames(open_sequence(path), beside, next(iter(speeds.values()), 1.0))
-            sources.append(_clip_source(clip, show))
+            speed = next(iter(speeds.values()), 1.0)
+            sources.append(_clip_source(_beside(open_sequence(path), headers, speed), show))
     return _timed(tuple(sources), look, on_progress)
 
 
@@ -135,10 +134,13 @@ def _header(path: Path, reading: Reading, format: str | None) -> Header:
         raise EventFormatError(f"{path}: {error}") from error
 
 
-def _frames(sequence: RadianceSequence, header: Header | None, speed: float) -> ClipFrames:
-    """Return frames on the clock of a file of events."""
-    shifted = 0 if header is None else shift_us(sequence, header.origin, speed)
-    return ClipFrames(sequence, speed, shifted)
+def _beside(sequence: RadianceSequence, headers: Mapping[Path, Header], speed: float) -> ClipFrames:
+    """Return frames on the clock of files of events."""
+    shifts = {shift_us(sequence, header.origin, speed) for header in headers.values()}
+    if len(shifts) > 1:
+        found = " and ".join(f"{shift} us" for shift in sorted(shifts))
+        raise TaskError(f"found events shifted by {found}, expected one clock next to a clip")
+    return ClipFrames(sequence, speed, *shifts)
 
 
 def _speed(path: Path, header: Header) -> float:

@@ -21,7 +21,7 @@ from tasks.view.subject import Show, Subject, open_subject
 
 _SIZES = {".mp4": (1920, 1080), ".png": (1920, 1080), ".gif": (960, 540), ".webp": (960, 540)}
 _SECONDS = {".mp4": 8.0, ".gif": 4.0, ".webp": 4.0}  # approximate default duration of a file
-_MOST_SIDE_PX = {".mp4": 8192, ".gif": 16384, ".webp": 16383}  # that encoders take
+_MOST_SIDE_PX = {".mp4": 16384, ".gif": 65535, ".webp": 16383}  # that encoders take
 _USUAL_FPS = 25.0
 _FACTORS = [digit * 10.0**power for power in range(6) for digit in (1, 2, 5)]
 # All pictures of a .gif or .webp are in memory at once; of other files, only their times.

@@ -1,9 +1,11 @@
 """`eres simulate`, `convert`, `info` and `sensors`: from a render to any file of events."""
 
 import logging
+import math
 import shutil
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -23,6 +25,7 @@ from sensor.formats import (
     write_events,
 )
 from sensor.optics import crop_to_aspect
+from tasks.evaluation.warm_up import warn_if_short
 
 
 @pytest.fixture(scope="module")
@@ -209,6 +212,21 @@ def test_a_warm_up_that_is_too_short_is_said(eres, sequence, tmp_path, caplog, a
     assert eres(*evaluated)[0] == 0
     assert len(caplog.messages) == (0 if said is None else 2)
     assert all(said in message for message in caplog.messages)
+
+
+@pytest.mark.parametrize(
+    ("start_s", "warns"),
+    [(0.25, True), (0.0, False)],  # a clip without a warm-up, and a path from its start
+)
+def test_a_clip_without_a_warm_up_is_warned_about(caplog, start_s, warns):
+    caplog.set_level(logging.WARNING, "tasks")
+    t_s = np.array([start_s, start_s + 0.1])
+    frames = SimpleNamespace(t_s=t_s, window_s=tuple(t_s.tolist()))
+    warn_if_short(frames, 50.0, 1.0)
+    assert ("warm-up, 0 ms, is 0 time constants" in caplog.text) == warns
+    caplog.clear()
+    warn_if_short(frames, math.inf, 1.0)
+    assert not caplog.messages
 
 
 def test_middle():

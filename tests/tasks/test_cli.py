@@ -72,7 +72,7 @@ def test_help_lists_the_commands_in_short(eres):
         (["render", "carpet", "--out", "{tmp}/r", "--samples", "99"], 1, "samples: found 99"),
         (["render", "carpet", "--out", "{tmp}/file/r", "--samples", "1"], 1, "file"),
         (["study", "--preset", "quik", "--out", "{tmp}/r"], 1, "did you mean 'quick'"),
-        (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "at least 128, as"),
+        (["study", "--resolution", "100", "--out", "{tmp}/r"], 1, "at least 128, to see as"),
         (["study", "--out", "{tmp}/file"], 1, "found a file, expected a folder"),
         (["study", "--out", "{tmp}/file/r"], 1, "file"),
         (["study", "{tmp}/none.toml", "--out", "{tmp}/r"], 1, "none.toml: no such file"),

@@ -166,6 +166,7 @@ def test_settings_are_read(tmp_path):
         ("travel_m = 0.2", "travel_m = -1.0", "travel_m: found -1.0"),
         ("travel_m", "travels_m", "travels_m: unknown"),
         ('picture = "pebbles"', 'picture = "../photo.png"', "name of a file beside rig.toml"),
+        ('picture = "pebbles"', 'picture = "page.png"', "expected another name"),
         ("camera = {", 'camera_file = "c.yaml"\ncamera = {', "either camera or camera_file"),
     ],
 )

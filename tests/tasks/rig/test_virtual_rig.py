@@ -22,7 +22,6 @@ from tasks.cli import main
 from tasks.errors import RigError, TaskError
 from tasks.events.frame_camera_options import FrameCameraOptions
 from tasks.events.simulation import simulate_sequence
-from tasks.recording.threshold import Thresholds
 from tasks.rig import virtual
 from tasks.rig.bundle import Unknowns
 from tasks.rig.calibration import (
@@ -256,7 +255,7 @@ def test_integration_knows_both_thresholds():
     frame, pixel = np.zeros((1, 1)), np.zeros(7, np.uint16)
     p = np.array([1, 1, 1, -1, -1, 1, -1], np.int8)
     events = Events(np.arange(7), pixel, pixel, p, 1, 1)
-    method = _Integration(frame, 0, Thresholds(0.2, 0.3))
+    method = _Integration(frame, 0, 0.2, 0.3)
     method.push(events.between(0, 5))
     assert method.image(5) == pytest.approx(3 * 0.2 - 2 * 0.3 - 0.15)
     method.push(events.between(5, 7))

@@ -1,0 +1,57 @@
+"""Where the events of a file come from: the sequence of frames, and the window on their clock."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from eres_render import RadianceSequence
+from sensor.formats.header import Value
+
+
+def origin_of(sequence: RadianceSequence, speed: float = 1.0) -> dict[str, Value]:
+    """Return where the frames of a sequence come from, and its window on the events' clock.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    speed
+        Factor by which the scene moves faster than it was rendered.
+
+    Returns
+    -------
+    Names and values, for `tasks.events.simulation.simulate_frames`.
+    """
+    manifest = sequence.manifest
+    window_us = [sequence.t_offset_us + round(t_s / speed * 1e6) for t_s in sequence.window_s]
+    return {
+        "scene": manifest.scene,
+        "clip": manifest.clip,
+        "samples_per_pixel": manifest.spp,
+        "window_start_us": window_us[0],
+        "window_end_us": window_us[1],
+    }
+
+
+def shift_us(sequence: RadianceSequence, origin: Mapping[str, Value], speed: float = 1.0) -> int:
+    """Return how far the events of a sequence were shifted since, as by `eres convert --shift-us`.
+
+    Parameters
+    ----------
+    sequence
+        The sequence.
+    origin
+        That of the file of events.
+    speed
+        As in `origin_of`.
+
+    Returns
+    -------
+    Microseconds; 0 if the events are of another sequence, such as another stretch of the path.
+    """
+    then = origin_of(sequence, speed)
+    if any(origin.get(name) != then[name] for name in ("scene", "clip")):
+        return 0
+    ends = ("window_start_us", "window_end_us")
+    shifts = {int(origin[name]) - int(then[name]) for name in ends if name in origin}
+    return shifts.pop() if len(shifts) == 1 else 0
