@@ -332,6 +332,8 @@ class SequenceWriter:
             old, new = getattr(found, name), getattr(self.manifest, name)
             if name in ("complete", "scene_source") or old == new:
                 continue
+            if name == "plane" and old is None:  # older files do not say; scene_digest does
+                continue
             change = "other frame times" if name == "t_s" else f"{name} {old!r}, not {new!r}"
             raise RenderError(
                 f"{self.folder}: found a sequence with {change}; remove the folder, or render "

@@ -287,6 +287,13 @@ def test_another_plane_gives_no_truth_for_frames_of_the_old_one(tmp_path):
         (sequence.folder / "manifest.json").write_text(json.dumps(manifest))
         if says:
             assert ground_truth(open_sequence(sequence.folder)).depth(0.25, 4).shape == (4, 4)
+            args = (
+                Renderer(load_scene(folder), 16, 1),
+                Clip(0, 0.24, 0.25, 0.26),
+                sequence.folder,
+                1.0,
+            )
+            assert len(render_clip(*args)) == len(sequence)  # and is continued
         else:
             with pytest.raises(SceneError, match="plane: has changed"):
                 ground_truth(open_sequence(sequence.folder))
