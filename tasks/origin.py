@@ -52,6 +52,9 @@ def shift_us(sequence: RadianceSequence, origin: Mapping[str, Value], speed: flo
     then = origin_of(sequence, speed)
     if any(origin.get(name) != then[name] for name in ("scene", "clip")):
         return 0
-    ends = ("window_start_us", "window_end_us")
-    shifts = {int(origin[name]) - int(then[name]) for name in ends if name in origin}
-    return shifts.pop() if len(shifts) == 1 else 0
+    window_us = [origin.get("window_start_us"), origin.get("window_end_us")]
+    start_us, end_us = (one if isinstance(one, int) else 0 for one in window_us)
+    then_us, then_end_us = int(then["window_start_us"]), int(then["window_end_us"])
+    if end_us - start_us != then_end_us - then_us:
+        return 0
+    return start_us - then_us
