@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from eres_render import load_scene
+from tasks.evaluation.costs import share_of_1280
 from tasks.evaluation.timings import JobTimings, read_timings
 from tasks.registry import TASKS
 from tasks.study.config import preset
@@ -58,7 +59,7 @@ def methods_of(jobs: Iterable[JobTimings]) -> dict[tuple[str, str], list[float]]
     """Return answers, answers weighted by the sensors' pixels, and CPU seconds of each method."""
     found: dict[tuple[str, str], list[float]] = defaultdict(lambda: [0.0, 0.0, 0.0])
     for method in (method for job in jobs for method in job.methods):
-        share = method.width**2 / 1280**2
+        share = share_of_1280(method.width)
         sums = method.estimates, method.estimates * share, method.cpu_s
         before = found[method.task, method.method]
         found[method.task, method.method] = [a + b for a, b in zip(before, sums, strict=True)]

@@ -86,7 +86,7 @@ def load_mi_scene(
                 if emitters and node.props.id() in emitters:
                     node.props["glow"] = emitters[node.props.id()]
                     _drop(node, mi.ObjectType.BSDF, state)
-            _drop_shapes(state.nodes[0], without, state)
+            _drop(state.nodes[0], mi.ObjectType.Shape, state, without)
             for node in state.nodes:
                 if node.props.plugin_name() == "bitmap":
                     if not emitters and node.props.get("filename") in textures.values():
@@ -126,27 +126,19 @@ def files_of(scene: Scene) -> Iterator[None]:
         mi.set_file_resolver(everywhere)
 
 
-def _drop(node: Any, kind: Any, state: Any) -> None:
-    """Remove a node's children of a kind; Mitsuba then never loads what only they use."""
+def _drop(node: Any, kind: Any, state: Any, ids: Collection[str] | None = None) -> None:
+    """Remove a node's children of a kind, all or those with these ids.
+
+    Mitsuba then never loads what only they use.
+    """
     import mitsuba as mi
 
     for key in list(node.props.keys()):
         child = node.props[key]
-        reference = isinstance(child, mi.Properties.ResolvedReference)
-        if reference and state.nodes[child.index()].type == kind:
-            del node.props[key]
-
-
-def _drop_shapes(root: Any, names: Collection[str], state: Any) -> None:
-    """Remove the shapes with these ids from a scene."""
-    import mitsuba as mi
-
-    for key in list(root.props.keys()):
-        child = root.props[key]
         if isinstance(child, mi.Properties.ResolvedReference):
-            node = state.nodes[child.index()]
-            if node.type == mi.ObjectType.Shape and node.props.id() in names:
-                del root.props[key]
+            found = state.nodes[child.index()]
+            if found.type == kind and (ids is None or found.props.id() in ids):
+                del node.props[key]
 
 
 def _read_texture(props: Any) -> None:

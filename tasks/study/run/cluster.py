@@ -22,7 +22,7 @@ from tasks.methods import METHOD_VERSIONS
 from tasks.study.config import STAGE_VERSIONS
 from tasks.study.run.compute import ComputedJob, compute_job
 from tasks.study.run.estimate import estimate_job
-from tasks.study.run.jobs import Job, QueuedJob, check_weights, weights_of
+from tasks.study.run.jobs import Job, QueuedJob, check_weights, weight_digests
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -130,7 +130,7 @@ def compute_order(order: bytes, versions: dict[str, Any]) -> ComputedJob | str:
             raise StudyError(f"found code of versions {_versions()}, expected {versions}")
         queued = pickle.loads(order)
         job = _as_found_here(queued.job, queued.key)
-        weights = weights_of(job.evaluate)
+        weights = weight_digests(job.evaluate)
         computed = compute_job(job, silent, with_highlights=queued.with_highlights)
         check_weights(job.evaluate, weights)
         return computed

@@ -114,7 +114,7 @@ class Job:
         return found + [replace(row, photoreceptor=one) for one in others for row in ideal]
 
 
-def weights_of(evaluate: Mapping[str, TaskSettings]) -> dict[str, str]:
+def weight_digests(evaluate: Mapping[str, TaskSettings]) -> dict[str, str]:
     """Return the SHA-256 of the weights that tasks use, by file."""
     found: dict[str, str] = {}
     for task in evaluate.values():
@@ -130,14 +130,14 @@ def check_weights(evaluate: Mapping[str, TaskSettings], begun: Mapping[str, str]
     evaluate
         The tasks.
     begun
-        What `weights_of` returned then.
+        What `weight_digests` returned then.
 
     Raises
     ------
     StudyError
         A file has changed.
     """
-    for file, now in weights_of(evaluate).items():
+    for file, now in weight_digests(evaluate).items():
         if now != begun[file]:
             raise StudyError(f"{file}: changed while the study ran; start it again")
 

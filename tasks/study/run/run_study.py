@@ -21,7 +21,7 @@ from tasks.study.run.jobs import (
     check_weights,
     jobs_of,
     trials,
-    weights_of,
+    weight_digests,
 )
 from tasks.study.run.run_folder import RunFolder
 from tasks.study.run.scheduler import Scheduler, open_scheduler
@@ -79,7 +79,7 @@ def run_study(
     with open_scheduler(scheduler) as computing:
         _check_methods(study)
         scenes = _scenes(study)
-        weights = weights_of(study.evaluate)  # before the keys, which have them too
+        weights = weight_digests(study.evaluate)  # before the keys, which have them too
         work = {job.key: job for scene in scenes for job in jobs_of(study, scene)}
         folder = RunFolder(out, work, mix=mix)
         resolved = _resolved(study, scenes, work)
@@ -90,6 +90,8 @@ def run_study(
             new = trials(study, jobs, [work[key] for key in folder.finished])
             _try_own_methods(new, computing, on_progress)
         folder.describe(resolved)
+        if not to_do:
+            return folder.finish(resolved)
         lacking = {queued.key for queued in to_do}
         finished = [job for key, job in work.items() if key not in lacking]
         counted = _Counted(on_progress, finished, len(to_do))
