@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from threading import Lock
 
@@ -47,8 +48,13 @@ class Memory:
     block is free if only the list refers to it, and no array in use is overwritten.
     """
 
-    def __init__(self, limit: int = _KEPT_BYTES) -> None:
+    def __init__(
+        self,
+        limit: int = _KEPT_BYTES,
+        allocate: Callable[[int], NDArray[np.uint8]] = lambda size: np.empty(size, np.uint8),
+    ) -> None:
         self._limit = limit
+        self._allocate = allocate  # (size,) array of a number of bytes
         self._blocks: list[NDArray[np.uint8]] = []  # the latest used last
         self._lock = Lock()
 
@@ -86,7 +92,7 @@ class Memory:
         else:
             # Round up, so that the block also fits arrays of similar size.
             step = 1 << (size.bit_length() - 3)
-            block = np.empty(-(-size // step) * step, np.uint8)
+            block = self._allocate(-(-size // step) * step)
             if block.size > _LARGEST_SHARE * self._limit:
                 return block
             # Results that the caller keeps are forgotten too, or they would fill the limit.
@@ -99,9 +105,12 @@ class Memory:
 
 MEMORY = Memory()
 
+RELEASES = [MEMORY.release]
+"""What `release_memory` calls."""
+
 
 def release_memory() -> None:
-    """Give the memory that simulations keep for later ones, at most 512 MiB, back to the system.
+    """Give the memory that simulations keep for later ones back: at most 512 MiB, and a GPU's.
 
     Examples
     --------
@@ -110,4 +119,5 @@ def release_memory() -> None:
     >>> from sensor import release_memory
     >>> release_memory()
     """
-    MEMORY.release()
+    for release in RELEASES:
+        release()

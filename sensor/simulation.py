@@ -19,6 +19,7 @@ def simulate(
     *,
     seed: int = 0,
     threads: int | None = None,
+    device: str = "cpu",
 ) -> Events:
     """Simulate the events of a sensor that sees the frames.
 
@@ -45,6 +46,10 @@ def simulate(
         any machine.
     threads
         Number of threads, 1 to 1024; None is one for each core. Results do not depend on it.
+    device
+        "cpu"; or "cuda" for an NVIDIA GPU, with the extra `cuda`. There, frames may also be arrays
+        on the GPU: whatever has `__cuda_array_interface__`, such as those of CuPy and PyTorch. The
+        events are those of the CPU, except for the last digit of their times.
 
     Returns
     -------
@@ -54,8 +59,8 @@ def simulate(
     Raises
     ------
     SensorError
-        Frames or times are invalid or do not fit the sensor, or the sensor needs too much memory;
-        the text names the frame and the value.
+        Frames or times are invalid or do not fit the sensor, the sensor needs too much memory, or
+        there is no such device; the text names the frame and the value.
 
     Examples
     --------
@@ -72,7 +77,7 @@ def simulate(
     >>> np.unique(events.t_us)
     array([300000, 600000, 900000])
     """
-    return collect(Bank(frames, t_s, [model], None, seed, threads))[0]
+    return collect(Bank(frames, t_s, [model], None, seed, threads, device))[0]
 
 
 def stream(
@@ -82,12 +87,13 @@ def stream(
     *,
     seed: int = 0,
     threads: int | None = None,
+    device: str = "cpu",
 ) -> Iterator[Events]:
     """Simulate the events of a sensor in parts; memory does not depend on the number of frames.
 
     Parameters
     ----------
-    frames, t_s, model, seed, threads
+    frames, t_s, model, seed, threads, device
         As in `simulate`.
 
     Yields
@@ -114,7 +120,7 @@ def stream(
     >>> count
     624
     """
-    for _, events in Bank(frames, t_s, [model], None, seed, threads).run():
+    for _, events in Bank(frames, t_s, [model], None, seed, threads, device).run():
         yield events
 
 
@@ -126,6 +132,7 @@ def simulate_bank(
     speeds: Sequence[float] | None = None,
     seed: int = 0,
     threads: int | None = None,
+    device: str = "cpu",
 ) -> list[Events]:
     """Simulate the events of several sensors that see the same frames.
 
@@ -133,7 +140,7 @@ def simulate_bank(
 
     Parameters
     ----------
-    frames, t_s, seed, threads
+    frames, t_s, seed, threads, device
         As in `simulate`.
     models
         The sensors.
@@ -164,7 +171,7 @@ def simulate_bank(
     >>> [len(events) for events in simulate_bank(frames, t_s, models)]
     [317, 237, 4]
     """
-    return collect(Bank(frames, t_s, models, speeds, seed, threads))
+    return collect(Bank(frames, t_s, models, speeds, seed, threads, device))
 
 
 def stream_bank(
@@ -175,12 +182,13 @@ def stream_bank(
     speeds: Sequence[float] | None = None,
     seed: int = 0,
     threads: int | None = None,
+    device: str = "cpu",
 ) -> Iterator[tuple[int, Events]]:
     """Simulate the events of several sensors in parts; memory does not depend on the frame count.
 
     Parameters
     ----------
-    frames, t_s, models, speeds, seed, threads
+    frames, t_s, models, speeds, seed, threads, device
         As in `simulate_bank`.
 
     Yields
@@ -205,4 +213,4 @@ def stream_bank(
     >>> counts  # 4 and 16 pixels
     [76, 304]
     """
-    yield from Bank(frames, t_s, models, speeds, seed, threads).run()
+    yield from Bank(frames, t_s, models, speeds, seed, threads, device).run()

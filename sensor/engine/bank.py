@@ -17,8 +17,8 @@ from sensor.engine.arguments import (
     checked_speeds,
     checked_threads,
 )
+from sensor.engine.devices import device_called
 from sensor.engine.frames import (
-    FrameReader,
     Frames,
     check_spans,
     checked_times,
@@ -36,14 +36,12 @@ from sensor.kernels.packing import MAX_INTERVAL_US
 from sensor.levels import DARK_FRACTION, white_level
 from sensor.model import SensorModel
 
-_CHUNK_FRAMES = 24  # at most: the state of all pixels is read and written once a chunk
 _FIRST_FRAMES = 4  # at most, of the first chunk, so that the first events come soon
 # Room for events in `collect`: _RESERVE times the expected number, but at most the larger of
 # _MOST_GROWTH times the number so far and _FEW_EVENTS.
 _RESERVE = 1.3
 _MOST_GROWTH = 4
 _FEW_EVENTS = 1 << 25
-_CHUNK_WORK = 1 << 26  # pixels x frames x settings of a chunk
 
 
 class Bank:
@@ -60,13 +58,15 @@ class Bank:
         speeds: Sequence[float] | None,
         seed: int,
         threads: int | None,
+        device: str = "cpu",
     ) -> None:
         models = checked_models(models)
         self.speeds = checked_speeds(speeds, len(models))
         self.seed = checked_seed(seed)
         self.threads = checked_threads(threads)
         self.t_s = checked_times(t_s)
-        self.reader = FrameReader(frames, len(self.t_s))
+        self._device = device_called(device)
+        self.reader = self._device.reader(frames, len(self.t_s))
         for speed in {*self.speeds}:
             check_spans(self.t_s / speed, MAX_INTERVAL_US, speed)
         for model in models:
@@ -98,22 +98,24 @@ class Bank:
 
         Most parts are views of the columns that the model's `Room` returned last.
         """
-        rooms = rooms or [lambda size, _: room_for_events(size)] * len(self.models)
+        rooms = rooms or [lambda size, _: self._device.room(size)] * len(self.models)
         groups = self._groups()
         work = max(group.state.memory.size for group in groups)
-        most = max(1, min(_CHUNK_FRAMES, _CHUNK_WORK // work))
+        most = max(1, min(self._device.most_frames, self._device.most_work // work))
         pieces = Pieces(self.reader.first, [group.models for group in groups])
         done = 1
         with Workers(self.threads) as workers:
             while done < len(self.t_s):
                 chunk = self.reader.chunk(done, min(most, _FIRST_FRAMES) if done == 1 else most)
-                while len(chunk):
-                    piece = chunk[: pieces.frames(chunk)]
+                end = done + len(chunk)
+                while done < end:
+                    rest = chunk[done - end :]
+                    piece = rest[: pieces.frames(rest)] if self._device.foretells else rest
                     t_s = self.t_s[done - 1 : done + len(piece)]
                     for group in groups:
                         yield from group.advance(piece, done, t_s, rooms, workers)
                     pieces.learn(len(piece), max(group.fired for group in groups))
-                    chunk, done = chunk[len(piece) :], done + len(piece)
+                    done += len(piece)
             self.reader.check_end()
         for group in groups:
             yield from group.finish()
@@ -124,7 +126,7 @@ class Bank:
             light = m.height, m.width, m.dark_level, m.fill_factor
             members.setdefault(light, []).append(i)
         return [
-            SensorGroup.start(
+            self._device.group.start(
                 indices,
                 [self.models[i] for i in indices],
                 [self.speeds[i] for i in indices],

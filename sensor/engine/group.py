@@ -81,7 +81,7 @@ class SensorGroup:
         SensorError
             The radiance is invalid, or too small for a dark level of 0.
         """
-        light = _light(frame[None], models[0], 0)
+        light = light_of(frame[None], models[0], 0)
         pixels = models[0].height * models[0].width
         u = MEMORY.array(pixels)
         log_of_block(light, 0, slice(0, pixels), u)
@@ -139,7 +139,7 @@ class SensorGroup:
         SensorError
             As in `start`.
         """
-        light = _light(chunk, self.models[0], index, workers.map)
+        light = light_of(chunk, self.models[0], index, workers.map)
         t_s = t_s / self.speeds[:, None]
         frame_us, after_us = whole_microseconds(t_s)
         dt_s = np.diff(t_s)
@@ -213,13 +213,30 @@ def least_bytes(model: SensorModel) -> int:
     return 8 * rows * model.height * model.width
 
 
-def _light(
+def light_of(
     chunk: NDArray[np.floating],
     model: SensorModel,
     index: int,
     apply: Callable[..., Iterable] = map,
 ) -> Light:
-    """Average frames (F, H, W), the first with this index, over the pixels of a model."""
+    """Average frames over the pixels of a model.
+
+    Parameters
+    ----------
+    chunk, model, index
+        (F, H, W) linear radiance, the sensor, and index of the first frame.
+    apply
+        Calls a function on each frame.
+
+    Returns
+    -------
+    Light
+
+    Raises
+    ------
+    SensorError
+        The radiance is invalid, or too small for a dark level of 0.
+    """
     dark = model.dark_level or 0.0
     if chunk.shape[1:] == (model.height, model.width):
         radiance = chunk  # one sample per pixel, so the fill factor has no effect

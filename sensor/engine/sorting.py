@@ -19,7 +19,7 @@ from sensor.kernels.packing import (
     spread,
     unpack,
 )
-from sensor.memory import MEMORY
+from sensor.memory import MEMORY, Memory
 
 # Takes a number of events and a time in us, before which they come; returns columns for them.
 Room = Callable[[int, int], Columns]
@@ -78,12 +78,7 @@ class UnsortedEvents:
             self._sort_interval(f, columns.part(slice(stop - self.counts[f], stop)), held.height)
 
         workers.map(sort_one, part)
-        # The microsecond of a frame has events of the intervals before and after it.
-        for frame_us in self.frame_us[part.start : part.stop]:
-            tie = slice(*np.searchsorted(columns.t_us, (frame_us, frame_us + 1)))
-            order = np.lexsort((columns.x[tie], columns.y[tie]))  # stable
-            for array in arrays:
-                array[tie] = array[tie][order]
+        merge_ties(columns, self.frame_us[part.start : part.stop])
         return Events.trusted(*columns, like=held)
 
     def _sort_interval(self, f: int, columns: Columns, height: int) -> None:
@@ -106,8 +101,38 @@ class UnsortedEvents:
             sort_by_time(both[0], both[1], end_us - start_us, start_us, columns)
 
 
-def room_for_events(size: int) -> Columns:
-    """Allocate columns for `size` events in one block."""
-    block = MEMORY.array(13 * size, np.uint8)
+def merge_ties(columns: Columns, frame_us: NDArray[np.int64]) -> None:
+    """Put the events of the microsecond of a frame in raster order.
+
+    It has events of the intervals before and after the frame, each in raster order.
+
+    Parameters
+    ----------
+    columns
+        (N,) events by time; updated.
+    frame_us
+        The frame times.
+    """
+    arrays: tuple[NDArray, ...] = columns
+    for each_us in frame_us:
+        tie = slice(*np.searchsorted(columns.t_us, (each_us, each_us + 1)))
+        order = np.lexsort((columns.x[tie], columns.y[tie]))  # stable
+        for array in arrays:
+            array[tie] = array[tie][order]
+
+
+def room_for_events(size: int, memory: Memory = MEMORY) -> Columns:
+    """Allocate columns for `size` events in one block.
+
+    Parameters
+    ----------
+    size, memory
+        Number of events, and where the block comes from.
+
+    Returns
+    -------
+    Columns
+    """
+    block = memory.array(13 * size, np.uint8)
     t_us, x, y, p = np.split(block, (8 * size, 10 * size, 12 * size))
     return Columns(t_us.view(np.int64), x.view(np.uint16), y.view(np.uint16), p.view(np.int8))

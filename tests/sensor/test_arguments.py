@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from another_process import run_python
 from sensor import (
     EventError,
     Events,
@@ -494,3 +495,21 @@ def test_dark_levels_that_float64_does_not_add_are_refused(dark_level):
     """Promise: I + I_dark has all its digits and a logarithm, for any light."""
     with pytest.raises(SensorError, match="dark_level"):
         SensorModel(width=1, height=1, dark_level=dark_level)
+
+
+def test_a_device_that_is_not_there_is_refused():
+    """Promise: the error says what is missing."""
+    with pytest.raises(SensorError) as error:
+        simulate(frames(), T_S, MODEL, device="tpu")
+    one_line(error, "device: found 'tpu', expected 'cpu' or 'cuda'")
+    code = """
+import numpy as np
+from sensor import *
+try:
+    simulate(np.ones((2, 4, 4)), [0.0, 1e-3], SensorModel(width=4, height=4), device="cuda")
+except SensorError as error:
+    print(error)
+"""
+    without = run_python(code, CUDA_VISIBLE_DEVICES="-1").stdout
+    assert without.startswith("device: 'cuda' does not work here: it needs an NVIDIA GPU with")
+    assert without.count("\n") == 1

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import reference_sensor
 from moving_texture import texture_in_motion
 from sensor import SensorModel, simulate_bank
-from sensor.engine import bank, group
+from sensor.engine import devices, group
 
 COLUMNS = ("t_us", "x", "y", "p")
 CUTOFFS_HZ = (math.inf, 200.0, 50.0)
@@ -83,7 +83,7 @@ def test_the_bank_is_the_same_to_the_bit(seed, interval_s, order, threads, chunk
     plain = simulate_bank(frames, t_s, models, speeds=speeds, seed=seed, threads=1)
     assert sum(map(len, plain)) > 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bank, "_CHUNK_FRAMES", chunk)
+        patch.setattr(devices, "_CHUNK_FRAMES", chunk)
         patch.setattr(group, "_BLOCK_PX", block)
         other = simulate_bank(
             iter(frames),

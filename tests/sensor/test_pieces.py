@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sensor import SensorModel, stream
-from sensor.engine import bank, pieces
+from sensor.engine import bank, devices, pieces
 from sensor.engine.group import SensorGroup
 from sensor.engine.pieces import Pieces
 
@@ -31,7 +31,7 @@ def test_a_burst_is_simulated_in_pieces(monkeypatch, cutoff_hz, noise_hz):
 
     monkeypatch.setattr(SensorGroup, "advance", counted)
     whole = [column.copy() for part in stream(frames, t_s, model) for column in part.columns]
-    assert len(fired) == 1 + -(-(len(frames) - 1 - bank._FIRST_FRAMES) // bank._CHUNK_FRAMES)
+    assert len(fired) == 1 + -(-(len(frames) - 1 - bank._FIRST_FRAMES) // devices._CHUNK_FRAMES)
     limit = 4 * still.size * 11  # 11 events a pixel and frame: of four flickering frames
     monkeypatch.setattr(pieces, "_PIECE_EVENTS", limit)
     in_one_chunk = max(fired)

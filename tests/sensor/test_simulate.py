@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sensor import EventError, Events, SensorError, SensorModel, simulate, simulate_bank, stream
-from sensor.engine import bank, group, workers
+from sensor.engine import bank, devices, group, workers
 
 COLUMNS = ("t_us", "x", "y", "p")
 
@@ -46,7 +46,7 @@ def test_identical_for_any_threads_and_chunks(scene, monkeypatch, cutoff_hz):
     expected = simulate(frames, t_s, model(cutoff_hz=cutoff_hz), threads=1)
     assert len(expected) > 5000
     for threads, chunk, block in [(2, 8, 512), (3, 1, 7), (5, 3, 100), (1, 12, 5000)]:
-        monkeypatch.setattr(bank, "_CHUNK_FRAMES", chunk)
+        monkeypatch.setattr(devices, "_CHUNK_FRAMES", chunk)
         monkeypatch.setattr(group, "_BLOCK_PX", block)
         got = simulate(iter(frames), t_s, model(cutoff_hz=cutoff_hz), threads=threads)
         assert_same(got, expected)

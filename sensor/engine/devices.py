@@ -1,0 +1,75 @@
+"""Where sensors are simulated: on the CPU or on an NVIDIA GPU."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from sensor.engine.frames import FrameReader
+from sensor.engine.group import SensorGroup
+from sensor.engine.sorting import room_for_events
+from sensor.errors import SensorError
+from sensor.events import Columns
+from sensor.numbers import refusal
+
+# Of a chunk at most, on the CPU and on a GPU: frames, since the state of all pixels is read and
+# written once a chunk, and pixels x frames x settings.
+_CHUNK_FRAMES, _GPU_FRAMES = 24, 64
+_CHUNK_WORK, _GPU_WORK = 1 << 26, 1 << 28
+_GPU_BYTES = 64  # free memory for each of the latter, events included
+
+
+class Device(NamedTuple):
+    """What a `Bank` is made of on a device."""
+
+    reader: Callable[..., Any]  # makes a `FrameReader`, or one for frames on the GPU
+    group: type[SensorGroup]
+    room: Callable[[int], Columns]  # allocates columns
+    foretells: bool  # chunks are divided beforehand, as events are fired without a count
+    most_frames: int  # of a chunk
+    most_work: int  # of a chunk, pixels x frames x settings
+
+
+def device_called(name: object) -> Device:
+    """Return the device.
+
+    Parameters
+    ----------
+    name
+        "cpu" or "cuda".
+
+    Returns
+    -------
+    Device
+
+    Raises
+    ------
+    SensorError
+        There is no such device, or numba-cuda or the GPU does not work; the text says why.
+    """
+    if name == "cpu":
+        return Device(FrameReader, SensorGroup, room_for_events, True, _CHUNK_FRAMES, _CHUNK_WORK)
+    if name != "cuda":
+        raise refusal("device", name, "'cpu' or 'cuda'")
+    try:
+        from numba import cuda
+
+        cuda.current_context()
+        from sensor.gpu.frames import DeviceReader
+        from sensor.gpu.group import DeviceGroup
+        from sensor.gpu.memory import PINNED
+    except Exception as error:  # any: numba-cuda ends in what it did not expect
+        raise SensorError(
+            "device: 'cuda' does not work here: it needs an NVIDIA GPU with its driver, and "
+            f"numba-cuda (pip install 'eres-events[cuda]'): {type(error).__name__}: "
+            f"{str(error).strip().splitlines()[0] if str(error).strip() else 'no reason given'}"
+        ) from error
+    free_bytes, _ = cuda.current_context().get_memory_info()
+    return Device(
+        DeviceReader,
+        DeviceGroup,
+        lambda size: room_for_events(size, PINNED),
+        False,
+        _GPU_FRAMES,
+        int(min(_GPU_WORK, free_bytes / _GPU_BYTES)),
+    )

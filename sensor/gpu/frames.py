@@ -1,0 +1,132 @@
+"""Frames on the GPU: uploaded a few at a time, or already there."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+from numba import cuda
+
+from sensor.engine.frames import FrameReader, Frames, refuse_bad_radiance
+from sensor.errors import SensorError
+from sensor.gpu.memory import DeviceArray, Scratch, Uploader
+
+
+class DeviceReader:
+    """Reads frames in order as `FrameReader` does, into the memory of a GPU.
+
+    Parameters
+    ----------
+    frames
+        As for `FrameReader`, or arrays on the GPU: (T, H, W), or an iterable of (H, W). These have
+        `__cuda_array_interface__`, as those of CuPy, PyTorch and Dr.Jit do.
+    count
+        T.
+
+    Raises
+    ------
+    SensorError
+        As for `FrameReader`.
+    """
+
+    def __init__(self, frames: Frames, count: int) -> None:
+        self._count = count
+        self._scratch = Scratch("frames")
+        self._uploader = Uploader()
+        self._host: FrameReader | None = None
+        self._whole: DeviceArray | None = None
+        self._rest: Iterator[Any] = iter(())
+        if _is_there(frames):
+            self._whole = cuda.as_cuda_array(frames)
+            if self._whole.ndim != 3 or len(self._whole) != count:
+                raise SensorError(
+                    f"frames: found shape {self._whole.shape}, expected ({count}, H, W): "
+                    "one frame for each entry of t_s"
+                )
+            first = self._whole[0]
+        elif isinstance(frames, np.ndarray) or not isinstance(frames, Iterable):
+            self._host = FrameReader(frames, count)
+        else:
+            self._rest = iter(frames)
+            start = list(itertools.islice(self._rest, 1))
+            if start and _is_there(start[0]):
+                first = start[0]
+            else:
+                self._host = FrameReader(itertools.chain(start, self._rest), count)
+        if self._host is not None:
+            self.first, self.shape = self._host.first, self._host.shape
+            return
+        self.first = _checked(cuda.as_cuda_array(first), 0).copy_to_host()
+        self.shape = self.first.shape
+        refuse_bad_radiance(self.first[None], 0)
+
+    def chunk(self, done: int, most: int) -> DeviceArray:
+        """Return the next frames.
+
+        Parameters
+        ----------
+        done, most
+            Number of frames before them, and how many at most.
+
+        Returns
+        -------
+        (F, H, W) linear radiance on the GPU, until the next call.
+
+        Raises
+        ------
+        SensorError
+            As for `FrameReader.chunk`.
+        """
+        wanted = min(most, self._count - done)
+        if self._host is not None:
+            chunk = self._host.chunk(done, wanted)
+            room = self._scratch.array("frames", chunk.shape, chunk.dtype)
+            self._uploader.copy(chunk, room)
+            return room
+        if self._whole is not None:
+            return _checked(self._whole[done : done + wanted], done)
+        room = self._scratch.array("frames", (wanted, *self.shape), self.first.dtype)
+        found = 0
+        for frame in itertools.islice(self._rest, wanted):
+            there = _checked(cuda.as_cuda_array(frame), done + found)
+            if there.shape != self.shape or there.dtype != self.first.dtype:
+                raise SensorError(
+                    f"frame {done + found}: found {there.dtype} of shape {there.shape}, "
+                    f"expected {self.first.dtype} of {self.shape} like the first"
+                )
+            room[found].copy_to_device(there)
+            found += 1
+        if found < wanted:
+            raise SensorError(
+                f"frames: ended after {done + found}, "
+                f"expected {self._count}, one for each entry of t_s"
+            )
+        return room
+
+    def check_end(self) -> None:
+        """Raise `SensorError` if there are more frames than times."""
+        if self._host is not None:
+            self._host.check_end()
+        elif next(self._rest, None) is not None:
+            raise SensorError(f"frames: found more than {self._count}, the length of t_s")
+
+
+def _is_there(frames: object) -> bool:
+    return hasattr(frames, "__cuda_array_interface__")
+
+
+def _checked(frames: DeviceArray, index: int) -> DeviceArray:
+    """Return frames (..., H, W) whose rows are one after the other, of float32 or float64."""
+    if frames.dtype not in (np.float32, np.float64) or frames.size == 0 or frames.ndim < 2:
+        raise SensorError(
+            f"frame {index}: found {frames.dtype} of shape {frames.shape[-2:]} on the GPU, "
+            "expected linear radiance as float32 or float64, (H, W)"
+        )
+    if not frames.is_c_contiguous():
+        raise SensorError(
+            f"frame {index}: found rows on the GPU that are not one after the other, expected a "
+            "contiguous array"
+        )
+    return frames
