@@ -29,7 +29,6 @@ from sensor.engine.frames import (
 from sensor.engine.group import SensorGroup
 from sensor.engine.pieces import Pieces
 from sensor.engine.sorting import Room, room_for_events
-from sensor.engine.workers import Workers
 from sensor.errors import SensorError
 from sensor.events import Columns, Events
 from sensor.kernels.packing import MAX_INTERVAL_US
@@ -65,7 +64,7 @@ class Bank:
         self.seed = checked_seed(seed)
         self.threads = checked_threads(threads)
         self.t_s = checked_times(t_s)
-        self._device = device_called(device)
+        self._device = device_called(device, self.threads)
         self.reader = self._device.reader(frames, len(self.t_s))
         for speed in {*self.speeds}:
             check_spans(self.t_s / speed, MAX_INTERVAL_US, speed)
@@ -101,10 +100,12 @@ class Bank:
         rooms = rooms or [lambda size, _: self._device.room(size)] * len(self.models)
         groups = self._groups()
         work = max(group.state.memory.size for group in groups)
+        if self._device.counts_samples:
+            work = max(work, self.reader.first.size)
         most = max(1, min(self._device.most_frames, self._device.most_work // work))
         pieces = Pieces(self.reader.first, [group.models for group in groups])
         done = 1
-        with Workers(self.threads) as workers:
+        with self._device.workers() as workers:
             while done < len(self.t_s):
                 chunk = self.reader.chunk(done, min(most, _FIRST_FRAMES) if done == 1 else most)
                 end = done + len(chunk)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import Any, NamedTuple
 
 from sensor.engine.frames import FrameReader
 from sensor.engine.group import SensorGroup
 from sensor.engine.sorting import room_for_events
+from sensor.engine.workers import Workers
 from sensor.errors import SensorError
 from sensor.events import Columns
 from sensor.numbers import refusal
@@ -24,19 +27,21 @@ class Device(NamedTuple):
 
     reader: Callable[..., Any]  # makes a `FrameReader`, or one for frames on the GPU
     group: type[SensorGroup]
+    workers: Callable[[], AbstractContextManager[Any]]  # makes `Workers`, or nothing
     room: Callable[[int], Columns]  # allocates columns
     foretells: bool  # chunks are divided beforehand, as events are fired without a count
     most_frames: int  # of a chunk
     most_work: int  # of a chunk, pixels x frames x settings
+    counts_samples: bool  # of the frames as work too, as they take as much memory
 
 
-def device_called(name: object) -> Device:
+def device_called(name: object, threads: int) -> Device:
     """Return the device.
 
     Parameters
     ----------
-    name
-        "cpu" or "cuda".
+    name, threads
+        "cpu" or "cuda", and number of threads of the processor.
 
     Returns
     -------
@@ -48,7 +53,16 @@ def device_called(name: object) -> Device:
         There is no such device, or numba-cuda or the GPU does not work; the text says why.
     """
     if name == "cpu":
-        return Device(FrameReader, SensorGroup, room_for_events, True, _CHUNK_FRAMES, _CHUNK_WORK)
+        return Device(
+            FrameReader,
+            SensorGroup,
+            partial(Workers, threads),
+            room_for_events,
+            True,
+            _CHUNK_FRAMES,
+            _CHUNK_WORK,
+            False,
+        )
     if name != "cuda":
         raise refusal("device", name, "'cpu' or 'cuda'")
     try:
@@ -57,19 +71,20 @@ def device_called(name: object) -> Device:
         cuda.current_context()
         from sensor.gpu.frames import DeviceReader
         from sensor.gpu.group import DeviceGroup
-        from sensor.gpu.memory import PINNED
+        from sensor.gpu.memory import PINNED, free_bytes
     except Exception as error:  # any: numba-cuda ends in what it did not expect
         raise SensorError(
             "device: 'cuda' does not work here: it needs an NVIDIA GPU with its driver, and "
             f"numba-cuda (pip install 'eres-events[cuda]'): {type(error).__name__}: "
             f"{str(error).strip().splitlines()[0] if str(error).strip() else 'no reason given'}"
         ) from error
-    free_bytes, _ = cuda.current_context().get_memory_info()
     return Device(
-        DeviceReader,
+        partial(DeviceReader, threads=threads),
         DeviceGroup,
+        nullcontext,
         lambda size: room_for_events(size, PINNED),
         False,
         _GPU_FRAMES,
-        int(min(_GPU_WORK, free_bytes / _GPU_BYTES)),
+        int(min(_GPU_WORK, free_bytes() / _GPU_BYTES)),
+        True,
     )

@@ -21,9 +21,11 @@ class DeviceReader:
     ----------
     frames
         As for `FrameReader`, or arrays on the GPU: (T, H, W), or an iterable of (H, W). These have
-        `__cuda_array_interface__`, as those of CuPy, PyTorch and Dr.Jit do.
+        `__cuda_array_interface__`, as those of CuPy and PyTorch do.
     count
         T.
+    threads
+        Number of threads that copy frames from host memory.
 
     Raises
     ------
@@ -31,16 +33,16 @@ class DeviceReader:
         As for `FrameReader`.
     """
 
-    def __init__(self, frames: Frames, count: int) -> None:
+    def __init__(self, frames: Frames, count: int, threads: int) -> None:
         self._count = count
         self._scratch = Scratch("frames")
-        self._uploader = Uploader()
+        self._uploader = Uploader(threads)
         self._host: FrameReader | None = None
         self._whole: DeviceArray | None = None
         self._rest: Iterator[Any] = iter(())
         if _is_there(frames):
-            self._whole = cuda.as_cuda_array(frames)
-            if self._whole.ndim != 3 or len(self._whole) != count:
+            self._whole = _checked(frames, 0, 3)
+            if len(self._whole) != count:
                 raise SensorError(
                     f"frames: found shape {self._whole.shape}, expected ({count}, H, W): "
                     "one frame for each entry of t_s"
@@ -58,7 +60,7 @@ class DeviceReader:
         if self._host is not None:
             self.first, self.shape = self._host.first, self._host.shape
             return
-        self.first = _checked(cuda.as_cuda_array(first), 0).copy_to_host()
+        self.first = _checked(first, 0, 2).copy_to_host()
         self.shape = self.first.shape
         refuse_bad_radiance(self.first[None], 0)
 
@@ -86,11 +88,11 @@ class DeviceReader:
             self._uploader.copy(chunk, room)
             return room
         if self._whole is not None:
-            return _checked(self._whole[done : done + wanted], done)
+            return self._whole[done : done + wanted]
         room = self._scratch.array("frames", (wanted, *self.shape), self.first.dtype)
         found = 0
         for frame in itertools.islice(self._rest, wanted):
-            there = _checked(cuda.as_cuda_array(frame), done + found)
+            there = _checked(frame, done + found, 2)
             if there.shape != self.shape or there.dtype != self.first.dtype:
                 raise SensorError(
                     f"frame {done + found}: found {there.dtype} of shape {there.shape}, "
@@ -117,16 +119,23 @@ def _is_there(frames: object) -> bool:
     return hasattr(frames, "__cuda_array_interface__")
 
 
-def _checked(frames: DeviceArray, index: int) -> DeviceArray:
-    """Return frames (..., H, W) whose rows are one after the other, of float32 or float64."""
-    if frames.dtype not in (np.float32, np.float64) or frames.size == 0 or frames.ndim < 2:
+def _checked(frames: object, index: int, ndim: int) -> DeviceArray:
+    """Return frames on the GPU of that many dimensions, with rows one after the other."""
+    if not _is_there(frames):
         raise SensorError(
-            f"frame {index}: found {frames.dtype} of shape {frames.shape[-2:]} on the GPU, "
-            "expected linear radiance as float32 or float64, (H, W)"
+            f"frame {index}: found a {type(frames).__name__}, expected an array on the GPU like "
+            "the first"
         )
-    if not frames.is_c_contiguous():
+    there = cuda.as_cuda_array(frames)
+    shape = "(T, H, W)" if ndim == 3 else "(H, W)"
+    if there.dtype not in (np.float32, np.float64) or there.ndim != ndim or there.size == 0:
+        raise SensorError(
+            f"frame {index}: found {there.dtype} of shape {there.shape} on the GPU, expected "
+            f"linear radiance as float32 or float64, {shape}"
+        )
+    if not there.is_c_contiguous():
         raise SensorError(
             f"frame {index}: found rows on the GPU that are not one after the other, expected a "
             "contiguous array"
         )
-    return frames
+    return there

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor.engine.frames import whole_microseconds
+from sensor.engine.frames import refuse_bad_radiance, whole_microseconds
 from sensor.engine.group import SensorGroup, light_of
 from sensor.engine.sorting import Room, merge_ties
 from sensor.engine.workers import Workers
@@ -59,11 +59,12 @@ class DeviceGroup(SensorGroup):
         light = self._light(chunk)
         t_s = t_s / self.speeds[:, None]
         frame_us, after_us = whole_microseconds(t_s)
-        self.fired = 0
         for s, member in enumerate(self.members):
             work = _Chunk(self, s, light, index, np.diff(t_s[s]), frame_us[s], after_us[s])
             if work.count():
-                light_of(chunk.copy_to_host(), self.models[0], index)  # raises
+                host = chunk.copy_to_host()
+                refuse_bad_radiance(host, index)
+                light_of(host, self.models[0], index)  # refuses too little light for no dark level
             for part in work.parts():
                 columns = work.write(part, self.held[s], rooms[member])
                 merge_ties(columns, frame_us[s, part])
@@ -71,6 +72,7 @@ class DeviceGroup(SensorGroup):
                 last_us = int(frame_us[s, part.stop])
                 self.held[s] = events.between(last_us, last_us + 1).copy()
                 yield member, self._reported(s, events[: len(events) - len(self.held[s])])
+            del work  # and its memory, before the next takes its own
 
     def _light(self, chunk: DeviceArray) -> DeviceArray:
         """Average frames (F, H, W) over the pixels: (F, height * width)."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Callable
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ DIGITS = 1 << DIGIT_BITS
 _WORDS = 8  # of a thread that sorts
 SORT_TILE = THREADS * _WORDS
 
+_WARNS = Lock()  # filters of warnings are those of all threads
 _COUNTS = DIGITS * THREADS  # of a block that sorts
 _PADDED = SORT_TILE + THREADS
 
@@ -51,7 +53,7 @@ def launch(kernel: Any, blocks: Any, *arguments: object, threads: Any = THREADS)
     threads
         Threads of a block.
     """
-    with warnings.catch_warnings():
+    with _WARNS, warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*Grid size .* low occupancy")  # of small sensors
         there = kernel[blocks, threads]
     there(*arguments)
@@ -60,6 +62,8 @@ def launch(kernel: Any, blocks: Any, *arguments: object, threads: Any = THREADS)
 @cuda.jit
 def integrate_area(frames, first_y, samples_y, weight_y, first_x, samples_x, weight_x, out):
     """Average the radiance over the area of each pixel, Eq. (3), in the order of the CPU's kernel.
+
+    The mean of invalid radiance is NaN.
 
     Parameters
     ----------
@@ -76,7 +80,10 @@ def integrate_area(frames, first_y, samples_y, weight_y, first_x, samples_x, wei
         for j in range(samples_x[x]):
             column, line = first_x[x] + j, 0.0
             for i in range(samples_y[y]):
-                line += weight_y[y, i] * frames[f, first_y[y] + i, column]
+                value = np.float64(frames[f, first_y[y] + i, column])
+                if not (value >= 0.0 and value < np.inf):
+                    value = np.nan  # for `advance`, which checks the mean
+                line += weight_y[y, i] * value
             total += weight_x[x, j] * line
         out[f, y, x] = total
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 import weakref
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -19,24 +18,36 @@ from sensor.errors import SensorError
 from sensor.memory import RELEASES, Memory
 
 _KEPT_BYTES = 1 << 30
-_LEAST_BYTES = 1 << 20  # smaller arrays are not worth the time that locking their pages takes
+_LOCKED_BYTES = 1 << 32  # at most, with the parts of streams that somebody holds
 _BUFFER_BYTES = 1 << 24
 _MOST_COPIERS = 8  # they reach the speed of the bus
 
 
-def _locked(size: int) -> NDArray[np.uint8]:
-    if size < _LEAST_BYTES:
-        return np.empty(size, np.uint8)
-    return cuda.pinned_array(size, np.uint8)
+class _Locked:
+    """Allocates host memory with locked pages, as long as not too much is in use."""
+
+    def __init__(self) -> None:
+        self._used = 0
+
+    def __call__(self, size: int) -> NDArray[np.uint8]:
+        if self._used + size > _LOCKED_BYTES:
+            return np.empty(size, np.uint8)
+        block: NDArray[np.uint8] = cuda.pinned_array(size, np.uint8)
+        self._used += size
+        weakref.finalize(block, self._freed, size).atexit = False
+        return block
+
+    def _freed(self, size: int) -> None:
+        self._used -= size
 
 
-PINNED = Memory(_KEPT_BYTES, _locked)
-"""Host memory with locked pages: the GPU copies to it several times as fast as to any other."""
+PINNED = Memory(_KEPT_BYTES, _Locked())
+"""Host memory that the GPU copies to several times as fast as to any other."""
 
 
 DeviceArray = Any  # an array on the GPU of Numba, which has no types
 
-_FREE: dict[str, list[dict[str, DeviceArray]]] = {}  # blocks of simulations that ended, by user
+_FREE: dict[str, dict[str, DeviceArray]] = {}  # blocks of the latest that ended, by user
 
 
 class Scratch:
@@ -51,9 +62,8 @@ class Scratch:
     """
 
     def __init__(self, user: str) -> None:
-        free = _FREE.setdefault(user, [])
-        self._blocks = free.pop() if free else {}
-        weakref.finalize(self, _keep, user, self._blocks)
+        self._blocks = _FREE.pop(user, {})
+        weakref.finalize(self, _FREE.__setitem__, user, self._blocks).atexit = False
 
     def array(self, name: str, shape: int | tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
         """Return an array of arbitrary content.
@@ -72,17 +82,17 @@ class Scratch:
         bytes_ = size * np.dtype(dtype).itemsize
         block = self._blocks.get(name)
         if block is None or block.size < bytes_:
+            block = None  # to free it before there is a larger one
             self._blocks.pop(name, None)
-            block = self._blocks[name] = cuda.device_array(
-                -(-bytes_ * 5 // 4) // 8 * 8 + 8, np.uint8
-            )
+            with _enough_memory(bytes_):
+                block = self._blocks[name] = cuda.device_array(bytes_ * 5 // 4, np.uint8)
         return block[:bytes_].view(dtype)[: math.prod(shape)].reshape(shape)
 
 
 def upload(array: NDArray) -> DeviceArray:
     """Copy a small array, such as the state of the pixels, to new memory of the GPU."""
     with _enough_memory(array.nbytes):
-        return cuda.to_device(array.copy())
+        return cuda.to_device(np.array(array))  # with strides, unlike a single value repeated
 
 
 @contextmanager
@@ -100,23 +110,34 @@ def _enough_memory(size: int) -> Iterator[None]:
         ) from error
 
 
-def _keep(user: str, blocks: dict[str, DeviceArray]) -> None:
-    _FREE[user] = [blocks]  # of the latest only
+def free_bytes() -> float:
+    """Return the memory of the GPU that simulations may use, bytes."""
+    kept = sum(block.nbytes for blocks in list(_FREE.values()) for block in blocks.values())
+    return float(cuda.current_context().get_memory_info()[0] + kept)
 
 
 def _release() -> None:
     PINNED.release()
     _FREE.clear()
+    pending = getattr(cuda.current_context(), "deallocations", None)  # not in the simulator
+    if pending is not None:  # Numba frees only when much is to be freed
+        pending.clear()
 
 
 RELEASES.append(_release)
 
 
 class Uploader:
-    """Copies arrays to the GPU: threads fill one of two buffers while the GPU reads the other."""
+    """Copies arrays to the GPU: threads fill one of two buffers while the GPU reads the other.
 
-    def __init__(self) -> None:
-        self._threads = min(_MOST_COPIERS, len(os.sched_getaffinity(0)))
+    Parameters
+    ----------
+    threads
+        Number of threads; more than a few do not help.
+    """
+
+    def __init__(self, threads: int) -> None:
+        self._threads = min(_MOST_COPIERS, threads)
         self._pool = ThreadPoolExecutor(self._threads, "upload")
 
     def copy(self, source: NDArray, target: DeviceArray) -> None:

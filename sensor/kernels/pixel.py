@@ -93,7 +93,8 @@ def put(out, k, since_us, polarity, span):
     """
     low = np.uint64(polarity) << POLARITY_SHIFT | np.uint64(out.place)
     word = pack(since_us, span.start_us, span.length_us, low)
-    out.words[out.at + k] = word + (np.uint64(span.since_us) << TIME_SHIFT)
+    if out.at + k < out.words.size:  # always, unless rounding were to differ from the count's
+        out.words[out.at + k] = word + (np.uint64(span.since_us) << TIME_SHIFT)
 
 
 @jit

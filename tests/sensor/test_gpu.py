@@ -16,6 +16,7 @@ from sensor import (
     simulate_bank,
     stream,
 )
+from sensor.events import concatenate
 
 pytestmark = pytest.mark.gpu
 
@@ -94,13 +95,13 @@ def test_large_sensors_and_many_events_agree():
     for kind in ({}, {"cutoff_hz": 200.0}):
         model = SensorModel(width=1280, height=720, contrast_threshold=0.1, **kind)
         parts = list(stream(frames, t_s, model, device="cuda"))
-        cpu = simulate(frames, t_s, model)
-        assert len(cpu) == sum(map(len, parts)) > 1e7
-        start = 0
-        for part in parts:
-            same = cpu[start : start + len(part)]
-            assert np.abs(same.t_us - part.t_us).max(initial=0) <= 1
-            start += len(part)
+        assert len(parts) > 1
+        cpu, gpu = simulate(frames, t_s, model), concatenate(parts)
+        assert len(cpu) > 1e7
+        check(cpu, gpu)
+        # (y, x) of one microsecond in order
+        place = gpu.y.astype(np.int64) * 1280 + gpu.x
+        assert not np.any((np.diff(gpu.t_us) == 0) & (np.diff(place) < 0))
 
 
 def test_banks_and_frames_one_by_one_agree():
@@ -147,6 +148,23 @@ def test_simulations_at_once_do_not_mix():
         cpu = [len(simulate(frames, t_s, model)) for model in models]
         assert counts.tolist() == cpu
         release_memory()
+
+
+def test_frames_on_the_gpu_that_cannot_be_are_refused():
+    """Promise: the error names the frame, and what was expected."""
+    cuda = pytest.importorskip("numba.cuda")
+    frames, t_s = texture_in_motion(9, 6, (20, 20), 1e-3)
+    model = SensorModel(width=20, height=20)
+    there = cuda.to_device(frames)
+    for wrong, words in (
+        ((there[k : k + 1] for k in range(6)), r"frame 0: found float32 of shape \(1, 20, 20\)"),
+        ((there[k] if k < 3 else frames[k] for k in range(6)), "frame 3: found a ndarray"),
+        ((there[k] for k in range(5)), "frames: ended after 5"),
+        (there[:, ::2], "frame 0: found rows on the GPU that are not one after the other"),
+        (there[:4], r"frames: found shape \(4, 20, 20\)"),
+    ):
+        with pytest.raises(SensorError, match=words):
+            simulate(wrong, t_s, model, device="cuda")
 
 
 @pytest.mark.parametrize("bad", [-1.0, math.nan, math.inf])

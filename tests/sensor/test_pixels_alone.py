@@ -83,7 +83,7 @@ import math, sys
 import numpy as np
 import sensor.gpu.kernels as kernels
 from numba import cuda
-from sensor import SensorModel, simulate
+from sensor import SensorError, SensorModel, simulate
 from sensor.gpu.group import _sorted
 from sensor.gpu.memory import Scratch
 
@@ -126,6 +126,12 @@ else:
     np.testing.assert_array_equal(cpu.y, gpu.y)
     np.testing.assert_array_equal(cpu.p, gpu.p)
     assert np.abs(cpu.t_us - gpu.t_us).max() <= 1
+    frames[2, 4, 7] = {20: math.nan, 10: -1e-3}[width]
+    try:
+        simulate(frames, t_s, model, device="cuda")
+        raise AssertionError("invalid radiance is not refused")
+    except SensorError as error:
+        assert str(error).startswith("frame 2, pixel x=7 y=4: found radiance"), error
 """
 
 
