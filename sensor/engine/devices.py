@@ -76,7 +76,7 @@ def device_called(name: object, threads: int) -> Device:
         raise SensorError(
             "device: 'cuda' does not work here: it needs an NVIDIA GPU with its driver, and "
             f"numba-cuda (pip install 'eres-events[cuda]'): {type(error).__name__}: "
-            f"{str(error).strip().splitlines()[0] if str(error).strip() else 'no reason given'}"
+            f"{' '.join(str(error).split()).rstrip(' :') or 'no reason given'}"
         ) from error
     return Device(
         partial(DeviceReader, threads=threads),

@@ -14,6 +14,8 @@ from eres_render.cores import cores
 from eres_render.rendering.backend import probe_variants
 from eres_render.scene.load import scene_root
 from eres_render.storage.cache import cache_dir
+from sensor import SensorError
+from sensor.engine.devices import device_called
 from tasks.cli.table import Table
 from tasks.provenance import versions
 
@@ -34,6 +36,7 @@ def diagnose(console: Console) -> int:
 
     facts = Table(box=None, show_header=False)
     facts.add_row("cores", str(cores()))
+    facts.add_row('sensor, device="cuda"', _sensor_on_a_gpu())
     facts.add_row("python", f"{platform.python_version()} at {sys.executable}")
     for name, found in versions().items():
         facts.add_row(name, found)
@@ -47,3 +50,11 @@ def diagnose(console: Console) -> int:
     facts.add_row("cache", f"{cache}: {used / _GB:.1f} GB used, {free / _GB:.0f} GB free")
     console.print(facts, crop=False)
     return 0 if best else 1
+
+
+def _sensor_on_a_gpu() -> str:
+    try:
+        device_called("cuda", threads=1)
+    except SensorError as error:
+        return f"no: {str(error).partition('here: ')[2]}"
+    return "works"
