@@ -100,8 +100,8 @@ class Bank:
         rooms = rooms or [lambda size, _: self._device.room(size)] * len(self.models)
         groups = self._groups()
         work = max(group.state.memory.size for group in groups)
-        if self._device.counts_samples:
-            work = max(work, self.reader.first.size)
+        if self._device.on_gpu:
+            work = max(work, self.reader.first.size)  # the frames are there, too
         most = max(1, min(self._device.most_frames, self._device.most_work // work))
         pieces = Pieces(self.reader.first, [group.models for group in groups])
         done = 1
@@ -111,7 +111,8 @@ class Bank:
                 end = done + len(chunk)
                 while done < end:
                     rest = chunk[done - end :]
-                    piece = rest[: pieces.frames(rest)] if self._device.foretells else rest
+                    # A GPU counts events before it fires them; the processor has to foretell them.
+                    piece = rest if self._device.on_gpu else rest[: pieces.frames(rest)]
                     t_s = self.t_s[done - 1 : done + len(piece)]
                     for group in groups:
                         yield from group.advance(piece, done, t_s, rooms, workers)

@@ -29,10 +29,9 @@ class Device(NamedTuple):
     group: type[SensorGroup]
     workers: Callable[[], AbstractContextManager[Any]]  # makes `Workers`, or nothing
     room: Callable[[int], Columns]  # allocates columns
-    foretells: bool  # chunks are divided beforehand, as events are fired without a count
     most_frames: int  # of a chunk
     most_work: int  # of a chunk, pixels x frames x settings
-    counts_samples: bool  # of the frames as work too, as they take as much memory
+    on_gpu: bool
 
 
 def device_called(name: object, threads: int) -> Device:
@@ -54,14 +53,13 @@ def device_called(name: object, threads: int) -> Device:
     """
     if name == "cpu":
         return Device(
-            FrameReader,
-            SensorGroup,
-            partial(Workers, threads),
-            room_for_events,
-            True,
-            _CHUNK_FRAMES,
-            _CHUNK_WORK,
-            False,
+            reader=FrameReader,
+            group=SensorGroup,
+            workers=partial(Workers, threads),
+            room=room_for_events,
+            most_frames=_CHUNK_FRAMES,
+            most_work=_CHUNK_WORK,
+            on_gpu=False,
         )
     if name != "cuda":
         raise refusal("device", name, "'cpu' or 'cuda'")
@@ -79,12 +77,11 @@ def device_called(name: object, threads: int) -> Device:
             f"{' '.join(str(error).split()).rstrip(' :') or 'no reason given'}"
         ) from error
     return Device(
-        partial(DeviceReader, threads=threads),
-        DeviceGroup,
-        nullcontext,
-        lambda size: room_for_events(size, PINNED),
-        False,
-        _GPU_FRAMES,
-        int(min(_GPU_WORK, free_bytes() / _GPU_BYTES)),
-        True,
+        reader=partial(DeviceReader, threads=threads),
+        group=DeviceGroup,
+        workers=nullcontext,
+        room=lambda size: room_for_events(size, PINNED),
+        most_frames=_GPU_FRAMES,
+        most_work=int(min(_GPU_WORK, free_bytes() / _GPU_BYTES)),
+        on_gpu=True,
     )
