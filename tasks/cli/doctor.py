@@ -7,6 +7,7 @@ import platform
 import shutil
 import sys
 
+import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -14,8 +15,7 @@ from eres_render.cores import cores
 from eres_render.rendering.backend import probe_variants
 from eres_render.scene.load import scene_root
 from eres_render.storage.cache import cache_dir
-from sensor import SensorError
-from sensor.engine.devices import device_called
+from sensor import SensorError, SensorModel, simulate
 from tasks.cli.table import Table
 from tasks.provenance import versions
 
@@ -54,7 +54,7 @@ def diagnose(console: Console) -> int:
 
 def _sensor_on_a_gpu() -> str:
     try:
-        device_called("cuda", threads=1)
+        simulate(np.ones((1, 1, 1)), [0.0], SensorModel(width=1, height=1), device="cuda")
     except SensorError as error:
         return f"no: {str(error).partition('here: ')[2]}"
     return "works"
