@@ -28,7 +28,14 @@ from sensor.kernels.advance import (
 from sensor.kernels.comparator import outside_refractory
 from sensor.kernels.packing import FULL
 from sensor.kernels.photoreceptor import STEP, photoreceptor_step
-from sensor.kernels.radiance import BAD, Light, integrate_area, light_on_pixels, log_of_block
+from sensor.kernels.radiance import (
+    BAD,
+    LEAST_LIGHT,
+    Light,
+    integrate_area,
+    light_on_pixels,
+    log_of_block,
+)
 from sensor.memory import MEMORY
 from sensor.model import SensorModel
 from sensor.optics import pixel_overlaps
@@ -36,7 +43,6 @@ from sensor.optics import pixel_overlaps
 # Pixels of a block: smaller ones cost more calls, larger ones leave the caches. The distance
 # between rows of its state is not a power of two, so that they do not share lines of the L1 cache.
 _BLOCK_PX = 8136
-_LEAST_LIGHT = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
 
 
 @dataclass(eq=False)
@@ -183,14 +189,17 @@ class SensorGroup:
             unsorted = UnsortedEvents(pools, segments, counts[s], frame_us[s], s)
             for part in unsorted.parts(workers.threads):
                 events = unsorted.sort(part, self.held[s], rooms[member], workers)
-                last_us = int(frame_us[s, part.stop])
-                self.held[s] = events.between(last_us, last_us + 1).copy()
-                yield member, self._reported(s, events[: len(events) - len(self.held[s])])
+                yield member, self._passed_on(s, events, int(frame_us[s, part.stop]))
 
     def finish(self) -> Iterator[tuple[int, Events]]:
         """Yield `(index of the model, its remaining events)` after the last chunk."""
         for s, member in enumerate(self.members):
             yield member, self._reported(s, self.held[s])
+
+    def _passed_on(self, s: int, events: Events, last_us: int) -> Events:
+        """Hold back the events of the last frame's microsecond; report the others."""
+        self.held[s] = events.between(last_us, last_us + 1).copy()
+        return self._reported(s, events[: len(events) - len(self.held[s])])
 
     def _reported(self, s: int, events: Events) -> Events:
         """Remove the events within the refractory periods of the s-th member; add its latency."""
@@ -246,12 +255,12 @@ def light_of(
         frames = zip(chunk, radiance, strict=True)
         if not all(apply(lambda pair: integrate_area(pair[0], *overlaps, pair[1]), frames)):
             refuse_bad_radiance(chunk, index)
-    if dark == 0 and not float(radiance.min()) >= _LEAST_LIGHT:
+    if dark == 0 and not float(radiance.min()) >= LEAST_LIGHT:
         refuse_bad_radiance(chunk, index)
         f, y, x = np.unravel_index(radiance.argmin(), radiance.shape)
         raise SensorError(
             f"frame {index + f}, pixel x={x} y={y}: found radiance {radiance[f, y, x]:g}, "
-            f"expected at least {_LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
+            f"expected at least {LEAST_LIGHT:.3g} where dark_level is 0, so that its logarithm "
             "exists; give dark_level a positive value, or None"
         )
     return light_on_pixels(radiance.reshape(len(chunk), -1), dark)

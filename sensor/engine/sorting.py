@@ -69,9 +69,7 @@ class UnsortedEvents:
         counts = self.counts[part.start : part.stop]
         stops = len(held) + np.cumsum(counts)
         columns = room(int(stops[-1]), int(self.frame_us[part.stop]))
-        arrays: tuple[NDArray, ...] = columns
-        for array, old in zip(arrays, held.columns, strict=True):
-            array[: len(held)] = old
+        put_first(held, columns)
 
         def sort_one(f: int) -> None:
             stop = stops[f - part.start]
@@ -99,6 +97,19 @@ class UnsortedEvents:
             for pool, segment in bands:
                 used = gather(pool, segment, self.setting, f, both[0], used)
             sort_by_time(both[0], both[1], end_us - start_us, start_us, columns)
+
+
+def put_first(held: Events, columns: Columns) -> None:
+    """Copy events to the start of columns.
+
+    Parameters
+    ----------
+    held, columns
+        The events, and columns with at least as many entries.
+    """
+    arrays: tuple[NDArray, ...] = columns
+    for array, old in zip(arrays, held.columns, strict=True):
+        array[: len(held)] = old
 
 
 def merge_ties(columns: Columns, frame_us: NDArray[np.int64]) -> None:

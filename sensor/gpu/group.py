@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sensor.engine.frames import refuse_bad_radiance, whole_microseconds
 from sensor.engine.group import SensorGroup, light_of
-from sensor.engine.sorting import Room, merge_ties
+from sensor.engine.sorting import Room, merge_ties, put_first
 from sensor.engine.workers import Workers
 from sensor.events import Columns, Events
 from sensor.gpu import kernels
@@ -69,9 +69,7 @@ class DeviceGroup(SensorGroup):
                 columns = work.write(part, self.held[s], rooms[member])
                 merge_ties(columns, frame_us[s, part])
                 events = Events.trusted(*columns, like=self.held[s])
-                last_us = int(frame_us[s, part.stop])
-                self.held[s] = events.between(last_us, last_us + 1).copy()
-                yield member, self._reported(s, events[: len(events) - len(self.held[s])])
+                yield member, self._passed_on(s, events, int(frame_us[s, part.stop]))
             del work  # and its memory, before the next takes its own
 
     def _light(self, chunk: DeviceArray) -> DeviceArray:
@@ -169,15 +167,14 @@ class _Chunk:
         span_us = int(self._frame_us[part.stop] - start_us)
         words = _sorted(words, other, span_us, scratch) if count else words
         columns = room(len(held) + count, int(self._frame_us[part.stop]))
-        arrays: tuple[NDArray, ...] = columns
-        for array, old in zip(arrays, held.columns, strict=True):
-            array[: len(held)] = old
+        arrays: tuple[NDArray, ...] = columns.part(slice(len(held), None))
+        put_first(held, columns)
         if count:
             sizes = zip("txyp", [count] * 4, _DTYPES, strict=True)
             there = [scratch.array(*size) for size in sizes]
             launch(kernels.unpack, -(-count // kernels.THREADS), words, start_us, *there)
             for array, new in zip(arrays, there, strict=True):
-                new.copy_to_host(array[len(held) :])
+                new.copy_to_host(array)
         return columns
 
     def _advance(

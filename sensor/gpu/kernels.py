@@ -29,10 +29,10 @@ from sensor.kernels.pixel import (
     fire_line,
     fire_noise,
 )
+from sensor.kernels.radiance import LEAST_LIGHT
 
 THREADS = 256  # of a block
 SCAN_THREADS = 1024
-_LEAST = float(np.finfo(np.float64).tiny)  # smaller numbers have less precision
 DIGIT_BITS = 4
 DIGITS = 1 << DIGIT_BITS
 _WORDS = 8  # of a thread that sorts
@@ -175,7 +175,8 @@ def advance(filtered: bool, noisy: bool) -> Callable[..., Any]:
                     if not filtered and writes and f > 0:
                         u0 = log(np.float64(light[f - 1, i]) + dark)
                     radiance = np.float64(light[f, i])
-                    if not (radiance >= 0.0 and radiance < np.inf and radiance + dark >= _LEAST):
+                    valid = radiance >= 0.0 and radiance < np.inf
+                    if not (valid and radiance + dark >= LEAST_LIGHT):
                         bad[0] = 1
                         radiance = 1.0
                     u1 = log(radiance + dark)
@@ -257,6 +258,15 @@ def sums_before(values, starts):
             row, column = row + 1, 0
 
 
+@cuda.jit(device=True)
+def _part_sum(values, part, length):
+    """Return the sum of one of the equal parts of a block's values."""
+    total = 0
+    for k in range(part * length, (part + 1) * length):
+        total += values[k]
+    return total
+
+
 @cuda.jit
 def count_digits(words, shift, counts):
     """Count the words of each tile by one digit of their time.
@@ -278,16 +288,10 @@ def count_digits(words, shift, counts):
         if k < words.size:
             own[((words[k] >> shift) & np.uint64(DIGITS - 1)) * THREADS + t] += 1
     cuda.syncthreads()
-    total = 0
-    for k in range(t * DIGITS, (t + 1) * DIGITS):
-        total += own[k]
-    parts[t] = total
+    parts[t] = _part_sum(own, t, DIGITS)
     cuda.syncthreads()
     if t < DIGITS:
-        total = 0
-        for k in range(t * (THREADS // DIGITS), (t + 1) * (THREADS // DIGITS)):
-            total += parts[k]
-        counts[t, tile] = total
+        counts[t, tile] = _part_sum(parts, t, THREADS // DIGITS)
 
 
 @cuda.jit
@@ -323,10 +327,7 @@ def move_by_digit(words, shift, starts, out):
     for k in range(t * (_WORDS + 1), t * (_WORDS + 1) + mine):
         own[((tile_in[k] >> shift) & np.uint64(DIGITS - 1)) * THREADS + t] += 1
     cuda.syncthreads()
-    total = 0
-    for k in range(t * DIGITS, (t + 1) * DIGITS):
-        total += own[k]
-    parts[t] = total
+    parts[t] = _part_sum(own, t, DIGITS)
     running = _sum_before(parts, t, THREADS)
     for k in range(t * DIGITS, (t + 1) * DIGITS):
         count = own[k]

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from exact_sensor import Pixel
+from sensor import SensorModel
 
 PIXELS = 20  # of a drawn sensor; they share its electronics and times, not their light
 TOO_NEAR = 1e-12  # log units
@@ -68,3 +69,22 @@ def drawn(seed):
         reference = float(10 ** rng.uniform(-3, 3))
         pixel = Pixel(C, cutoff_hz, pixel.poles, leak_hz, 0.01, reference)
     return kind, np.exp(u), t_s, pixel
+
+
+def row_of(pixel):
+    """Return the model of a row of PIXELS such pixels."""
+    return SensorModel(
+        width=PIXELS,
+        height=1,
+        contrast_threshold=pixel.C,
+        cutoff_hz=pixel.cutoff_hz,
+        photoreceptor="two_pole" if pixel.poles == 2 else "one_pole",
+        leak_hz=pixel.leak_hz,
+        dark_level=pixel.dark,
+        cutoff_reference=pixel.cutoff_reference,
+    )
+
+
+def is_too_near(exact):
+    """Return whether a voltage is within TOO_NEAR of a level, or takes 1 us for that distance."""
+    return min(exact.margin, TOO_NEAR / max(exact.worst_slowness_us, 1e-300)) < TOO_NEAR

@@ -10,7 +10,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from drawn_sensors import PIXELS, TOO_NEAR, drawn
+from drawn_sensors import PIXELS, drawn, is_too_near, row_of
 from exact_sensor import exact_events
 from sensor import SensorError, SensorModel, simulate, simulate_bank
 
@@ -18,16 +18,7 @@ from sensor import SensorError, SensorModel, simulate, simulate_bank
 def compare(seed):
     """Compare the pixels of one drawn sensor: a `Counter` of "right", "too near" and "wrong"."""
     kind, radiance, t_s, pixel = drawn(seed)
-    model = SensorModel(
-        width=PIXELS,
-        height=1,
-        contrast_threshold=pixel.C,
-        cutoff_hz=pixel.cutoff_hz,
-        photoreceptor="two_pole" if pixel.poles == 2 else "one_pole",
-        leak_hz=pixel.leak_hz,
-        dark_level=pixel.dark,
-        cutoff_reference=pixel.cutoff_reference,
-    )
+    model = row_of(pixel)
     events = simulate(radiance[:, None, :], t_s, model, threads=1)
     assert np.all(np.diff(events.t_us) >= 0)
     outcome = Counter()
@@ -38,7 +29,7 @@ def compare(seed):
         right = p.tolist() == exact.p and all(
             abs(int(ours) - theirs) <= 1 for ours, theirs in zip(t_us, exact.t_us, strict=True)
         )
-        if min(exact.margin, TOO_NEAR / max(exact.worst_slowness_us, 1e-300)) < TOO_NEAR:
+        if is_too_near(exact):
             outcome["too near"] += 1
         elif right:
             outcome["right"] += 1

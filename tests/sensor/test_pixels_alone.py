@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from another_process import run_python
-from drawn_sensors import PIXELS, TOO_NEAR, drawn
+from drawn_sensors import PIXELS, drawn, is_too_near, row_of
 from exact_sensor import exact_events
 from pixel_loop import events_of_row
 from sensor import SensorModel, simulate
@@ -28,8 +28,7 @@ def check(radiance, t_s, model, seed=0, exact=None):
     for x, ((t_us, p), (other_us, q)) in enumerate(zip(blocks, alone, strict=True)):
         if p != q or np.abs(t_us - other_us).max(initial=0) > 1:
             assert exact is not None, (x, t_us, other_us)
-            truth = exact_events(radiance[:, x], t_s, exact)
-            assert min(truth.margin, TOO_NEAR / max(truth.worst_slowness_us, 1e-300)) < TOO_NEAR
+            assert is_too_near(exact_events(radiance[:, x], t_s, exact))
             unlike += 1
     return unlike, len(events)
 
@@ -40,16 +39,7 @@ def test_drawn_pixels_agree():
     unlike = fired = 0
     for seed in range(300):
         _, radiance, t_s, pixel = drawn(seed)
-        model = SensorModel(
-            width=PIXELS,
-            height=1,
-            contrast_threshold=pixel.C,
-            cutoff_hz=pixel.cutoff_hz,
-            photoreceptor="two_pole" if pixel.poles == 2 else "one_pole",
-            leak_hz=pixel.leak_hz,
-            dark_level=pixel.dark,
-            cutoff_reference=pixel.cutoff_reference,
-        )
+        model = row_of(pixel)
         found = check(radiance, t_s, model, exact=pixel)
         unlike, fired = unlike + found[0], fired + found[1]
     assert unlike < 0.01 * 300 * PIXELS
