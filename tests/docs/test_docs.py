@@ -1,6 +1,7 @@
 """The documentation is consistent: links, names and a study's fields; and the site builds."""
 
 import dataclasses
+import functools
 import importlib
 import re
 import subprocess
@@ -26,9 +27,14 @@ def page_name(page):
     return str(page.relative_to(ROOT))
 
 
+@functools.cache
+def blocks_of(page):
+    return MarkdownIt("commonmark").enable("table").parse(page.read_text())
+
+
 def inline(page):
     """Return the tokens of a page's paragraphs, headings and cells."""
-    for block in MarkdownIt("commonmark").enable("table").parse(page.read_text()):
+    for block in blocks_of(page):
         yield from block.children or []
 
 
@@ -38,8 +44,7 @@ def code_spans(page):
 
 def anchors(page):
     """Return the anchors of a page's headings, which a code host and the site share."""
-    blocks = MarkdownIt("commonmark").enable("table").parse(page.read_text())
-    for heading, block in pairwise(blocks):
+    for heading, block in pairwise(blocks_of(page)):
         if heading.type == "heading_open":
             text = "".join(t.content for t in block.children if t.type in ("text", "code_inline"))
             yield re.sub(r"[^\w\- ]", "", text.strip().lower()).replace(" ", "-")
@@ -173,7 +178,7 @@ def site(tmp_path_factory):
 @pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_without_mitsuba(site):
     """Promise: `make docs` works on any machine; the reference reads code and renders nothing."""
-    for page in PAGES[1:]:
+    for page in PAGES[2:]:
         built = (site / page.relative_to(ROOT / "docs")).with_suffix(".html")
         assert "<h1>" in built.read_text(), built
 

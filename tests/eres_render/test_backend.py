@@ -114,9 +114,3 @@ def test_a_forced_variant_must_be_known_and_work(monkeypatch):
     monkeypatch.setattr(backend, "probe_variant", lambda name: broken)
     with pytest.raises(BackendError, match="cuda_ad_mono does not work here: no driver"):
         backend.select_variant()
-
-
-def test_importing_the_package_does_not_load_mitsuba(tmp_path):
-    code = "import eres_render, sys; print({'mitsuba', 'drjit'} & set(sys.modules))"
-    out, _ = run_python(code, tmp_path)
-    assert out.strip() == "set()"

@@ -49,17 +49,17 @@ def check(seeds):
     assert total["events"] > pixels
 
 
-def test_two_thousand_pixels_are_exact_at_any_interval():
+def test_pixels_are_exact_at_any_interval():
     """Promise: count, polarity and order of every event are exact, and its time within 1 us, for
     any frame interval, cutoff, leak and clock. The exceptions are voltages that come within 1e-12
     of a level without crossing it, or need a microsecond for such a distance."""
-    check(range(100))
+    check(range(60))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("part", range(10))
 def test_a_hundred_thousand_pixels_are_exact_at_any_interval(part):
-    """The same, in ten parts."""
+    """The same for more pixels, in ten parts."""
     check(range(1000 + 500 * part, 1500 + 500 * part))
 
 

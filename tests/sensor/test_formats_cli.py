@@ -499,10 +499,13 @@ def test_info(eres, tmp_path, name):
     path = tmp_path / f"a{SUFFIXES[name]}"
     write_events(path, events, format=name, origin={"seed": 9})
     code, out, _ = eres("info", path)
-    said = dict(line.split(None, 1) for line in out.strip().splitlines())
+    said = {}
+    for line in out.strip().splitlines():
+        title, text = line.split(None, 1)
+        said.setdefault(title, text)  # the size comes before the "sensor model"
     assert code == 0
     assert said["format"].strip() == FORMATS[name].title
-    assert said["sensor"].strip() == "346x260 px" or name != "text"
+    assert said["sensor"].strip() == "346x260 px"
     assert said["events"].strip() == "4"
     assert said["time"].strip() == "1.000000 to 3.000000 s"
     assert said["rate"].strip() == "2e-06 Mev/s"
@@ -542,13 +545,6 @@ def test_a_profile_is_shown_with_its_sources(eres):
     assert lines["hot_pixels"].split() == ["hot_pixels", "unknown"]
     code, _, err = eres("sensors", "dvs129")
     assert (code, "did you mean 'dvs128'" in err) == (1, True)
-
-
-@pytest.mark.parametrize("command", ["simulate", "convert", "sensors", "info"])
-def test_commands_explain_themselves(eres, command):
-    """Promise: help exits 0 and describes the command."""
-    code, out, _ = eres(command, "--help")
-    assert (code, len(out.splitlines()) > 3) == (0, True)
 
 
 SIMULATE = ["simulate", "{seq}", "--out", "{tmp}/a.h5", "--resolution", "8"]

@@ -12,7 +12,7 @@ from sensor.formats import load_events, write_events
 EVERY = pytest.mark.parametrize("name", list(SUFFIXES))
 MODEL = SensorModel(width=640, height=480, cutoff_hz=200.0)
 CHECKSUMMED = {"dsec", "npz"}
-FUZZ = settings(max_examples=150, deadline=5000)  # ms: nothing hangs
+FUZZ = settings(max_examples=80, deadline=5000)  # ms: nothing hangs
 
 
 @pytest.fixture(scope="module")

@@ -64,7 +64,7 @@ def test_files_depend_on_the_events_not_on_how_they_were_cut(name, tmp_path, mon
     files = []
     for k, cuts in enumerate([[], [1, 2, 3000], range(0, 4321, 7)]):
         if name == "dsec" and k == 2:
-            time.sleep(1.1)  # HDF5 can note times, in seconds
+            time.sleep(1.01 - time.time() % 1)  # HDF5 can note times, in seconds
         files.append(tmp_path / f"{k}{SUFFIXES[name]}")
         write_events(files[-1], in_parts(events, cuts), format=name, origin={"seed": 3})
     assert len({file.read_bytes() for file in files}) == 1
@@ -99,8 +99,8 @@ def test_memory_does_not_grow_with_the_stream(name, tmp_path, monkeypatch):
         return used
 
     peak(1)  # imports and compilation
-    few, many_more = peak(20), peak(200)
-    assert many_more < few + (1 << 19)  # the longer stream takes 9 MB as arrays
+    few, many_more = peak(20), peak(120)
+    assert many_more < few + (1 << 19)  # the longer stream takes 6 MB as arrays
 
 
 @EVERY

@@ -28,15 +28,15 @@ def small_parts(monkeypatch):
 def test_parts_that_are_kept_stay_as_they_were(small_parts, cutoff_hz, threads):
     """Promise: parts of a stream that are kept, or a column of each, equal those of a fresh run,
     while other streams and threads reuse memory."""
-    frames, t_s = texture_in_motion(3, 40, (96, 120), 2e-3, travel_px=40.0)
+    frames, t_s = texture_in_motion(3, 24, (96, 120), 2e-3, travel_px=24.0)
     model = SensorModel(width=120, height=96, cutoff_hz=cutoff_hz, contrast_threshold=0.1)
     with ThreadPoolExecutor(3) as pool:
-        runs = list(pool.map(lambda _: list(stream(frames, t_s, model, threads=threads)), range(6)))
+        runs = list(pool.map(lambda _: list(stream(frames, t_s, model, threads=threads)), range(3)))
     times = []
     for part in stream(frames, t_s, model, threads=threads):  # drops all but one column
         times.append(part.t_us)
     expected = simulate(frames, t_s, model)
-    assert len(runs[0]) > 10
+    assert len(runs[0]) >= 10
     for column in COLUMNS:
         for parts in runs:
             joined = np.concatenate([getattr(part, column) for part in parts])
@@ -71,8 +71,7 @@ def test_memory_is_used_again_once_nobody_holds_it():
         assert not np.shares_memory(room.array(LARGE, np.uint8), np.asarray(holders[0]))
         assert room.array(LARGE, np.uint8).ctypes.data != address
         holders.pop(0)
-    addresses = {room.array(LARGE, np.uint8).ctypes.data for _ in range(3)}
-    assert addresses <= {address, *addresses}
+    assert address in [room.array(LARGE, np.uint8).ctypes.data for _ in range(3)]
     both = [room.array(LARGE - 99, np.uint8).ctypes.data, room.array(LARGE, np.uint8).ctypes.data]
     assert address in both
 

@@ -85,7 +85,10 @@ def test_a_run_with_scores_that_are_no_numbers_still_has_a_report(tmp_path: Path
 
 
 def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
-    """The page loads nothing from elsewhere, the file is small, and no partial file remains."""
+    """The page loads nothing from elsewhere, the file is small, and no partial file remains.
+
+    Beside it are the figure, as a PNG and an SVG, and the tables as CSV.
+    """
     run = make_run(tmp_path, paper_rows())
     add_previews(run)
     report = write_report(run)
@@ -99,6 +102,10 @@ def test_the_report_is_one_file_without_network(tmp_path: Path) -> None:
         *("rows.parquet", "environment.json", "study.json", "previews"),
         *("report.html", "tables.csv", "figures"),
     }
+    assert {p.name for p in (tmp_path / "figures").iterdir()} == {
+        *("tradeoff_event_integration.png", "tradeoff_event_integration.svg")
+    }
+    assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6  # a line for a cell
 
 
 def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
@@ -118,15 +125,6 @@ def test_every_width_and_condition_is_in_it(tmp_path: Path) -> None:
     for panel in plot["panels"]:
         assert [len(line["points"]) for line in panel["lines"]] == [3] * 5
         assert panel["references"] == [12.0]
-
-
-def test_figures_and_tables_lie_beside_it(tmp_path: Path) -> None:
-    """The figure is a PNG and an SVG, and the tables are CSV with one line per cell."""
-    write_report(make_run(tmp_path, paper_rows()))
-    assert {p.name for p in (tmp_path / "figures").iterdir()} == {
-        *("tradeoff_event_integration.png", "tradeoff_event_integration.svg")
-    }
-    assert (tmp_path / "tables.csv").read_text().count("\n") == 1 + 3 * 3 * 6
 
 
 def test_names_are_no_formulas_and_settings_are_read_as_they_are_written(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from eres_render.errors import RenderError
 from eres_render.sequence.sequence import SequenceWriter
 from eres_render.storage import atomic
 from eres_render.storage.cache import cache_dir
+from finished_runs import page_of
 from tasks import provenance as environment
 from tasks.errors import StudyError
 from tasks.evaluation.timings import read_timings
@@ -334,7 +335,7 @@ def test_cost_is_said_before_the_start(finished, scene_folder, monkeypatch):
 def test_report_of_a_real_run(finished, scene_folder):
     """Promise: a run stores everything that a report needs."""
     out, rows = finished
-    page = write_report(out).read_text()
+    page = page_of(out)
     assert "96 px" in page
     assert page.count("data:image/png") == 2  # radiance and slope
     assert page.count("data:image/webp") == 6  # a film of each width by each cutoff

@@ -304,8 +304,9 @@ def test_claims_say_at_which_threshold_they_are_judged(eres, tmp_path, threshold
         assert "Judged at" not in page
 
 
-def test_a_report_of_several_thresholds_from_the_command_line(eres, tmp_path) -> None:
+def test_a_report_of_several_thresholds_from_the_command_line(eres, tmp_path, monkeypatch) -> None:
     """`eres report` writes the file and prints its path."""
+    monkeypatch.setattr("tasks.study.report.page.figure_files", lambda plots: {})
     run = run_of(tmp_path, several(usual_rows(samples=1)))
     code, out, _ = eres("report", run)
     assert code == 0

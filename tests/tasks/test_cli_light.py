@@ -232,7 +232,8 @@ BAD_NUMBERS = [
 def test_bad_scenes_are_refused_and_leave_nothing(eres, tmp_path, parts, text):
     """Promise: exit code 1, one line that names the file and the mistake."""
     xml, poses = write_scene(tmp_path, *parts), write_poses(tmp_path, POSITIONS_M, T_S)
-    refused(eres, tmp_path, text, "render", xml, "--trajectory", poses, "--out", tmp_path / "out")
+    options = ("--trajectory", poses, "--resolution", 8, "--out", tmp_path / "out")
+    refused(eres, tmp_path, text, "render", xml, *options)
 
 
 @pytest.mark.parametrize(("poses", "text"), BAD_POSES)

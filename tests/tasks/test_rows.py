@@ -2,8 +2,6 @@
 
 import math
 import random
-import subprocess
-import sys
 from dataclasses import replace
 
 import pyarrow as pa
@@ -79,12 +77,12 @@ def test_damage_is_named(rows, file):
     correct."""
     whole = file.read_bytes()
     rng = random.Random(5)
-    for size in [0, 1, len(whole) - 1, *rng.sample(range(len(whole)), 200)]:
+    for size in [0, 1, len(whole) - 1, *rng.sample(range(len(whole)), 80)]:
         file.write_bytes(whole[:size])
         with pytest.raises(ResultError, match=r"rows\.parquet: not a complete Parquet file"):
             read_rows(file)
     refused = 0
-    for where in rng.sample(range(len(whole)), 600):
+    for where in rng.sample(range(len(whole)), 240):
         damaged = bytearray(whole)
         damaged[where] ^= 1 << rng.randrange(8)
         file.write_bytes(damaged)
@@ -94,14 +92,7 @@ def test_damage_is_named(rows, file):
             refused += str(error).startswith(str(file))
         else:
             assert found == rows
-    assert refused > 300  # the rest lies in what no reader needs, such as statistics
-
-
-def test_importing_rows_does_not_load_pyarrow():
-    """Promise: `eres --help` answers before pyarrow is loaded."""
-    code = "import sys, tasks.cli, tasks.row; print('pyarrow' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"
+    assert refused > 120  # the rest lies in what no reader needs, such as statistics
 
 
 def test_rows_of_an_older_version_have_the_defaults_of_later_columns(rows, file):
